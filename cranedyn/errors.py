@@ -73,7 +73,6 @@ class CraneError(Exception):
     """
 
     def __init__(self, sentence: str) -> None:
-        """Set the error message."""
         super().__init__(
             "".join(c if c.isprintable() else " " for c in _shorten(sentence, _MOST_CHARACTERS))
         )
@@ -100,7 +99,6 @@ class OutOfRange(CraneError):
     """
 
     def __init__(self, name: str, value: object, allowed: str, unit: str = "") -> None:
-        """Set the attributes and the error message."""
         self.name, self.value, self.allowed, self.unit = name, value, allowed, unit
         super().__init__(
             f"{name} is {f'{written_out(value)} {unit}'.strip()}; allowed is {allowed}."
@@ -120,7 +118,6 @@ class UnknownName(CraneError):
     """
 
     def __init__(self, kind: str, given: str, known: Iterable[str]) -> None:
-        """Set the attributes and the error message."""
         self.given, self.known = given, tuple(known)
         super().__init__(
             f"There is no {kind} {shown(given)}; there are {', '.join(map(str, self.known))}"
@@ -189,6 +186,5 @@ class RunError(CraneError):
         value: float = math.nan,
         trajectory: Any = None,
     ) -> None:
-        """Set the attributes and the error message."""
         self.t, self.joint, self.value, self.trajectory = t, joint, value, trajectory
         super().__init__(sentence)

@@ -21,7 +21,6 @@ from llvmlite import binding
 
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.fleet import Fleet
-from cranedyn.compiled.model import compile_forward_dynamics
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
@@ -256,17 +255,6 @@ def _run(draw: _Draw) -> Any:
     return simulate(crane, function, reference, engine="compiled", **options, **draw.clock())
 
 
-@cache
-def _robot(joints: int) -> Any:
-    crane = next(crane for crane, _ in _cranes() if crane.layout.n == joints)
-    return compile_forward_dynamics(crane.model)
-
-
-def _rows(draw: _Draw) -> Any:
-    joints, n = draw.cranes[0].layout.n, int(draw.rng.integers(0, 30))
-    return _robot(joints)(*(draw.maybe(draw.rng.normal(size=(n, joints))) for _ in range(3)))
-
-
 def _fleet(draw: _Draw) -> np.ndarray:
     rng, crane, n = draw.rng, draw.cranes[0], int(draw.rng.integers(1, 40))
     indices = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
@@ -282,7 +270,7 @@ def _fleet(draw: _Draw) -> np.ndarray:
     return fleet.step(draw.maybe(rng.normal(size=(crane.layout.m, n)))).copy()
 
 
-_CALLS = [_batch, _batch, _batch, _run, _run, _rows, _fleet]
+_CALLS = [_batch, _batch, _batch, _run, _run, _fleet]
 
 
 def _arrays(result: Any) -> list[np.ndarray]:

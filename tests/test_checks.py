@@ -180,10 +180,7 @@ receding(crane, limits, stages=1000) => stages is 1000; allowed is 2 to 200.
 receding(crane, limits, swing_limit=0.0) => swing limit is 0.0 rad; allowed is > 0.
 receding(crane, limits, swing_limit=2.0) => swing limit is 2.0 rad; allowed is 0 to 1.57.
 receding(crane, limits, settling=1e-4) => settling is 0.0001 s; allowed is 0.005 to 1000.
-receding(crane, limits, state_weight=np.zeros((10, 10))) => state weight is [[0.0, 0.0, 0.0, 0.0, 0.
 receding(crane, limits, input_weight=np.eye(2)) => input weight is an array of shape (2, 2); allowed
-receding(crane, limits, payload_errors=(0.1, 0.0)) => payload error is 0.0; allowed is > 0.
-receding(crane, limits, payload_errors=(0.1,)) => payload errors is an array of shape (1,); allowed
 receding(crane, limits, drive='steam') => drive is steam; allowed is effort or motion or velocity.
 receding(crane, limits, drive='motion', control_period=0.0) => control_period is 0.0 s; allowed is >
 receding(crane, Limits((1.0, 1.0), (1.0, 1.0))) => rate limit is (1.0, 1.0); allowed is three number

@@ -102,7 +102,10 @@ def free_swing(
         last_time = f"{-_DECAYED / mode.rate.real:.3g} or less: the swing has died away by then"
         raise OutOfRange("until", until, last_time, "s")
     first = 2.0 * float(abs(mode.weights @ z))
-    decayed = _decay(times, first, -mode.rate.real, mode.rate.imag * compliance(1.0)[1])
+    # dA/dt = -linear A - cubic A³, in closed form
+    linear, cubic = max(-mode.rate.real, 1e-12), mode.rate.imag * compliance(1.0)[1]
+    grown = np.exp(2.0 * linear * times)
+    decayed = first / np.sqrt(grown + cubic * first**2 * (grown - 1.0) / linear)
     amplitude = math.sqrt(float(np.mean(decayed**2)))
     stretch, damped = compliance(amplitude)
     return FreeSwing(
@@ -110,12 +113,3 @@ def free_swing(
         mode.damping_ratio + damped,
         amplitude,
     )
-
-
-def _decay(t: np.ndarray, first: float, linear: float, cubic: float) -> np.ndarray:
-    """Return amplitudes at times after the start, with dA/dt = -linear A - cubic A³, in closed
-    form.
-    """
-    linear = max(linear, 1e-12)
-    grown = np.exp(2.0 * linear * t)
-    return first / np.sqrt(grown + cubic * first**2 * (grown - 1.0) / linear)

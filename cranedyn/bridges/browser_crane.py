@@ -219,9 +219,7 @@ def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dic
 
 
 def kernel_data(
-    crane: Crane,
-    drives: Converters,
-    variants: Sequence[tuple[Slider, Crane, np.ndarray]],
+    crane: Crane, drives: Converters, variants: Sequence[tuple[Slider, Crane, np.ndarray]]
 ) -> dict[str, Any]:
     """Return the code as WebAssembly, with the layout of its memory and what each of `variations`
     changes, but no state at the start.
@@ -231,15 +229,9 @@ def kernel_data(
     from cranedyn.compiled.verify import compile_kernel
     from cranedyn.compiled.webassembly import webassembly  # other exporters need no llvmlite
 
-    recipe = Recipe(
-        1,
-        "velocity",
-        semi_implicit_euler,
-        forces=True,
-        log=True,
-        summary=True,
-        delay_steps=drives.delay_steps(DT, PERIOD),
-    )
+    options: Any = {"forces": True, "log": True, "summary": True}
+    delay_steps = drives.delay_steps(DT, PERIOD)
+    recipe = Recipe(1, "velocity", semi_implicit_euler, delay_steps=delay_steps, **options)
     sliders, cranes, responses = zip(*variants, strict=True)
     usual = np.concatenate(drives.response)
     kernel, numbers = compile_kernel([crane, *cranes], recipe, np.array([usual, *responses]))

@@ -207,12 +207,6 @@ def run(options: argparse.Namespace) -> Path:
     if options.controller is not None:
         drive, make = CONTROLLERS[options.controller]
         controller = make(crane, options.period)
-    return export(
-        crane,
-        options.target,
-        controller,
-        drive=drive,
-        dt=options.dt,
-        control_period=options.period,
-        precision="single" if options.single else "double",
-    )
+    precision: Precision = "single" if options.single else "double"
+    clock = {"dt": options.dt, "control_period": options.period}
+    return export(crane, options.target, controller, drive=drive, precision=precision, **clock)

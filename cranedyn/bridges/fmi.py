@@ -473,12 +473,6 @@ def run(options: argparse.Namespace) -> Path:
         drive, make = CONTROLLERS[options.controller]
         controller = make(crane, 5e-3)
     platforms = [*PLATFORMS] if "all" in options.platform else options.platform
-    return export(
-        crane,
-        options.target,
-        drive=drive,
-        dt=5e-4 if options.dt is None else options.dt,
-        controller=controller,
-        version=options.fmi,
-        platforms=platforms,
-    )
+    dt = 5e-4 if options.dt is None else options.dt
+    unit = {"controller": controller, "version": options.fmi, "platforms": platforms}
+    return export(crane, options.target, drive=drive, dt=dt, **unit)

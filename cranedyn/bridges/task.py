@@ -86,7 +86,6 @@ class Rules:
     payload_area: float = 4.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         if self.action not in ACTIONS:
             raise OutOfRange("action", self.action, " or ".join(ACTIONS))
         within("swing_limit", self.swing_limit, 1e-3, np.pi / 4, "rad")

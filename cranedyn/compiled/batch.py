@@ -86,7 +86,6 @@ class Batch:
         return f"Batch of {len(self)} cranes, {rows}"
 
     def __len__(self) -> int:
-        """Return the number of cranes."""
         return len(self.peak_swing)
 
 
@@ -248,18 +247,9 @@ def simulate_batch(
         memory |= _horizon(control.predictive, drive, t_start, clock, groups, used)
     if not all(recipe.shared):
         memory["starts"] = group_lanes([table.starts[:, None] for table in tables], lanes, np.int64)
-    loop = Loop(
-        code,
-        clock,
-        tables,
-        last=clock.periods + 1,
-        end=clock.periods,
-        force_interval=force_interval,
-        log_interval=max(interval, 1),
-        residual_from=after,
-        reading_count=reading_count,
-        **memory,
-    )
+    counts: Any = {"force_interval": force_interval, "log_interval": max(interval, 1)}
+    counts |= {"residual_from": after, "reading_count": reading_count, "end": clock.periods}
+    loop = Loop(code, clock, tables, last=clock.periods + 1, **counts, **memory)
     if device == "cuda":
         cuda.run(loop, code, distinct, varied, response)
     else:
@@ -328,14 +318,8 @@ def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
 
 
 def run_in_threads(loop: Loop, threads: int | None) -> None:
-    """Run a loop over all its groups of lanes.
-
-    Args:
-        loop: The loop.
-        threads: Number of threads; None for one for each processor.
-
-    Raises:
-        KeyboardInterrupt: After Ctrl-C, as soon as every thread has ended its piece.
+    """Run a loop over all its groups of lanes in so many threads, None for one for each processor;
+    Ctrl-C is raised as soon as every thread has ended its piece.
     """
     groups = len(loop)
     workers = min(threads or len(os.sched_getaffinity(0)), groups)

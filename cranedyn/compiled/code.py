@@ -10,14 +10,7 @@ from typing import Any
 from llvmlite import ir
 
 from cranedyn.compiled.angles import Turn, rotate_or_evaluate, sine_and_cosine
-from cranedyn.compiled.instructions import (
-    DOUBLE,
-    INTEGER,
-    POINTER,
-    Instructions,
-    Value,
-    lane_type,
-)
+from cranedyn.compiled.instructions import DOUBLE, INTEGER, POINTER, Instructions, Value, lane_type
 
 __all__ = ["DOUBLE", "INTEGER", "POINTER", "Code", "StackVariable", "Value", "lane_type", "uses"]
 

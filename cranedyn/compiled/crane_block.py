@@ -16,7 +16,7 @@ from cranedyn.compiled.block import BlockCode, FunctionBlock, Variable, identifi
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.scalars import array
@@ -45,23 +45,20 @@ def crane_block(
     drive: Drive = "effort",
     dt: float = 5e-4,
     integrator: Integrator = semi_implicit_euler,
-    converters: Converters | None = None,
-    name: str = "crane",
 ) -> FunctionBlock:
     """Return a crane as a block: "outputs" computes accelerations, efforts, energy and validity at
     the state under the inputs, "step" the state a physics step later.
 
     Parameters are the mass of the load, the length of the cable beyond the coordinate of the hoist,
-    the damping of each joint, a horizontal wind on the load, and with "velocity" the numbers of the
-    frequency converters. Their delay is rounded up to a multiple of `COMMUNICATION` physics steps.
+    the damping of each joint, a horizontal wind on the load, and with "velocity" the numbers of
+    typical frequency converters, whose delay is rounded up to a multiple of `COMMUNICATION` physics
+    steps.
 
     Args:
         crane: The crane.
         drive: Inputs: "effort", or with "motion" accelerations, or with "velocity" rates.
         dt: Physics step [s].
         integrator: The stepping rule.
-        converters: Frequency converters of "velocity"; None for typical ones.
-        name: Name of the block.
 
     Raises:
         OutOfRange: If a number is out of range, or there is no code for the stepping rule.
@@ -77,7 +74,7 @@ def crane_block(
             "rope_stiffness and semi-implicit Euler, or 0 for a rope that is always taut."
         )
     response, delay, arrays = np.zeros(0), 0, {}
-    if (drives := fitting(crane, drive, converters)) is not None:
+    if (drives := fitting(crane, drive, None)) is not None:
         response = np.concatenate(drives.response)
         delay = COMMUNICATION * drives.delay_steps(dt, COMMUNICATION * dt)
         arrays = {"converters": np.zeros((3 + max(delay, 1)) * crane.layout.m)}
@@ -85,7 +82,7 @@ def crane_block(
     compile_kernel([crane], recipe, response if arrays else None)  # compares it with Pinocchio
     names, identifier = _names(crane, drive)
     block = FunctionBlock(
-        name,
+        "crane",
         f"A crane of drive mode {drive}.",
         dt,
         _variables(crane, drive, names, response, dt),

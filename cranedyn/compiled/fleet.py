@@ -101,14 +101,8 @@ class Fleet:
         workers = len(os.sched_getaffinity(0))
         if threads is not None:
             workers = int(within("threads", whole("threads", threads, 1), 1, _THREADS))
-        self._recipe = Recipe(
-            _LANES,
-            kind,
-            integrator,
-            forces=forces,
-            shared=(True, True, not forces),
-            delay_steps=delay_steps,
-        )
+        options: Any = {"forces": forces, "shared": (True, True, not forces)}
+        self._recipe = Recipe(_LANES, kind, integrator, delay_steps=delay_steps, **options)
         self._converters = converters, numbers
         code, self._own = compile_kernel(self.cranes, self._recipe, numbers)
         groups, varied = -(-self.count // _LANES), code.source.varied

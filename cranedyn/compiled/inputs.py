@@ -97,20 +97,9 @@ def start_states(start: State | Sequence[State], cranes: int, joints: int) -> St
     except (TypeError, ValueError):
         allowed = "a State, one with rows, or a sequence of States"
         raise OutOfRange("start", type(start).__name__, allowed) from None
-    return State(
-        broadcast_rows("coordinates at the start", q, cranes, joints),
-        broadcast_rows("rates at the start", v, cranes, joints),
-    )
-
-
-def broadcast_rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
-    """Return finite numbers for each crane, from one row for all or one for each, shape (n,
-    columns).
-
-    Raises:
-        OutOfRange: If they have another shape, or one is not finite.
-    """
-    return np.broadcast_to(finite(name, value, (columns,), (cranes, columns)), (cranes, columns))
+    shapes = (joints,), (cranes, joints)
+    q, v = finite("coordinates at the start", q, *shapes), finite("rates at the start", v, *shapes)
+    return State(np.broadcast_to(q, shapes[1]), np.broadcast_to(v, shapes[1]))
 
 
 def control_tables(
@@ -159,13 +148,9 @@ def control_tables(
         counts = f"{len(gains.arrays)} and {len(setpoints.arrays)} or more"
         needed = used + 2 * (gains.numbers + setpoints.numbers)
         check_fits_memory("number of controllers and references", counts, needed)
-    return ControlTables(
-        gains.stacked(np.array(gains_of_pair)[pair_of]),
-        setpoints.stacked(pair_of),
-        np.array(integrals)[pair_of],
-        integrates,
-        _predictive(controllers),
-    )
+    tables = gains.stacked(np.array(gains_of_pair)[pair_of]), setpoints.stacked(pair_of)
+    initial, predictive = np.array(integrals)[pair_of], _predictive(controllers)
+    return ControlTables(*tables, initial, integrates, predictive)
 
 
 def _hold_tables(

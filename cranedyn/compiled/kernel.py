@@ -362,7 +362,10 @@ class _Loop:
         requested = command = self._controller_command(instant, q, v)
         effort = self.plant.within(command)
         if recipe.delay_steps is not None:
-            effort = self._delay_command(command)
+            assert self.plant.response is not None
+            waiting = [*self._get("unheard"), *self.plant.response.heard(command)]
+            self._set("unheard", waiting[self.sizes.m :])
+            effort = array(waiting[: self.sizes.m])
         self._set("last_command", effort)
         if not (recipe.log or recipe.summary):
             return
@@ -396,13 +399,6 @@ class _Loop:
             self._log(instant, row)
         if recipe.summary:
             self._summarise(instant, q, v, effort, holds)
-
-    def _delay_command(self, command: np.ndarray) -> np.ndarray:
-        """Return the rounded and delayed commands of the converters, shape (m,)."""
-        assert self.plant.response is not None
-        waiting = [*self._get("unheard"), *self.plant.response.heard(command)]
-        self._set("unheard", waiting[self.sizes.m :])
-        return array(waiting[: self.sizes.m])
 
     def _next_reference(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
         """Return reference rates of converters after the next step, and their rates of change, m

@@ -15,10 +15,7 @@ from cranedyn.dynamics.scalars import array
 
 
 def compile_rows(
-    function: Callable[[np.ndarray], Iterable[Any]],
-    width_in: int,
-    width_out: int,
-    shared: int = 0,
+    function: Callable[[np.ndarray], Iterable[Any]], width_in: int, width_out: int, shared: int = 0
 ) -> RowFunction:
     """Return a function of rows of numbers, compiled.
 

@@ -94,29 +94,18 @@ def verify_cranes(
         rows = np.broadcast_to(converters, (len(varied), converters.shape[-1]))
     for crane, row, response in zip(cranes[:_CHECKED], varied, rows, strict=False):
         if row.tobytes() not in verified:
-            verify_crane(crane, code, row, response, answers)
+            _verify_crane(crane, code, row, response, answers)
             verified.add(row.tobytes())
 
 
-def verify_crane(
+def _verify_crane(
     crane: Crane,
     code: Kernel,
     varied: np.ndarray,
-    converters: np.ndarray | None = None,
-    answers: Accelerations = kernel_accelerations,
+    converters: np.ndarray | None,
+    answers: Accelerations,
 ) -> None:
-    """Compare accelerations of a crane with Pinocchio's at random states.
-
-    Args:
-        crane: The crane.
-        code: The code.
-        varied: Varied numbers of this crane.
-        converters: Parameters of its frequency converters, see `cranedyn.dynamics.converters`.
-        answers: Function that runs the code, see `cranedyn.compiled.binding.kernel_accelerations`.
-
-    Raises:
-        ModelError: If they differ by more than round-off.
-    """
+    """Compare accelerations of a crane with Pinocchio's at random states, see `verify_cranes`."""
     recipe, layout, rng = code.source.recipe, crane.layout, random.Random(0)
     external = ExternalForces(crane, buffers=False) if recipe.forces else None
     drives = _drives(crane, recipe.drive, external, converters)

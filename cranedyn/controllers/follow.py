@@ -32,7 +32,6 @@ class Follow(ShortRepr):
     control_period: float = 5e-3
 
     def __post_init__(self) -> None:
-        """Check the period."""
         number("control_period", self.control_period, "s", "> 0")
 
     def begin_run(self, t: float, control_period: float) -> None:

@@ -68,7 +68,6 @@ class TimeSeries:
         return self.coordinate_keys
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self.t)
 
     def __contains__(self, column: object) -> bool:

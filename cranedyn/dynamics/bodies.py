@@ -50,7 +50,6 @@ class Bodies:
     gravity: np.ndarray
 
     def __len__(self) -> int:
-        """Return the number of joints."""
         return len(self.parents)
 
     def path(self, body: int) -> list[int]:

@@ -91,7 +91,6 @@ class Platform:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for name in ("centre", "size"):
             least = "> 0" if name == "size" else "any"
             values = [number(f"{name} of a platform", x, "m", least) for x in getattr(self, name)]
@@ -126,7 +125,6 @@ class Hull:
     corners: Sequence[Sequence[float]]
 
     def __post_init__(self) -> None:
-        """Check the corners."""
         corners = finite("corners of a hull", self.corners, ("n", 3), unit="m")
         if np.linalg.matrix_rank(np.diff(corners, axis=0)) < 3:
             raise OutOfRange("corners of a hull", quoted(self.corners), "four not in a plane", "m")
@@ -166,7 +164,6 @@ class Ground:
     height: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         points = tuple(tuple(number("point of a load", x, "m") for x in p) for p in self.points)
         if not points or any(len(point) != 3 for point in points):
             raise OutOfRange("points of a load", points, "one or more of three numbers each", "m")
@@ -329,7 +326,8 @@ class Contacts(NamedTuple):
                     steps = zip(position, normal, strict=True)
                     exit_point = [x + (face[0] + _BEHIND) * n for x, n in steps]
                     for k in neighbours:
-                        covered = self._depth_in(k, exit_point) > 0.0
+                        depths = (f.offset - _dot(f.normal, exit_point) for f in self.supports[k])
+                        covered = reduce(smaller, depths) > 0.0
                         exit_depth = chosen(covered, face[0] + _COVERED, exit_depth)
                 if nearest is None:
                     nearest, shortest = face, exit_depth
@@ -342,10 +340,6 @@ class Contacts(NamedTuple):
             deepest = nearest
         assert deepest is not None
         return deepest
-
-    def _depth_in(self, support: int, position: Vector) -> Any:
-        depths = (f.offset - _dot(f.normal, position) for f in self.supports[support])
-        return reduce(smaller, depths)
 
     def reaction(
         self, position: Vector, velocity: Vector, anchor: Vector

@@ -237,7 +237,6 @@ class Converters:
     delay: float = DELAY
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         m = np.size(self.rates)
         for field in fields(self)[:-1]:
             name, values = f"{field.name} of converters", getattr(self, field.name)

@@ -16,12 +16,7 @@ import pinocchio as pin
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Converters, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops
-from cranedyn.dynamics.pinocchio import (
-    body_points,
-    follow_drives,
-    inverse_dynamics,
-    outside_effort,
-)
+from cranedyn.dynamics.pinocchio import body_points, follow_drives, inverse_dynamics, outside_effort
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane, Point
@@ -370,13 +365,9 @@ class VelocityDrives(_Drives):
 
     def _ramp(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return reference rates after a physics step, and how fast they change, shape (m,)."""
-        reference, slope = self._response.ramped(
-            self._heard.tolist(),
-            self._reference.tolist(),
-            self._slope.tolist(),
-            v[self._layout.drives].tolist(),
-            self._dt,
-        )
+        memory = self._heard.tolist(), self._reference.tolist(), self._slope.tolist()
+        rates = v[self._layout.drives].tolist()
+        reference, slope = self._response.ramped(*memory, rates, self._dt)
         return np.array(reference), np.array(slope)
 
     def _driven(

@@ -163,13 +163,9 @@ class Stops:
         drives, q = crane.layout.drives, crane.start.q.copy()
         q[crane.layout.passive] = 0.0
         inertia = np.diag(pin.crba(crane.model, crane.data, q))[drives]
-        return cls(
-            drives,
-            crane.lower[drives],
-            crane.upper[drives],
-            _STOP_FREQUENCY**2 * inertia,
-            2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia,
-        )
+        ends, damping = (crane.lower[drives], crane.upper[drives]), 2.0 * _STOP_DAMPING
+        stiffness = _STOP_FREQUENCY**2 * inertia
+        return cls(drives, *ends, stiffness, damping * _STOP_FREQUENCY * inertia)
 
     def in_steps(self, dt: Any, mass: Any = 1.0) -> Stops:
         """Return the same in other units, see `JointForces.in_steps`."""

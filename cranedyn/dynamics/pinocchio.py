@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
-from cranedyn.dynamics.joint_forces import SLACK, TAUT, JointForces, tension_from_hoist_force
+from cranedyn.dynamics.joint_forces import TAUT, JointForces
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane, Point
@@ -235,31 +235,6 @@ def payload_orientation(crane: Crane, q: np.ndarray) -> np.ndarray:
     return pin.Quaternion(crane.data.oMi[crane.payload.body + 1].rotation).coeffs()
 
 
-def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
-    """Return the tension of the rope [N]. One that may go slack is slack at zero; any other would
-    be at zero or below.
-
-    Raises:
-        MissingRole: If no joint is a hoist.
-    """
-    rope, joint = crane.springs.rope, JointForces.of(crane)
-    if rope is not None and rope.inextensible:
-        if joint.phase(*state) == SLACK:
-            return 0.0
-        a, tau = _held(crane, state, effort)
-        needed = inverse_dynamics(crane.model, crane.data, *state, a, tau)
-        return max(0.0, -float(needed[rope.stretch]))
-    hoist = full(crane, effort)[crane.layout.role("hoist", "The tension of the rope")]
-    return float(tension_from_hoist_force(crane.layout, joint, *state, hoist))
-
-
-def _held(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations and generalized forces on a taut inextensible rope, shape (n,) each."""
-    tau = full(crane, effort) + JointForces.of(crane).effort(*state)
-    free, still = crane.springs.free(np.arange(crane.layout.n)), np.zeros(crane.layout.n)
-    return follow_drives(crane.model, crane.data, *state, still, tau, free), tau
-
-
 def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Drive efforts that balance gravity and springs at rest, shape (m,); with swing, what they
     balance of it.
@@ -303,12 +278,13 @@ def _by_state_and_force_when_taut(
     """Return `by_state_and_force` of the joints that a taut inextensible rope lets move, from the
     derivatives of the inverse dynamics.
     """
-    n, data = crane.layout.n, crane.data
-    a, _ = _held(crane, state, effort)
-    pin.computeRNEADerivatives(crane.model, data, *state, a)
-    stiffness, damping = JointForces.of(crane).tangent(*state)
-    resisting = np.hstack([data.dtau_dq + stiffness, data.dtau_dv + np.diag(damping)])
+    n, data, joint = crane.layout.n, crane.data, JointForces.of(crane)
     free, inverse_mass = crane.springs.free(np.arange(n)), np.zeros((n, n))
+    tau = full(crane, effort) + joint.effort(*state)
+    a = follow_drives(crane.model, data, *state, np.zeros(n), tau, free)
+    pin.computeRNEADerivatives(crane.model, data, *state, a)
+    stiffness, damping = joint.tangent(*state)
+    resisting = np.hstack([data.dtau_dq + stiffness, data.dtau_dv + np.diag(damping)])
     inverse_mass[np.ix_(free, free)] = np.linalg.inv(data.M[np.ix_(free, free)])
     by_state = -inverse_mass @ resisting
     by_state[:, [stretch, n + stretch]] = 0.0

@@ -22,7 +22,6 @@ class Rows(np.ndarray):
     """
 
     def __mul__(self, other: Any) -> Any:
-        """Return the product."""
         if type(other) is float and other in (0.0, 1.0):
             return self if other else 0.0
         return super().__mul__(other)
@@ -30,13 +29,11 @@ class Rows(np.ndarray):
     __rmul__ = __mul__
 
     def __add__(self, other: Any) -> Any:
-        """Return the sum."""
         return self if type(other) is float and other == 0.0 else super().__add__(other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        """Return the difference."""
         return self if type(other) is float and other == 0.0 else super().__sub__(other)
 
     def sin(self) -> np.ndarray:

@@ -179,22 +179,10 @@ def conditions(
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     if needed is not None:
         needed = as_array("needed", needed, (len(q), crane.layout.m)).T
-    return list(
-        bounds(
-            crane.layout,
-            crane,
-            q.T,
-            v.T,
-            swings,
-            tension,
-            height,
-            buffers=buffers,
-            needed=needed,
-            rates=rates,
-            rope=crane.springs.rope and crane.springs.rope[:2],
-            level=level,
-        )
-    )
+    rope = crane.springs.rope and crane.springs.rope[:2]
+    options: Any = {"buffers": buffers, "needed": needed, "rates": rates, "level": level}
+    motion = q.T, v.T, swings, tension, height
+    return [*bounds(crane.layout, crane, *motion, rope=rope, **options)]
 
 
 def valid(state_bounds: Sequence[Bound]) -> np.ndarray:
@@ -213,20 +201,12 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     buffers = run.parameters.get("validity") == "buffers"
     hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
     drive, ground = run.parameters.get("drive"), run.record.get("ground", {})
-    state_bounds = conditions(
-        crane,
-        run.q,
-        run.v,
-        hoist,
-        buffers=buffers,
-        needed=run.command if drive in ("motion", "velocity") else None,
-        rates=drive in ("motion", "effort"),
-        level=ground.get("height", 0.0),
-    )
-    beginnings = (
-        _beginnings(crane, bound, bound.holds | (run.valid == 1.0)) for bound in state_bounds
-    )
-    return sorted(chain.from_iterable(beginnings))
+    needed = run.command if drive in ("motion", "velocity") else None
+    options: Any = {"buffers": buffers, "needed": needed, "rates": drive in ("motion", "effort")}
+    level = ground.get("height", 0.0)
+    state_bounds = conditions(crane, run.q, run.v, hoist, level=level, **options)
+    holding = ((bound, bound.holds | (run.valid == 1.0)) for bound in state_bounds)
+    return sorted(event for pair in holding for event in _beginnings(crane, *pair))
 
 
 def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:

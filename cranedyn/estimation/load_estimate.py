@@ -204,23 +204,11 @@ def with_load_estimate(
     extra = crane.swings if sensors == "swing" else crane.swings[:0]
     measured = np.concatenate([layout.measured, extra])
     deviations = [*noise_std[measured], *([GYROSCOPE] * 3 if sensors == "imu" else [])]
-    believed = LoadFilter(
-        crane,
-        motion.period,
-        sensors,
-        np.concatenate([*begins, [1.0, 0.0, 0.0]]),
-        covariance,
-        errors,
-        np.diag(np.square(deviations)),
-    )
+    mean, spread = np.concatenate([*begins, [1.0, 0.0, 0.0]]), np.diag(np.square(deviations))
+    believed = LoadFilter(crane, motion.period, sensors, mean, covariance, errors, spread)
+    family, efforts = _family(crane, motion, offset or 1.0), motion_efforts(crane, motion)
     return LoadEstimateController(
-        controller,
-        believed,
-        _family(crane, motion, offset or 1.0),
-        motion_efforts(crane, motion),
-        crane.effort_limit,
-        motion.period,
-        late,
+        controller, believed, family, efforts, crane.effort_limit, motion.period, late
     )
 
 

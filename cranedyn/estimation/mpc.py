@@ -239,16 +239,9 @@ def mpc(
     root = np.array([scipy.linalg.solve_triangular(factor, identity) for factor in factors])
     bounded = np.concatenate([layout.n + layout.drives, crane.swings])
     bound = np.concatenate([rates, np.full(len(crane.swings), swing)])
+    limits = _correction_limits(model, efforts)
     return PredictiveController(
-        model,
-        ratio,
-        int(horizon),
-        sweep,
-        root,
-        _correction_limits(model, efforts),
-        bounded,
-        bound,
-        solve,
+        model, ratio, int(horizon), sweep, root, limits, bounded, bound, solve
     )
 
 

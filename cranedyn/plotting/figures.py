@@ -72,17 +72,13 @@ def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
             figure.set_layout_engine(None)  # none to draw once more for
         try:
             for file in (path, *further):
-                _save(figure, Path(file))
+                ending = Path(file).suffix.removeprefix(".")
+                # Matplotlib would leave a file of its own open if Ctrl-C interrupts it.
+                with atomic_write(Path(file)) as draft:
+                    draft.write_bytes(svg(figure) if ending == "svg" else _picture(figure, ending))
         finally:
             figure.set_layout_engine(engine)
     return Path(path)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    ending = path.suffix.removeprefix(".")
-    # Matplotlib would leave a file of its own open if Ctrl-C interrupts it.
-    with atomic_write(path) as draft:
-        draft.write_bytes(svg(figure) if ending == "svg" else _picture(figure, ending))
 
 
 def svg(figure: Figure) -> bytes:

@@ -114,19 +114,11 @@ class _Stage:
             for colour in colours(runs)
         ]
         (self._marks,) = scene.plot([], [], "^", color=CONTACT, animated=True)
-        self._text = swing.text(
-            0.02,
-            0.98,
-            "",
-            transform=swing.transAxes,
-            va="top",
-            family="monospace",
-            size=9,
-            animated=True,
-        )
+        style: Any = {"family": "monospace", "size": 9, "animated": True, "va": "top"}
+        self._text = swing.text(0.02, 0.98, "", transform=swing.transAxes, **style)
         low, high = swing.get_ylim()
         swing.set_ylim(low, high + (room := 0.15 + 0.05 * len(runs)) * (high - low))
-        style: Any = {"color": "#404040", "lw": 1.0, "animated": True}
+        style = {"color": "#404040", "lw": 1.0, "animated": True}
         self._cursor = swing.axvline(first, ymax=1.0 / (1.0 + room), **style)
         self._axes, self._canvas = (scene, swing), FigureCanvasAgg(figure)
         corners = [

@@ -144,23 +144,14 @@ class Log:
     def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> list[Bound]:
         """Return the conditions under which the model holds in some rows."""
         column = {name: values[rows] for name, values in self._columns.items()}
-        contacts = self._setting.contacts
-        return conditions(
-            self._crane,
-            column["q"],
-            column["v"],
-            hoisting(self._crane, column["effort"]) + column["outside"][:, 3],
-            buffers=self._setting.buffers,
-            needed=column["needed"] if needed else None,
-            rates=rates,
-            level=0.0 if contacts is None else contacts.level,
-        )
+        contacts, buffers = self._setting.contacts, self._setting.buffers
+        options: Any = {"buffers": buffers, "needed": column["needed"] if needed else None}
+        options |= {"rates": rates, "level": 0.0 if contacts is None else contacts.level}
+        hoist = hoisting(self._crane, column["effort"]) + column["outside"][:, 3]
+        return conditions(self._crane, column["q"], column["v"], hoist, **options)
 
     def trajectory(
-        self,
-        energies: Energies,
-        parameters: dict[str, float | str],
-        record: Mapping[str, Any],
+        self, energies: Energies, parameters: dict[str, float | str], record: Mapping[str, Any]
     ) -> Trajectory:
         """Return the log as a trajectory with its energy ledger.
 
@@ -179,7 +170,10 @@ class Log:
         column = {name: values[:rows] for name, values in self._columns.items()}
         q, v, force, outside = (column[name] for name in ("q", "v", "force", "outside"))
         if self._setting.forces and force.any():
-            outside[:, 0] = self._work_of_forces(q, v, force)
+            middle = q - self._setting.lead * v
+            positions = point_paths(crane, middle).reshape(rows, -1)
+            work = (force[:-1] * np.diff(positions, axis=0)).sum(axis=1)
+            outside[:, 0] = np.concatenate([[0.0], np.cumsum(work)])
         rope, phase = crane.springs.rope is not None, None
         if rope:
             phase = JointForces.of(crane).phase(q.T, v.T)
@@ -189,15 +183,9 @@ class Log:
             record = {**record, "not_valid": self._reason()}
         return Trajectory(
             t=self.t[:rows],
-            q=q,
-            v=v,
-            setpoint=column["setpoint"],
             command=column["needed"],
-            effort=column["effort"],
-            energy=column["energy"][:, 0],
-            work=column["work"],
-            dissipated=column["dissipated"][:, 0],
-            force=force,
+            **{name: column[name] for name in ("q", "v", "setpoint", "effort", "work", "force")},
+            **{name: column[name][:, 0] for name in ("energy", "dissipated")},
             outside=outside[:, : 3 if rope else 2],
             valid=self._valid[:rows],
             phase=phase,
@@ -236,13 +224,6 @@ class Log:
     def _all_conditions(self, rows: slice | np.ndarray) -> list[Bound]:
         drive = self._setting.drive
         return self._conditions(rows, needed=drive != "effort", rates=drive != "velocity")
-
-    def _work_of_forces(self, q: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Return the work of the external forces up to each row [J], shape (rows,)."""
-        middle = q - self._setting.lead * v
-        positions = point_paths(self._crane, middle).reshape(len(middle), -1)
-        work = (force[:-1] * np.diff(positions, axis=0)).sum(axis=1)
-        return np.concatenate([[0.0], np.cumsum(work)])
 
 
 @cache

@@ -54,15 +54,12 @@ class Stepper:
             start: The state at the start; None hangs at rest where the URDF says.
             dt: Physics step [s].
             control_period: Time for which each command is held [s], a multiple of `dt`.
-            drive: "effort": commands are efforts, cut to the limits of the drives. "motion": they
-                are accelerations, followed exactly. "velocity", or `Converters`: they are rates,
-                followed as typical frequency converters, or these, do.
+            drive: Kind of command, see `cranedyn.simulation.simulate.simulate`.
             forces: Whether external forces come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
             ground: Ground and platforms that the load may touch; None for none.
             integrator: The integrator.
-            engine: "pinocchio"; "compiled" for code compiled for this crane; or the name of an
-                engine of another package, see `cranedyn.plugins`.
+            engine: "pinocchio", "compiled", or the name of a plugin, see `cranedyn.plugins`.
 
         Raises:
             OutOfRange: If an argument is out of its range or has no effect, or the state is not one

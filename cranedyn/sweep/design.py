@@ -50,7 +50,6 @@ class Design:
         object.__setattr__(self, "columns", columns)
 
     def __len__(self) -> int:
-        """Return the number of cases."""
         return len(next(iter(self.columns.values())))
 
     def rows(self, first: int, last: int) -> dict[str, np.ndarray]:

@@ -29,7 +29,6 @@ from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.layout import BufferLayout, size
-from cranedyn.compiled.model import compile_forward_dynamics
 from cranedyn.compiled.tables import RowTable, single_table
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers import hold_controller
@@ -351,21 +350,6 @@ def test_a_group_out_of_range_is_refused() -> None:
     for group in (-1, 2):
         with pytest.raises(OutOfRange, match=f"group is {group}; allowed is 0 to 1"):
             _loop().run_groups([group])
-
-
-@pytest.mark.parametrize(
-    "value", [np.full((2, 5), math.inf), None, np.zeros((2, 5), complex), np.zeros((5, 2))]
-)
-@pytest.mark.parametrize("place", [0, 1, 2])
-def test_forward_dynamics_take_rows_of_finite_numbers_only(place: int, value: Any) -> None:
-    model = load_crane().model
-    made, given = compile_forward_dynamics(model), [np.ones((2, 5))] * 3
-    # Which is not in the code.
-    model.addJoint(5, type(model.joints[1])(), model.jointPlacements[1], "one more")
-    assert np.isfinite(made(*given)).all()
-    names = "q", "v", "tau"
-    with pytest.raises(OutOfRange, match=f"{names[place]} is |{names[1 - bool(place)]} is "):
-        made(*given[:place], value, *given[place + 1 :])
 
 
 # --- memory that is not ours ----------------------------------------------------------------------

@@ -127,13 +127,8 @@ def test_where_the_lqr_saturates_and_overspeeds_it_keeps_force_and_rate() -> Non
 @pytest.mark.slow
 def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() -> None:
     motion, start = (at_rest(crane()), crane().state(**REST, phi=0.12, theta=0.12))
-    controller = mpc(
-        crane(),
-        motion,
-        effort_limit=(4e4, 2e3, 1.2e4),
-        rate_limit=(0.03, 0.4, 0.5),
-        swing_limit=0.1,
-    )
+    efforts, speeds = (4e4, 2e3, 1.2e4), (0.03, 0.4, 0.5)
+    controller = mpc(crane(), motion, effort_limit=efforts, rate_limit=speeds, swing_limit=0.1)
     excess = []
 
     def noting(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -207,13 +202,8 @@ def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
 @pytest.mark.slow
 def test_it_keeps_its_period_of_50_ms() -> None:
     motion, start = combined(crane()), crane().state(**REST, phi=0.12, theta=0.12)
-    controller = mpc(
-        crane(),
-        motion,
-        effort_limit=(6e4, 3e3, 1.2e4),
-        rate_limit=(0.078, 1.28, 0.7),
-        swing_limit=0.12,
-    )
+    efforts, speeds = (6e4, 3e3, 1.2e4), (0.078, 1.28, 0.7)
+    controller = mpc(crane(), motion, effort_limit=efforts, rate_limit=speeds, swing_limit=0.12)
     taken = []
 
     def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:

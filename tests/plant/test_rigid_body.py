@@ -4,6 +4,8 @@ another language.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -14,16 +16,17 @@ from numpy.testing import assert_allclose
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.bodies import Bodies, blank, bodies
 from cranedyn.dynamics.scalars import array
+from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
 from cranedyn.plant import rigid_body
 from cranedyn.plant.rigid_body import ExternalForce, Frame
 from tests.helpers import crane, states
 
 
-def _arm() -> pin.Model:
-    """Seven joints of all kinds on two branches, with armature, in gravity that is not vertical."""
+def _arm(parents: Sequence[int], seed: int) -> pin.Model:
+    """Seven joints of all kinds, with armature, in gravity that is not vertical."""
     model = pin.Model()
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(seed)
     axis = np.array([2.0, -1.0, 2.0]) / 3.0
     kinds = [
         pin.JointModelRZ(),
@@ -32,7 +35,7 @@ def _arm() -> pin.Model:
         pin.JointModelRevoluteUnaligned(axis),
     ]
     kinds += [pin.JointModelPY(), pin.JointModelHelicalUnaligned(axis, -0.2), pin.JointModelRX()]
-    for i, (kind, parent) in enumerate(zip(kinds, (0, 1, 2, 1, 4, 5, 5), strict=True)):
+    for i, (kind, parent) in enumerate(zip(kinds, parents, strict=True)):
         place = pin.SE3(
             pin.Quaternion(rng.normal(size=4)).normalized().matrix(), rng.normal(size=3)
         )
@@ -44,7 +47,7 @@ def _arm() -> pin.Model:
     return model
 
 
-ARM = _arm()
+ARM = _arm((0, 1, 2, 1, 4, 5, 5), 4)
 
 vectors = st.lists(st.floats(-3.0, 3.0), min_size=7, max_size=7).map(np.array)
 
@@ -115,14 +118,28 @@ def test_a_push_does_the_work_of_its_point(q: np.ndarray, body: int, strength: f
     assert_allclose(_plain(free - pushed), expected, atol=1e-10)
 
 
-@given(vectors, vectors, vectors)
-def test_accelerations_are_those_of_pinocchio(
-    q: np.ndarray, v: np.ndarray, effort: np.ndarray
+@given(st.tuples(*(st.integers(0, i) for i in range(7))), st.integers(0), vectors, vectors, vectors)
+def test_accelerations_of_any_tree_are_those_of_pinocchio(
+    parents: tuple[int, ...], seed: int, q: np.ndarray, v: np.ndarray, effort: np.ndarray
 ) -> None:
-    found = _plain(rigid_body.tree_forward_dynamics(*_at(q), v, array(effort.tolist())))
-    expected = pin.aba(ARM, ARM.createData(), q, v, effort)
-    mass = pin.crba(ARM, ARM.createData(), q)
-    assert not rigid_body.disagreement(found, expected, mass)
+    model = _arm(parents, seed)
+    tree, data = _tree(model), model.createData()
+    where = rigid_body.frames(tree, q)
+    found = _plain(rigid_body.tree_forward_dynamics(tree, where, v, array(effort.tolist())))
+    expected = pin.aba(model, data, q, v, effort)
+    assert not rigid_body.disagreement(found, expected, pin.crba(model, data, q))
+
+
+@pytest.mark.parametrize("joint", [pin.JointModelSpherical(), pin.JointModelComposite(0)])
+def test_a_joint_of_another_kind_is_named(joint: object) -> None:
+    model = pin.Model()
+    with pytest.raises(ModelError, match="has no joint that moves"):
+        bodies(model)
+    if isinstance(joint, pin.JointModelComposite):
+        joint.addJoint(pin.JointModelRX(), pin.SE3.Identity())
+    model.addJoint(0, joint, pin.SE3.Identity(), "wrist")
+    with pytest.raises(ModelError, match=rf"wrist is a {joint.shortname()}; .* must be revolute"):
+        bodies(model)
 
 
 @given(states)

@@ -339,15 +339,8 @@ def test_a_wide_conical_swing_gains_energy_slowly_and_in_proportion_to_the_step(
 def test_efforts_that_change_within_a_control_period_are_counted_at_both_ends() -> None:
     c = crane()
     push = constant(0.02, 0.5, -0.1)
-    found = simulate(
-        c,
-        push,
-        start=c.state(phi=0.2, theta=0.1),
-        duration=4.0,
-        dt=1e-3,
-        control_period=0.1,
-        drive="motion",
-    )
+    start, options = c.state(phi=0.2, theta=0.1), {"dt": 1e-3, "control_period": 0.1}
+    found = simulate(c, push, start=start, duration=4.0, drive="motion", **options)
     assert np.abs(found.work).max(axis=0).min() > 1000.0  # J
     # trapezoidal rule: (ω T)²/12 = 5e-4 of some kJ, and the ledger's own order dt; by the first end
     # alone it would be some hundred

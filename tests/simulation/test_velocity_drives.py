@@ -123,20 +123,9 @@ def test_a_batch_hears_with_one_delay_and_gets_as_many_converters_as_cranes() ->
 def test_the_ledger_of_energy_closes_the_better_the_finer_the_step() -> None:
     c = crane()
     law = as_velocity_command(c, hold_controller(c), drive="effort")
-    left = [
-        simulate(
-            c,
-            law,
-            moved(c),
-            start=start(),
-            duration=3.0,
-            dt=dt,
-            control_period=5e-3,
-            drive="velocity",
-            engine="compiled",
-        )
-        for dt in (5e-3, 2.5e-3, 1.25e-3)
-    ]
+    options: Any = {"start": start(), "duration": 3.0, "drive": "velocity", "engine": "compiled"}
+    steps = 5e-3, 2.5e-3, 1.25e-3
+    left = [simulate(c, law, moved(c), dt=dt, control_period=5e-3, **options) for dt in steps]
     open_ = [np.abs(run.unexplained).max() for run in left]
     assert np.abs(left[0].work).max() > 500.0  # J: the drives do work
     assert open_[0] > 1.7 * open_[1] > 1.7 * 1.7 * open_[2]  # order 1

@@ -37,15 +37,14 @@ def emit_plan(
     shape, crane, n = programme.shape(lanes), programme.plant, programme.topology.layout.n
     entries = model.emit(module, shape, crane, programme.length)
     constants = {entry[:3]: entry[3] for entry in entries}
-    block = [(i // n if programme.errors else i // (2 * n)) for i in range(shape.both)]
+    block = [i // n for i in range(shape.both)]
     # Weights join no numbers of different blocks.
     zeros = [(i, j) for i, j in product(range(shape.both), repeat=2) if block[i] != block[j]]
     constants |= {("weight", *pair): 0.0 for pair in zeros}
     riccati.emit(module, shape, constants)
     interior.emit(module, shape, constants)
-    if programme.errors:
-        errors = np.reshape(programme.errors, (2, n))
-        model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
+    errors = np.reshape(programme.errors, (2, n))
+    model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
     planning.emit(module, shape, programme, constants)
     return entries
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.dynamics.scalars import array
+from cranedyn.dynamics.scalars import array, is_zero
 
 
 class Dual:
@@ -50,7 +50,7 @@ class Dual:
     def __mul__(self, operand: Any) -> Any:
         if isinstance(operand, Dual):
             return self._both(self.value * operand.value, operand.value, operand, self.value)
-        return 0.0 if _is_zero(operand) else self._chain(self.value * operand, operand)
+        return 0.0 if is_zero(operand) else self._chain(self.value * operand, operand)
 
     __rmul__ = __mul__
 
@@ -92,7 +92,3 @@ def slopes(numbers: np.ndarray, count: int) -> np.ndarray:
     for row, number in zip(derivatives, numbers, strict=True):
         row[:] = number.slopes if isinstance(number, Dual) else [0.0] * count
     return derivatives
-
-
-def _is_zero(operand: Any) -> bool:
-    return isinstance(operand, float) and operand == 0.0

@@ -311,8 +311,7 @@ class Programme:
         rate_share: Share of the error of planned rates that is corrected, for velocity commands.
         swing: Largest angle of each swing joint from its rest [rad].
         taut: Least tension of the rope [N].
-        errors: Errors of coordinates and rates of each joint with equal weight; empty for explicit
-            weights.
+        errors: Errors of coordinates and rates of each joint with equal weight.
         payload_errors: Errors of the payload's position [m] and rate [m/s] with equal weight.
         lead: Lead of the command of each drive [s], for velocity commands; else empty.
         width: Lanes of vectors, see `HorizonShape`.

@@ -17,7 +17,7 @@ from llvmlite import ir
 from cranedyn.compiled.code import Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
 from cranedyn.compiled.horizon.memory import HorizonShape, Work
-from cranedyn.dynamics.scalars import array, solve_linear
+from cranedyn.dynamics.scalars import array, is_zero, solve_linear
 from cranedyn.plant import rigid_body
 from cranedyn.plant.plant import Plant
 
@@ -65,14 +65,10 @@ def crane_derivatives(
     rates[drives, range(2 * n, 2 * n + m)] = 1.0
     block = mass[np.ix_(passive, passive)]
     for j in range(2 * n + m):
-        if any(not _zero(x) for x in by_all[passive, j]):
+        if any(not is_zero(x) for x in by_all[passive, j]):
             rates[passive, j] = solve_linear(block, -by_all[passive, j])
     efforts = by_all[drives] + mass[np.ix_(drives, passive)] @ rates[passive]
     return CraneDerivatives(a, effort, rates, efforts)
-
-
-def _zero(x: Any) -> bool:
-    return isinstance(x, float) and x == 0.0
 
 
 def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:

@@ -148,8 +148,7 @@ class _Plan:
             return array([code.spread(path, code.plus(first, i)) for i in range(z)])
 
         common.put_row("goal", target(code.integer(shape.stages)))
-        if self.programme.errors:
-            self.work.call("weigh")
+        self.work.call("weigh")
         with code.loop(0, shape.stages) as k:
             now, coming = target(k), target(code.plus(k, 1))
             rising = (coming - now)[self.layout.n + self.layout.drives] * (

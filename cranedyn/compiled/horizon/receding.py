@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from llvmlite import ir
 
 from cranedyn.checks import ShortRepr, check_choice, finite, number, whole, within
@@ -284,9 +284,7 @@ def receding(
     period: float | None = None,
     stages: int = 40,
     stage: float | None = None,
-    state_weight: np.ndarray | None = None,
     input_weight: np.ndarray | None = None,
-    payload_errors: Sequence[float] | None = None,
     settling: float | None = None,
     smoothing: float | None = None,
 ) -> Receding:
@@ -312,16 +310,13 @@ def receding(
         period: Time between optimisations [s], a multiple of the control period.
         stages: Number of stages of the horizon.
         stage: Length of a stage [s], a multiple of the control period.
-        state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for the errors
-            of `Tuning`.
-        input_weight: R for the accelerations of the drives, shape (m, m); None for the same.
-        payload_errors: Errors of the payload's position [m] and rate [m/s] with equal weight, for
-            the default Q.
+        input_weight: R for the accelerations of the drives, shape (m, m); None for
+            `usual_input_weight`.
         settling: Time constant of the disturbance estimate [s].
         smoothing: Time constant of the swing filter [s]; up to the control period for no filter.
 
     Raises:
-        OutOfRange: If a number is out of range, times do not divide, or a weight is not symmetric
+        OutOfRange: If a number is out of range, times do not divide, or the weight is not symmetric
             and positive definite.
         CraneError: If the crane is elastic.
     """
@@ -342,8 +337,6 @@ def receding(
         stage = whole_periods(length, control_period)
     settling = max(tuning.settling, control_period) if settling is None else settling
     smoothing = tuning.smoothing if smoothing is None else smoothing
-    payload_errors = tuning.payload if payload_errors is None else payload_errors
-    finite("payload errors", np.asarray(payload_errors), (2,))
     ratio = multiple("period", period, "control_period", control_period)
     multiple("stage", stage, "control_period", control_period)
     within("stages", whole("stages", stages, 2, "stages"), 2, _STAGES)
@@ -376,11 +369,11 @@ def receding(
         min(1.0, control_period / tuning.recalled),
         swing,
         TAUT * weight,
-        () if state_weight is not None else tuning.errors(layout),
-        tuple(number("payload error", error, "", "> 0") for error in payload_errors),
+        tuning.errors(layout),
+        tuning.payload,
         () if lags is None else tuple((lags.lags + lags.ahead(control_period)).tolist()),
     )
-    cost = _weights(crane, accelerations, state_weight, input_weight)
+    cost = _weights(crane, accelerations, input_weight)
     bounds = _bounds(crane, rates, accelerations, swing, programme.taut)
     rows = bounds | _plausible(crane, rates, programme)
     return Receding(programme, _table(programme, cost, rows), path)
@@ -392,23 +385,17 @@ def usual_input_weight(accelerations: np.ndarray) -> np.ndarray:
 
 
 def _weights(
-    crane: Crane,
-    accelerations: np.ndarray,
-    state_weight: np.ndarray | None,
-    input_weight: np.ndarray | None,
+    crane: Crane, accelerations: np.ndarray, input_weight: np.ndarray | None
 ) -> np.ndarray:
-    """Return the weight of states and inputs together, shape (2 n + m, 2 n + m)."""
+    """Return the weight of states and inputs together, shape (2 n + m, 2 n + m); code writes that
+    of the states.
+    """
     layout = crane.layout
-    z = 2 * layout.n
-    q = np.eye(z) if state_weight is None else state_weight
     r = usual_input_weight(accelerations) if input_weight is None else input_weight
-    weights = np.zeros((z + layout.m, z + layout.m))
-    weights[:z, :z] = finite("state weight", q, (z, z))
-    weights[z:, z:] = finite("input weight", r, (layout.m, layout.m))
-    for name, block in (("state weight", weights[:z, :z]), ("input weight", weights[z:, z:])):
-        if not np.allclose(block, block.T) or np.linalg.eigvalsh(block).min() <= 0.0:
-            raise OutOfRange(name, block.tolist(), "symmetric and positive definite")
-    return weights
+    r = finite("input weight", r, (layout.m, layout.m))
+    if not np.allclose(r, r.T) or np.linalg.eigvalsh(r).min() <= 0.0:
+        raise OutOfRange("input weight", r.tolist(), "symmetric and positive definite")
+    return scipy.linalg.block_diag(np.eye(2 * layout.n), r)
 
 
 def _bounds(
