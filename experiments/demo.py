@@ -221,22 +221,13 @@ def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tu
     reduced = length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (
         crane.payload_mass * length
     )
-    compliance = theory.pivot_compliance(
-        reduced, setup.gravity, crane.payload_mass, STIFFNESS["trolley"]
-    )[0]
-    omega = (
-        2.0 * math.pi / (float(theory.point_period(reduced, setup.gravity)) * (1.0 + compliance))
-    )
+    g, k_p = setup.gravity, STIFFNESS["trolley"]
+    compliance = theory.pivot_compliance(reduced, g, crane.payload_mass, k_p)[0]
+    omega = 2.0 * math.pi / (float(theory.point_period(reduced, g)) * (1.0 + compliance))
     rate = abs(float((stage.target - stage.origin) @ crane.layout.along("x"))) / duration
-    amplitude = (
-        2.0
-        * rate
-        / math.sqrt(setup.gravity * reduced)
-        / math.hypot(1.0, omega * DAMPING["trolley"] / STIFFNESS["trolley"])
-    )
-    return amplitude * abs(math.sin(omega * duration / 2.0)), amplitude**3 * (
-        1.0 + omega * duration / 16.0
-    )
+    lag = math.hypot(1.0, omega * DAMPING["trolley"] / k_p)
+    amplitude, turned = 2.0 * rate / math.sqrt(g * reduced) / lag, omega * duration
+    return amplitude * abs(math.sin(turned / 2.0)), amplitude**3 * (1.0 + turned / 16.0)
 
 
 def _better(

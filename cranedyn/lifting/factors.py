@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from cranedyn.checks import check_choice, number, within
 
@@ -34,14 +34,8 @@ class Hoisting(NamedTuple):
     least: float
 
 
-HOISTING = MappingProxyType(
-    {
-        "HC1": Hoisting(0.17, 1.05),
-        "HC2": Hoisting(0.34, 1.10),
-        "HC3": Hoisting(0.51, 1.15),
-        "HC4": Hoisting(0.68, 1.20),
-    }
-)
+_HOISTING = Hoisting(0.17, 1.05), Hoisting(0.34, 1.10), Hoisting(0.51, 1.15), Hoisting(0.68, 1.20)
+HOISTING = MappingProxyType(dict(zip(get_args(HoistingClass), _HOISTING, strict=True)))
 """EN 1991-3, Table 2.5 (second hand)."""
 
 SLOW_RELEASE, RAPID_RELEASE = 0.5, 1.0

@@ -55,12 +55,8 @@ def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
         command: The command that makes the numbers again, for the notes.
     """
     source_note = f" Again: {command}." if command else ""
-    result = [
-        _lift(analysis),
-        _loads(analysis, source_note),
-        _clearances(analysis, source_note),
-        _factors(analysis),
-    ]
+    result = [_lift(analysis), _loads(analysis, source_note)]
+    result += [_clearances(analysis, source_note), _factors(analysis)]
     if analysis.wind is not None:
         result += [_wind(analysis.wind, source_note), _limits(analysis.wind)]
     if analysis.perturbed is not None:

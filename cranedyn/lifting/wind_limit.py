@@ -189,13 +189,8 @@ def _note(
     if not valid.any():
         return
     rows = perturbed.rows[valid]
-    loads = loads_of_rows(
-        perturbed.crane,
-        batch.q[valid],
-        batch.v[:count][valid],
-        batch.effort[:count][valid],
-        perturbed.force[valid],
-    )
+    states = batch.q[valid], batch.v[:count][valid], batch.effort[:count][valid]
+    loads = loads_of_rows(perturbed.crane, *states, perturbed.force[valid])
     reeving, radius = chart.on(falls), loads["radius_m"]
     inside = np.clip(radius, reeving.least, reeving.radii[-1])
     used = loads["pull_N"] / (perturbed.crane.gravity * reeving.at(inside))

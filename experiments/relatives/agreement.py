@@ -100,15 +100,8 @@ def _moved(crane: Crane, **options: Any) -> Trajectory:
         distance = distances[symbol]
         rate = abs(distance) / 3.0
         reference = ramp(crane, reference, symbol, distance, rate=rate, at=0.5)
-    return simulate(
-        crane,
-        hold_controller(crane),
-        reference,
-        start=start,
-        duration=DURATION,
-        validity="mark",
-        **options,
-    )
+    options |= {"start": start, "duration": DURATION, "validity": "mark"}
+    return simulate(crane, hold_controller(crane), reference, **options)
 
 
 def _mujoco_model(crane: Crane, dt: float) -> Any:
