@@ -50,10 +50,8 @@ PUBLISHED = {
 """The article's results: period error mean and largest [%], exponents and their number of points,
 amplitude before and after [rad]."""
 
-BESSEL, SMALL = (
-    "this speed, small swing: Bessel envelope",
-    "exact drives, point load, a hundredth of the swing",
-)
+BESSEL = "this speed, small swing: Bessel envelope"
+SMALL = "exact drives, point load, a hundredth of the swing"
 """Two of the stages in which the exponent is explained: the closed form, and the simulation that
 must meet it."""
 

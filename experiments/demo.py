@@ -23,7 +23,7 @@ from cranedyn.checks import number
 from cranedyn.command import interrupted
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory, join
-from cranedyn.errors import CraneError, DataError, OutOfRange, RunError
+from cranedyn.errors import DataError, OutOfRange, RunError
 from cranedyn.interfaces import Controller
 from cranedyn.planning.itinerary import Stage, Timetable
 from cranedyn.plotting.figures import COLOURS, panels
@@ -63,7 +63,7 @@ def pieces(
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run until the cycles are done or the user interrupts; both keep all that was recorded."""
-    setup = _setup(options, setup)
+    setup = replace(setup, reporter=harness.ProgressReporter(None))
     rates = (options.rate_slew, options.rate_x, options.rate_hoist)
     rates = setup.crane.layout.for_drives("rate limit", rates, "/s", "> 0").tolist()
     limits = Limits(rates, TOUR_LIMITS.accelerations)
@@ -108,18 +108,6 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             {name: (setup.crane, trajectory) for name, trajectory in runs.items()}, apart=0.0
         ),
     )
-
-
-def _setup(options: argparse.Namespace, setup: harness.Setup) -> harness.Setup:
-    """Return the setup with the payload of the options, and without progress of its own."""
-    values = dict(setup.values)
-    if options.payload_mass is not None:
-        if "payload_mass" in values:
-            raise CraneError(
-                "payload_mass is given twice, by --payload-mass and by --set; leave one out."
-            )
-        values["payload_mass"] = options.payload_mass
-    return replace(setup, reporter=harness.ProgressReporter(None), values=values)
 
 
 def in_step(tour: Timetable, leader: Timetable) -> Timetable:
@@ -233,22 +221,13 @@ def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tu
     reduced = length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (
         crane.payload_mass * length
     )
-    compliance = theory.pivot_compliance(
-        reduced, setup.gravity, crane.payload_mass, STIFFNESS["trolley"]
-    )[0]
-    omega = (
-        2.0 * math.pi / (float(theory.point_period(reduced, setup.gravity)) * (1.0 + compliance))
-    )
+    g, k_p = setup.gravity, STIFFNESS["trolley"]
+    compliance = theory.pivot_compliance(reduced, g, crane.payload_mass, k_p)[0]
+    omega = 2.0 * math.pi / (float(theory.point_period(reduced, g)) * (1.0 + compliance))
     rate = abs(float((stage.target - stage.origin) @ crane.layout.along("x"))) / duration
-    amplitude = (
-        2.0
-        * rate
-        / math.sqrt(setup.gravity * reduced)
-        / math.hypot(1.0, omega * DAMPING["trolley"] / STIFFNESS["trolley"])
-    )
-    return amplitude * abs(math.sin(omega * duration / 2.0)), amplitude**3 * (
-        1.0 + omega * duration / 16.0
-    )
+    lag = math.hypot(1.0, omega * DAMPING["trolley"] / k_p)
+    amplitude, turned = 2.0 * rate / math.sqrt(g * reduced) / lag, omega * duration
+    return amplitude * abs(math.sin(turned / 2.0)), amplitude**3 * (1.0 + turned / 16.0)
 
 
 def _better(
@@ -418,7 +397,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"times real time, {PACES}; 1 with --view or --serve if not given, else as fast as it "
             "goes",
         ),
-        ("--payload-mass", None, "M", "payload [kg], short for --set payload_mass:=M"),
     ):
         parser.add_argument(name, type=float, default=default, metavar=metavar, help=text)
     return harness.run_experiment(parser, experiment, argv)

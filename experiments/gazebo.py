@@ -76,14 +76,9 @@ class RecordedPair:
 def pairs(setup: Setup) -> dict[str, RecordedPair]:
     """Return every recording with its run made here, by name."""
     length, stiffness, damping, _ = a1.SOFT
+    soft = a1.run(setup, length, stiffness={"x": stiffness}, damping={"x": damping})
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
-    runs |= {
-        "a1_soft": a1.run(
-            setup, length, stiffness={"x": stiffness}, damping={"x": damping}
-        ).trajectory,
-        "a2": a2.run(setup),
-        "a3": a3.run(setup),
-    }
+    runs |= {"a1_soft": soft.trajectory, "a2": a2.run(setup), "a3": a3.run(setup)}
     return {
         name: RecordedPair(name, read_columns(RECORDINGS / f"{name}.parquet", COLUMNS), run)
         for name, run in runs.items()

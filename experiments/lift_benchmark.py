@@ -95,13 +95,8 @@ def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
 def _box(rng: np.random.Generator, i: int) -> Solid:
     angle, radius = rng.uniform(-math.pi, math.pi), rng.uniform(6.0, 22.0)
     size = [*rng.uniform(1.0, 7.0, 2), float(rng.uniform(3.0, 20.0))]
-    return box(
-        f"box {i + 1}",
-        (radius * math.cos(angle), radius * math.sin(angle)),
-        size,
-        0.0,
-        rng.uniform(0.0, math.pi),
-    )
+    centre = radius * math.cos(angle), radius * math.sin(angle)
+    return box(f"box {i + 1}", centre, size, 0.0, rng.uniform(0.0, math.pi))
 
 
 def _ends(rng: np.random.Generator) -> list[tuple[float, float, float]]:
@@ -214,12 +209,8 @@ def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
         for name, values in measured.items()
         if values
     ]
-    columns = [
-        ("of certified lifts", ""),
-        ("median", ".3f"),
-        ("worst tenth", ".3f"),
-        ("worst", ".3f"),
-    ]
+    quantiles = ((name, ".3f") for name in ("median", "worst tenth", "worst"))
+    columns = [("of certified lifts", ""), *quantiles]
     note = f"{len(certified)} of {len(tried)} sites certified, every segment proven."
     return harness.ResultTable("Random sites", columns, rows, note)
 

@@ -93,21 +93,15 @@ def _outcome(judgement: Judgement, setup: harness.Setup, command: str) -> harnes
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line, then write the page and, where a browser is there, the PDF."""
-    judgement: Judgement | None = None
-    folder, command_line = Path(), ""
+    judged: list[tuple[Judgement, Path, str]] = []
 
     def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-        nonlocal judgement, folder, command_line
-        folder = options.folder
         command_line = " ".join([command_name("lift_report"), *options.argv])
-        judgement = _judge(options, setup)
-        return _outcome(judgement, setup, command_line)
+        judged.append((_judge(options, setup), options.folder, command_line))
+        return _outcome(judged[0][0], setup, command_line)
 
     code = harness.run_experiment(_parser(), experiment, argv)
-    if judgement is None or code not in (0, FAILED):
-        return code
-    judged = judgement
-    return command(lambda: write_pages(judged, folder, command_line))
+    return command(lambda: write_pages(*judged[0])) if judged and code in (0, FAILED) else code
 
 
 def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
@@ -143,13 +137,8 @@ def _parser() -> Parser:
     add("--drive", choices=get_args(DriveClass), default="HD4", help="class of its drive")
     add("--wind", type=float, default=8.0, metavar="V", help="gust to bear [m/s]")
     add("--swing", type=float, default=5.0, metavar="DEG", help="swing allowed in wind [degrees]")
-    add(
-        "--risk",
-        type=float,
-        default=1.0,
-        metavar="P",
-        help="largest probability that a perturbed lift comes closer than required, in percent",
-    )
+    text = "largest probability that a perturbed lift comes closer than required, in percent"
+    add("--risk", type=float, default=1.0, metavar="P", help=text)
     add("--lifts", type=int, default=10_000, metavar="N", help="perturbed lifts; 0: none")
     add("--gusts", type=int, default=32, metavar="N", help="gusts drawn in each wind; 0: none")
     return parser

@@ -189,10 +189,8 @@ def _push(crane: Crane, ground: Ground, run: Trajectory) -> np.ndarray:
 
 
 def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> LiftOff:
-    speed, omega = (
-        factors.pick_up_speed(drive, LARGEST, CREEP),
-        HOISTING[hoisting].slope * setup.gravity,
-    )
+    speed = factors.pick_up_speed(drive, LARGEST, CREEP)
+    omega = HOISTING[hoisting].slope * setup.gravity
     crane = _crane(setup.gravity, MASS * omega**2 * HOIST_LENGTH, HOIST_LENGTH)
     ground = Ground(box_corners(*SIDES), sink=HARD)
     start = _from_ground(crane, ground, 0.0, SLACK, speed)

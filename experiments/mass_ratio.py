@@ -9,6 +9,7 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -24,6 +25,7 @@ from cranedyn.references import spline
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.oracles.bench import locked
+from experiments.relatives.catalogue import POINT
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
 """Masses of each dummy link [kg]; its inertia is 1 m² times that."""
@@ -104,13 +106,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     crane = setup.crane
     runs = {m: swing(setup, m) for m in LINKS}
     periods = {m: crossing_period(r) for m, r in runs.items()}
-    theory_periods = {
-        m: theory.rigid_period(
-            LENGTH, crane.gravity, crane.payload_mass, crane.payload_inertia[0, 0] + 2.0 * m
-        )
-        * float(theory.amplitude_factor(SWING))
-        for m in LINKS
-    }
+    moment, factor = crane.payload_inertia[0, 0], float(theory.amplitude_factor(SWING))
+    period = partial(theory.rigid_period, LENGTH, crane.gravity, crane.payload_mass)
+    theory_periods = {m: period(moment + 2.0 * m) * factor for m in LINKS}
     finite = all(np.isfinite(r.q).all() for r in runs.values())
     off = max(
         abs(periods[m] / theory_periods[m] - 1.0 + of_step(setup, theory_periods[m])) for m in LINKS
@@ -119,15 +117,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         setup, theory_periods[0.0]
     )
     light, inertia = (table[1e-6] / table[0.0] - 1.0 for table in (periods, theory_periods))
-    points = {
-        m: run_tour(
-            setup,
-            setup.variant(
-                payload_mass=m, payload_inertia=0, dummy_mass=0, dummy_inertia=0, damp_swing=0
-            ),
-        )
-        for m in LOADS
-    }
+    points = {m: run_tour(setup, setup.variant(payload_mass=m, **POINT)) for m in LOADS}
     rigid = {m: run_tour(setup, setup.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
     spread, spread_rigid = _spread(points), _spread(rigid)
     return Outcome(

@@ -41,8 +41,8 @@ from cranedyn.sites.site_file import EXAMPLES, read_crane_site
 from cranedyn.sites.supervisor import Supervisor
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
-from experiments.compare.runs import processes
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.harness.processes import processes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -140,12 +140,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     option = parser.common.add_argument
     option("--workers", help="processes, by default one for each processor", **count)
-    option(
-        "--limit",
-        type=float,
-        metavar="S",
-        help="seconds that a case may take; one that takes longer is a bad one",
-    )
+    text = "seconds that a case may take; one that takes longer is a bad one"
+    option("--limit", type=float, metavar="S", help=text)
     option(
         "--scheduler",
         metavar="tcp://HOST:PORT",

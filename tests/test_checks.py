@@ -259,6 +259,7 @@ batch(force=np.zeros((9, 5))) => force is an array of shape (9, 5); allowed is o
 batch(force=np.zeros((8, 3, 6))) => force is an array of shape (8, 3, 6); allowed is one of shape (m
 batch(force=np.zeros((0, 6))) => force is an array of shape (0, 6); allowed is one with a row at lea
 batch(force=np.full((2, 6), inf)) => force is inf N; allowed is finite.
+batch(force_interval=2) => force_interval is 2; allowed is 1 where there is no force.
 batch(sensor_offset=np.zeros(9)) => sensor_offset is an array of shape (9,); allowed is one of shape
 batch(sensor_offset=np.full(10, nan)) => sensor_offset is nan; allowed is finite.
 batch(sensor_offset=np.zeros((8, 4, 10))) => sensor_offset is an array of shape (8, 4, 10); allowed

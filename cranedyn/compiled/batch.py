@@ -169,6 +169,8 @@ def simulate_batch(
     lanes = WARP if device == "cuda" else _LANES
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
+    if force is None and force_interval != 1:
+        raise OutOfRange("force_interval", force_interval, "1 where there is no force")
     check_rule(integrator)
     number("time at the start", t_start, "s", "-1e9 to 1e9")
     after = _instant(residual_from, t_start, clock)

@@ -74,10 +74,8 @@ class _Variants:
     def outputs(self) -> np.ndarray:
         """Simulate and return the predicted channels, shape (variants, channels, rows)."""
         family, variants = self.problem.family, len(self.values)
-        rows = [
-            tuple(row)
-            for row in self.values[:, [self.indices[name] for name in family.names]].tolist()
-        ]
+        varied = [self.indices[name] for name in family.names]
+        rows = list(map(tuple, self.values[:, varied].tolist()))
         cranes = {row: family.at(np.array(row)) for row in dict.fromkeys(rows)}
         controller, reference = self.controllers(cranes[rows[0]])
         batch = simulate_batch(
@@ -194,15 +192,10 @@ class _Variants:
             )
             for kind, gains in (("stiffness", usual.stiffness), ("damping", usual.damping))
         )
-        aims = self._setpoints()
+        gains, aims = zip(stiffness, damping, strict=True), self._setpoints()
+        controllers = [Hold(self.crane, *pair, usual.feed_forward) for pair in gains]
         still = np.zeros_like(aims[0])
-        return (
-            [
-                Hold(self.crane, k, d, usual.feed_forward)
-                for k, d in zip(stiffness, damping, strict=True)
-            ],
-            [SampledMotion(self.period, aim, still) for aim in aims],
-        )
+        return controllers, [SampledMotion(self.period, aim, still) for aim in aims]
 
     def _setpoints(self) -> np.ndarray:
         """Return the recorded setpoints of the drives, or the positions where they are held, in the
@@ -346,12 +339,5 @@ class Model(EstimationProblem):
         variant = _Variants(self, index, values[None])
         (controller, *_), (reference, *_) = variant.controllers(crane)
         start = State(*(array[0] for array in variant.start()))
-        return simulate(
-            crane,
-            controller,
-            reference,
-            start=start,
-            validity="mark",
-            engine="compiled",
-            **variant.settings,
-        )
+        settings = {"start": start, "validity": "mark", "engine": "compiled", **variant.settings}
+        return simulate(crane, controller, reference, **settings)

@@ -12,7 +12,7 @@ import numpy as np
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import UnknownName
 from cranedyn.identification.prior import Prior
-from cranedyn.identification.record import Record
+from cranedyn.identification.record import LARGEST_OFFSET, Record
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 
@@ -107,7 +107,7 @@ def _device_parameters(crane: Crane) -> dict[str, Parameter]:
     ]
     for drive, (joint, i) in enumerate(zip(layout.driven, layout.drives.tolist(), strict=True)):
         of, unit, effort = joint.symbol, joint.unit, joint.effort_unit
-        reach = 0.25 * float(crane.upper[i] - crane.lower[i])
+        reach = LARGEST_OFFSET * float(crane.upper[i] - crane.lower[i])
         limit = float(crane.effort_limit[drive])
         k_p, k_d = float(usual.stiffness[drive]), float(usual.damping[drive])
         devices += [

@@ -49,12 +49,8 @@ class Family:
         rows = [_row(load(**{**first, name: second[name]})) for name in self.names]
         self._slopes = [(row - self._row) / step for row, step in zip(rows, steps, strict=True)]
         if self.names:
-            interpolated, loaded = (
-                numbers(crane) for crane in (self.at(self._first + steps), load(**second))
-            )
-            if interpolated.shape != loaded.shape or not np.allclose(
-                interpolated, loaded, rtol=_AGREES, atol=_AGREES
-            ):
+            ours, loaded = map(numbers, (self.at(self._first + steps), load(**second)))
+            if ours.shape != loaded.shape or not np.allclose(ours, loaded, _AGREES, _AGREES):
                 raise ModelError(
                     f"The crane depends on {', '.join(self.names)} in another way than masses, "
                     "inertias, damping and gravity do; such numbers cannot be identified."
@@ -157,6 +153,5 @@ class Prior:
         if name == "gravity":
             return self.gravity
         argument = self.arguments[name]
-        return number(
-            name, self.values.get(name, argument.default), argument.unit, argument.allowed
-        )
+        value = self.values.get(name, argument.default)
+        return number(name, value, argument.unit, argument.allowed)

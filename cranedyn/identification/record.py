@@ -23,6 +23,9 @@ from cranedyn.model.layout import Joint
 PERIODS, ROWS = 2.0, 40
 """Least length of a record: periods of the swing, and rows."""
 
+LARGEST_OFFSET = 0.25
+"""Largest offset of a recorded position, as a share of the range of its drive."""
+
 _UPRIGHT, _STILL = math.pi / 2, 1e-9
 
 _GAP, _GAP_SHARE = 5.0, 0.1
@@ -74,8 +77,8 @@ class Record:
             until: End of the record [s].
 
         Raises:
-            DataError: If there is no swing, all of it stands still or it is beyond 90 degrees, time
-                jumps or does not increase, or it is too short.
+            DataError: If there is no swing, all of it stands still or it is beyond 90 degrees, a
+                drive is out of its range, time jumps or does not increase, or it is too short.
         """
         t = columns.get("t_s")
         if t is None:
@@ -87,6 +90,7 @@ class Record:
             if key != "t_s"
         }
         _check_clock(name, t)
+        _check_positions(name, crane, recorded)
         mask = (t >= since - 1e-9) & (t <= until + 1e-9)
         t, recorded = t[mask], {key: values[mask] for key, values in recorded.items()}
         dead = _check_swings(name, crane, recorded)
@@ -256,6 +260,22 @@ def _check_clock(name: str, t: np.ndarray) -> None:
             f"{name}: t_s increases by {usual:.3g} s from row to row; allowed are {_SLOWEST:g} s. "
             "Is it in ms? Then say so: --columns t_s=NAME[ms]."
         )
+
+
+def _check_positions(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) -> None:
+    """Check that positions and setpoints of the drives are in their ranges, but for an offset."""
+    for joint, i in zip(crane.layout.driven, crane.layout.drives.tolist(), strict=True):
+        offset = LARGEST_OFFSET * (crane.upper[i] - crane.lower[i])
+        low, high = crane.lower[i] - offset, crane.upper[i] + offset
+        for key in {joint.columns[0], joint.setpoint_column} & columns.keys():
+            outside = columns[key][(columns[key] < low) | (columns[key] > high)]
+            if len(outside):
+                other = "mm" if joint.unit == "m" else "deg"
+                raise DataError(
+                    f"{name}: {key} is {outside[0]:.4g} {joint.unit} in some row; allowed is "
+                    f"{low:.4g} to {high:.4g}, the range of the drive and a quarter more. If it is "
+                    f"in {other}, say so: --columns {key}={key}[{other}]."
+                )
 
 
 def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) -> list[str]:

@@ -83,12 +83,8 @@ class Reeving:
 
     def capacity(self, line_pull: float, gravity: float) -> float:
         """Return the load that a largest pull of the line hoists [kg], by which a chart ends."""
-        return (
-            line_pull
-            * self.falls
-            * theory.reeving_efficiency(self.falls, self.efficiency)
-            / gravity
-        )
+        efficiency = theory.reeving_efficiency(self.falls, self.efficiency)
+        return line_pull * self.falls * efficiency / gravity
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,18 +140,14 @@ class Falls:
         radius = np.asarray(radius, dtype=float)
         outside = ~((radius >= self.least) & (radius <= self.radii[-1]))
         if outside.any():
-            raise OutOfRange(
-                f"radius on {self.count} falls",
-                f"{radius[outside].flat[0]:.6g}",
-                f"{self.least:g} to {self.radii[-1]:g}, where the chart is",
-                "m",
-            )
+            name, worst = f"radius on {self.count} falls", f"{radius[outside].flat[0]:.6g}"
+            allowed = f"{self.least:g} to {self.radii[-1]:g}, where the chart is"
+            raise OutOfRange(name, worst, allowed, "m")
         moment = np.interp(radius, self.radii, self.radii * self.rated)
         before = self.rated[np.maximum(np.searchsorted(self.radii, radius, "right") - 1, 0)]
         first = radius <= self.radii[0]
-        return np.where(
-            first, self.rated[0], np.minimum(moment / np.where(first, 1.0, radius), before)
-        )
+        falling = np.minimum(moment / np.where(first, 1.0, radius), before)
+        return np.where(first, self.rated[0], falling)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from cranedyn.checks import check_choice, number, within
-from cranedyn.model.crane import STANDARD_GRAVITY
 
 HoistingClass = Literal["HC1", "HC2", "HC3", "HC4"]
 """How hard a crane picks its loads up, from soft to hard."""
@@ -35,14 +34,8 @@ class Hoisting(NamedTuple):
     least: float
 
 
-HOISTING = MappingProxyType(
-    {
-        "HC1": Hoisting(0.17, 1.05),
-        "HC2": Hoisting(0.34, 1.10),
-        "HC3": Hoisting(0.51, 1.15),
-        "HC4": Hoisting(0.68, 1.20),
-    }
-)
+_HOISTING = Hoisting(0.17, 1.05), Hoisting(0.34, 1.10), Hoisting(0.51, 1.15), Hoisting(0.68, 1.20)
+HOISTING = MappingProxyType(dict(zip(get_args(HoistingClass), _HOISTING, strict=True)))
 """EN 1991-3, Table 2.5 (second hand)."""
 
 SLOW_RELEASE, RAPID_RELEASE = 0.5, 1.0
@@ -75,8 +68,8 @@ def phi_2_least(hoisting: HoistingClass, drive: DriveClass = "HD1") -> float:
 def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> float:
     """Return φ2 = φ2,min + β2 v_h, on a load that is picked up from the ground at a speed [m/s].
 
-    EN 1991-3, Table 2.4 (second hand). β2 is the frequency of an elastic hoist, see
-    `hoist_frequency`.
+    EN 1991-3, Table 2.4 (second hand). A load picked up at v by an elastic hoist of frequency ω
+    pulls 1 + v ω/g times its weight (`cranedyn.theory.pickup_factor`), so β2 = ω/g.
     """
     minimum = phi_2_least(hoisting, drive)
     return minimum + HOISTING[hoisting].slope * number("hoisting speed", speed, "m/s", ">= 0")
@@ -99,19 +92,6 @@ def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
     return {"HD1": largest, "HD4": largest / 2.0, "HD5": 0.0}.get(drive, creep)
 
 
-def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
-    """Return the frequency [Hz] of the elastic hoist whose pick-up has a slope β2 [s/m]: β2 g/(2π).
-
-    A load picked up at v by a hoist of frequency ω pulls 1 + v ω/g times its weight
-    (`cranedyn.theory.pickup_factor`), so β2 = ω/g.
-    """
-    return (
-        number("slope", slope, "s/m", ">= 0")
-        * number("gravity", gravity, "m/s²", "> 0")
-        / (2.0 * math.pi)
-    )
-
-
 def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
     """Return φ3 = 1 - (Δm/m)(1 + β3), on a load that loses a part of its mass; negative where it
     jumps up.
@@ -124,16 +104,6 @@ def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
         beta: β3, see `SLOW_RELEASE`, `RAPID_RELEASE`.
     """
     return 1.0 - within("share", share, 0.0, 1.0) * (1.0 + within("beta", beta, 0.0, 1.0))
-
-
-def release_beta(periods: float) -> float:
-    """Return β3 of a part of the load that is let go evenly over so many periods of the bounce:
-    |sin(πn)|/(πn); half at 0.6034.
-
-    Closed form: an oscillator under a force that falls along a straight line.
-    """
-    n = number("periods", periods, "", ">= 0")
-    return abs(math.sin(math.pi * n)) / (math.pi * n) if n > 0.0 else 1.0
 
 
 def phi_6(phi_2: float) -> float:

@@ -135,14 +135,8 @@ def judge(
         perturbed = perturb(certificate, requirements.lifts, dt=2.0 * dt)
     progress(2)
     if certificate.holds and used is not None and requirements.gusts:
-        wind = wind_limit(
-            certificate,
-            chart,
-            falls,
-            swing=requirements.swing,
-            count=requirements.gusts,
-            dt=2.0 * dt,
-        )
+        swing, count = requirements.swing, requirements.gusts
+        wind = wind_limit(certificate, chart, falls, swing=swing, count=count, dt=2.0 * dt)
     progress(3)
     analysis = LiftAnalysis(
         site=site,

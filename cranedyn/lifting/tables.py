@@ -55,12 +55,8 @@ def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
         command: The command that makes the numbers again, for the notes.
     """
     source_note = f" Again: {command}." if command else ""
-    result = [
-        _lift(analysis),
-        _loads(analysis, source_note),
-        _clearances(analysis, source_note),
-        _factors(analysis),
-    ]
+    result = [_lift(analysis), _loads(analysis, source_note)]
+    result += [_clearances(analysis, source_note), _factors(analysis)]
     if analysis.wind is not None:
         result += [_wind(analysis.wind, source_note), _limits(analysis.wind)]
     if analysis.perturbed is not None:
@@ -174,8 +170,7 @@ def _factors(analysis: LiftAnalysis) -> Table:
         float(np.abs(carried["pull_N"] * np.tan(carried[f"{side}_lead_rad"])).max())
         for side in ("off", "side")
     )
-    psi = f"{factors.psi_h_regulated(1.0):.2f}"
-    phi_low, phi_high = factors.phi_1()
+    psi, (phi_low, phi_high) = f"{factors.psi_h_regulated(1.0):.2f}", factors.phi_1()
     rows: list[Row] = [
         ["φ1, own weight at lift-off", f"{phi_low:g} to {phi_high:g}", None, "EN 1991-3, T 2.4"],
         [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.checks import number, whole, within
+from cranedyn.checks import whole, within
 from cranedyn.lifting.chart import CUT_OUT, Chart
 from cranedyn.lifting.loads import loads_of_rows
 from cranedyn.planning.certificate import Certificate
@@ -59,8 +59,7 @@ class WindLimit:
         """Return the strongest gust up to which a limit is kept by all lifts, by default all
         limits [m/s]; 0 if not even in the weakest.
         """
-        names = list(self.allowed) if name is None else [name]
-        return min(self._limit(name) for name in names)
+        return min(map(self._limit, self.allowed if name is None else [name]))
 
     def interval(self) -> tuple[float, float]:
         """Return the strongest gust up to which all limits are kept by all lifts, and the weakest
@@ -93,11 +92,9 @@ def wind_limit(
     falls: int | None = None,
     *,
     swing: float = math.radians(5.0),
-    utilisation: float = CUT_OUT,
     count: int = 32,
     seed: int = 1,
     dt: float = 1e-3,
-    threads: int | None = None,
 ) -> WindLimit:
     """Simulate a certified lift in ever stronger gusts.
 
@@ -111,11 +108,9 @@ def wind_limit(
         chart: Load chart of the crane.
         falls: Number of falls that carry the hook; None for the fewest of the chart.
         swing: Largest angle of the rope from plumb that is allowed [rad].
-        utilisation: Largest share of the rated load moment that is allowed.
         count: Number of gusts to draw, and to search about the worst each time.
         seed: Seed of the random numbers.
         dt: Physics step [s].
-        threads: Number of threads; by default one for each processor.
 
     Raises:
         OutOfRange: If a limit or the count is out of its range.
@@ -123,7 +118,7 @@ def wind_limit(
     """
     chart.on(falls)
     allowed = {
-        "utilisation": number("utilisation", utilisation, "", "> 0"),
+        "utilisation": CUT_OUT,
         "swing": within("swing", swing, 0.0, math.pi / 2.0, "rad"),
         "clearance": certificate.lift.clearance.site.distance,
     }
@@ -149,7 +144,7 @@ def wind_limit(
             name: np.full(len(rows), -_FAILED if name == "clearance" else _FAILED)
             for name in allowed
         }
-        for batch in simulate_perturbed(certificate, drawn, dt=dt, threads=threads):
+        for batch in simulate_perturbed(certificate, drawn, dt=dt):
             _note(values, batch, chart, falls)
         return np.column_stack([rows, *values.values()])
 
@@ -194,13 +189,8 @@ def _note(
     if not valid.any():
         return
     rows = perturbed.rows[valid]
-    loads = loads_of_rows(
-        perturbed.crane,
-        batch.q[valid],
-        batch.v[:count][valid],
-        batch.effort[:count][valid],
-        perturbed.force[valid],
-    )
+    states = batch.q[valid], batch.v[:count][valid], batch.effort[:count][valid]
+    loads = loads_of_rows(perturbed.crane, *states, perturbed.force[valid])
     reeving, radius = chart.on(falls), loads["radius_m"]
     inside = np.clip(radius, reeving.least, reeving.radii[-1])
     used = loads["pull_N"] / (perturbed.crane.gravity * reeving.at(inside))

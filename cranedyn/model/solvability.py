@@ -32,12 +32,8 @@ def check_ranges(model: pin.Model, layout: Layout, payload: int) -> None:
     for i, joint in enumerate(layout.joints):
         low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise OutOfRange(
-                f"range of {joint.name}",
-                f"{low:g} to {high:g}",
-                "finite, lower below upper",
-                joint.unit,
-            )
+            name, ends = f"range of {joint.name}", f"{low:g} to {high:g}"
+            raise OutOfRange(name, ends, "finite, lower below upper", joint.unit)
         if joint.driven:
             effort = float(model.effortLimit[i])
             number(f"effort limit of {joint.name}", effort, joint.effort_unit, "> 0")

@@ -74,16 +74,12 @@ def swing_numbers(values: bool | Mapping[str, float]) -> Swing:
         UnknownName: If there is no such number.
         OutOfRange: If a length or mass is not positive, or another number is negative.
     """
-    given = {} if isinstance(values, bool) else values
-    for name in given:
+    numbers: dict[str, float] = {}
+    for name, value in () if isinstance(values, bool) else values.items():
         if name not in _NUMBERS:
             raise UnknownName("number of the swing", name, _NUMBERS)
-    return Swing(
-        **{
-            name: number(f"{name} of the swing", value, *_NUMBERS[name])
-            for name, value in given.items()
-        }
-    )
+        numbers[name] = number(f"{name} of the swing", value, *_NUMBERS[name])
+    return Swing(**numbers)
 
 
 def turn_tower(

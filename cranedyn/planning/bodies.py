@@ -48,13 +48,8 @@ class CollisionBodies:
     def spread(self) -> float:
         """Largest distance of trolley, rope, hook or load from the plumb line [m]."""
         boxes = [np.abs(centre[:2]) + size[:2] / 2.0 for centre, size in (self.trolley, self.hook)]
-        return float(
-            max(
-                self.falls,
-                *map(np.hypot.reduce, boxes),
-                np.linalg.norm(self.load[:, :2], axis=1).max(),
-            )
-        )
+        load = np.linalg.norm(self.load[:, :2], axis=1).max()
+        return float(max(self.falls, *map(np.hypot.reduce, boxes), load))
 
     @cached_property
     def below(self) -> float:

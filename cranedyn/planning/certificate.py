@@ -89,12 +89,8 @@ def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
     the hoist.
     """
     crane = lift.crane
-    return HoistIntegral(
-        crane,
-        lqr(crane, lift.timed.motion, dt=dt),
-        HOIST_INTEGRAL,
-        float(crane.effort_limit[crane.layout.drive("l")]),
-    )
+    largest = float(crane.effort_limit[crane.layout.drive("l")])
+    return HoistIntegral(crane, lqr(crane, lift.timed.motion, dt=dt), HOIST_INTEGRAL, largest)
 
 
 def certify(

@@ -46,10 +46,7 @@ class Body(threading.local):
     """
 
     def __init__(
-        self,
-        shape: coal.CollisionGeometry,
-        inflated: float,
-        within: coal.Transform3s | None = None,
+        self, shape: coal.CollisionGeometry, inflated: float, within: coal.Transform3s | None = None
     ) -> None:
         """Inflate a shape by a distance [m], at a place within the frame that it moves with."""
         self.inflated, self.shape = inflated, shape.clone()

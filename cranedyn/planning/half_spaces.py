@@ -16,6 +16,7 @@ import numpy as np
 
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.proof import CLOSE
+from cranedyn.planning.solids import rotation_z
 from cranedyn.planning.transcription import ca
 
 _MOST, _FAR = 6, 8.0
@@ -84,18 +85,16 @@ def half_spaces(clearance: Clearance, drive_positions: np.ndarray, margin: float
 def _at(clearance: Clearance, drive_position: np.ndarray) -> list[tuple[float, np.ndarray]]:
     """Return margins [m], each with the numbers of a half space, at a place."""
     gamma, x, length = drive_position.tolist()
-    c, s = math.cos(gamma), math.sin(gamma)
-    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    carriers = {hangs: np.array([x * s, -x * c, -hangs * length]) for hangs in (0.0, 1.0)}
+    rotation = rotation_z(gamma)
+    carriers = {hangs: rotation @ [0.0, -x, -hangs * length] for hangs in (0.0, 1.0)}
     pairs = []
     for touch in clearance.touches(clearance.q(drive_position), _FAR):
         # A rope ends at both carriers.
         hangs = float(touch.normal[2] >= 0.0 if touch.body == "rope" else touch.body != "trolley")
         point = touch.on_body
         if touch.body == "rope":
-            radius = clearance.bodies.falls
-            end = carriers[hangs] + np.array([0.0, 0.0, clearance.height])
-            point = end - radius * touch.normal
+            end = carriers[hangs] + [0.0, 0.0, clearance.height]
+            point = end - clearance.bodies.falls * touch.normal
         offset = float(touch.normal @ touch.on_obstacle) + touch.required
         b = rotation.T @ (point - carriers[hangs])
         pairs.append((touch.margin, np.array([*touch.normal, *b, hangs, offset])))

@@ -93,13 +93,9 @@ def joystick(
             (begin, lasts, math.copysign(limit, lasts) * axis)
             for begin, lasts in _ramps(mine, limit)
         ]
-    columns = [np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3)]
-    return Operator(
-        start.q[crane.layout.drives],
-        columns[0],
-        np.abs(columns[1]),
-        columns[2].reshape(-1, crane.layout.m),
-    )
+    begins, lasts, signed = (np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3))
+    signed = signed.reshape(-1, crane.layout.m)
+    return Operator(start.q[crane.layout.drives], begins, np.abs(lasts), signed)
 
 
 def _ramps(pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, float]]:

@@ -20,16 +20,11 @@ INTERVAL = 0.5
 """Longest interval of constant jerk [s]."""
 
 
-def in_least_time(lift: Lift, *, ramp: float = RAMP, interval: float = INTERVAL) -> Lift:
-    """Return a lift with the motion of least time near its planned one, proven as that is.
-
-    Args:
-        lift: The planned lift, with which the search begins.
-        ramp: Time in which a drive may reach its limit of acceleration [s].
-        interval: Longest interval of constant jerk [s].
+def in_least_time(lift: Lift) -> Lift:
+    """Return a lift with the motion of least time near its planned one, with which the search
+    begins; proven as that is.
 
     Raises:
-        OutOfRange: If a number is not positive.
         Unproven: If no motion found is proven.
         CraneError: If IPOPT does not converge, or the extra `optimal` is not installed.
     """
@@ -38,8 +33,8 @@ def in_least_time(lift: Lift, *, ramp: float = RAMP, interval: float = INTERVAL)
         lift.crane,
         *lift.states(),
         lift.limits,
-        ramp=ramp,
-        interval=interval,
+        ramp=RAMP,
+        interval=INTERVAL,
         period=planned.motion.period,
         clearance=clearance,
         begin=planned.motion,
@@ -47,5 +42,5 @@ def in_least_time(lift: Lift, *, ramp: float = RAMP, interval: float = INTERVAL)
     t = motion.period * np.arange(len(motion.q))
     steps = np.linspace(0.0, motion.arrival, max(2, round(motion.arrival / STEP) + 1))
     drive_positions = interpolate_columns(steps, t, motion.q[:, clearance.drive_joints])
-    shares = limit_shares(clearance, motion, lift.limits, ramp)
+    shares = limit_shares(clearance, motion, lift.limits)
     return replace(lift, timed=TimedMotion(drive_positions, motion, planned.bound, shares))

@@ -25,7 +25,7 @@ from cranedyn.planning.curve import (
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, best_on_grid, search
 from cranedyn.planning.site import Site
-from cranedyn.planning.timing import RAMP, TimedMotion, timed
+from cranedyn.planning.timing import TimedMotion, timed
 from cranedyn.references.limits import Limits
 
 EXTRA = (0.1, 0.2, 0.0)
@@ -144,7 +144,6 @@ def plan_lift(
     start: np.ndarray | None = None,
     goal: np.ndarray | None = None,
     crane: Crane | None = None,
-    ramp: float = RAMP,
     period: float = 5e-3,
 ) -> Lift:
     """Plan a lift that is proven to keep the distance of the site from every obstacle, within the
@@ -158,7 +157,6 @@ def plan_lift(
             (2,) for as low as it can hang there; None for that of the site.
         goal: The same at the end.
         crane: The crane; None for that of the site.
-        ramp: Time in which a drive may reach its limit of acceleration [s].
         period: Time between rows of the motion [s].
 
     Raises:
@@ -187,7 +185,7 @@ def plan_lift(
         straight = straight_time(ends, limits)
         shortest = min((lift.timed.motion.arrival for lift in lifts), default=math.inf)
         if straight < shortest:
-            lifts += _ways(clearance, ends, slews, limits, ramp, period, shortest)
+            lifts += _ways(clearance, ends, slews, limits, period, shortest)
     if not lifts:
         raise NoWay(_reason(clearance, first, last, slews, np.array(limits.rates)))
     return min(lifts, key=lambda lift: lift.timed.motion.arrival)
@@ -262,9 +260,8 @@ def _ways(
     ends: np.ndarray,
     slews: SlewRange,
     limits: Limits,
-    ramp: float,
     period: float,
-    shortest: float = math.inf,
+    shortest: float,
 ) -> Iterator[Lift]:
     """Yield lifts between two places with margins of `EXTRA`, until one is fast enough; those that
     last longer than the shortest so far [s] may be left out.
@@ -285,9 +282,7 @@ def _ways(
             path = rounded_path(wider, points, rates)
             if path is None:
                 continue
-            motion = timed(
-                clearance, path, limits, proven, within=shortest, ramp=ramp, period=period
-            )
+            motion = timed(clearance, path, limits, proven, within=shortest, period=period)
             if motion is None:
                 continue
             shortest = min(shortest, motion.motion.arrival)

@@ -25,8 +25,8 @@ _TIGHT = 0.2
 """Additional cost of a second without margin: of ways that last equally long the one with more
 margin is the quicker, since rounding and averaging need some."""
 
-_TRIES = 3
-"""Number of seeds from which shortcuts of a way are drawn."""
+_TRIES, _ROUNDS, _DRAWS = 3, 6, 25
+"""Seeds from which shortcuts of a way are drawn, rounds of shortening, and shortcuts in a round."""
 
 _STEPS = (4.0, 2.0, 1.0, 0.5, 0.25)
 """Distances by which corners are shifted on trial [s]."""
@@ -103,14 +103,12 @@ def shortened(
     rates: np.ndarray,
     bounds: np.ndarray,
     rng: np.random.Generator,
-    *,
-    rounds: int = 6,
 ) -> np.ndarray:
     """Return a way along places, shape (n, 3), with shortcuts taken, corners left out and corners
     shifted while it gets shorter.
     """
     before = np.inf
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         points = _shortcuts(free, _fewer(free, points, rates), rates, rng)
         points = _shifted(free, _fewer(free, points, rates), rates, bounds)
         if _cost(points, rates) > 0.999 * before:
@@ -138,10 +136,10 @@ def _fewer(free: IsFree, points: np.ndarray, rates: np.ndarray) -> np.ndarray:
 
 
 def _shortcuts(
-    free: IsFree, points: np.ndarray, rates: np.ndarray, rng: np.random.Generator, tries: int = 25
+    free: IsFree, points: np.ndarray, rates: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """Take straight lines between points of the way that are drawn at random."""
-    for _ in range(tries if len(points) > 2 else 0):
+    for _ in range(_DRAWS if len(points) > 2 else 0):
         knots = np.concatenate([[0.0], np.cumsum(leg_durations(points, rates))])
         span = np.sort(rng.uniform(0.0, knots[-1], 2))
         first, last = np.searchsorted(knots, span, side="right")

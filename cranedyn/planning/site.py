@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cranedyn.checks import number
+from cranedyn.checks import ShortRepr, number
 from cranedyn.errors import DataError, quoted
 from cranedyn.planning.solids import Solid, rotation_z
 from cranedyn.references.limits import Limits
@@ -71,8 +71,8 @@ class Arm:
         number("centre of an arm", self.centre, "m")
 
 
-@dataclass(frozen=True, eq=False)
-class Site:
+@dataclass(frozen=True, eq=False, repr=False)
+class Site(ShortRepr):
     """A site, in a frame of its own: metres, Z up.
 
     Attributes:

@@ -14,6 +14,7 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from cranedyn.checks import ShortRepr
 from cranedyn.command import uninterrupted_import
 from cranedyn.data.files import read_bytes
 from cranedyn.errors import DataError, OutOfRange
@@ -35,8 +36,8 @@ _THIN = 1e-6
 """Least thickness of a body [m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Solid:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solid(ShortRepr):
     """A closed body in the frame of the site.
 
     Attributes:

@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.checks import number
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, interpolate_columns
@@ -98,7 +97,6 @@ def timed(
     proven: Callable[[TimedMotion], bool],
     *,
     within: float = math.inf,
-    ramp: float = RAMP,
     period: float = 5e-3,
 ) -> TimedMotion | None:
     """Return the fastest motion of the load along a path that keeps the limits of the drives and
@@ -114,7 +112,6 @@ def timed(
         proven: Function that says whether a motion is proven free; where it is not, slower ones are
             tried.
         within: Duration [s] from which on a motion is of no use.
-        ramp: Time in which a drive may reach its limit of acceleration [s].
         period: Time between rows of the motion [s].
 
     Returns:
@@ -122,9 +119,7 @@ def timed(
 
     Raises:
         CraneError: If TOPP-RA is not installed.
-        OutOfRange: If a number is not positive.
     """
-    number("ramp", ramp, "s", "> 0")
     crane = clearance.crane
     rates, accelerations = np.array(limits.rates), np.array(limits.accelerations)
     for slower in _SLOWER:
@@ -143,7 +138,7 @@ def timed(
                 if duration >= (longest - STEP if round_ > 1 else _TOO_LONG * longest):
                     break
                 motion = load_motion(clearance, drive_positions, STEP)
-                shares = limit_shares(clearance, motion, limits, ramp)
+                shares = limit_shares(clearance, motion, limits)
                 candidate = TimedMotion(drive_positions, motion, math.nan, shares)
                 if max(shares.values()) <= _KEPT:
                     if not proven(candidate):
@@ -217,10 +212,7 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
 
     velocity = constraint.JointVelocityConstraint(np.column_stack([-bounds.rates, bounds.rates]))
     problem = algorithm.TOPPRA(
-        [velocity, Accelerations()],
-        Geometric(),
-        gridpoints=s,
-        solver_wrapper="seidel",
+        [velocity, Accelerations()], Geometric(), gridpoints=s, solver_wrapper="seidel"
     )
     _, speeds, _ = problem.compute_parameterization(0.0, 0.0)
     if speeds is None:
@@ -316,13 +308,11 @@ def load_motion(clearance: Clearance, drive_positions: np.ndarray, period: float
     return Motion(period, positions, v, a, crane.layout.drives)
 
 
-def limit_shares(
-    clearance: Clearance, motion: Motion, limits: Limits, ramp: float
-) -> dict[str, float]:
+def limit_shares(clearance: Clearance, motion: Motion, limits: Limits) -> dict[str, float]:
     """Return the share of each limit that a motion uses, by name."""
     shares = use(clearance.crane, motion, limits)
     jerk = np.abs(np.diff(motion.a[:, clearance.drive_joints], axis=0)).max(axis=0) / motion.period
-    jerk_shares = (jerk * ramp / np.array(limits.accelerations)).tolist()
+    jerk_shares = (jerk * RAMP / np.array(limits.accelerations)).tolist()
     for name, share in zip(("slew", "trolley", "hoist"), jerk_shares, strict=True):
         shares[f"jerk of the {name}"] = share
     return shares | {"swing": float(clearance.tilt(motion.q).max()) / clearance.site.swing}

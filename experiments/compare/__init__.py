@@ -19,11 +19,11 @@ from experiments.compare.runs import (
     IDEAL,
     Results,
     TourResult,
-    processes,
     strategy_results,
     tour_results,
 )
 from experiments.harness import Outcome, ProgressReporter, Setup
+from experiments.harness.processes import processes
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
 from experiments.scenarios.strategies import (

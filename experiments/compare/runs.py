@@ -5,22 +5,17 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from multiprocessing import active_children, get_context
 from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.checks import number
 from cranedyn.command import interrupted
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.sweep.workers import end_with_parent
 from experiments.harness import Setup
 from experiments.scenarios import perturbations as cases
 from experiments.scenarios import strategies
@@ -77,26 +72,6 @@ class TourResult(NamedTuple):
     mean: float
     hook: float
     peak: float
-
-
-@contextmanager
-def processes(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
-    """Yield processes that end with the context and with this process, even if that is killed."""
-    if jobs is not None:
-        number("jobs", jobs, "", "1 to 1024")
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=end_with_parent)
-    try:
-        yield pool
-    except BaseException as error:
-        for child in active_children():
-            child.terminate()
-        if isinstance(error, BrokenProcessPool):
-            raise CraneError(
-                "A process of the comparison was ended from outside; what it had done is lost."
-            ) from None
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def strategy_results(

@@ -179,13 +179,8 @@ def _figure(
     ax.plot(free.t, free["phi_rad"], color=COLOURS["energy"], label="as it should be")
     ax.plot(stopped.t, stopped["phi_rad"], color=COLOURS["unexplained"], label="damper ΣI/dt, here")
     if gazebo_run is not None:
-        ax.plot(
-            gazebo_run["t_s"][::40],
-            gazebo_run["phi_rad"][::40],
-            "x",
-            color=COLOURS["x"],
-            label="rates overwritten, Gazebo",
-        )
+        t, phi = (gazebo_run[name][::40] for name in ("t_s", "phi_rad"))
+        ax.plot(t, phi, "x", color=COLOURS["x"], label="rates overwritten, Gazebo")
     ax.set(xlabel="time [s]", ylabel="φ [rad]")
     ax.legend(loc="lower left")
     return figure

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from textwrap import wrap
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -143,19 +143,11 @@ def _widths(columns: Sequence[TextColumn], width: int) -> list[int]:
 
 
 def _block(columns: Sequence[TextColumn], width: int, title: str, note: str) -> RichTable:
-    block = RichTable(
-        title=Text(title) if title else None,
-        title_justify="left",
-        caption=Text(note) if note else None,
-        caption_justify="left",
-    )
-    for column, column_width in zip(columns, _widths(columns, width), strict=True):
-        block.add_column(
-            Text(column.head),
-            justify="left" if column.is_text else "right",
-            width=column_width,
-            overflow="fold",
-        )
+    block = RichTable(title_justify="left", caption_justify="left")
+    block.title, block.caption = (Text(text) if text else None for text in (title, note))
+    for column, size in zip(columns, _widths(columns, width), strict=True):
+        side: Literal["left", "right"] = "left" if column.is_text else "right"
+        block.add_column(Text(column.head), justify=side, width=size, overflow="fold")
     for row in zip(*(column.cells for column in columns), strict=True):
         block.add_row(*map(Text, row))
     return block

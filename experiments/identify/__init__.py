@@ -278,13 +278,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     add("files", nargs="*", metavar="FILE", default=[], help=text)
     text = (
-        "what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
-        "x_damping, gravity or an argument of the crane; by default all that the columns tell"
+        "parameters to estimate: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
+        "x_damping, gravity or an argument of the crane; by default all that the columns determine"
     )
     add("--estimate", nargs="+", metavar="NAME", help=text)
     text = (
-        "how drives are simulated: as they moved, by the efforts that acted, or held at "
-        "their setpoints by a brake"
+        "simulation of the drives: by their recorded motion, by their recorded efforts, or by a "
+        "controller that holds them at their setpoints"
     )
     add("--drives", choices=("motion", "effort", "hold"), help=text)
     for name, end, default in (("since", "before", -math.inf), ("until", "after", math.inf)):
@@ -292,14 +292,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         add(f"--{name}", type=float, default=default, metavar="T", help=text)
     harness.add_sources(parser, "{} FILE")
     add_crane_options(parser.common)
-    text, default = "gravity that one believes in [m/s²]", STANDARD_GRAVITY
+    text, default = "prior value of gravity [m/s²]", STANDARD_GRAVITY
     add("--gravity", dest="believed", type=float, default=default, metavar="G", help=text)
-    add_values(parser.common, "numbers of the crane that one believes in")
-    text = "identify N synthetic cranes instead, and count how often the intervals hold the truth"
+    add_values(parser.common, "prior values of numbers of the crane")
+    text = "identify N synthetic cranes instead; count how often intervals contain the true value"
     add("--coverage", type=int, metavar="N", help=text)
-    text = "what makes their records: simulate (default) or mujoco (extra mujoco)"
+    text = "simulator of their records: simulate (default) or mujoco (extra mujoco)"
     add("--plant", choices=tuple(PLANTS), help=text)
-    text = "processes for that, by default one for each processor"
+    text = "number of processes, by default one for each processor"
     add("--workers", type=int, metavar="N", help=text)
     of_files = "estimate", "drives", "since", "until", "urdf", "machine", "believed", "values"
     harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)

@@ -178,13 +178,8 @@ def _outside(site: SiteCrane, crane: Crane) -> State:
 
 
 def _splined(name: str, site: SiteCrane, crane: Crane, start: State, goal: Sequence[float]) -> Job:
-    (duration,) = shortest(
-        crane,
-        start,
-        [goal],
-        rates=(site.slew, site.trolley, site.hoist[1]),
-        accelerations=site.accelerations,
-    )
+    rates, accelerations = (site.slew, site.trolley, site.hoist[1]), site.accelerations
+    (duration,) = shortest(crane, start, [goal], rates=rates, accelerations=accelerations)
     return Job(name, start, spline(crane, start, [goal], [duration]), duration)
 
 

@@ -126,12 +126,8 @@ def angles_figure(case: LinearCase, gravity: float) -> Figure:
         "all rates kept": integrate(case.run, all_rates, gravity),
     }
     for ax, i, angle in zip(axes, (0, 1), ("φ", "θ"), strict=True):
-        ax.plot(
-            case.run.t,
-            np.degrees(case.run.coordinates("phi", "theta")[:, i]),
-            color=COLOURS["x"],
-            label="plant",
-        )
+        angle = np.degrees(case.run.coordinates("phi", "theta")[:, i])
+        ax.plot(case.run.t, angle, color=COLOURS["x"], label="plant")
         for (name, swing), colour, line in zip(
             swings.items(), (COLOURS["gamma"], COLOURS["unexplained"]), ("-", ":"), strict=True
         ):
@@ -151,13 +147,8 @@ def slew_figure(
     """Draw the error over slew rate and over slew angle, for each crane."""
     figure, (left, right) = panels(1, 2, height=3.8, sharey=True)
     for site, colour in zip(SITES, _CRANES, strict=True):
-        left.loglog(
-            RPM * site.slew * np.array(SHARES),
-            100.0 * np.array(slow[site.name]),
-            ".-",
-            color=COLOURS[colour],
-            label=site.name,
-        )
+        rates, errors = RPM * site.slew * np.array(SHARES), 100.0 * np.array(slow[site.name])
+        left.loglog(rates, errors, ".-", color=COLOURS[colour], label=site.name)
         right.loglog(ANGLES, 100.0 * np.array(short[site.name]), ".-", color=COLOURS[colour])
     for ax, ticks, label in (
         (left, (0.02, 0.05, 0.1, 0.2, 0.5), "slew rate [rpm]"),
@@ -181,13 +172,8 @@ def dropped_figure(cases: Sequence[LinearCase], moves: Sequence[str]) -> Figure:
         positions = np.arange(len(of_move[0].dropped))
         for k, (case, colour) in enumerate(zip(of_move, _CRANES, strict=True)):
             shares = [100.0 * share for share in case.dropped.values()]
-            ax.barh(
-                positions + 0.2 * (k - 1.5),
-                shares,
-                0.2,
-                color=COLOURS[colour],
-                label=case.site.name,
-            )
+            height = positions + 0.2 * (k - 1.5)
+            ax.barh(height, shares, 0.2, color=COLOURS[colour], label=case.site.name)
         ax.set_yticks(positions, list(of_move[0].dropped))
         ax.set(title=name, xlabel="of the kept term [%]")
     axes[0].invert_yaxis()

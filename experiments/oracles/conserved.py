@@ -157,12 +157,7 @@ def _ledgers(bench: Bench) -> list[Oracle]:
         run = bench.run(crane, start, DURATION, dt, controllers[drive], drive=drive)
         return float(run.unexplained[-1] / np.abs(run.work[-1]).sum())
 
-    return [
-        Oracle(
-            f"energy unexplained, drives by {drive}, of their work",
-            "",
-            0.0,
-            partial(unexplained, drive),
-        )
-        for drive in controllers
-    ]
+    names = {
+        drive: f"energy unexplained, drives by {drive}, of their work" for drive in controllers
+    }
+    return [Oracle(name, "", 0.0, partial(unexplained, drive)) for drive, name in names.items()]

@@ -162,12 +162,8 @@ def _inextensible(bench: Bench) -> Iterator[SlackCheck]:
     aside = math.radians(40.0)
     run = _run(bench, crane, crane.state(phi=aside, rope_stretch=-2.0), 4.0)
     caught = np.flatnonzero(run["phase"] == 0.0)[0]
-    yield SlackCheck(
-        "work, load caught beside its pivot",
-        "J",
-        _caught(LENGTH - 2.0, aside, LENGTH, MASS, G),
-        run["W_impacts_J"][caught],
-    )
+    name, work = "work, load caught beside its pivot", _caught(LENGTH - 2.0, aside, LENGTH, MASS, G)
+    yield SlackCheck(name, "J", work, run["W_impacts_J"][caught])
 
 
 def _rebound(speed: float, frequency: float, ratio: float, gravity: float) -> float:

@@ -100,15 +100,8 @@ def _moved(crane: Crane, **options: Any) -> Trajectory:
         distance = distances[symbol]
         rate = abs(distance) / 3.0
         reference = ramp(crane, reference, symbol, distance, rate=rate, at=0.5)
-    return simulate(
-        crane,
-        hold_controller(crane),
-        reference,
-        start=start,
-        duration=DURATION,
-        validity="mark",
-        **options,
-    )
+    options |= {"start": start, "duration": DURATION, "validity": "mark"}
+    return simulate(crane, hold_controller(crane), reference, **options)
 
 
 def _mujoco_model(crane: Crane, dt: float) -> Any:
@@ -124,11 +117,8 @@ def _mujoco_model(crane: Crane, dt: float) -> Any:
         warnings.simplefilter("ignore")
         model = spec.compile()
     off, option = mujoco.mjtDisableBit, model.opt
-    option.integrator, option.timestep, option.gravity[:] = (
-        mujoco.mjtIntegrator.mjINT_EULER,
-        dt,
-        [0.0, 0.0, -crane.gravity],
-    )
+    option.integrator, option.timestep = mujoco.mjtIntegrator.mjINT_EULER, dt
+    option.gravity[:] = 0.0, 0.0, -crane.gravity
     option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
     model.dof_armature[:] = crane.model.armature
     model.jnt_stiffness[:], model.qpos_spring[:] = crane.springs.stiffness, crane.springs.rest
@@ -182,10 +172,8 @@ def _table(results: Sequence[EngineAgreement]) -> ResultTable:
 
 
 def _claims(agreements: Sequence[EngineAgreement]) -> list[Claim]:
-    engines, deviations = (
-        max(a.engines for a in agreements),
-        [a.mujoco for a in agreements if a.mujoco is not None],
-    )
+    engines = max(a.engines for a in agreements)
+    deviations = [a.mujoco for a in agreements if a.mujoco is not None]
     share = max(a.left_open / a.energy for a in agreements)
     theirs = f"{max(deviations):.0e}" if deviations else "MuJoCo is not installed"
     return [

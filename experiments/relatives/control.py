@@ -261,10 +261,8 @@ def _claims(controls: Sequence[ControlResult]) -> list[Claim]:
     )
     predicted = max(abs(c.left_by_lqr / c.predicted - 1.0) for c in controls)
     alike = max(abs(c.left_by_mpc / c.left_by_lqr - 1.0) for c in controls)
-    gives, late = (
-        max(c.deflection / c.pull for c in controls),
-        max(c.residual / c.sampling for c in controls),
-    )
+    gives = max(c.deflection / c.pull for c in controls)
+    late = max(c.residual / c.sampling for c in controls)
     return [
         Claim(
             f"Hold: the trolley gives way by {100 * gives:.0f} % at most of what a pull at once, 2 "

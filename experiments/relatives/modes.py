@@ -246,10 +246,8 @@ def _claims(frequencies: Sequence[Frequency]) -> list[Claim]:
     claims = []
     for name in names:
         of_crane = [f for f in frequencies if f.crane == name]
-        off, simulated_off = (
-            max(abs(f.linear - f.closed) for f in of_crane),
-            max(abs(f.simulated - f.stepped) for f in of_crane),
-        )
+        off = max(abs(f.linear - f.closed) for f in of_crane)
+        simulated_off = max(abs(f.simulated - f.stepped) for f in of_crane)
         claims.append(
             Claim(
                 f"{name}: {', '.join(f'{f.closed:.8f}' for f in of_crane)} rad/s by closed form, "

@@ -146,6 +146,7 @@ def _trolley_moves(engine: EngineName) -> Iterator[ModeResidual]:
     cable.
     """
     crane, simple = relative_crane(HOOK), _one_pendulum()
+    joints = crane.layout.at(*simple.layout.symbols)
     goal = rest_at(crane, x=at_start(crane, "x") + WAY)
     for name, designed, motion in (
         ("spline, LQR of the whole model", crane, _spline(crane)),
@@ -156,7 +157,7 @@ def _trolley_moves(engine: EngineName) -> Iterator[ModeResidual]:
         tracking = lqr(designed, motion, dt=_DT)
         run = simulate(
             crane,
-            tracking if designed is crane else Unaware(tracking, _indices(crane, simple)),
+            tracking if designed is crane else Unaware(tracking, joints),
             motion.__call__,  # of the drives, which both cranes have
             duration=instant(motion.arrival + _AFTER, _PERIOD),
             engine=engine,
@@ -164,11 +165,6 @@ def _trolley_moves(engine: EngineName) -> Iterator[ModeResidual]:
         )
         left = _amplitudes(crane, goal, run, motion.arrival)
         yield ModeResidual(name, motion.arrival, *left, run)
-
-
-def _indices(crane: Crane, simple: Crane) -> list[int]:
-    """Return where the joints of the simple crane stand among those of a crane."""
-    return [crane.layout.index(symbol) for symbol in simple.layout.symbols]
 
 
 def _one_pendulum() -> Crane:
@@ -184,7 +180,7 @@ def _closed_loop_growth() -> tuple[float, float]:
     """
     crane, simple = relative_crane(HOOK), _one_pendulum()
     loop = sampled(crane, crane.start, **_CLOCKS)
-    indices, n = _indices(crane, simple), crane.layout.n
+    indices, n = crane.layout.at(*simple.layout.symbols), crane.layout.n
     gain = np.zeros((crane.layout.m, 2 * n))
     gain[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
     aware, unaware = (
@@ -201,7 +197,7 @@ def _stirred(engine: EngineName) -> float:
     crane, simple = relative_crane(HOOK), _one_pendulum()
     run = simulate(
         crane,
-        Unaware(_regulator(simple), _indices(crane, simple)),
+        Unaware(_regulator(simple), crane.layout.at(*simple.layout.symbols)),
         start=moved(crane, sling_tangential=1e-3),
         duration=30.0,
         engine=engine,

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -78,13 +79,7 @@ MOVES = (
 )
 """Single axes and all three together."""
 
-SWINGING = RestToRest(
-    "combined, with a swing at the start",
-    (0.0, 10.0, 15.0),
-    (0.6, 20.0, 10.0),
-    20.0,
-    swing=(0.1, 0.05),
-)
+SWINGING = replace(MOVES[-1], name="combined, with a swing at the start", swing=(0.1, 0.05))
 """The combined move of a load that swings already."""
 
 
@@ -175,6 +170,7 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
     distance = np.linalg.norm(point_paths(crane, after.q)[:, 0] - goal_position, axis=1)
     beyond = run.effort + crane.payload_mass * crane.gravity * crane.layout.along("l")
     limits = LIMITS.for_crane(crane)
+    acceleration = np.abs(np.diff(run.v[:, run.drives], axis=0)) / np.diff(run.t)[:, None]
     return Score(
         arrives=arrives,
         peak=float(np.linalg.norm(swing, axis=1).max()),
@@ -186,13 +182,7 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
         effort=np.abs(beyond).max(axis=0),
         rms=np.sqrt(np.mean(beyond**2, axis=0)),
         rate=float((np.abs(run.v[:, run.drives]) / limits.rates).max()),
-        acceleration=float(
-            (
-                np.abs(np.diff(run.v[:, run.drives], axis=0))
-                / np.diff(run.t)[:, None]
-                / limits.accelerations
-            ).max()
-        ),
+        acceleration=float((acceleration / limits.accelerations).max()),
         work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
         beyond=float(np.diff(run.t)[run.valid[:-1] == 0.0].sum()),
     )
@@ -252,10 +242,5 @@ def on_converters(setup: Setup, plan: MovePlan) -> MovePlan:
 
 def followed(setup: Setup, reference: Reference, arrives: float) -> MovePlan:
     """Return the plan of a reference that drives follow exactly and that nothing corrects."""
-    return MovePlan(
-        lambda: follow(setup.crane, reference, setup.control_period),
-        reference,
-        "motion",
-        arrives,
-        uses_swing_sensor=False,
-    )
+    controller = partial(follow, setup.crane, reference, setup.control_period)
+    return MovePlan(controller, reference, "motion", arrives, uses_swing_sensor=False)

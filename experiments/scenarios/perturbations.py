@@ -60,12 +60,8 @@ class Perturbation:
 
 def _gust(crane: Crane, arrives: float) -> Disturbance:
     """Return a gust of 12 m/s across the jib in the last ten seconds, on 5 m² of load."""
-    return wind(
-        crane,
-        cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0),
-        direction=0.0,
-        payload_area=DRAG,
-    )
+    gust = cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0)
+    return wind(crane, gust, direction=0.0, payload_area=DRAG)
 
 
 @dataclass(frozen=True, eq=False)

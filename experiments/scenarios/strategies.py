@@ -47,13 +47,8 @@ def _alone(setup: Setup, move: RestToRest) -> MovePlan:
 
 
 def _spline_pd(setup: Setup, move: RestToRest) -> MovePlan:
-    return MovePlan(
-        lambda: hold_controller(setup.crane),
-        _spline(setup, move),
-        "effort",
-        move.duration,
-        uses_swing_sensor=False,
-    )
+    hold, reference = partial(hold_controller, setup.crane), _spline(setup, move)
+    return MovePlan(hold, reference, "effort", move.duration, uses_swing_sensor=False)
 
 
 def _hanging(setup: Setup, move: RestToRest) -> Motion:
@@ -97,14 +92,9 @@ def _tracked(motion_of: Callable[[Setup, RestToRest], Motion]) -> Planner:
     def plan(setup: Setup, move: RestToRest) -> MovePlan:
         motion = motion_of(setup, move)
         controller = with_integral(setup, motion)
-        return MovePlan(
-            lambda: replace(controller, integral=0.0),
-            motion,
-            "effort",
-            motion.arrival,
-            motion,
-            softer=lambda: with_integral(setup, motion, soft_weight(setup.crane)),
-        )
+        softer = partial(with_integral, setup, motion, soft_weight(setup.crane))
+        again = partial(replace, controller, integral=0.0)
+        return MovePlan(again, motion, "effort", motion.arrival, motion, softer=softer)
 
     return plan
 
@@ -120,12 +110,9 @@ def with_integral(
     setup: Setup, motion: Motion, effort_weight: np.ndarray | None = None
 ) -> HoistIntegral:
     """Return the full-model LQR about a motion with an integrator on the hoist."""
-    return HoistIntegral(
-        setup.crane,
-        lqr(setup.crane, motion, dt=setup.dt, effort_weight=effort_weight),
-        HOIST_INTEGRAL,
-        float(setup.crane.effort_limit[2]),
-    )
+    crane = setup.crane
+    tracking = lqr(crane, motion, dt=setup.dt, effort_weight=effort_weight)
+    return HoistIntegral(crane, tracking, HOIST_INTEGRAL, float(crane.effort_limit[2]))
 
 
 def _damped(setup: Setup, move: RestToRest) -> MovePlan:
@@ -150,14 +137,8 @@ def _mpc(setup: Setup, move: RestToRest) -> MovePlan:
         )
 
     first = cache(controller)  # it never runs, so that its copies remember nothing
-    return MovePlan(
-        lambda: copy(first()),
-        motion,
-        "effort",
-        motion.arrival,
-        motion,
-        softer=lambda: controller(soft_weight(setup.crane)),
-    )
+    softer = partial(controller, soft_weight(setup.crane))
+    return MovePlan(lambda: copy(first()), motion, "effort", motion.arrival, motion, softer=softer)
 
 
 def _receding(
@@ -180,26 +161,15 @@ def _receding(
 
 def _compiled_mpc(setup: Setup, move: RestToRest) -> MovePlan:
     motion = flat_motion(setup, move)
-    swing = math.pi / 4.0
-    return MovePlan(
-        lambda: _receding(setup, motion, swing),
-        motion,
-        "effort",
-        motion.arrival,
-        motion,
-        rates=lambda: _receding(setup, motion, swing, "velocity"),
-    )
+    controller = partial(_receding, setup, motion, math.pi / 4.0)
+    rates = partial(controller, "velocity")
+    return MovePlan(controller, motion, "effort", motion.arrival, motion, rates=rates)
 
 
 def _to_goal(setup: Setup, move: RestToRest) -> MovePlan:
     goal = hold(setup.crane, move.ends(setup.crane)[1])
-    return MovePlan(
-        lambda: _receding(setup, None, 0.1),
-        goal,
-        "effort",
-        0.0,
-        rates=lambda: _receding(setup, None, 0.1, "velocity"),
-    )
+    controller = partial(_receding, setup, None, 0.1)
+    return MovePlan(controller, goal, "effort", 0.0, rates=partial(controller, "velocity"))
 
 
 PAPER, PD, LQR = "paper's LQR + PID", "spline + PD", "full-model LQR"

@@ -157,12 +157,8 @@ def _braked(gravity: float) -> Iterator[Compared]:
             **POINT,
         )
         force = _LEAN * gravity * (_LOAD + carriage)
-        controller = Hold(
-            crane,
-            np.array([5e5, 0.0, 3e5]),
-            np.array([1e6, 0.0, 2e4]),
-            np.array([0.0, force, -_LOAD * gravity]),
-        )
+        ahead = np.array([0.0, force, -_LOAD * gravity])
+        controller = Hold(crane, np.array([5e5, 0.0, 3e5]), np.array([1e6, 0.0, 2e4]), ahead)
         period = 2.0 * math.pi / math.sqrt(gravity / _LENGTH * (1.0 + ratio))
         run = _simulated(
             crane, controller, start=[crane.start], duration=instant(period, _PERIOD), record=1

@@ -347,7 +347,7 @@ def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
         ("--cycles 1e-9", "cycles is 1e-09; allowed is 3.82e-05 or more, one control period"),
         ("--pace -2 --cycles 1", "pace is -2.0"),
         ("--set trolley_max:=15", "x at the start is 20.0 m; allowed is 2 to 15"),
-        ("--payload-mass 0", "payload_mass is 0.0 kg"),
+        ("--set payload_mass:=0", "payload_mass is 0 kg"),
         ("--view --cycles 1", "--serve"),
         ("--control shaped --dwell 2 --cycles 1", "so it must be that at least"),
     ],

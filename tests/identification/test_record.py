@@ -41,6 +41,7 @@ def _clock(row: int, by: float) -> np.ndarray:
         (columns(duration=8.0), r"lasts 7\.95 s; allowed is 15\.6 s or more, 2 periods"),
         (columns(interval=2.0), "has 20 rows to go by; allowed are 40 or more"),
         (changed(phi_rad=5.7 * np.sin(columns()["t_s"])), "90 degrees.*phi_rad=phi_rad.deg"),
+        (changed(x_m=1e3 * columns()["x_m"]), r"x_m is 9000 m .*allowed is -3 to 27.*x_m=x_m.mm"),
         (changed(phi_rad=None), "has no swing column; one of phi_rad, phi_dot_rad_s, the"),
         (changed(phi_rad=np.zeros(800)), "phi_rad never moves; .* not connected"),
         (changed(t_s=None), "has no column t_s"),

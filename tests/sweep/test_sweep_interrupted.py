@@ -35,7 +35,7 @@ if __name__ == "__main__":
 """
 
 _STUCK_COMPARE = """
-from experiments.compare.runs import processes
+from experiments.harness.processes import processes
 from tests.studies import deaf
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ GOOD_FILES = "good.csv good.parquet real.rrd new.rrd new earlier doc.md earlier/
 
 STARTERS = (
     "cranedyn.sweep.run.LocalPool",
-    "experiments.compare.runs.ProcessPoolExecutor",
+    "experiments.harness.processes.ProcessPoolExecutor",
     "cranedyn.recording.snapshot._pictures",
     "experiments.report._run",
     "cranedyn.recording.serve",
