@@ -101,11 +101,11 @@ def linear_form(setup: Setup, strategy: str, equilibrium: State) -> Regulator:
         controller = CONTROLLERS[strategy](setup, equilibrium)
         return regulator(crane, controller, equilibrium, t=0.0, period=period)
     plant, still = _plant(setup, equilibrium), standstill(setup, equilibrium)
-    observer = with_observer(lqr(crane, still, dt=setup.dt), crane, still, dt=setup.dt)
-    output = np.eye(len(plant.a))[observer.measured]
-    p = scipy.linalg.solve_discrete_are(plant.a.T, output.T, observer.disturbance, observer.noise)
-    gain = np.linalg.solve(output @ p @ output.T + observer.noise, output @ p).T
-    return behind_observer(linear_form(setup, LQR, equilibrium), plant, gain, observer.measured)
+    gains = with_observer(lqr(crane, still, dt=setup.dt), crane, still, dt=setup.dt).gains
+    output = np.eye(len(plant.a))[gains.measured]
+    p = scipy.linalg.solve_discrete_are(plant.a.T, output.T, gains.disturbance, gains.noise)
+    gain = np.linalg.solve(output @ p @ output.T + gains.noise, output @ p).T
+    return behind_observer(linear_form(setup, LQR, equilibrium), plant, gain, gains.measured)
 
 
 def margins_at(setup: Setup, strategy: str, equilibrium: State) -> Margins:

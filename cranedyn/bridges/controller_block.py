@@ -210,12 +210,12 @@ class _ObserverPart(Part):
                 "An observer is exported new and with measurements without delay; this one "
                 f"{'has a delay' if controller.delay else 'has run'}."
             )
-        model, layout = controller.model, setting.crane.layout
+        model, layout = controller.gains.model, setting.crane.layout
         _check_period(setting, model.period)
         self._inner = controller_code(setting, controller.controller)
         if self._inner.repeats:
             raise DataError("A shaper does not act on an estimate; export it as a block by itself.")
-        self._model, self._setting, self._measured = model, setting, controller.measured
+        self._model, self._setting, self._measured = model, setting, controller.gains.measured
         self._limit = controller.effort_limit.tolist()
         changes = np.flatnonzero(np.diff(model.stretch))
         self._every = int(changes[0]) + 1 if len(changes) else len(model.stretch)
@@ -268,19 +268,7 @@ def _kalman_gains(observer: ObserverController, rows: int) -> np.ndarray:
     """Return the gains of the corrections at control instants, shape (rows, 2 n measured); those
     that have settled are the last row.
     """
-    model = observer.model
-    fresh = ObserverController(
-        lambda t, state, setpoint: model.efforts[model.row(t)],
-        model,
-        *(observer.measured, observer.effort_limit, observer.disturbance, observer.noise),
-        observer.covariance,
-    )
-    state = State(*np.zeros((2, len(observer.covariance) // 2)))
-    gains, none = [], Setpoint(*np.zeros((3, model.efforts.shape[1])))
-    for k in range(rows):
-        fresh(k * model.period, state, none)
-        gains.append(fresh.gain)
-    table = np.array(gains)
+    table = np.array([observer.gains.correction(0, k)[0] for k in range(rows)])
     settled = np.abs(table - table[-1]).max(axis=(1, 2)) <= _STEADY * np.abs(table[-1]).max()
     moving = np.flatnonzero(~settled)
     table[moving[-1] + 1 if len(moving) else 0 :] = table[-1]

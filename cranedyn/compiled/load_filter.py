@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -45,7 +46,8 @@ class CompiledLoadFilter(LoadFilter):
         key = (Topology.of(crane), period, sensors, *arrays)
         if key not in _CODES and len(_CODES) >= 16:
             _CODES.clear()
-        self._run = _CODES.get(key) or _CODES.setdefault(key, _compile(*self.source))
+        code = _CODES.get(key) or _CODES.setdefault(key, _compile(*self.source))
+        self._row, self._answers, self._run = code.bind_row()
 
     def step(self, effort: np.ndarray, reading: State) -> None:
         """Predict and correct as `LoadFilter.step`.
@@ -54,9 +56,10 @@ class CompiledLoadFilter(LoadFilter):
             CraneError: If the result is not finite.
         """
         size = len(self.mean)
-        row = np.concatenate([self.mean, self.covariance.ravel(), effort, *reading])
-        (result,) = self._run(row[None])
-        if not np.isfinite(result).all():
+        np.concatenate([self.mean, self.covariance.ravel(), effort, *reading], out=self._row)
+        self._run()
+        result = self._answers.copy()
+        if not math.isfinite(result @ result):
             raise CraneError("The estimate of the observer is not finite any more.")
         self.mean, self.covariance = result[:size], result[size:].reshape(size, size)
         self._believe()

@@ -42,6 +42,9 @@ INITIAL_STD = {
 """Standard deviations of coordinates and of rates at the start, by the same keys; ours: the load
 may swing by 0.1 rad."""
 
+_STEADY = 1e-14
+"""Change of a covariance in a period, over its standard deviations, that is round-off."""
+
 
 def disturbance_of(crane: Crane) -> np.ndarray:
     """Return standard deviations of the accelerations that the model lacks, shape (n,)."""
@@ -125,49 +128,88 @@ def check_next_call(t: float, previous: float, period: float) -> None:
 
 
 @dataclass(eq=False, repr=False)
-class ObserverController(ShortRepr):
-    """A controller that acts on an estimate of the state. It remembers: make one for each run.
-
-    Predictor and corrector of Kalman (1960) for the deviation from the motion; the covariance is
-    kept in Joseph's form. A queue holds the commands since the last measurement, by row of the
-    motion and effort beyond the feed-forward.
+class KalmanGains(ShortRepr):
+    """Gains of Kalman's filter (1960) for the deviation from a motion; the covariance is kept in
+    Joseph's form. No measurement changes either, so that the observers of several runs may share
+    them.
 
     Attributes:
-        controller: The controller that gets the estimate.
         model: The crane along the motion.
         measured: Indices of positions and rates of the drives among coordinates and rates, shape
             (2 m,).
-        effort_limit: Largest efforts of the drives [N m or N], shape (m,).
         disturbance: Covariance added in each control period, shape (2 n, 2 n).
         noise: Covariance of the measurements, shape (2 m, 2 m).
-        covariance: Covariance of the estimate's error, shape (2 n, 2 n).
+        covariance: Covariance of the error at the start, shape (2 n, 2 n).
+    """
+
+    model: Linearised
+    measured: np.ndarray
+    disturbance: np.ndarray
+    noise: np.ndarray
+    covariance: np.ndarray
+    _corrections: dict[int, list[tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
+    _settled: set[int] = field(default_factory=set)
+
+    def correction(self, first: int, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the gain of correction k from the one at a row of the motion on, shape (2 n, 2 m),
+        and the covariance after it. Behind the motion both settle.
+        """
+        last, indices = len(self.model.stretch) - 1, self.measured
+        corrections = self._corrections.setdefault(first, [])
+        while len(corrections) <= k and first not in self._settled:
+            covariance = self.covariance
+            if corrections:
+                row, before = first + len(corrections) - 1, corrections[-1][1]
+                a = self.model.a[self.model.stretch[min(max(row, 0), last)]]
+                covariance = a @ before @ a.T + self.disturbance
+            cross = covariance[indices]
+            gain = kalman_gain(cross, cross[:, indices] + self.noise)
+            by = np.eye(len(covariance))[indices]
+            corrections.append((gain, corrected_covariance(covariance, by, gain, self.noise)))
+            if len(corrections) > 1 and row >= last:
+                after, std = corrections[-1][1], np.sqrt(before.diagonal())
+                if (np.abs(after - before) <= _STEADY * np.outer(std, std)).all():
+                    self._settled.add(first)
+        return corrections[min(k, len(corrections) - 1)]
+
+
+@dataclass(eq=False, repr=False)
+class ObserverController(ShortRepr):
+    """A controller that acts on an estimate of the state. It remembers: make one for each run, by
+    `dataclasses.replace` with the same gains.
+
+    A queue holds the commands since the last measurement, by row of the motion and effort beyond
+    the feed-forward.
+
+    Attributes:
+        controller: The controller that gets the estimate.
+        gains: Gains of the corrections.
+        effort_limit: Largest efforts of the drives [N m or N], shape (m,).
         delay: Delay of the measurements [control periods].
         start: Expected start, shape (2 n,); None for the start of the motion.
         estimate: The last estimate of the state, None before the first call.
         gain: Gain of the last correction, shape (2 n, 2 m).
+        covariance: Covariance of the error after the last correction, shape (2 n, 2 n).
     """
 
     controller: Controller
-    model: Linearised
-    measured: np.ndarray
+    gains: KalmanGains
     effort_limit: np.ndarray
-    disturbance: np.ndarray
-    noise: np.ndarray
-    covariance: np.ndarray
     delay: int = 0
     start: np.ndarray | None = None
-    estimate: State | None = None
-    gain: np.ndarray = field(init=False)
-    _t: float = 0.0
+    estimate: State | None = field(default=None, init=False)
+    gain: np.ndarray = field(init=False, repr=False)
+    covariance: np.ndarray = field(init=False, repr=False)
+    _first: int = field(init=False)
+    _count: int = field(default=0, init=False)
+    _t: float = field(default=0.0, init=False)
     _deviation: np.ndarray = field(init=False)
-    _since: deque[tuple[int, np.ndarray]] = field(default_factory=deque)
+    _since: deque[tuple[int, np.ndarray]] = field(default_factory=deque, init=False)
 
     def __post_init__(self) -> None:
-        """Begin without deviation and correction."""
+        """Begin without deviation."""
         import_module("scipy.linalg.lapack")  # takes tenths of a second, which no period has
-        unknowns = len(self.covariance)
-        self._by = np.eye(unknowns)[self.measured]
-        self.gain, self._deviation = np.zeros((unknowns, len(self.measured))), np.zeros(unknowns)
+        self._deviation = np.zeros(len(self.gains.covariance))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command of the controller, shape (m,); of the state only the drives are used.
@@ -175,47 +217,46 @@ class ObserverController(ShortRepr):
         Raises:
             CraneError: If it is not called once in each period of the motion, at the time of a row.
         """
-        row = self.model.row(t)
+        model = self.gains.model
+        row, last = model.row(t), len(model.setpoint) - 1
         if self.estimate is None:
-            rows = t / self.model.period
-            if rows < len(self.model.setpoint) - 1 and abs(rows - round(rows)) > SAME_PERIOD:
+            rows = t / model.period
+            if rows < last and abs(rows - round(rows)) > SAME_PERIOD:
                 raise CraneError(
                     f"This observer is first asked for t = {t:g} s; its motion has rows every "
-                    f"{self.model.period:g} s only."
+                    f"{model.period:g} s only."
                 )
+            self._first = min(round(rows), last)
             if self.start is not None:
-                self._deviation = self.start - self.model.setpoint[row]
+                self._deviation = self.start - model.setpoint[row]
             self._correct(row, state)
         else:
-            check_next_call(t, self._t, self.model.period)
+            check_next_call(t, self._t, model.period)
             if len(self._since) > self.delay:
-                then, correction = self._since.popleft()
-                a = self.model.a[self.model.stretch[then]]
-                self._deviation = self._stepped(self._deviation, then, correction)
-                self.covariance = a @ self.covariance @ a.T + self.disturbance
+                self._deviation = self._stepped(self._deviation, *self._since.popleft())
                 self._correct(self._since[0][0] if self._since else row, state)
         deviation = self._deviation
         for then, correction in self._since:
             deviation = self._stepped(deviation, then, correction)
-        self.estimate = State(*(self.model.setpoint[row] + deviation).reshape(2, -1))
+        self.estimate = State(*(model.setpoint[row] + deviation).reshape(2, -1))
         command = np.asarray(self.controller(t, self.estimate, setpoint), dtype=float)
         self._since.append(
-            (row, command.clip(-self.effort_limit, self.effort_limit) - self.model.efforts[row])
+            (row, command.clip(-self.effort_limit, self.effort_limit) - model.efforts[row])
         )
         self._t = t
         return command
 
     def _stepped(self, deviation: np.ndarray, row: int, correction: np.ndarray) -> np.ndarray:
-        k = self.model.stretch[row]
-        return self.model.a[k] @ deviation + self.model.b[k] @ correction
+        model = self.gains.model
+        k = model.stretch[row]
+        return model.a[k] @ deviation + model.b[k] @ correction
 
     def _correct(self, row: int, state: State) -> None:
-        indices = self.measured
-        measured = np.concatenate(state)[indices] - self.model.setpoint[row, indices]
-        cross = self.covariance[indices]
-        self.gain = kalman_gain(cross, cross[:, indices] + self.noise)
+        indices = self.gains.measured
+        measured = np.concatenate(state)[indices] - self.gains.model.setpoint[row, indices]
+        self.gain, self.covariance = self.gains.correction(self._first, self._count)
+        self._count += 1
         self._deviation = self._deviation + self.gain @ (measured - self._deviation[indices])
-        self.covariance = corrected_covariance(self.covariance, self._by, self.gain, self.noise)
 
 
 def with_observer(
@@ -259,16 +300,14 @@ def with_observer(
     disturbance = disturbance_of(crane) if disturbance is None else disturbance
     noise = noise_of(crane)[measured] if noise is None else noise
     initial_std = initial_std_of(crane) if initial_std is None else initial_std
-    return ObserverController(
-        controller,
+    gains = KalmanGains(
         linearised(crane, motion, dt=dt, every=every),
         measured,
-        crane.effort_limit,
         process_noise(
             standard_deviations("disturbance of the observer", disturbance, n), motion.period
         ),
         np.diag(standard_deviations("noise of the observer", noise, len(measured), "> 0")) ** 2,
         np.diag(standard_deviations("initial deviation of the observer", initial_std, 2 * n)) ** 2,
-        late,
-        None if start is None else np.concatenate(start),
     )
+    begins = None if start is None else np.concatenate(start)
+    return ObserverController(controller, gains, crane.effort_limit, late, begins)

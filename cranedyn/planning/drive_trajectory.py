@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import reduce
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -64,14 +65,13 @@ class DriveTrajectory:
 
         def state(t: float, y: np.ndarray, k: int) -> State:
             q, v = move.start.q.copy(), np.zeros(layout.n)
-            q[layout.drives], v[layout.drives] = (
-                np.polyval(curve.c[:, k], t - nodes[k]) for curve in (self._place, self._rate)
-            )
-            q[passive], v[passive] = np.split(y, 2)
+            q[layout.drives] = _value(self._place.c[:, k], t - nodes[k])
+            v[layout.drives] = _value(self._rate.c[:, k], t - nodes[k])
+            q[passive], v[passive] = y[: len(passive)], y[len(passive) :]
             return State(q, v)
 
         def accelerations(t: float, y: np.ndarray, k: int) -> np.ndarray:
-            drives = np.polyval(self._acceleration.c[:, k], t - nodes[k])
+            drives = _value(self._acceleration.c[:, k], t - nodes[k])
             return prescribed_acceleration(move.crane, state(t, y, k), drives)[0]
 
         def flow(t: float, y: np.ndarray, k: int) -> np.ndarray:
@@ -97,6 +97,11 @@ class DriveTrajectory:
         rows.append((goal.q, goal.v, end))
         q, v, a = (np.array(column) for column in zip(*rows, strict=True))
         return Motion(period, q, v, a, layout.drives)
+
+
+def _value(coefficients: np.ndarray, x: float) -> np.ndarray:
+    """Return the values of polynomials, shape (m,), by Horner's scheme; `numpy.polyval` is slow."""
+    return reduce(lambda value, coefficient: value * x + coefficient, coefficients)
 
 
 def _from(curve: PPoly, first: np.ndarray) -> PPoly:

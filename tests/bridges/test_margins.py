@@ -142,13 +142,13 @@ def test_an_unstable_loop_has_no_margins_and_negative_damping() -> None:
 
 def test_a_loop_behind_a_filter_has_the_poles_of_both() -> None:
     plant, law = sampled(crane(), REST), law_of(integrating())
-    made = with_observer(lqr(crane(), at_rest()), crane(), at_rest())
+    measured = with_observer(lqr(crane(), at_rest()), crane(), at_rest()).gains.measured
     gain = np.random.default_rng(1).normal(size=(10, 6)) * 1e-3
-    gain[made.measured] += np.eye(6) * 0.2
-    behind = behind_observer(law, plant, gain, made.measured)
+    gain[measured] += np.eye(6) * 0.2
+    behind = behind_observer(law, plant, gain, measured)
     whole = np.block([[plant.a - plant.b @ behind.d, -plant.b @ behind.c], [behind.b, behind.a]])
     own = np.block([[plant.a - plant.b @ law.d, -plant.b @ law.c], [law.b, law.a]])
-    errs = plant.a @ (np.eye(10) - gain @ np.eye(10)[made.measured])
+    errs = plant.a @ (np.eye(10) - gain @ np.eye(10)[measured])
     # separation principle: coefficients of the product, as far as poles that lie together allow
     expected = np.poly(np.concatenate([np.linalg.eigvals(own), np.linalg.eigvals(errs)]))
     np.testing.assert_allclose(np.poly(np.linalg.eigvals(whole)), expected, rtol=1e-6, atol=1e-4)

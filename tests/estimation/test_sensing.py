@@ -188,7 +188,7 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
             )  # type: ignore[arg-type]
             z = (
                 model.a @ z
-                + model.b @ (command - observer.model.efforts[0])
+                + model.b @ (command - observer.gains.model.efforts[0])
                 + root @ rng.normal(size=10)
             )
         shares.append(error @ np.linalg.solve(observer.covariance, error))
