@@ -322,7 +322,10 @@ def calls(group: str) -> list[str]:
 
 
 def draw(group: str, rng: Random) -> str:
-    """Return a call with one or two of its values replaced."""
+    """Return a call with one or two of its values replaced; the first time, import everything,
+    since libraries interrupted while they are imported crash later.
+    """
+    _contents()
     call = rng.choice(calls(group))
     places = [*_PLACES.finditer(call)]
     chosen = rng.sample(places, min(rng.choice([1, 1, 2]), len(places)))
