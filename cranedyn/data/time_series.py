@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cranedyn.command import defer_sigint, uninterrupted_import
 from cranedyn.errors import CraneError
 
 if TYPE_CHECKING:
@@ -84,13 +85,14 @@ class TimeSeries:
         """Return all columns as an Arrow table with parameters and record in its metadata."""
         import pyarrow
 
-        return pyarrow.table(
-            {name: np.ascontiguousarray(self[name]) for name in self.keys()},
-            metadata={
-                "cranedyn": json.dumps(dict(self.parameters)),
-                "cranedyn.record": json.dumps(dict(self.record)),
-            },
-        )
+        with defer_sigint():  # pyarrow imports pandas, which cannot be imported again after Ctrl-C
+            return pyarrow.table(
+                {name: np.ascontiguousarray(self[name]) for name in self.keys()},
+                metadata={
+                    "cranedyn": json.dumps(dict(self.parameters)),
+                    "cranedyn.record": json.dumps(dict(self.record)),
+                },
+            )
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Export all columns to libraries that read Arrow."""
@@ -103,7 +105,7 @@ class TimeSeries:
             CraneError: If pandas is not installed.
         """
         try:
-            import pandas
+            pandas = uninterrupted_import("pandas")
         except ImportError:
             raise CraneError(
                 "pandas is not installed; install it with: pip install 'cranedyn[pandas]'"

@@ -140,23 +140,40 @@ def test_an_interruption_is_130_whatever_a_library_made_of_it(
 _INTERRUPTED_IMPORT = """
 import os, signal, sys
 import numpy as np
+from cranedyn import load_crane, simulate
+from cranedyn.controllers import hold_controller
 from cranedyn.planning.solids import body
 
 class Interruption:
     def find_spec(self, name, *_):
-        if name == "trimesh.path":
+        if name == sys.argv[1]:
             os.kill(os.getpid(), signal.SIGINT)
 
+faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+run = simulate(crane := load_crane(), hold_controller(crane), duration=0.1)
 sys.meta_path.insert(0, Interruption())
-try:
-    body("wedge", np.eye(4, 3), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
-except KeyboardInterrupt:
-    print("interrupted")
+for call in sys.argv[2:]:
+    try:
+        eval(call)
+        print("done")
+    except KeyboardInterrupt:
+        print("interrupted")
 """
 
 
-def test_an_interruption_of_an_import_is_not_swallowed() -> None:
-    assert python(_INTERRUPTED_IMPORT).stdout.strip() == "interrupted"
+@pytest.mark.parametrize(
+    ("module", "first", "second"),
+    [
+        ("trimesh.path", wedge := "body('wedge', np.eye(4, 3), faces)", wedge),
+        ("pandas._libs.tslibs.timedeltas", "run.table()", "run.to_pandas()"),
+        ("pandas._libs.tslibs.timedeltas", "run.to_pandas()", "run.to_pandas()"),
+    ],
+)
+def test_an_interruption_of_an_import_is_neither_swallowed_nor_leaves_half_a_library(
+    module: str, first: str, second: str
+) -> None:
+    answer = python(_INTERRUPTED_IMPORT, module, first, second)
+    assert answer.stdout.split() == ["interrupted", "done"], answer.stderr
 
 
 def test_a_fault_of_ours_is_not_taken_for_an_interruption() -> None:

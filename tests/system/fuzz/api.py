@@ -323,6 +323,7 @@ def calls(group: str) -> list[str]:
 
 def draw(group: str, rng: Random) -> str:
     """Return a call with one or two of its values replaced."""
+    _contents()  # imports libraries, which crash later if they are interrupted meanwhile
     call = rng.choice(calls(group))
     places = [*_PLACES.finditer(call)]
     chosen = rng.sample(places, min(rng.choice([1, 1, 2]), len(places)))
