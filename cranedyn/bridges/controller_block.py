@@ -37,9 +37,6 @@ from cranedyn.references.tabulated import tabulated
 Emitted = tuple[np.ndarray, dict[str, Any]]
 """Commands of the drives, shape (m,), and new values of memory by name."""
 
-_STEADY = 1e-13
-"""Relative distance of a Kalman gain from its last row that counts as none."""
-
 
 class ControlSetting:
     """Crane, clock and identifiers of a block.
@@ -219,8 +216,9 @@ class _ObserverPart(Part):
         self._limit = controller.effort_limit.tolist()
         changes = np.flatnonzero(np.diff(model.stretch))
         self._every = int(changes[0]) + 1 if len(changes) else len(model.stretch)
+        gains = [controller.gains.correction(0, k)[0].ravel() for k in range(len(setting.times))]
         self._tables = Tables(
-            kalman=_kalman_gains(controller, len(setting.times)),
+            kalman=np.array(gains),
             motion=np.hstack([model.setpoint, model.efforts]),
             model=np.dstack([model.a, model.b]).reshape(len(model.a), -1),
         )
@@ -262,17 +260,6 @@ class _ObserverPart(Part):
         memory |= dict(zip(self._deviations, deviation, strict=True))
         memory |= dict(zip(self._corrections, array(acting) - efforts, strict=True))
         return command, memory
-
-
-def _kalman_gains(observer: ObserverController, rows: int) -> np.ndarray:
-    """Return the gains of the corrections at control instants, shape (rows, 2 n measured); those
-    that have settled are the last row.
-    """
-    table = np.array([observer.gains.correction(0, k)[0] for k in range(rows)])
-    settled = np.abs(table - table[-1]).max(axis=(1, 2)) <= _STEADY * np.abs(table[-1]).max()
-    moving = np.flatnonzero(~settled)
-    table[moving[-1] + 1 if len(moving) else 0 :] = table[-1]
-    return table.reshape(rows, -1)
 
 
 class _PredictivePart(Part):

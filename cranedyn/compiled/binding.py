@@ -7,7 +7,6 @@ Python handles Ctrl-C.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
@@ -124,15 +123,9 @@ class RowFunction:
         return answers
 
     def bind_row(self) -> tuple[np.ndarray, np.ndarray, Callable[[], None]]:
-        """Return memory for a row and for its results, shapes (width_in,) and (width_out,), and the
-        function that computes these with the least overhead; it shares no numbers.
-
-        Raises:
-            Misshapen: If the rows share numbers.
-        """
-        row, answers = np.zeros(self._given), np.empty(self._answered)
-        arrays = row, np.ones(1, dtype=np.int64), answers, np.empty(0)
-        _address("shared", arrays[3], (self._shared,))
+        """Return memory of a row and its results, and a function that computes these quickly."""
+        row, answers = np.zeros(self._given), np.zeros(self._answered)
+        arrays = row, np.ones(1, dtype=np.int64), answers, np.zeros(self._shared)
         run = partial(self._run, *(array.ctypes.data for array in arrays))
         run.kept = self._machine, arrays  # type: ignore[attr-defined]  # by no address
         return row, answers, run
@@ -190,8 +183,7 @@ class Instant:
         """
         if numbers.shape != (self._numbers,):
             raise Misshapen("state and setpoint", f"{numbers.size} numbers", f"{self._numbers}")
-        if not math.isfinite(sum(numbers.tolist())):  # quicker for so few
-            _check_finite("state and setpoint", numbers)
+        _check_finite("state and setpoint", numbers)
         self._given[: self._numbers] = numbers
         self._counts[:] = whole("row", row, 0), due
         self._run(*self._addresses)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -59,7 +58,7 @@ class CompiledLoadFilter(LoadFilter):
         np.concatenate([self.mean, self.covariance.ravel(), effort, *reading], out=self._row)
         self._run()
         result = self._answers.copy()
-        if not math.isfinite(result @ result):
+        if not np.isfinite(result @ result):
             raise CraneError("The estimate of the observer is not finite any more.")
         self.mean, self.covariance = result[:size], result[size:].reshape(size, size)
         self._believe()

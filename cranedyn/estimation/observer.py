@@ -42,9 +42,6 @@ INITIAL_STD = {
 """Standard deviations of coordinates and of rates at the start, by the same keys; ours: the load
 may swing by 0.1 rad."""
 
-_STEADY = 1e-14
-"""Change of a covariance in a period, over its standard deviations, that is round-off."""
-
 
 def disturbance_of(crane: Crane) -> np.ndarray:
     """Return standard deviations of the accelerations that the model lacks, shape (n,)."""
@@ -168,7 +165,7 @@ class KalmanGains(ShortRepr):
             corrections.append((gain, corrected_covariance(covariance, by, gain, self.noise)))
             if len(corrections) > 1 and row >= last:
                 after, std = corrections[-1][1], np.sqrt(before.diagonal())
-                if (np.abs(after - before) <= _STEADY * np.outer(std, std)).all():
+                if (np.abs(after - before) <= 1e-14 * np.outer(std, std)).all():  # round-off
                     self._settled.add(first)
         return corrections[min(k, len(corrections) - 1)]
 
@@ -188,8 +185,6 @@ class ObserverController(ShortRepr):
         delay: Delay of the measurements [control periods].
         start: Expected start, shape (2 n,); None for the start of the motion.
         estimate: The last estimate of the state, None before the first call.
-        gain: Gain of the last correction, shape (2 n, 2 m).
-        covariance: Covariance of the error after the last correction, shape (2 n, 2 n).
     """
 
     controller: Controller
@@ -198,8 +193,6 @@ class ObserverController(ShortRepr):
     delay: int = 0
     start: np.ndarray | None = None
     estimate: State | None = field(default=None, init=False)
-    gain: np.ndarray = field(init=False, repr=False)
-    covariance: np.ndarray = field(init=False, repr=False)
     _first: int = field(init=False)
     _count: int = field(default=0, init=False)
     _t: float = field(default=0.0, init=False)
@@ -254,9 +247,9 @@ class ObserverController(ShortRepr):
     def _correct(self, row: int, state: State) -> None:
         indices = self.gains.measured
         measured = np.concatenate(state)[indices] - self.gains.model.setpoint[row, indices]
-        self.gain, self.covariance = self.gains.correction(self._first, self._count)
+        gain, _ = self.gains.correction(self._first, self._count)
         self._count += 1
-        self._deviation = self._deviation + self.gain @ (measured - self._deviation[indices])
+        self._deviation = self._deviation + gain @ (measured - self._deviation[indices])
 
 
 def with_observer(

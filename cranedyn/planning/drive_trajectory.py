@@ -65,13 +65,13 @@ class DriveTrajectory:
 
         def state(t: float, y: np.ndarray, k: int) -> State:
             q, v = move.start.q.copy(), np.zeros(layout.n)
-            q[layout.drives] = _value(self._place.c[:, k], t - nodes[k])
-            v[layout.drives] = _value(self._rate.c[:, k], t - nodes[k])
+            q[layout.drives] = _value(self._place, k, t - nodes[k])
+            v[layout.drives] = _value(self._rate, k, t - nodes[k])
             q[passive], v[passive] = y[: len(passive)], y[len(passive) :]
             return State(q, v)
 
         def accelerations(t: float, y: np.ndarray, k: int) -> np.ndarray:
-            drives = _value(self._acceleration.c[:, k], t - nodes[k])
+            drives = _value(self._acceleration, k, t - nodes[k])
             return prescribed_acceleration(move.crane, state(t, y, k), drives)[0]
 
         def flow(t: float, y: np.ndarray, k: int) -> np.ndarray:
@@ -99,9 +99,9 @@ class DriveTrajectory:
         return Motion(period, q, v, a, layout.drives)
 
 
-def _value(coefficients: np.ndarray, x: float) -> np.ndarray:
-    """Return the values of polynomials, shape (m,), by Horner's scheme; `numpy.polyval` is slow."""
-    return reduce(lambda value, coefficient: value * x + coefficient, coefficients)
+def _value(curve: PPoly, k: int, t: float) -> np.ndarray:
+    """Return a curve at a time after the beginning of interval k [s], faster than SciPy."""
+    return reduce(lambda value, coefficient: value * t + coefficient, curve.c[:, k])
 
 
 def _from(curve: PPoly, first: np.ndarray) -> PPoly:

@@ -12,17 +12,15 @@ from typing import Literal
 import numpy as np
 
 from cranedyn.clocks import Clocked
-from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
 from cranedyn.estimation.load_estimate import LoadEstimateController, with_load_estimate
-from cranedyn.estimation.observer import ObserverController, with_observer
+from cranedyn.estimation.observer import with_observer
 from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import Controller, Disturbance, Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.motion import Motion
 from experiments.harness import Setup
 from experiments.scenarios.moves import AFTER, DRAG, MovePlan, RestToRest, Score, instant, score
 
@@ -124,11 +122,8 @@ class Misread:
             self.controller.resume(t, integral / scale)
 
 
-@lru_cache(maxsize=1)
-def _observer(crane: Crane, motion: Motion, dt: float) -> ObserverController:
-    """Return an observer along a motion, whose gains the cases of a move share."""
-    return with_observer(hold_controller(crane), crane, motion, dt=dt)
-
+_observer = lru_cache(maxsize=1)(with_observer)
+"""Observer without a controller, whose gains the cases of a move share."""
 
 UNOBSERVED = "The observer uses efforts, not rates of converters."
 """Why there is no such case on frequency converters."""
@@ -193,7 +188,7 @@ def make(
         if plan.drive == "velocity":
             raise CraneError(UNOBSERVED)
         controller = (
-            replace(_observer(setup.crane, plan.motion, setup.dt), controller=controller)
+            replace(_observer(None, setup.crane, plan.motion, dt=setup.dt), controller=controller)
             if perturbation.observer == "state"
             else with_load_estimate(
                 controller, setup.crane, plan.motion, sensors=perturbation.observer

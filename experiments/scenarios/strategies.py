@@ -27,7 +27,7 @@ from cranedyn.references.flat import flat
 from cranedyn.references.limits import fastest
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import ei, zv, zvd
-from cranedyn.references.simple import Spline, checked, spline
+from cranedyn.references.simple import Spline, spline
 from experiments.harness import Setup
 from experiments.scenarios.moves import LIMITS, MovePlan, Planner, RestToRest, followed, instant
 from experiments.scenarios.shaping import (
@@ -117,12 +117,10 @@ def with_integral(
 
 def _damped(setup: Setup, move: RestToRest) -> MovePlan:
     reference, end = joystick_move(setup, move)
-    period = setup.control_period
-    ahead = checked(reference, setup.crane.layout, 0.0, period)  # in blocks of instants
     controller = with_damping(
-        setup.crane, ahead, limits=LIMITS, recovery=0.3, control_period=period
+        setup.crane, reference, limits=LIMITS, recovery=0.3, control_period=setup.control_period
     )
-    return MovePlan(lambda: controller, reference, "motion", instant(end, period))
+    return MovePlan(lambda: controller, reference, "motion", instant(end, setup.control_period))
 
 
 def _mpc(setup: Setup, move: RestToRest) -> MovePlan:

@@ -159,15 +159,14 @@ def process_noise() -> np.ndarray:
 def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
     motion = at_rest(crane())
     observer = with_observer(lqr(crane(), motion), crane(), motion)
-    model, state = sampled(crane(), crane().state(**REST)), crane().state(**REST)
-    for k in range(4000):
-        observer(k * PERIOD, state, STILL)
+    model = sampled(crane(), crane().state(**REST))
+    gain, _ = observer.gains.correction(0, 4000)
     noise = np.diag(NOISE[MEASURED] ** 2)
     p = solve_discrete_are(model.a.T, np.eye(10)[MEASURED].T, process_noise(), noise)
     steady = p[:, MEASURED] @ np.linalg.inv(p[np.ix_(MEASURED, MEASURED)] + noise)
     # after 20 s the slowest mode of the filter, 1/s, has left exp(-40); the algebraic solution is
     # good to about 1e-8 of its largest entry
-    np.testing.assert_allclose(observer.gain, steady, rtol=1e-5, atol=1e-7 * np.abs(steady).max())
+    np.testing.assert_allclose(gain, steady, rtol=1e-5, atol=1e-7 * np.abs(steady).max())
 
 
 @pytest.mark.slow
@@ -191,7 +190,7 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
                 + model.b @ (command - observer.gains.model.efforts[0])
                 + root @ rng.normal(size=10)
             )
-        shares.append(error @ np.linalg.solve(observer.covariance, error))
+        shares.append(error @ np.linalg.solve(observer.gains.correction(0, k)[1], error))
     # the errors squared over their covariance are χ² with ten degrees of freedom in each run: mean
     # 10, deviation √20
     assert np.mean(shares) == pytest.approx(10.0, abs=4.0 * math.sqrt(20.0 / runs))
@@ -223,7 +222,8 @@ def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_m
     )
     run = quickly(crane(), compared, motion, start=crane().state(**REST), duration=40.0)
     # five deviations of the swing as the filter says them
-    assert compared.swing(2.0) < 5.0 * math.sqrt(np.trace(observer.covariance[2:4, 2:4]))
+    _, covariance = observer.gains.correction(0, len(run))
+    assert compared.swing(2.0) < 5.0 * math.sqrt(np.trace(covariance[2:4, 2:4]))
     assert residual(run) < 1e-3
 
 

@@ -227,14 +227,16 @@ class Receding(ShortRepr):
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
         """
-        check_finite(state)
+        numbers = np.concatenate([*state, setpoint.position])
+        if not math.isfinite(sum(numbers.tolist())):
+            check_finite(state)
         count = self._count(t)
         period = count // self.programme.ratio
         if t < self._last:
             self._begin()
         due = period != self._when
         self._when, self._last = period, t
-        return self._instant(np.concatenate([*state, setpoint.position]), count, due)
+        return self._instant(numbers, count, due)
 
     def _count(self, t: float) -> int:
         return max(0, math.floor(t / self.programme.period + ROW_TOLERANCE))
