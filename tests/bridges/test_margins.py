@@ -8,13 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cranedyn.bridges.margins import (
-    Margins,
-    Regulator,
-    behind_observer,
-    margins,
-    regulator,
-)
+from cranedyn.bridges.margins import Margins, Regulator, behind_observer, margins, regulator
 from cranedyn.controllers import hold_controller, lqr, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled

@@ -349,10 +349,7 @@ def test_predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives()
     goals = [1.2, 2.0, 3.4], [-2.0, 2.0, 40.0], [1.0, 15.0, 10.0]  # two of them beyond an end
     start = [0, "assist", "predictive"]
     requests = [
-        {
-            "inputs": [start, [0, "slider", ["ramp", ramp]], [0, "goal", goal]],
-            "instants": 12000,
-        }
+        {"inputs": [start, [0, "slider", ["ramp", ramp]], [0, "goal", goal]], "instants": 12000}
         for ramp in (25.0, 200.0)
         for goal in goals
     ]
