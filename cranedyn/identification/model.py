@@ -104,11 +104,8 @@ class _Variants:
                 outputs[:, c], _ = self._interpolate(q, v, np.zeros(variants))
                 outputs[:, c] -= self.value(f"{joint.symbol}_offset")[:, None]
             else:
-                signal = (
-                    self._lagged(joint)[0]
-                    if channel.kind == "lagged"
-                    else self._effort(batch, channel, joint)
-                )
+                follows = channel.kind == "lagged"
+                signal = self._lagged(joint)[0] if follows else self._effort(batch, channel, joint)
                 outputs[:, c] = [np.interp(self.t, self.grid, lane) for lane in signal]
         return outputs
 

@@ -125,7 +125,7 @@ def _device_parameters(crane: Crane) -> dict[str, Parameter]:
                 0.1 * k_d,
             ),
         ]  # fmt: skip
-    for symbol in (layout.joints[i].symbol for i in crane.swings.tolist()):
+    for symbol in (layout.symbols[i] for i in crane.swings.tolist()):
         devices.append(Parameter(f"{symbol}_bias", "bias", symbol, "rad", 0.0, -0.3, 0.3, 0.01))
     return {p.name: p for p in devices}
 

@@ -106,9 +106,8 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
     for move, record in propose_records(model, values) if result.doubtful else ():
         reduced, rho = _spread(current + _further_information(model, record, values, noise))
         pairs = [abs(rho[names.index(pair.first), names.index(pair.second)]) for pair in alike]
-        advice.append(
-            Advice(move, dict(zip(names, reduced.tolist(), strict=True)), max(pairs, default=0.0))
-        )
+        expected = dict(zip(names, reduced.tolist(), strict=True))
+        advice.append(Advice(move, expected, max(pairs, default=0.0)))
     advice.sort(key=lambda entry: sum(np.log([entry.margins[name] for name in result.doubtful])))
     return replace(result, advice=tuple(advice))
 
@@ -189,10 +188,8 @@ def propose_records(model: Model, values: np.ndarray) -> Iterator[tuple[str, Rec
             shorter = _RecordTemplate(model, values, {lift.symbol: target})
             yield f"{move} at {target:.3g} m, {text}", shorter.record(swing_move)
             hoisting = {lift.symbol: (target - length, 2.0 * template.period, 4.0)}
-            yield (
-                f"hoisting from {length:.3g} to {target:.3g} m while the load swings",
-                template.record({**swing_move, **hoisting}),
-            )
+            text = f"hoisting from {length:.3g} to {target:.3g} m while the load swings"
+            yield text, template.record({**swing_move, **hoisting})
     recorded = template.like.columns
     missing = [
         joint.columns[0]
@@ -200,10 +197,8 @@ def propose_records(model: Model, values: np.ndarray) -> Iterator[tuple[str, Rec
         if joint.setpoint_column in recorded and joint.columns[0] not in recorded
     ]
     if missing:
-        yield (
-            f"{move}, {', '.join(missing)} recorded, too",
-            template.record(swing_move, with_positions=True),
-        )
+        text = f"{move}, {', '.join(missing)} recorded, too"
+        yield text, template.record(swing_move, with_positions=True)
 
 
 class _RecordTemplate:

@@ -197,8 +197,7 @@ def relevant_columns(crane: Crane, present: Collection[str]) -> list[str]:
         for joint in crane.layout.driven
         for name in (*joint.columns, joint.setpoint_column, joint.effort_column)
     ]
-    names = ["t_s", *_swing_columns(crane, present), *driven]
-    return [name for name in names if name in present]
+    return [n for n in ("t_s", *_swing_columns(crane, present), *driven) if n in present]
 
 
 def _swing_columns(crane: Crane, present: Collection[str]) -> list[str]:

@@ -65,10 +65,8 @@ class Reeving:
         alike. Raises `OutOfRange` if a number is not finite.
         """
         tension, rate = finite("tension", tension, ("rows",)), finite("rate", rate, ("rows",))
-        hoisting, lowering = (
-            theory.reeving_efficiency(self.falls, eta)
-            for eta in (self.efficiency, 1.0 / self.efficiency)
-        )
+        hoisting = theory.reeving_efficiency(self.falls, self.efficiency)
+        lowering = theory.reeving_efficiency(self.falls, 1.0 / self.efficiency)
         share = np.where(rate < 0.0, hoisting, np.where(rate > 0.0, lowering, 1.0))
         return tension / (self.falls * share)
 
@@ -76,8 +74,7 @@ class Reeving:
         """Return pull, torque on the drum and speed of the line, hoisting positive, of each row of
         a run; raises as `cranedyn.lifting.loads.loads`, and `MissingRole` without a hoist.
         """
-        hoist = crane.layout.role("hoist", "The pull of the line")
-        rate = run.v[:, hoist]
+        rate = run.v[:, crane.layout.role("hoist", "The pull of the line")]
         line = self.line_pull(loads(crane, run)["rope_N"], rate)
         return {"line_N": line, "drum_Nm": self.drum_radius * line, "line_m_s": -self.falls * rate}
 

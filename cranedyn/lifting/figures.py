@@ -118,17 +118,13 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
 
 
 def draw_wind(limit: WindLimit, required: float) -> Figure:
-    """Draw utilisation, swing and clearance over the speed of a gust, as shares of their limits.
-
-    Args:
-        limit: What gusts do to the lift.
-        required: Gust that the lift must bear [m/s].
+    """Draw utilisation, swing and clearance over the speed of a gust, as shares of their limits,
+    and the gust that the lift must bear [m/s].
     """
     figure, (ax,) = panels(1, height=3.2, width=8.0)
     colours = (COLOURS["x"], COLOURS["phi"], COLOURS["l"])
     for (name, allowed), colour in zip(limit.allowed.items(), colours, strict=True):
-        worst = limit.worst[name]
-        near = name == "clearance"
+        worst, near = limit.worst[name], name == "clearance"
         share = allowed / np.maximum(worst, 1e-3) if near else worst / allowed
         drawn = share < _FAILED
         label = "required over clearance" if near else f"{name} over its limit"
@@ -211,9 +207,8 @@ def scenery(certificate: Certificate, *, begins: float = 0.0) -> Scenery:
     obstacles = []
     for solid in clearance.solids:
         spells = () if solid.zone else _spells(certificate, solid.name, mark)
-        spells = [begins + t for t in spells]
-        obstacle = Obstacle(solid.name, solid.vertices, solid.triangles, solid.zone, spells)
-        obstacles.append(obstacle)
+        shape = solid.name, solid.vertices, solid.triangles, solid.zone
+        obstacles.append(Obstacle(*shape, [begins + t for t in spells]))
     return Scenery(obstacles, clearance.point(lift.timed.places[::5]), _swept(lift))
 
 
@@ -247,6 +242,5 @@ def solid_outlines(solid: Solid, i: int, j: int) -> PolyCollection:
         flat = np.unique(np.round(corners[:, [i, j]], 6), axis=0)
         if len(flat) > 2 and np.linalg.matrix_rank(flat - flat[0], tol=1e-5) == 2:
             shapes.append(flat[ConvexHull(flat).vertices])
-    colour = "#CC3311" if solid.zone else "#8C8475"
-    alpha = 0.25 if solid.zone else 0.55
+    colour, alpha = ("#CC3311", 0.25) if solid.zone else ("#8C8475", 0.55)
     return PolyCollection(shapes, facecolor=colour, edgecolor=colour, alpha=alpha, linewidth=0.8)

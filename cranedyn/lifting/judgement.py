@@ -55,18 +55,12 @@ class Judgement:
         return figures(self.analysis)
 
     def tables(self, command: str = "") -> list[Table]:
-        """Return the tables of the lift.
-
-        Args:
-            command: The command that makes the numbers again, for the notes.
-        """
+        """Return the tables of the lift, whose notes name the command that makes them again."""
         return tables(self.analysis, command)
 
     def html(self, command: str = "") -> str:
-        """Return the report as one HTML document that needs no other file.
-
-        Args:
-            command: The command that makes the numbers again.
+        """Return the report as one HTML document that needs no other file and names the command
+        that makes it again.
         """
         figures, title = [*self.figures.values()], f"Lift: {self.analysis.site.name}"
         return page.lift_html(title, self.checks, self.tables(command), figures, command)

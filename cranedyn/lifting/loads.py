@@ -298,5 +298,4 @@ def _along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def _flat(name: str, table: np.ndarray, wide: int) -> np.ndarray:
-    flat = finite(name, table, (wide,), ("rows", wide), ("cranes", "rows", wide))
-    return flat.reshape(-1, wide)
+    return finite(name, table, (wide,), ("rows", wide), ("cranes", "rows", wide)).reshape(-1, wide)

@@ -48,12 +48,7 @@ class Table(NamedTuple):
 
 
 def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
-    """Return all tables of a lift.
-
-    Args:
-        analysis: What was computed of the lift.
-        command: The command that makes the numbers again, for the notes.
-    """
+    """Return all tables of a lift, whose notes name the command that makes them again."""
     source_note = f" Again: {command}." if command else ""
     result = [_lift(analysis), _loads(analysis, source_note)]
     result += [_clearances(analysis, source_note), _factors(analysis)]
@@ -69,8 +64,7 @@ def _lift(analysis: LiftAnalysis) -> Table:
     site, crane = analysis.site, analysis.crane
     size = np.ptp(lift.clearance.bodies.load, axis=0)
     ends = site.to_site(lift.clearance.point(lift.ends))
-    radius = analysis.loads["radius_m"]
-    length = run["l_m"]
+    radius, length = analysis.loads["radius_m"], run["l_m"]
     rows: list[Row] = [
         ["site", site.name, "the site's file"],
         ["from, to [m]", " to ".join(_point(end) for end in ends), "the site's file"],
@@ -156,12 +150,11 @@ def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
 
 
 def _factors(analysis: LiftAnalysis) -> Table:
-    crane, carried = analysis.crane, analysis.loads
-    hoisting, drive = analysis.hoisting, analysis.drive
+    crane, carried, drive = analysis.crane, analysis.loads, analysis.drive
     limits = analysis.certificate.lift.limits
     largest = limits.rates[crane.layout.drive("l")]
     speed = factors.pick_up_speed(drive, largest, CREEP * largest)
-    phi_2 = factors.phi_2(hoisting, speed, drive)
+    phi_2 = factors.phi_2(analysis.hoisting, speed, drive)
     weight = hanging_mass(crane) * crane.gravity
     pull = float(carried["rope_N"].max()) / weight
     mass, radius = hanging_mass(crane), float(carried["radius_m"].max())
@@ -174,7 +167,7 @@ def _factors(analysis: LiftAnalysis) -> Table:
     rows: list[Row] = [
         ["φ1, own weight at lift-off", f"{phi_low:g} to {phi_high:g}", None, "EN 1991-3, T 2.4"],
         [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],
-        [f"φ2 of {hoisting}, {drive}", f"{phi_2:.3f}", pull, "EN 1991-3, T 2.4, 2.5"],
+        [f"φ2 of {analysis.hoisting}, {drive}", f"{phi_2:.3f}", pull, "EN 1991-3, T 2.4, 2.5"],
         ["φ6, dynamic test load", f"{factors.phi_6(phi_2):.3f}", None, "EN 1991-3, 2.10"],
         ["ψ_h of the trolley", psi, outward / (mass * along), "FEM 1.001, A.2.2.3"],
         ["ψ_h of the slew", psi, aside / (mass * about * radius), "FEM 1.001, A.2.2.3"],

@@ -65,8 +65,7 @@ class WindLimit:
         """Return the strongest gust up to which all limits are kept by all lifts, and the weakest
         in which some lift does not [m/s], infinite if there is none.
         """
-        all_kept = np.all([self.kept(name) for name in self.allowed], axis=0)
-        broken = self.speeds[~all_kept]
+        broken = self.speeds[~np.all([self.kept(name) for name in self.allowed], axis=0)]
         return self.limit(), float(broken[0]) if len(broken) else math.inf
 
     @property

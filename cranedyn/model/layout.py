@@ -213,12 +213,8 @@ class Layout:
             raise OutOfRange(name, values, self.drives_in_words)
         units = [joint.effort_unit if per is None else joint.unit + per for joint in self.driven]
         rows = zip(self.driven, values, units, strict=True)
-        return np.array(
-            [
-                number(f"{name} of {joint.symbol}", value, unit, allowed)
-                for joint, value, unit in rows
-            ]
-        )
+        checked = (number(f"{name} of {j.symbol}", value, unit, allowed) for j, value, unit in rows)
+        return np.array([*checked])
 
     def as_state(self, name: str, state: State) -> State:
         """Return a read-only copy of a state.
@@ -304,6 +300,4 @@ class Layout:
 
     def _where(self, condition: Callable[[Joint], bool]) -> np.ndarray:
         indices = [i for i, joint in enumerate(self.joints) if condition(joint)]
-        array = np.array(indices, dtype=int)
-        array.flags.writeable = False
-        return array
+        return read_only(np.array(indices, dtype=int))

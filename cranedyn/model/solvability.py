@@ -67,11 +67,9 @@ def check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path) 
     scaled = mass / scale / scale[:, None]
     smallest = float(np.linalg.eigvalsh(scaled)[0])
     if not smallest > _LEAST_EIGENVALUE:
-        raise OutOfRange(
-            "smallest eigenvalue of the scaled mass matrix",
-            f"{smallest:.1e}",
-            f"> {_LEAST_EIGENVALUE:g}: masses differ too much",
-        )
+        allowed = f"> {_LEAST_EIGENVALUE:g}: masses differ too much"
+        name = "smallest eigenvalue of the scaled mass matrix"
+        raise OutOfRange(name, f"{smallest:.1e}", allowed)
     effort = np.zeros(layout.n)
     effort[layout.drives] = model.effortLimit[layout.drives]
     bias = pin.rnea(model, data, q, zeros, zeros)

@@ -71,13 +71,9 @@ def _shapes(path: Path) -> dict[str, np.ndarray]:
     """Read the shapes in a process of its own, which `ifcopenshell` may end."""
     from cranedyn.recording.process import end, guard  # takes a second, for those who have models
 
-    program = Path(__file__).with_name("ifc_shapes.py")
-    process = subprocess.Popen(
-        [sys.executable, "-P", str(program), str(path.absolute())],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
+    program, pipe = Path(__file__).with_name("ifc_shapes.py"), subprocess.PIPE
+    command = [sys.executable, "-P", str(program), str(path.absolute())]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe)
     try:
         guard(process)
         content, messages = process.communicate()

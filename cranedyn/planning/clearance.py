@@ -151,10 +151,8 @@ class Clearance:
         """
         (_, _, hook), (_, _, tall) = self.bodies.hook
         (_, _, trolley), (_, _, deep) = self.bodies.trolley
-        return max(
-            float(self.crane.lower[self.joints.hoist]),
-            float(hook + tall / 2.0 - trolley + deep / 2.0),
-        )
+        hanging = float(hook + tall / 2.0 - trolley + deep / 2.0)
+        return max(float(self.crane.lower[self.joints.hoist]), hanging)
 
     def with_more_distance(self, extra: float) -> Clearance:
         """Return the clearance for a required distance that is larger by an extra [m]."""
@@ -327,15 +325,9 @@ class Clearance:
     def _fields(self) -> dict[str, Field]:
         level = self.site.ground - float(self.site.foot[2])
         level_ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), level)
-        solids, zones = (
-            [
-                (solid.name, shape)
-                for solid in self.solids
-                if solid.zone is zone
-                for shape in solid.geometries()
-            ]
-            for zone in (False, True)
-        )
+        named = [(s.zone, (s.name, shape)) for s in self.solids for shape in s.geometries()]
+        solids = [pair for zone, pair in named if not zone]
+        zones = [pair for zone, pair in named if zone]
         (_, _, trolley), (_, _, deep) = self.bodies.trolley
         envelope = self.envelope(float(self.crane.upper[self.joints.hoist]))
         low = self.height + trolley - deep / 2.0 - self.site.distance - envelope

@@ -248,8 +248,7 @@ def certify_ground_lift(
         sink_rate = float(motion.v[down:, motion.drives[2]].max())
         end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
         apart = float(np.linalg.norm(end[:2]))
-        last = State(run.q[-1], run.v[-1])
-        still = np.linalg.norm(point_velocities(crane, last)[0]) < STILL
+        still = np.linalg.norm(point_velocities(crane, run.state(-1))[0]) < STILL
         checks.append(
             Check(
                 f"Set-down: the load touches at {speed:.3f} m/s, {sink_rate:.3f} allowed; it "

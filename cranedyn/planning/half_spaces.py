@@ -74,8 +74,7 @@ def half_spaces(clearance: Clearance, drive_positions: np.ndarray, margin: float
         for drive_position in drive_positions
     ]
     count = max(1, *map(len, nearest))
-    unbounded = np.array([*np.zeros(_NUMBERS - 1), -1e3])
-    values = np.tile(unbounded, (len(drive_positions), count, 1))
+    values = np.tile([*np.zeros(_NUMBERS - 1), -1e3], (len(drive_positions), count, 1))
     for k, pairs in enumerate(nearest):
         for i, (_, numbers) in enumerate(pairs):
             values[k, i] = numbers

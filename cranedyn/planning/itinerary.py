@@ -123,11 +123,9 @@ class Itinerary(Timetable):
         origin = origins[under_way]
         path = targets[under_way] - origin
         travelled = np.outer(cycle_times - begins[under_way], self.rates)
-        return Setpoint(
-            origin + np.sign(path) * np.minimum(travelled, np.abs(path)),
-            np.sign(path) * self.rates * (travelled < np.abs(path)),
-            np.zeros_like(path),
-        )
+        sign, length = np.sign(path), np.abs(path)
+        position = origin + sign * np.minimum(travelled, length)
+        return Setpoint(position, sign * self.rates * (travelled < length), np.zeros_like(path))
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,10 +202,8 @@ def tour(
         motion.check_fits("motion that was planned", crane.layout)
         still = intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0
         standing = np.stack([goal.q, goal.v, goal.v])[:, None]
-        samples += [
-            np.stack([motion.q, motion.v, motion.a])[:, :-1],
-            np.repeat(standing, still, axis=1),
-        ]
+        moving = np.stack([motion.q, motion.v, motion.a])[:, :-1]
+        samples += [moving, np.repeat(standing, still, axis=1)]
         arrived = row + len(motion.q) - 1
         times = [motion.period * k for k in (row, arrived, arrived + still)]
         stages.append(Stage(leg, state.q[drives], goal.q[drives], *times))

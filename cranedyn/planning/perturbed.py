@@ -116,8 +116,7 @@ class Perturbed:
         """
         from scipy.stats import binomtest  # slow, and needed once there are results
 
-        test = binomtest(self.failures, len(self.least))
-        low, high = test.proportion_ci(CONFIDENCE, "exact")
+        low, high = binomtest(self.failures, len(self.least)).proportion_ci(CONFIDENCE, "exact")
         return float(low), float(high)
 
 

@@ -312,8 +312,7 @@ def _prism(entry: SiteTable, ground: float) -> list[Solid]:
 
 def _zone(entry: SiteTable, ground: float) -> list[Solid]:
     base, height = entry.number("base", ground), entry.number("height", 100.0, allowed="> 0")
-    outline = entry.take("outline", _outline)
-    return [prism(entry.text("name"), outline, base, height, zone=True)]
+    return [prism(entry.text("name"), entry.take("outline", _outline), base, height, zone=True)]
 
 
 def _mesh(entry: SiteTable, ground: float) -> list[Solid]:

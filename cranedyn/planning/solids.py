@@ -72,8 +72,7 @@ class Solid(ShortRepr):
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
         """Return the body, rotated and then translated [m]."""
         parts = tuple(corners @ rotation.T + translation for corners in self.parts)
-        vertices = self.vertices @ rotation.T + translation
-        return replace(self, parts=parts, vertices=vertices)
+        return replace(self, parts=parts, vertices=self.vertices @ rotation.T + translation)
 
     def geometries(self) -> list[coal.CollisionGeometry]:
         """Return shapes for `coal`, in the frame of the corners."""

@@ -170,11 +170,8 @@ def _fitted(bounds: Bounds, shares: dict[str, float], slower: float) -> Bounds:
         np.clip(0.995 / (slower * np.maximum(share, 1e-3)), 0.3, _MORE)
         for share in (used, shares["swing"])
     )
-    return Bounds(
-        bounds.rates / np.maximum(1.0, rate / 0.999),
-        bounds.accelerations * factor,
-        bounds.across * float(across),
-    )
+    rates = bounds.rates / np.maximum(1.0, rate / 0.999)
+    return Bounds(rates, bounds.accelerations * factor, bounds.across * float(across))
 
 
 def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:

@@ -199,11 +199,9 @@ def _alike(
     plan: CollocationPlan, duration: float, control: np.ndarray, state: np.ndarray
 ) -> CollocationPlan:
     """Return a plan of the same size with one duration, one control and one state throughout."""
-    return CollocationPlan(
-        np.full_like(plan.durations, duration),
-        np.tile(control, (len(plan.controls), 1)),
-        np.tile(state, (len(plan.states), 1)),
-    )
+    controls = np.tile(control, (len(plan.controls), 1))
+    states = np.tile(state, (len(plan.states), 1))
+    return CollocationPlan(np.full_like(plan.durations, duration), controls, states)
 
 
 def _program(
@@ -232,17 +230,12 @@ def _program(
         "path", [problem.x, problem.u, problem.gap, parameters], [problem.path], {"cse": True}
     ).map(points)
     rates, cost = flow(x[:, 1:], u)
-    defects = ca.vec(
-        (x @ ca.sparsify(ca.DM(slopes)) - rates * ca.repmat(h, x.shape[0], 1))
-        / ca.repmat(problem.scale, 1, points)
-    )
+    defects = x @ ca.sparsify(ca.DM(slopes)) - rates * ca.repmat(h, x.shape[0], 1)
+    defects = ca.vec(defects / ca.repmat(problem.scale, 1, points))
     unequal = durations[1:] - durations[:-1] if equal else ca.MX(0, 1)
-    low, high = (
-        np.concatenate(
-            [np.zeros(defects.numel()), np.tile(bound, points), np.zeros(unequal.numel())]
-        )
-        for bound in problem.path_bounds
-    )
+    first, last = np.zeros(defects.numel()), np.zeros(unequal.numel())
+    limits = (np.tile(bound, points) for bound in problem.path_bounds)
+    low, high = (np.concatenate([first, limit, last]) for limit in limits)
     gaps, weights = (
         ca.DM(np.tile(shares.ravel(), points // _POINTS)).T for shares in (_GAPS, _WEIGHTS)
     )

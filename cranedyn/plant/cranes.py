@@ -101,10 +101,8 @@ def load_cranes(urdf: str | Path | None = None, **values: Any) -> Cranes:
             they must be loaded one by one; or if they are elastic and it is not said where they
             start.
     """
-    parameters = {*inspect.signature(load_crane).parameters, *_arguments(urdf)} - {
-        "values",
-        "numbers",
-    }
+    parameters = {*inspect.signature(load_crane).parameters, *_arguments(urdf)}
+    parameters -= {"values", "numbers"}
     arrays = {
         name: np.asarray(value, dtype=float)
         for name, value in values.items()

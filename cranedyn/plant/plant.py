@@ -476,32 +476,15 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
     joint_counts = [n, n, n, 1, int(falls is not None), n, n, m, m]
     counts = [*joint_counts, 3 * len(topology.bodies), swings, swings, swings * m, m, m]
     groups = np.split(array(values[count:]), np.cumsum(counts)[:-1])
-    (
-        damping,
-        stiffness,
-        rest,
-        ea,
-        yaw_stiffness,
-        lower,
-        upper,
-        effort_limit,
-        rate_limit,
-        levers,
-        arms,
-        rest_angle,
-        rest_slope,
-        stop_stiffness,
-        stop_damping,
-    ) = groups
+    damping, stiffness, rest, ea, yaw_stiffness, lower, upper, *groups = groups
+    effort_limit, rate_limit, levers, arms, rest_angle, rest_slope, *stop_gains = groups
     rope = None
     if topology.rope is not None:
         stretch, length, inextensible = topology.rope
         rope = Rope(stretch, length, ea[0], inextensible)
     falls = falls and falls._replace(stiffness=yaw_stiffness[0])
     springs = Springs(stiffness, rest, rope, falls) if topology.springs else None
-    stops = Stops(
-        layout.drives, lower[layout.drives], upper[layout.drives], stop_stiffness, stop_damping
-    )
+    stops = Stops(layout.drives, lower[layout.drives], upper[layout.drives], *stop_gains)
     return Plant(
         topology,
         rigid_body.regrouped(tree.with_numbers(values[:count])),

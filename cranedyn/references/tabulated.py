@@ -33,11 +33,8 @@ def as_setpoint(setpoint: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoin
     if len(shape) == 1 and _sound(setpoint, shape[0]):
         return setpoint
     if not isinstance(setpoint, Setpoint):
-        raise Misshapen(
-            "answer of the reference",
-            short_repr(setpoint),
-            "a cranedyn.Setpoint: position, velocity, acceleration",
-        )
+        allowed = "a cranedyn.Setpoint: position, velocity, acceleration"
+        raise Misshapen("answer of the reference", short_repr(setpoint), allowed)
     arrays = []
     for name, component in zip(_PARTS, setpoint, strict=True):
         arrays.append(finite(f"{name} of the setpoint", component, shape))

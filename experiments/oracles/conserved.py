@@ -157,7 +157,5 @@ def _ledgers(bench: Bench) -> list[Oracle]:
         run = bench.run(crane, start, DURATION, dt, controllers[drive], drive=drive)
         return float(run.unexplained[-1] / np.abs(run.work[-1]).sum())
 
-    names = {
-        drive: f"energy unexplained, drives by {drive}, of their work" for drive in controllers
-    }
-    return [Oracle(name, "", 0.0, partial(unexplained, drive)) for drive, name in names.items()]
+    name = "energy unexplained, drives by {}, of their work"
+    return [Oracle(name.format(d), "", 0.0, partial(unexplained, d)) for d in controllers]

@@ -329,12 +329,7 @@ def test_gazebo_s_own_parser_takes_the_package_for_ros_whole(tmp_path: Path) -> 
         masses = [float(mass.text or "nan") for mass in model.iterfind(".//link/inertial/mass")]
         # Foot and base stand still and have a kilogram each, which Gazebo takes together.
         assert masses == [2.0, 3000.0, 500.0, 50.0, 50.0, 1000.0]
-        assert [joint.get("type") for joint in model.iterfind(".//joint")][1:] == [
-            "revolute",
-            "prismatic",
-            "revolute",
-            "revolute",
-            "prismatic",
-        ]
+        kinds = [joint.get("type") for joint in model.iterfind(".//joint")][1:]
+        assert kinds == ["revolute", "prismatic", "revolute", "revolute", "prismatic"]
     finally:
         shutil.rmtree(package, ignore_errors=True)

@@ -24,12 +24,8 @@ STILL = Setpoint(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))
 
 
 def test_hold_pushes_towards_what_is_setpoint_against_the_velocity_and_carries_the_load() -> None:
-    brake = Hold(
-        crane(),
-        np.array([10.0, 20.0, 30.0]),
-        np.array([1.0, 2.0, 3.0]),
-        np.array([0.0, 0.0, -500.0]),
-    )
+    gains = np.array([10.0, 20.0, 30.0]), np.array([1.0, 2.0, 3.0])
+    brake = Hold(crane(), *gains, np.array([0.0, 0.0, -500.0]))
     state = State(np.array([0.0, 10.0, 0.3, -0.2, 15.0]), np.array([0.5, -0.25, 9.0, 9.0, 2.0]))
     # slew 10·0.1 - 0.5, trolley 20·1 + 2·0.25, hoist -500 - 30·1 - 3·2, whatever rates are asked
     moving = STILL._replace(velocity=np.ones(3), acceleration=np.ones(3))
@@ -64,14 +60,8 @@ def test_one_gain_can_be_changed_alone() -> None:
 @pytest.mark.parametrize("period", [5e-3, 0.1])
 def test_follow_reaches_the_velocity_that_is_setpoint_one_period_later(period: float) -> None:
     start = crane().state(x_dot=0.2, gamma_dot=-0.1)
-    reference = ramp(
-        crane(),
-        ramp(crane(), hold(crane(), start), "x", 5.0, rate=0.8, at=1.0),
-        "l",
-        -2.0,
-        rate=0.5,
-        at=1.0,
-    )
+    outward = ramp(crane(), hold(crane(), start), "x", 5.0, rate=0.8, at=1.0)
+    reference = ramp(crane(), outward, "l", -2.0, rate=0.5, at=1.0)
     drives = follow(crane(), reference, period)
     for t in (0.5, 1.0 - period / 2, 2.0):
         reached = start.v[crane().layout.drives] + period * drives(t, start, reference(t))

@@ -71,19 +71,8 @@ def test_degrees_that_nobody_said_are_refused_with_what_to_say(
         in error
     )
     assert "--columns phi_rad=phi_rad[deg]" in error
-    assert (
-        a1.main(
-            [
-                "--from",
-                str(file),
-                "--columns",
-                "phi_rad=phi_rad[deg]",
-                "--out",
-                str(tmp_path / "out"),
-            ]
-        )
-        == 0
-    )
+    options = ["--columns", "phi_rad=phi_rad[deg]", "--out", str(tmp_path / "out")]
+    assert a1.main(["--from", str(file), *options]) == 0
 
 
 @pytest.mark.parametrize(

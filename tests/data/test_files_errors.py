@@ -319,13 +319,8 @@ def test_every_error_is_a_crane_error_that_carries_its_values() -> None:
     assert str(unknown) == "There is no drive 'y'; there are x, l."
     assert (unknown.given, unknown.known) == ("y", ("x", "l"))
     broken = RunError("It broke.", t=1.5, joint="yaw_joint", value=7.0)
-    assert (str(broken), broken.t, broken.joint, broken.value, broken.trajectory) == (
-        "It broke.",
-        1.5,
-        "yaw_joint",
-        7.0,
-        None,
-    )
+    attributes = str(broken), broken.t, broken.joint, broken.value, broken.trajectory
+    assert attributes == ("It broke.", 1.5, "yaw_joint", 7.0, None)
     for error in (unknown, broken, OutOfRange("a", 1, "> 2"), DataError("x")):
         assert isinstance(error, CraneError)
 

@@ -33,19 +33,8 @@ def _made(numbers: np.ndarray) -> Trajectory:
 
 
 WIDTH = sum(WIDTHS.values())
-NASTY = np.array(
-    [
-        0.1 + 0.2,
-        1 / 3,
-        5e-324,
-        1.7976931348623157e308,
-        -0.0,
-        np.nextafter(1.0, 2.0),
-        -9806.65,
-        1e22,
-        123456789.123456789,
-    ]
-)
+_EXTREMES = 5e-324, 1.7976931348623157e308, -0.0, np.nextafter(1.0, 2.0)
+NASTY = np.array([0.1 + 0.2, 1 / 3, *_EXTREMES, -9806.65, 1e22, 123456789.123456789])
 
 
 @pytest.fixture

@@ -245,13 +245,8 @@ def test_a_batch_carries_what_its_runs_carry_alone() -> None:
     of = crane()
     one, found = still(of, x=12.0, theta=0.1)
     other, again = still(of, x=15.0, phi=0.1)
-    both = loads_of_rows(
-        of,
-        np.stack([one.q, other.q]),
-        np.stack([one.v, other.v]),
-        np.stack([one.effort, other.effort]),
-        base=BASE,
-    )
+    pairs = (one.q, other.q), (one.v, other.v), (one.effort, other.effort)
+    both = loads_of_rows(of, *map(np.stack, pairs), base=BASE)
     for name, values in both.items():
         np.testing.assert_array_equal(values[0], found[name])
         np.testing.assert_array_equal(values[1], again[name])

@@ -192,12 +192,8 @@ simulate(crane, hold_controller(crane), duration=0.1)
 heavy = ("scipy.linalg", "scipy.interpolate", "scipy.optimize", "pyarrow", "matplotlib", "rerun")
 print([name for name in heavy if name in sys.modules])
 """
-    assert (
-        subprocess.run(
-            [sys.executable, "-c", program], capture_output=True, text=True, check=True
-        ).stdout
-        == "[]\n"
-    )
+    command = [sys.executable, "-c", program]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
 # --- states ---------------------------------------------------------------------------------------
@@ -569,13 +565,9 @@ def test_a_flipped_axis_is_refused_from_xacro_and_mirrors_the_swing_when_uncheck
     for path in XACRO.parent.glob("*.xacro"):
         (folder / path.name).write_text(path.read_text())
     own = folder / XACRO.name
-    own.write_text(
-        turned(
-            f'<axis xyz="{axis}"/>',
-            f'<axis xyz="{" ".join("-1" if n == "1" else n for n in axis.split())}"/>',
-            own.read_text(),
-        )
-    )
+    opposite = " ".join("-1" if n == "1" else n for n in axis.split())
+    text = own.read_text()
+    own.write_text(turned(f'<axis xyz="{axis}"/>', f'<axis xyz="{opposite}"/>', text))
     text = describe(own)
     with pytest.raises(CraneError, match=f"has {joint} along"):
         load(text)

@@ -21,13 +21,8 @@ def test_a_random_site_is_planned_certified_and_set_beside_other_means(
         for table in json.loads((tmp_path / "out" / "result.json").read_text())["tables"]
     }
     assert tables["Sites without a certified lift"] == []
-    assert [row[0] for row in tables["Beside other means"]] == [
-        "planned",
-        "stop at corners",
-        "spline + PD",
-        "operator",
-        "in least time",
-    ]
+    means = ["planned", "stop at corners", "spline + PD", "operator", "in least time"]
+    assert [row[0] for row in tables["Beside other means"]] == means
     swings = [row[-1] for row in tables["Beside other means"]]
     assert min(swings[1:4]) > 0.5 > max(swings[0], swings[4])
     _, planned, *_ = next(row for row in tables["Random sites"] if row[0] == "motion / bound")

@@ -231,14 +231,9 @@ def test_a_ramp_moves_at_its_rate_from_its_start_until_it_is_there(
 
 
 def test_references_add_up() -> None:
-    both = pulse(
-        CRANE,
-        ramp(CRANE, ramp(CRANE, BASE, "x", 2.0, rate=1.0, at=0.0), "x", 1.0, rate=1.0, at=1.0),
-        "gamma",
-        0.1,
-        at=0.0,
-        width=9.0,
-    )
+    first = ramp(CRANE, BASE, "x", 2.0, rate=1.0, at=0.0)
+    second = ramp(CRANE, first, "x", 1.0, rate=1.0, at=1.0)
+    both = pulse(CRANE, second, "gamma", 0.1, at=0.0, width=9.0)
     assert both(1.5).position.tolist() == pytest.approx([0.6, 14.0, 9.0], abs=1e-12)
     assert both(1.5).velocity.tolist() == [0.0, 2.0, 0.0]
 
