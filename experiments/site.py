@@ -468,7 +468,7 @@ def attacks_on(name: str, duration: float, seed: Sequence[int]) -> list[Attack]:
     shapes = [(copies, PUSHES, station.crane.layout.m) for station in site.stations]
 
     def drawn(fresh: float, pushes: Sequence[np.ndarray | float]) -> list[np.ndarray]:
-        """Return pushes of which a share is drawn anew."""
+        """Return pushes with a share of random ones."""
         return [
             np.where(rng.random(shape) < fresh, rng.integers(-1, 2, shape), x)
             for shape, x in zip(shapes, pushes, strict=True)
