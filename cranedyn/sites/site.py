@@ -254,14 +254,16 @@ class CraneSite:
         return apart.reshape(*shape, cranes)
 
     def pair_apart(
-        self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, distance: float
+        self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, factor: float = 1.0
     ) -> np.ndarray:
-        """Return whether two cranes in boxes, shape (..., 2, m), are proven to keep a distance [m],
-        shape (...).
+        """Return whether two cranes in boxes, shape (..., 2, m), are proven to keep a multiple of
+        the required distance, shape (...); the same whichever crane is first.
         """
+        if a > b:
+            return self.pair_apart(b, box_b, a, box_a, factor)
         ends = np.broadcast_arrays(self.positions(a, box_a), self.positions(b, box_b))
         first, second = (x.reshape(-1, *x.shape[-2:]) for x in ends)
-        rows = np.zeros(len(first), dtype=int)
+        rows, distance = np.zeros(len(first), dtype=int), factor * self.distance
         apart = proven_apart(self.bodies, rows + a, first, rows + b, second, distance, self.swing)
         return apart.reshape(ends[0].shape[:-2])
 
