@@ -26,7 +26,7 @@ from scipy.ndimage import uniform_filter1d
 from cranedyn.checks import finite, number, within
 from cranedyn.errors import CraneError, OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import State
-from cranedyn.planning.curve import straight_time
+from cranedyn.planning.curve import rest_to_rest_time
 from cranedyn.planning.lift import RESERVE, NoWay
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
@@ -139,11 +139,8 @@ class SitePlan:
             if slew is not None:
                 courses[:, slew] = (courses[:, slew] + math.pi) % (2.0 * math.pi) - math.pi
             limits = _limits(station, self.site.swing)
-            needs = [
-                straight_time(np.array([0.0 * course, course]), limits) + self.stay
-                for course in courses
-            ]
-            times.append(sum(needs) - self.stay)
+            needs = rest_to_rest_time(abs(courses), *np.array([limits.rates, limits.accelerations]))
+            times.append(needs.max(axis=1).sum() + self.stay * (len(ends) - 1))
         return max(times)
 
     @cached_property
@@ -176,24 +173,23 @@ class SitePlan:
 
     def operators(self) -> list[SiteOperator]:
         """Return an operator for each crane that follows the plan."""
-        return [partial(self._rates, i) for i in range(len(self.site.stations))]
+        return [
+            partial(_follow, station, [motion for motion in self.lifts if motion.crane == i])
+            for i, station in enumerate(self.site.stations)
+        ]
 
-    @cached_property
-    def _motions(self) -> list[list[ScheduledLift]]:
-        cranes = range(len(self.site.stations))
-        return [[motion for motion in self.lifts if motion.crane == i] for i in cranes]
 
-    def _rates(self, crane: int, t: float, states: Sequence[State]) -> np.ndarray:
-        station = self.site.stations[crane]
-        lead = station.converters.delay + CYCLE / 2.0 + station.converters.lags
-        row = bisect_right(self._motions[crane], t + SLICE, key=lambda motion: motion.begin) - 1
-        if row < 0:
-            return np.zeros(len(lead))
-        _, motion, begin, _ = self._motions[crane][row]
-        rates = motion.at(t - begin + lead).velocity.diagonal()
-        return rates + _GAIN * (
-            motion(t - begin).position - states[crane].q[station.crane.layout.drives]
-        )
+def _follow(
+    station: Station, motions: list[ScheduledLift], t: float, states: Sequence[State]
+) -> np.ndarray:
+    """Return rates of the drives that follow motions, and correct deviations."""
+    lead = station.converters.delay + CYCLE / 2.0 + station.converters.lags
+    row = bisect_right(motions, t + SLICE, key=lambda motion: motion.begin) - 1
+    if row < 0:
+        return np.zeros(len(lead))
+    crane, motion, begin, _ = motions[row]
+    off = motion(t - begin).position - states[crane].q[motion.drives]
+    return motion.at(t - begin + lead).velocity.diagonal() + _GAIN * off
 
 
 def plan_site(
@@ -454,6 +450,9 @@ class _Schedule:
         for way in ways:
             legs, after = list[tuple[Motion, int]](), self.ready[crane]
             for points in way:
+                least = np.abs(np.diff(points, axis=0)).sum(axis=0) / station.converters.rates
+                if after + least.max() // SLICE >= arrival:
+                    break
                 motion = _motion(self.site, crane, points)
                 if isinstance(motion, CraneError):
                     refusals.append(motion)
@@ -512,9 +511,8 @@ def _ways(station: Station, begin: _Position, ends: list[_Position]) -> list[lis
     ways: list[list[_Points]] = []
     for end in ends:
         points = begin, _raised(station, begin), _raised(station, end), end
-        stops = [*itertools.pairwise(dict.fromkeys(points))]
-        ways += [[(begin, end)], [points], *filter(None, [stops])]
-    return ways
+        ways += [[(begin, end)], [points], [*itertools.pairwise(dict.fromkeys(points))]]
+    return [way for way in ways if way]
 
 
 def _raised(station: Station, position: _Position) -> _Position:
@@ -535,18 +533,21 @@ def _near(site: CraneSite, a: int, boxes_a: np.ndarray, b: int, boxes_b: np.ndar
     """Return the first slice in which two cranes are not proven apart, the last box of each for
     ever; None if they are in all.
 
-    Boxes around many slices are proven apart at once; if they are not, boxes around half of them.
+    Boxes around an eighth of the slices are proven apart, then such in those that are not.
     """
     count = max(len(boxes_a), len(boxes_b))
+    starts = np.arange(0, count, size := max(count // 8, 1))
     boxes = [_extended(x, count) for x in (boxes_a, boxes_b)]
-    first, second = (np.array([x[:, 0].min(axis=0), x[:, 1].max(axis=0)]) for x in boxes)
-    if site.pair_apart(a, first, b, second):
-        return None
-    for rows in (slice(count // 2), slice(count // 2, None)) if count > 1 else ():
-        row = _near(site, a, boxes[0][rows], b, boxes[1][rows])
-        if row is not None:
-            return row + (rows.start or 0)
-    return None if count > 1 else 0
+    first, second = (
+        np.stack([f.reduceat(x[:, k], starts) for k, f in enumerate((np.minimum, np.maximum))], 1)
+        for x in boxes
+    )
+    for row in starts[~site.pair_apart(a, first, b, second)].tolist():
+        part = (x[row : row + size] for x in boxes)
+        deeper = 0 if size == 1 else _near(site, a, next(part), b, next(part))
+        if deeper is not None:
+            return row + deeper
+    return None
 
 
 @lru_cache(maxsize=512)
