@@ -10,12 +10,11 @@ motion, half a second early or late. A supervisor therefore grants the plan.
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
-from copy import copy
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import NamedTuple
@@ -27,7 +26,7 @@ from scipy.ndimage import uniform_filter1d
 from cranedyn.checks import finite, number, within
 from cranedyn.errors import CraneError, OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import State
-from cranedyn.planning.curve import straight_time
+from cranedyn.planning.curve import rest_to_rest_time
 from cranedyn.planning.lift import RESERVE, NoWay
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
@@ -45,10 +44,6 @@ _PERIOD = SLICE / _ROWS
 
 _LEVELS = 1.0, 2.0, 4.0, 8.0, 16.0
 """Multiples of the required distance that a certificate tries to prove."""
-
-_FEW, _HULLS = 8, (64, 8, 1)
-"""Slices that are looked ahead, and numbers of slices that are proven apart at once, before those
-in them."""
 
 _PATIENCE = 120
 """Slices by which a crane may be ready after one that waits before others make way for it."""
@@ -74,10 +69,7 @@ _Position = tuple[float, ...]
 """Position of the drives of a crane [rad or m]."""
 
 _Points = tuple[_Position, ...]
-"""Positions that a way passes."""
-
-_Legs = tuple[tuple[_Points, int], ...]
-"""Ways of a crane, one after the other, and the slices in which they begin."""
+"""Positions that a motion passes."""
 
 SiteLift = tuple[str, Sequence[float] | np.ndarray]
 """Name of a crane, and the goal of the centre of its load in the frame of the site [m], shape (3,).
@@ -147,11 +139,8 @@ class SitePlan:
             if slew is not None:
                 courses[:, slew] = (courses[:, slew] + math.pi) % (2.0 * math.pi) - math.pi
             limits = _limits(station, self.site.swing)
-            needs = [
-                straight_time(np.array([0.0 * course, course]), limits) + self.stay
-                for course in courses
-            ]
-            times.append(sum(needs) - self.stay)
+            needs = rest_to_rest_time(abs(courses), *np.array([limits.rates, limits.accelerations]))
+            times.append(needs.max(axis=1).sum() + self.stay * (len(ends) - 1))
         return max(times)
 
     @cached_property
@@ -168,9 +157,9 @@ class SitePlan:
         pairs = list(itertools.combinations(range(len(boxes)), 2))
         distances = np.zeros((count, len(pairs)))
         for k, (a, b) in enumerate(pairs):
-            for level in self.site.distance * np.array(_LEVELS):
+            for level in _LEVELS:
                 distances[self.site.pair_apart(a, boxes[a], b, boxes[b], level), k] = level
-        return distances
+        return self.site.distance * distances
 
     @property
     def t(self) -> np.ndarray:
@@ -184,24 +173,23 @@ class SitePlan:
 
     def operators(self) -> list[SiteOperator]:
         """Return an operator for each crane that follows the plan."""
-        return [partial(self._rates, i) for i in range(len(self.site.stations))]
+        return [
+            partial(_follow, station, [motion for motion in self.lifts if motion.crane == i])
+            for i, station in enumerate(self.site.stations)
+        ]
 
-    @cached_property
-    def _motions(self) -> list[list[ScheduledLift]]:
-        cranes = range(len(self.site.stations))
-        return [[motion for motion in self.lifts if motion.crane == i] for i in cranes]
 
-    def _rates(self, crane: int, t: float, states: Sequence[State]) -> np.ndarray:
-        station = self.site.stations[crane]
-        lead = station.converters.delay + CYCLE / 2.0 + station.converters.lags
-        row = bisect_right(self._motions[crane], t + SLICE, key=lambda motion: motion.begin) - 1
-        if row < 0:
-            return np.zeros(len(lead))
-        _, motion, begin, _ = self._motions[crane][row]
-        rates = motion.at(t - begin + lead).velocity.diagonal()
-        return rates + _GAIN * (
-            motion(t - begin).position - states[crane].q[station.crane.layout.drives]
-        )
+def _follow(
+    station: Station, motions: list[ScheduledLift], t: float, states: Sequence[State]
+) -> np.ndarray:
+    """Return rates of the drives that follow motions, and correct deviations."""
+    lead = station.converters.delay + CYCLE / 2.0 + station.converters.lags
+    row = bisect_right(motions, t + SLICE, key=lambda motion: motion.begin) - 1
+    if row < 0:
+        return np.zeros(len(lead))
+    crane, motion, begin, _ = motions[row]
+    off = motion(t - begin).position - states[crane].q[motion.drives]
+    return motion.at(t - begin + lead).velocity.diagonal() + _GAIN * off
 
 
 def plan_site(
@@ -231,61 +219,48 @@ def plan_site(
     """
     number("stay", stay, "s", ">= 0")
     until = math.inf if until is None else number("until", until, "s", "> 0")
-    names, pending = [station.name for station in site.stations], dict[int, list[np.ndarray]]()
+    names = [station.name for station in site.stations]
+    pending = {i: list[tuple[int, _Position]]() for i in range(len(names))}
     for name, goal in lifts:
         if name not in names:
             raise UnknownName("crane", name, names)
-        goals = pending.setdefault(names.index(name), [])
-        goals.append(finite("goal of a lift", goal, (3,)))
-    if not pending:
+        goals = pending[names.index(name)]
+        point = tuple(finite("goal of a lift", goal, (3,)).tolist())
+        goals.append((len(goals) + 1, point))
+    if not any(pending.values()):
         raise OutOfRange("number of lifts", 0, ">= 1")
-    schedule, done, refusals = _Schedule(site, stay), dict.fromkeys(pending, 0), list[str]()
-    while ready := [
-        i for i in pending if done[i] < len(pending[i]) and schedule.ready[i] * SLICE < until
-    ]:
+    schedule, refusals = _Schedule(site, stay), list[str]()
+    while ready := [i for i in pending if pending[i] and schedule.ready[i] * SLICE < until]:
         ready.sort(key=lambda i: schedule.ready[i])
-        for i in ready:
-            lift = i, pending[i][done[i]], done[i] + 1
-            late = schedule.ready[i] > schedule.ready[ready[0]] + _PATIENCE
-            if late and (cleared := schedule.first_cleared(ready, pending, done)) is not None:
-                i, schedule = cleared
-                break
+        soon = schedule.ready[ready[0]] + _PATIENCE
+        first = [i for i in ready if schedule.ready[i] <= soon]
+        trials = [(False, first), (True, first), (False, ready[len(first) :])]
+        for cleared, i in ((cleared, i) for cleared, cranes in trials for i in cranes):
+            lift, goal = pending[i][0]
             try:
-                if schedule.lift(*lift):
+                if schedule.lift(i, goal, lift, cleared=cleared):
                     break
-            except NoWay as error:
-                if strict:
-                    raise
-                refusals.append(str(error))
+            except CraneError as error:
+                refusals.append(f"Lift {lift} of {quoted(names[i])} alone: {error}")
                 break
         else:
             i = ready[0]
-            if (cleared := schedule.first_cleared(ready, pending, done)) is None:
-                text = f"Lift {done[i] + 1} of {quoted(names[i])} waits for others, and nothing "
-                if strict:
-                    raise NoWay(text + "brings them out of its way.")
-                refusals.append(text + "brings them out of its way.")
-            else:
-                i, schedule = cleared
-        done[i] += 1
+            waits = f"Lift {pending[i][0][0]} of {quoted(names[i])} waits for others, and nothing "
+            refusals.append(waits + "brings them out of its way.")
+        if strict and refusals:
+            raise NoWay(refusals[0])
+        del pending[i][0]
     return SitePlan(site, tuple(schedule.lifts), stay, tuple(refusals))
 
 
-class _Way(NamedTuple):
-    """A motion of a crane between two positions, with its boxes, shape (slices, 2, m)."""
-
-    motion: Motion
-    boxes: np.ndarray
-
-
 @lru_cache(maxsize=512)
-def _way(site: CraneSite, i: int, points: _Points) -> _Way | CraneError:
-    """Return the way of a crane through points, or why it is none: it keeps above ground, from
-    obstacles, and in its ranges and its chart.
+def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
+    """Return the motion of a crane through points, or why there is none: it keeps above ground,
+    from obstacles, and in its ranges and its chart.
     """
     station, crane = site.stations[i], site.stations[i].crane
     try:
-        motion = _leg(station, _limits(station, site.swing), site.swing, np.array(points))
+        motion = _leg(station, site.swing, np.array(points))
         pivots, cables = station.rope(motion.q)[0], motion.q[:, motion.drives[crane.winch]]
         low = float((pivots[:, 2] - cables).min()) - station.bodies.depth[-1, 1, 2] - site.ground
         if low < site.distance:
@@ -294,14 +269,13 @@ def _way(site: CraneSite, i: int, points: _Points) -> _Way | CraneError:
             radii = np.linalg.norm((pivots - station.foot)[:, :2], axis=1)
             rated = float(station.chart.on().at(radii).min())
             number(f"load of {quoted(station.name)}", crane.payload_mass, "kg", f"0 to {rated:g}")
+        for box in _boxes(station, site.swing, motion) if site.solids else ():
+            ends = site.positions(i, box)
+            if not site.obstacles.proven_clear(site.bodies, i, ends, site.distance, site.swing):
+                raise NoWay("its way is too near to an obstacle.")
     except CraneError as error:
         return error
-    boxes = _boxes(station, site.swing, motion)
-    for box in boxes if site.solids else ():
-        ends = site.positions(i, box)
-        if not site.obstacles.proven_clear(site.bodies, i, ends, site.distance, site.swing):
-            return NoWay("its way is too near to an obstacle.")
-    return _Way(motion, boxes)
+    return motion
 
 
 def _limits(station: Station, swing: float) -> Limits:
@@ -328,7 +302,7 @@ def _positions(station: Station, begin: _Position, goal: _Position) -> list[_Pos
     return [tuple(x.tolist()) for x in (reached[0], *reached[other_turn][:1])]
 
 
-def _leg(station: Station, limits: Limits, swing: float, points: np.ndarray) -> Motion:
+def _leg(station: Station, swing: float, points: np.ndarray) -> Motion:
     """Return the motion through positions of the drives, shape (k, m), at rest at both ends.
 
     The load moves as if it hung plumb from drives that move in straight lines; the drives go where
@@ -337,6 +311,7 @@ def _leg(station: Station, limits: Limits, swing: float, points: np.ndarray) -> 
     swings. So they pass points between the ends without a stop, and beside them.
     """
     crane, layout, share = station.crane, station.crane.layout, 1.0
+    limits = _limits(station, swing)
     courses = np.diff(points, axis=0)
     swings = _AVERAGES * math.sqrt(points[:, crane.winch].max() / crane.gravity)
     for _ in range(_ROUNDS):
@@ -398,237 +373,120 @@ class _Schedule:
     """
 
     def __init__(self, site: CraneSite, stay: float = 0.0) -> None:
+        starts = [x.crane.start.q[x.crane.layout.drives] for x in site.stations]
         self.site, self.stay, self.lifts = site, stay, list[ScheduledLift]()
-        self.ready = [0] * len(site.stations)
-        self.boxes = []
-        for station in site.stations:
-            start = station.crane.start.q[station.crane.layout.drives]
-            self.boxes.append(_standing(station, start[None]))
-        self.positions = [
-            tuple(s.crane.start.q[s.crane.layout.drives].tolist()) for s in site.stations
-        ]
+        self.boxes = [*map(_standing, site.stations, starts)]
+        self.positions: list[_Position] = [tuple(start.tolist()) for start in starts]
+        self.ready = [0] * len(starts)
 
-    def lift(self, crane: int, goal: np.ndarray, lift: int) -> bool:
-        """Put in the next lift of a crane; return whether there is a way."""
-        station = self.site.stations[crane]
-        try:
-            ends = _positions(station, self.positions[crane], tuple(goal.tolist()))
-            free = [end for end in ends if self._possible(crane, end)]
-            if not free:
-                raise NoWay("wherever it may stand, another crane is in the way of its goal.")
-            return self.move(crane, free, lift)
-        except CraneError as error:
-            raise NoWay(f"Lift {lift} of {quoted(station.name)} alone: {error}") from error
+    def lift(self, crane: int, goal: _Position, lift: int, *, cleared: bool) -> bool:
+        """Put in the next lift of a crane, after others have made way for it if it is to be
+        cleared; return whether there is a way.
 
-    def _possible(self, crane: int, end: _Position) -> bool:
-        """Return whether each other crane has a position clear of one of a crane."""
-        box = _standing(self.site.stations[crane], np.array([end]))
-        for i, station in enumerate(self.site.stations):
-            chunks = np.split(
-                _standing(station, _refuges(station, self.positions[i])), _REFUGES // 10
-            )
-            if i != crane and not any(
-                self._apart(crane, _extended(box, len(x)), i, x).any() for x in chunks
-            ):
-                return False
-        return True
-
-    def first_cleared(
-        self, ready: list[int], goals: dict[int, list[np.ndarray]], done: dict[int, int]
-    ) -> tuple[int, _Schedule] | None:
-        """Return the first crane that others can make way for, and the schedule with its lift; None
-        if they can for none of those that are ready within `_PATIENCE` of the first.
-        """
-        for i in ready:
-            if self.ready[i] <= self.ready[ready[0]] + _PATIENCE:
-                trial = self.cleared(i, goals[i][done[i]], done[i] + 1)
-                if trial is not None:
-                    return i, trial
-        return None
-
-    def cleared(self, crane: int, goal: np.ndarray, lift: int) -> _Schedule | None:
-        """Return the schedule with the next lift of a crane, after others have made way for it;
-        None if they cannot.
+        Raises:
+            CraneError: If there is none, whatever others do.
         """
         station, begin = self.site.stations[crane], self.positions[crane]
-        ends = _positions(station, begin, tuple(goal.tolist()))
-        for points in _direct(station, begin, ends):
-            course, trial = _way(self.site, crane, points), self.copy()
-            if isinstance(course, CraneError):
+        cranes = {*range(len(self.boxes))} - {crane}
+        ends = [
+            end
+            for end in _positions(station, begin, goal)
+            if all(any(self._refuges(i, {crane: _standing(station, end)})) for i in cranes)
+        ]
+        if not ends:
+            raise NoWay("wherever it may stand, another crane is in the way of its goal.")
+        if not cleared:
+            return self._move(crane, ends, lift)
+        for points, *stops in _ways(station, begin, ends):
+            motion = _motion(self.site, crane, points)
+            if stops or isinstance(motion, CraneError):
                 continue
-            rivals = (i for i in range(len(self.boxes)) if i != crane)
-            if all(trial.make_way(i, crane, course) for i in rivals) and trial.lift(
-                crane, goal, lift
+            before = {name: [*x] for name, x in vars(self).items() if isinstance(x, list)}
+            boxes = _boxes(station, self.site.swing, motion)
+            if all(self._make_way(i, crane, boxes) for i in cranes) and self._move(
+                crane, ends, lift
             ):
-                return trial
-        return None
-
-    def copy(self) -> _Schedule:
-        """Return a copy to which motions can be added."""
-        duplicate = copy(self)
-        for name in ("lifts", "ready", "boxes", "positions"):
-            setattr(duplicate, name, [*getattr(self, name)])
-        return duplicate
-
-    def make_way(self, crane: int, passing: int, course: _Way) -> bool:
-        """Return whether a crane stands clear of the way of another, and bring it there."""
-        station = self.site.stations[crane]
-
-        def clear(box: np.ndarray) -> bool:
-            ends = [course.boxes if i == passing else x[-1:] for i, x in enumerate(self.boxes)]
-            return all(
-                i == crane or self._first(crane, _extended(box, len(x)), i, x) is None
-                for i, x in enumerate(ends)
-            )
-
-        if clear(self.boxes[crane][-1:]):
-            return True
-        begin = np.array(self.positions[crane])
-        refuges = _refuges(station, self.positions[crane])
-        times = (np.abs(refuges - begin) / station.converters.rates).max(axis=1)
-        refuges = refuges[times.argsort()]
-        free = (x for x in refuges if clear(_standing(station, x[None])))
-        for refuge in itertools.islice(free, _TRIALS):
-            try:
-                if self.move(crane, [tuple(refuge.tolist())], 0):
-                    return True
-            except CraneError:
-                continue
+                return True
+            vars(self).update(before)
         return False
 
-    def move(self, crane: int, ends: list[_Position], lift: int) -> bool:
-        """Put in the motions by which a crane arrives first at one of the ends; return whether
-        there are any.
+    def _make_way(self, crane: int, passing: int, boxes: np.ndarray) -> bool:
+        """Return whether a crane stands clear of the boxes of another, and bring it there."""
+        ends = {i: x[-1:] for i, x in enumerate(self.boxes) if i != crane} | {passing: boxes}
+        for refuge in itertools.islice(self._refuges(crane, ends), _TRIALS):
+            if refuge == self.positions[crane]:
+                return True
+            with suppress(CraneError):
+                if self._move(crane, [refuge], 0):
+                    return True
+        return False
+
+    def _refuges(self, crane: int, boxes: dict[int, np.ndarray]) -> Iterator[_Position]:
+        """Yield positions of a crane that are clear of boxes of others: where it stands, and with
+        the load raised, in the order of time, where only the slew differs or anything, once around.
         """
-        station, begin = self.site.stations[crane], self.positions[crane]
-        courses = [_way(self.site, crane, points) for points in _direct(station, begin, ends)]
-        refusals = [course for course in courses if isinstance(course, CraneError)]
-        if len(refusals) == len(courses):
-            raise refusals[0]
-        if (legs := self._route(crane, ends)) is None:
-            return False
-        for k, (points, first) in enumerate(legs):
-            course = _way(self.site, crane, points)
-            assert isinstance(course, _Way)
-            self.put(crane, course.motion, first * SLICE, lift * (k == len(legs) - 1))
-            self.positions[crane] = points[-1]
-        return True
+        station, begin = self.site.stations[crane], np.array(self.positions[crane])
+        layout, winch = station.crane.layout, station.crane.winch
+        low, high = np.array([station.crane.lower, station.crane.upper])[:, layout.drives]
+        slews = np.array([joint.role == "slew" for joint in layout.driven])
+        low = np.where(slews, np.maximum(low, begin - math.pi), low)
+        high = np.where(slews, np.minimum(high, begin + math.pi), high)
+        refuges = np.random.default_rng(0).uniform(low, high, (_REFUGES, len(low)))
+        refuges[::2] = np.where(slews, refuges[::2], begin)
+        refuges[0], refuges[:, winch] = begin, low[winch] + _RAISED
+        times = (np.abs(refuges - begin) / station.converters.rates).max(axis=1)
+        for refuge in (begin, *refuges[times.argsort()]):
+            mine = _standing(station, refuge)
+            if all(_near(self.site, crane, mine, i, x) is None for i, x in boxes.items()):
+                yield tuple(refuge.tolist())
 
-    def _route(self, crane: int, ends: list[_Position]) -> _Legs | None:
-        """Return the ways by which a crane arrives first at one of the ends, where nothing comes
-        near it later; None if there are none.
-
-        A queue has ways in the order of their arrival, first with a lower bound, then as the other
-        cranes let them begin. Where a crane cannot stay, the same way is tried later.
+    def _move(self, crane: int, ends: list[_Position], lift: int) -> bool:
+        """Put in the motions by which a crane arrives first at one of the ends, where nothing comes
+        near it later; return whether there are any.
         """
-        station, begin = self.site.stations[crane], self.positions[crane]
-        up = _raised(station, begin)
-        courses = [*_direct(station, begin, ends), (begin, up)]
-        for end in ends:
-            courses += [(up, _raised(station, end)), (_raised(station, end), end)]
-        courses = [
-            points for points in dict.fromkeys(courses) if len(points) > 2 or points[0] != points[1]
-        ]
-        queue: list[tuple[int, int, _Legs, _Points, int, float, bool]] = []
-        order = itertools.count()
-
-        def push(legs: _Legs, points: _Points, first: int, limit: float) -> None:
-            moved = np.abs(np.diff(points, axis=0)).sum(axis=0) / station.converters.rates
-            estimate = first + int(moved.max() / SLICE)
-            heapq.heappush(queue, (estimate, next(order), legs, points, first, limit, False))
-
-        for points in courses:
-            if points[0] == begin:
-                push((), points, self.ready[crane], math.inf)
-        while queue:
-            arrival, _, legs, points, first, limit, arrived = heapq.heappop(queue)
-            course = _way(self.site, crane, points)
-            if isinstance(course, CraneError):
-                continue
-            if not arrived:
-                begins = self._begin(crane, course.boxes, first, limit)
-                if begins is not None:
-                    arrival = begins + len(course.boxes) - 1
-                    item = arrival, next(order), legs, points, begins, limit, True
-                    heapq.heappush(queue, item)
-                continue
-            conflict, until = self._conflict(crane, course.boxes[-1:], arrival), math.inf
-            if conflict is not None:
-                until = arrival + conflict[0]
-                push(legs, points, first + conflict[0] + 1, limit)
-            legs = (*legs, (points, first))
-            if points[-1] in ends and conflict is None:
-                return legs
-            for following in courses:
-                if following[0] == points[-1]:
-                    push(legs, following, arrival, until)
-        return None
-
-    def _begin(self, crane: int, boxes: np.ndarray, first: int, limit: float) -> int | None:
-        """Return the earliest slice in which a motion may begin, from the first on and before a
-        limit; None if there is none.
-        """
-        while first < limit:
-            if (conflict := self._conflict(crane, boxes, first)) is None:
-                return first
-            row, neighbour = conflict
-            theirs, k = self.boxes[neighbour], first + row
-            while k < len(theirs) - 1:
-                ahead = theirs[k : k + _FEW]
-                mine = boxes[min(row, len(boxes) - 1)][None].repeat(len(ahead), axis=0)
-                free = self._apart(crane, mine, neighbour, ahead)
-                k += int(free.argmax()) if free.any() else len(ahead)
-                if free.any():
+        station, swing = self.site.stations[crane], self.site.swing
+        ways, refusals = _ways(station, self.positions[crane], ends), list[CraneError]()
+        arrival, earliest = math.inf, list[tuple[Motion, int]]()
+        for way in ways:
+            legs, after = list[tuple[Motion, int]](), self.ready[crane]
+            for points in way:
+                least = np.abs(np.diff(points, axis=0)).sum(axis=0) / station.converters.rates
+                if after + least.max() // SLICE >= arrival:
                     break
+                motion = _motion(self.site, crane, points)
+                if isinstance(motion, CraneError):
+                    refusals.append(motion)
+                    break
+                boxes = _boxes(station, swing, motion)
+                begin = self._begin(crane, boxes, after)
+                if begin is None or (after := begin + len(boxes) - 1) >= arrival:
+                    break
+                legs.append((motion, begin))
             else:
-                return None
-            first = max(first + 1, k - min(row, len(boxes) - 1))  # at the end it stands for ever
-        return None
+                arrival, earliest, self.positions[crane] = after, legs, points[-1]
+        if len(refusals) == len(ways):
+            raise refusals[0]
+        for k, (motion, begin) in enumerate(earliest, start=1):
+            self.put(crane, motion, begin * SLICE, lift * (k == len(earliest)))
+        return bool(earliest)
 
-    def _conflict(self, crane: int, boxes: np.ndarray, first: int) -> tuple[int, int] | None:
-        """Return the first row in which boxes that begin in a slice, the last for ever, are not
-        proven apart from another crane, and its index; None if they are.
+    def _begin(self, crane: int, boxes: np.ndarray, first: int) -> int | None:
+        """Return the earliest slice, from the first on, from which boxes, the last for ever, are
+        proven apart from all others; None if there is none.
         """
-        conflicts = []
-        for neighbour, theirs in enumerate(self.boxes):
-            if neighbour == crane:
+        last, i = len(boxes) - 1, 0
+        while i < len(self.boxes):
+            theirs = self.boxes[i][min(first, len(self.boxes[i]) - 1) :]
+            row = None if i == crane else _near(self.site, crane, boxes, i, theirs)
+            if row is None:
+                i += 1
                 continue
-            theirs = theirs[min(first, len(theirs) - 1) :]
-            count = max(len(boxes), len(theirs))
-            pair = crane, _extended(boxes, count), neighbour, _extended(theirs, count)
-            if (row := self._first(*pair)) is not None:
-                conflicts.append((row, neighbour))
-        return min(conflicts, default=None)
-
-    def _first(
-        self,
-        crane: int,
-        mine: np.ndarray,
-        neighbour: int,
-        theirs: np.ndarray,
-        begin: int = 0,
-        sizes: tuple[int, ...] = _HULLS,
-    ) -> int | None:
-        """Return the first row in which two cranes are not proven apart, counted from a begin; None
-        if they are in all.
-        """
-        size, *finer = sizes
-        near = ~self._apart(crane, _hulls(mine, size), neighbour, _hulls(theirs, size))
-        for k in np.nonzero(near)[0].tolist():
-            if size == 1:
-                return begin + k
-            rows = slice(k * size, (k + 1) * size)
-            row = self._first(
-                crane, mine[rows], neighbour, theirs[rows], begin + k * size, (*finer,)
-            )
-            if row is not None:
-                return row
-        return None
-
-    def _apart(self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray) -> np.ndarray:
-        """Return whether two cranes in boxes are proven apart, as a certificate asks it."""
-        (a, box_a), (b, box_b) = sorted([(a, box_a), (b, box_b)], key=lambda pair: pair[0])
-        return self.site.pair_apart(a, box_a, b, box_b, self.site.distance)
+            box, theirs = boxes[min(row, last)], self.boxes[i][first + row :]
+            waits = (k for k, x in enumerate(theirs) if self.site.pair_apart(crane, box, i, x))
+            if (wait := next(waits, None)) is None:  # it stands there for ever
+                return None
+            first, i = first + max(row - last, 0) + wait, 0
+        return first
 
     def put(self, crane: int, motion: Motion, begin: float, lift: int = 0) -> None:
         """Give a motion a time [s].
@@ -646,36 +504,15 @@ class _Schedule:
         self.ready[crane] = max(len(self.boxes[crane]) - 1, after)
 
 
-def _refuges(station: Station, begin: _Position) -> np.ndarray:
-    """Return positions of the drives with the load raised, shape (`_REFUGES`, m): that of a
-    position, such that differ in the slew alone, and such all over the ranges, once around.
+def _ways(station: Station, begin: _Position, ends: list[_Position]) -> list[list[_Points]]:
+    """Return ways to ends, each by the points of its motions: straight, and with the load raised,
+    without a stop and with stops.
     """
-    drives, slew, winch = (
-        station.crane.layout.drives,
-        station.crane.layout.drive_of("slew"),
-        station.crane.winch,
-    )
-    low, high = np.array([station.crane.lower, station.crane.upper])[:, drives]
-    if slew is not None:
-        low[slew] = max(low[slew], begin[slew] - math.pi)
-        high[slew] = min(high[slew], begin[slew] + math.pi)
-    refuges = np.random.default_rng(0).uniform(low, high, (_REFUGES, len(low)))
-    if slew is not None:
-        turned = np.array([begin]).repeat(_REFUGES // 2, axis=0)
-        turned[:, slew] = refuges[: len(turned), slew]
-        refuges[: len(turned)] = turned
-    refuges[:, winch] = low[winch] + _RAISED
-    refuges[0] = _raised(station, begin)
-    return refuges
-
-
-def _direct(station: Station, begin: _Position, ends: list[_Position]) -> list[_Points]:
-    """Return the points of ways without a stop: straight, and with the load raised."""
-    return [
-        points
-        for end in ends
-        for points in ((begin, end), (begin, _raised(station, begin), _raised(station, end), end))
-    ]
+    ways: list[list[_Points]] = []
+    for end in ends:
+        points = begin, _raised(station, begin), _raised(station, end), end
+        ways += [[(begin, end)], [points], [*itertools.pairwise(dict.fromkeys(points))]]
+    return [way for way in ways if way]
 
 
 def _raised(station: Station, position: _Position) -> _Position:
@@ -686,19 +523,34 @@ def _raised(station: Station, position: _Position) -> _Position:
     return tuple(raised.tolist())
 
 
-def _standing(station: Station, positions: np.ndarray) -> np.ndarray:
-    """Return boxes of a crane that stands at positions, shape (k, m): shape (k, 2, m)."""
+def _standing(station: Station, position: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return the box of a crane that stands at a position, shape (m,): shape (1, 2, m)."""
     slack = 2.0 * station.brakes.tolerances
-    return np.stack([positions - slack, positions + slack], axis=1)
+    return np.array([[position - slack, position + slack]])
 
 
-def _hulls(boxes: np.ndarray, size: int) -> np.ndarray:
-    """Return boxes around so many boxes each, shape (k, 2, m)."""
-    rows = range(0, len(boxes), size)
-    low, high = np.minimum.reduceat(boxes[:, 0], rows), np.maximum.reduceat(boxes[:, 1], rows)
-    return np.stack([low, high], axis=1)
+def _near(site: CraneSite, a: int, boxes_a: np.ndarray, b: int, boxes_b: np.ndarray) -> int | None:
+    """Return the first slice in which two cranes are not proven apart, the last box of each for
+    ever; None if they are in all.
+
+    Boxes around an eighth of the slices are proven apart, then such in those that are not.
+    """
+    count = max(len(boxes_a), len(boxes_b))
+    starts = np.arange(0, count, size := max(count // 8, 1))
+    boxes = [_extended(x, count) for x in (boxes_a, boxes_b)]
+    first, second = (
+        np.stack([f.reduceat(x[:, k], starts) for k, f in enumerate((np.minimum, np.maximum))], 1)
+        for x in boxes
+    )
+    for row in starts[~site.pair_apart(a, first, b, second)].tolist():
+        part = (x[row : row + size] for x in boxes)
+        deeper = 0 if size == 1 else _near(site, a, next(part), b, next(part))
+        if deeper is not None:
+            return row + deeper
+    return None
 
 
+@lru_cache(maxsize=512)
 def _boxes(station: Station, swing: float, motion: Motion) -> np.ndarray:
     """Return what a guard asks for in each slice of a motion, from the slice before it to the one
     after it: shape (slices, 2, m).

@@ -199,7 +199,7 @@ class Supervisor:
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )
         boxes = [box[copy] for box in self.boxes]
-        free = (x for x in moved if site.pair_apart(loser, x, winner, passing, site.distance))
+        free = (x for x in moved if site.pair_apart(loser, x, winner, passing))
         for refuge in itertools.islice(free, CHECKED):
             swept = np.array([np.minimum(box[0], refuge[0]), np.maximum(box[1], refuge[1])])
             if site.apart(loser, swept, boxes).all():

@@ -335,7 +335,7 @@ def test_boxes_of_cranes_a_centimetre_beyond_the_required_distance_are_proven() 
     jib = np.array([[1.9584, 31.5445, 4.3499], [2.0474, 31.6445, 4.4500]])
     nearest = [box[[1, 0, 0], range(3)] for box in (rope, jib)]
     assert coal_distance(site, [1, 2], nearest) < site.distance + 0.01
-    assert site.pair_apart(1, rope, 2, jib, site.distance)
+    assert site.pair_apart(1, rope, 2, jib)
 
 
 @slow
