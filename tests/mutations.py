@@ -688,8 +688,8 @@ cranedyn/sites/supervisor.py
 cranedyn/sites/plan.py
 * a lift passes those that were planned before as if they were not there
 ? plan::planned_lifts_arrive_and_keep_the_distance_that_is_proven
-- if neighbour == crane:
-+ if neighbour != crane:
+- row = None if i == crane else
++ row = None if i >= 0 else
 * the drives of a straight motion do not lead the load
 ? plan::a_lift_of_a_luffing_crane_leaves_no_swing_in_little_more_than_the_least_time
 - curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)

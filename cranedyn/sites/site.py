@@ -229,21 +229,29 @@ class CraneSite:
         required distance from each crane in its box, shape (..., 2, m) each, and at its own index
         from all obstacles, shape (..., cranes); True wherever there is no doubt, in the same shape.
         """
-        doubts = np.broadcast_to(doubtful, (*box.shape[:-2], len(boxes))).copy()
-        doubts[..., station] &= len(self.solids) > 0
+        cranes, shape = len(self.stations), box.shape[:-2]
+        doubts = np.broadcast_to(doubtful, (*shape, cranes)).reshape(-1, cranes).copy()
+        doubts[:, station] &= len(self.solids) > 0
+        ends = [self.positions(i, box if i == station else boxes[i]) for i in range(cranes)]
+        rows = np.stack([x.reshape(-1, *x.shape[-2:]) for x in np.broadcast_arrays(*ends)], axis=1)
         apart = ~doubts
-        for i, other in enumerate(boxes):
-            if not (rows := doubts[..., i]).any():
-                continue
-            mine, theirs = box[rows], np.broadcast_to(other, (*box.shape[:-1], other.shape[-1]))
-            if i != station:
-                apart[rows, i] = self.pair_apart(station, mine, i, theirs[rows])
-                continue
-            apart[rows, i] = [
-                self.obstacles.proven_clear(self.bodies, i, ends, self.distance, self.swing)
-                for ends in self.positions(i, mine)
-            ]
-        return apart
+        for row in np.flatnonzero(doubts[:, station]):
+            apart[row, station] = self.obstacles.proven_clear(
+                self.bodies, station, rows[row, station], self.distance, self.swing
+            )
+        doubts[:, station] = False
+        pairs = np.nonzero(doubts)
+        if len(pairs[0]):
+            apart[pairs] = proven_apart(
+                self.bodies,
+                np.full(len(pairs[0]), station),
+                rows[pairs[0], station],
+                pairs[1],
+                rows[pairs],
+                self.distance,
+                self.swing,
+            )
+        return apart.reshape(*shape, cranes)
 
     def pair_apart(
         self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, factor: float = 1.0
