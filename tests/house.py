@@ -42,11 +42,11 @@ PROTOCOL = frozenset(
 """Public names that every module of a kind defines."""
 
 LIMITS = {
-    "lines of the core": (14_500, 10_000),
-    "lines of cranedyn": (46_450, 27_000),
-    "lines of experiments": (16_550, 11_000),
+    "lines of the core": (14_390, 10_000),
+    "lines of cranedyn": (46_560, 27_000),
+    "lines of experiments": (16_490, 11_000),
     "lines of benchmarks": (3_865, 2_800),
-    "lines of tests": (39_150, 27_000),
+    "lines of tests": (38_600, 27_000),
     "modules in cranedyn": (232, 150),
     "modules imported by simulate": (38, 25),
     "parameters of simulate": (9, 10),
