@@ -355,12 +355,15 @@ def _hung(
     load [m], shape (rows, 3), at a lean, shape (rows, 2), and by how much it misses them [m].
     """
     q, drives = q.copy(), station.crane.layout.drives
+    lower, upper = np.array([station.crane.lower, station.crane.upper])[:, drives]
+    beyond = upper - lower  # as far as steps may lead, which else overflow near singular places
     for _ in range(_STEPS):
         pivots, _, motion = station.rope(q)
         rope = pivots - load
         off = rope[:, None, :2] - rope[:, None, 2:] * lean[:, None]
         slope = motion[..., :2] - motion[..., 2:] * lean[:, None]
-        q[:, drives] -= (off @ np.linalg.pinv(slope))[:, 0]
+        drive = q[:, drives] - (off @ np.linalg.pinv(slope))[:, 0]
+        q[:, drives] = np.clip(drive, lower - beyond, upper + beyond)
         if np.abs(off).max() < _CLOSE:
             break
     q[:, drives[station.crane.winch]] = np.linalg.norm(rope, axis=1)

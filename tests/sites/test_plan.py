@@ -150,6 +150,12 @@ def test_a_crane_that_stands_at_the_goal_of_another_makes_way_for_it() -> None:
 
 
 @slow
+def test_a_goal_is_reached_although_a_search_for_it_diverges() -> None:
+    goal = [10.481632546190115, 36.976043837867714, 9.6]  # overflowed from one of 500 places
+    assert plan_site(site_of(), [("north", goal)]).holds
+
+
+@slow
 def test_a_lift_without_a_way_is_left_out_of_a_shift_with_the_reason() -> None:
     lifts = [("south", [0.0, -5.3, 10.0]), ("south", [0.0, -25.0, 20.0])]
     planned = plan_site(site_of(), lifts, strict=False)
