@@ -170,7 +170,7 @@ def site_path(path: str | Path, folder: Path, examples: Sequence[str]) -> Path:
     """
     if (name := str(path)) in examples:
         return folder / f"{name}.toml"
-    if name.isidentifier() and not Path(path).exists():
+    if name.isidentifier() and not os.path.exists(path):  # False for a name too long, too
         raise UnknownName("site", name, examples)
     return Path(path)
 

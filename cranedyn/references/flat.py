@@ -127,7 +127,9 @@ def flat(
     if rope[:, 2].min() <= 0.0:
         allowed = "longer: the payload would fall faster than gravity and slacken the rope"
         raise OutOfRange("duration", duration, allowed, "s")
-    q = recover(path, rope / np.linalg.norm(rope, axis=1)[:, None], height, inertia)
+    with np.errstate(over="ignore"):
+        pull = finite("acceleration of the payload", np.linalg.norm(rope, axis=1), (len(rope),))
+    q = recover(path, rope / pull[:, None], height, inertia)
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
     rows = period * np.arange(last + 1)
     position, v, a = (curve.derivative(order)(rows) for order in range(3))
