@@ -43,7 +43,7 @@ PROTOCOL = frozenset(
 
 LIMITS = {
     "lines of the core": (14_390, 10_000),
-    "lines of cranedyn": (46_550, 27_000),
+    "lines of cranedyn": (46_555, 27_000),
     "lines of experiments": (16_490, 11_000),
     "lines of benchmarks": (3_865, 2_800),
     "lines of tests": (38_600, 27_000),

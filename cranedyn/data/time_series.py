@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cranedyn.command import defer_sigint, uninterrupted_import
 from cranedyn.errors import CraneError
 
 if TYPE_CHECKING:
@@ -85,6 +84,8 @@ class TimeSeries:
         """Return all columns as an Arrow table with parameters and record in its metadata."""
         import pyarrow
 
+        from cranedyn.command import defer_sigint
+
         with defer_sigint():  # pyarrow imports pandas, which cannot be imported again after Ctrl-C
             return pyarrow.table(
                 {name: np.ascontiguousarray(self[name]) for name in self.keys()},
@@ -104,6 +105,8 @@ class TimeSeries:
         Raises:
             CraneError: If pandas is not installed.
         """
+        from cranedyn.command import uninterrupted_import
+
         try:
             pandas = uninterrupted_import("pandas")
         except ImportError:
