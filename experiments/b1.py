@@ -18,7 +18,15 @@ from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import LINE_STYLES
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, make_table
-from experiments.scenarios.moves import AFTER, CLOSE, MOVES, RestToRest, Score, of_sampling
+from experiments.scenarios.moves import (
+    AFTER,
+    CLOSE,
+    COMBINED,
+    MOVES,
+    RestToRest,
+    Score,
+    of_sampling,
+)
 from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import (
     FLAT,
@@ -44,10 +52,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         for strategy in SHOWN:
             plan, label = STRATEGIES[strategy](setup, move), f"{move.name}, {strategy}"
             runs[move][strategy], scores[move][strategy] = make(setup, move, plan, label=label)
-    combined = MOVES[-1]
     return Outcome(
         tables=[_table(move, of_move) for move, of_move in scores.items()],
-        claims=_claims(setup, combined, scores[combined]),
+        claims=_claims(setup, COMBINED, scores[COMBINED]),
         parameters={
             "moves": {move.name: [move.start, move.goal, move.duration] for move in MOVES},
             "paper_trolley_weights": [np.diag(w).tolist() for w in paper.TROLLEY_WEIGHTS],
@@ -62,7 +69,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         figures={f"tracking_{move.name}": _tracking_figure(runs[move][PAPER]) for move in MOVES}
         | {f"swing_{move.name}": _swing_figure(move, of_move) for move, of_move in runs.items()},
         recording=[
-            Run(strategy, setup.crane, runs[combined][strategy], colour=strategy_colour(strategy))
+            Run(strategy, setup.crane, runs[COMBINED][strategy], colour=strategy_colour(strategy))
             for strategy in (PD, PAPER)
         ],
     )

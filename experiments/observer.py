@@ -32,11 +32,9 @@ from experiments.harness import (
     finite_or_none,
     make_table,
 )
-from experiments.scenarios.moves import MOVES
+from experiments.scenarios.moves import COMBINED
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
-
-COMBINED = MOVES[-1]
 
 LOADS, CABLES = (0.5, 1.0, 1.5), (-0.1, 0.0, 0.1)
 """Loads over that planned for; by which share cables are longer than read."""

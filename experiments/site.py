@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.special import pdtri
@@ -30,11 +30,12 @@ from cranedyn.sites.plan import SitePlan, plan_site
 from cranedyn.sites.proof import least_distances
 from cranedyn.sites.simulate import (
     MessageChannel,
+    SiteExtremes,
     SiteRun,
     simulate_copies,
     simulate_site,
 )
-from cranedyn.sites.site import CraneSite, Station
+from cranedyn.sites.site import CraneSite
 from cranedyn.sites.site_file import EXAMPLES, read_crane_site
 from cranedyn.sites.supervisor import Supervisor
 from cranedyn.sweep.workers import ignore_sigint
@@ -164,16 +165,6 @@ class LiftOperator:
         _, rope, motion = self.station.rope(state.q[None])
         towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[0, :2]
         return self._base + towards @ np.linalg.pinv(motion[0, :, :2], rcond=1e-3)
-
-
-def loads_at(station: Station, drives: np.ndarray) -> np.ndarray:
-    """Return the points where a load hangs plumb [m], shape (k, 3), at positions of the drives."""
-    q = np.repeat(station.crane.start.q[None], len(drives), axis=0)
-    q[:, station.crane.layout.drives] = drives
-    q[:, station.crane.swings] = station.crane.rest.angle + drives @ station.crane.rest.slope.T
-    points, *_ = station.rope(q)
-    points[:, 2] -= drives[:, station.crane.winch]
-    return points
 
 
 @cache
@@ -312,21 +303,20 @@ class Attack(NamedTuple):
     outside: float
 
     @classmethod
-    def of(cls, site: CraneSite, kind: str, duration: float, copies: int, *extremes: Any) -> Attack:
-        """Return what came of copies of a site that ran for a duration [s], from the number of
-        contacts, least distances [m], swings [rad] and ways out of boxes.
-        """
-        contacts, least, swing, outside = extremes
-        minutes = len(site.stations) * copies * duration / 60.0
-        least, swing = float(np.min(least)) - site.distance, float(np.max(swing)) / site.swing
-        return cls(site.name, kind, minutes, contacts, least, swing, float(np.max(outside)))
+    def of(cls, site: CraneSite, kind: str, duration: float, run: SiteExtremes) -> Attack:
+        """Return what came of copies of a site that ran for a duration [s]."""
+        minutes, contacts = len(site.stations) * len(run.least) * duration / 60.0, run.contacts
+        least, swing = float(run.least.min()) - site.distance, float(run.swing.max()) / site.swing
+        outside = float(run.outside.max())
+        return cls(site.name, kind, minutes, int(contacts.sum()), least, swing, outside)
 
     @classmethod
     def of_shift(cls, shift: Shift) -> Attack:
         """Return what came of a shift."""
         run = shift.run
-        extremes = len(run.contacts), run.least_distance, run.swing, run.outside
-        return cls.of(run.site, shift.protection, run.t[-1], 1, *extremes)
+        each = np.array([len(run.contacts)]), np.array([run.least_distance])
+        extremes = SiteExtremes(*each, run.swing, run.outside)
+        return cls.of(run.site, shift.protection, run.t[-1], extremes)
 
     @property
     def most_contacts(self) -> float:
@@ -395,7 +385,7 @@ def planned_shift(site: CraneSite, duration: float, listed: list[int]) -> Shift:
         for operator in operators
         for _ in range(math.ceil(duration / (2.0 * HOOKING)))
         for point in np.maximum(
-            loads_at(operator.station, operator.places()), [-np.inf, -np.inf, site.ground + LOWEST]
+            operator.station.plumb(operator.places())[1], [-np.inf, -np.inf, site.ground + LOWEST]
         )
     ]
     begin = time.process_time()
@@ -474,9 +464,8 @@ def attacks_on(name: str, duration: float, seed: Sequence[int]) -> list[Attack]:
             seed=int(rng.integers(2**32)),
         )
         parts = zip(*(np.split(x, 3) for x in run), strict=True)
-        for kind, (contacts, *extremes) in zip(KINDS, parts, strict=True):
-            extremes = int(contacts.sum()), *extremes
-            attacks.append(Attack.of(site, kind, length - CYCLE, copies, *extremes))
+        for kind, extremes in zip(KINDS, parts, strict=True):
+            attacks.append(Attack.of(site, kind, length - CYCLE, SiteExtremes(*extremes)))
         # A random search: copies of the nearest, of which some pushes are drawn anew.
         merged = np.concatenate([nearest, run.least[-copies:]])
         order = np.resize(np.argsort(merged, kind="stable")[: math.ceil(copies / 4)], copies)

@@ -84,8 +84,7 @@ class Fleet:
                 would not fit into 4 GB, or there is no code for the stepping rule.
             ModelError: If the code does not agree with Pinocchio.
         """
-        converters = drive if isinstance(drive, Converters) else None
-        kind = "velocity" if isinstance(drive, Converters) else str(drive)
+        kind, converters = ("velocity", drive) if isinstance(drive, Converters) else (drive, None)
         if converters is None:
             check_choice("drive", kind, DirectDrive)
         check_rule(integrator)

@@ -372,9 +372,8 @@ def place_crane(
     """
     sizes = bodies.axis.shape[1], bodies.radius.shape[1]
     numbers = np.concatenate([bodies.ropes[crane], bodies.capsules[crane].ravel()])
-    return _placing_crane(*sizes)(np.hstack([position, angles]), numbers).reshape(
-        len(position), -1, 2, 3
-    )
+    ends = _placing_crane(*sizes)(np.hstack([position, angles]), numbers)
+    return ends.reshape(len(position), -1, 2, 3)
 
 
 @cache

@@ -34,15 +34,15 @@ def write_page(run: SiteRun, path: str | Path) -> Path:
 
 def site_html(run: SiteRun) -> str:
     """Return a run as one HTML document that needs no other file."""
-    kind = "under the supervisor" if run.boxes else "without a supervisor"
+    kind, lost = "under the supervisor" if run.boxes else "without a supervisor", lost_time(run)
     figures = (
         LiftFigure(_plan(run), "Towers, reach, ways of hooks, obstacles, and contacts in red."),
-        LiftFigure(_histories(run), "Distances, the required one dashed, and lost time."),
+        LiftFigure(_histories(run, lost), "Distances, the required one dashed, and lost time."),
     )
     return document(
         f"Site: {run.site.name}",
         f"<p>{len(run.swing)} cranes {kind}, {len(run.t) * CYCLE / 60.0:.1f} min.</p>"
-        f"{checks_html(_checks(run))}{figures_html(figures)}{tables_html(_tables(run))}",
+        f"{checks_html(_checks(run))}{figures_html(figures)}{tables_html(_tables(run, lost))}",
     )
 
 
@@ -59,34 +59,35 @@ def lost_time(run: SiteRun) -> list[np.ndarray]:
 
 
 def _checks(run: SiteRun) -> list[Check]:
-    site, (swing, allowed) = run.site, np.degrees([run.swing.max(), run.site.swing]).tolist()
+    site, violation = run.site, run.violation
+    swing, allowed = np.degrees([run.swing.max(), site.swing]).tolist()
     distance = f"{max(run.least_distance, 0.0):.2f} m, required {site.distance:g} m"
     return [
         Check(f"{len(run.contacts)} contacts.", not run.contacts),
         Check(f"Least distance of two cranes {distance}.", run.least_distance >= site.distance),
         Check(f"Largest swing of a rope {swing:.1f}°, allowed {allowed:.1f}°.", swing <= allowed),
-        Check(f"The model {run.violation or 'holds'}.", not run.violation),
+        Check(f"The model {violation or 'holds'}.", not violation),
     ]
 
 
-def _tables(run: SiteRun) -> list[Table]:
+def _tables(run: SiteRun, lost: list[np.ndarray]) -> list[Table]:
     """Return the tables that have rows."""
     drives: list[Row] = []
-    columns = run.site.stations, run.commands, run.passed, lost_time(run)
-    for station, *rates, lost in zip(*columns, strict=True):
+    columns = run.site.stations, run.commands, run.passed, lost
+    for station, *rates, losses in zip(*columns, strict=True):
         seconds = CYCLE * np.abs(np.nan_to_num(rates) / station.converters.rates).sum(axis=1)
-        for joint, *row in zip(station.crane.layout.driven, *seconds, lost[-1], strict=True):
+        for joint, *row in zip(station.crane.layout.driven, *seconds, losses[-1], strict=True):
             drives.append([station.name, joint.role or joint.name, *row])
     gaps: list[Row] = [[k, max(x.min(), 0.0), run.t[x.argmin()]] for k, x in run.gaps().items()]
     crane, t = ("crane", ""), ("time [s]", ".1f")
     numbers = [(name, ".1f") for name in ("commanded [s]", "passed on [s]", "lost [s]")]
     bodies = [(name, "") for name in ("crane or obstacle", "body", "of the second")]
-    waits, chain = f"{len(run.waits)} waits in a circle", [t, ("for [s]", ".1f"), ("cranes", "")]
+    waits, chain = run.waits, [t, ("for [s]", ".1f"), ("cranes", "")]
     tables = [
         Table("Ways of drives at full rate", [crane, ("drive", ""), *numbers], drives),
         Table("Least distances", [("pair", ""), ("distance [m]", ".2f"), t], gaps),
         Table(f"{len(run.contacts)} contacts", [t, crane, *bodies], [[*c] for c in run.contacts]),
-        Table(waits, chain, [[*wait] for wait in run.waits]),
+        Table(f"{len(waits)} waits in a circle", chain, [[*wait] for wait in waits]),
     ]
     return [table for table in tables if table.rows]
 
@@ -119,18 +120,18 @@ def _plan(run: SiteRun) -> Figure:
     return figure
 
 
-def _histories(run: SiteRun) -> Figure:
+def _histories(run: SiteRun, lost: list[np.ndarray]) -> Figure:
     """Draw distances and lost time."""
-    figure, (near, lost) = panels(2, height=2.8, sharex=True)
+    figure, (near, late) = panels(2, height=2.8, sharex=True)
     for i, (pair, values) in enumerate(run.gaps().items()):
         near.plot(run.t / 60.0, values, color=run_colour(i), label=pair)
     near.axhline(run.site.distance, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     for contact in run.contacts:
         near.plot(contact.t / 60.0, 0.0, "x", color=CONTACT, clip_on=False)
     near.set(ylabel="distance [m]", ylim=(0.0, _SCALE * run.site.distance))
-    for i, (station, seconds) in enumerate(zip(run.site.stations, lost_time(run), strict=True)):
-        lost.plot(run.t / 60.0, seconds.max(axis=1), color=run_colour(i), label=station.name)
-    lost.set(ylabel="lost time [s]", xlabel="time [min]")
-    for ax in (near, lost):
+    for i, (station, seconds) in enumerate(zip(run.site.stations, lost, strict=True)):
+        late.plot(run.t / 60.0, seconds.max(axis=1), color=run_colour(i), label=station.name)
+    late.set(ylabel="lost time [s]", xlabel="time [min]")
+    for ax in (near, late):
         ax.legend(*ax.get_legend_handles_labels(), loc="upper left", ncols=4, fontsize=9)
     return figure

@@ -313,27 +313,21 @@ def _leg(station: Station, swing: float, points: np.ndarray) -> Motion:
     crane, layout, share = station.crane, station.crane.layout, 1.0
     limits = _limits(station, swing)
     courses = np.diff(points, axis=0)
+    lengths = np.abs(courses)
     swings = _AVERAGES * math.sqrt(points[:, crane.winch].max() / crane.gravity)
     for _ in range(_ROUNDS):
         rates, slopes = share * np.array([limits.rates, limits.accelerations])
-        times = (
-            np.maximum(np.abs(courses) / rates, np.sqrt(np.abs(courses) / slopes)).max(axis=1)
-            + 1e-3
-        )
+        times = np.maximum(lengths / rates, np.sqrt(lengths / slopes)).max(axis=1) + 1e-3
         knots = np.append(0.0, np.cumsum(times))
         jumps = np.diff(courses / times[:, None], axis=0, prepend=0.0, append=0.0)
         averages = np.append(np.max(np.abs(jumps) / slopes), swings)
         counts = 2 * np.ceil(averages / (2.0 * _PERIOD)).astype(int) + 1  # odd: about a row
         before = counts.sum() // 2 + _STILL
         t = _PERIOD * np.arange(2 * before + math.ceil(knots[-1] / _PERIOD))
-        plumb = np.zeros((len(t), layout.n))
-        for drive, joint in enumerate(layout.drives):
-            plumb[:, joint] = np.interp(t - before * _PERIOD, knots, points[:, drive])
+        position = np.column_stack([np.interp(t - before * _PERIOD, knots, x) for x in points.T])
         for count in counts:
-            plumb = uniform_filter1d(plumb, count, axis=0, mode="nearest")
-        plumb[:, crane.swings] = crane.rest.angle + plumb[:, layout.drives] @ crane.rest.slope.T
-        load, *_ = station.rope(plumb)
-        load[:, 2] -= plumb[:, layout.drives[crane.winch]]
+            position = uniform_filter1d(position, count, axis=0, mode="nearest")
+        plumb, load = station.plumb(position)
         pull = make_interp_spline(t, load, k=5).derivative(2)(t)
         lean = pull[:, :2] / (pull[:, 2:] + crane.gravity)
         curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)

@@ -112,10 +112,11 @@ class SiteRun:
     boxes: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
+        violation = self.violation
         return (
             f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m, "
             f"largest swing {100.0 * self.swing.max() / self.site.swing:.0f} % of the envelope"
-            f"{self.violation and '; the model '}{self.violation}"
+            f"{violation and '; the model '}{violation}"
         )
 
     @property
@@ -199,7 +200,8 @@ class SiteRun:
             if boxes is not None:
                 new = np.append(True, np.diff(boxes, axis=0).any(axis=(1, 2)))
                 reserved = self.t[new], station.outline(boxes[new])
-            surroundings = Scenery(obstacles, np.zeros((0, 3)), reserved=reserved)
+            seen = bool(obstacles) or reserved is not None
+            surroundings = Scenery(obstacles, np.zeros((0, 3)), reserved=reserved) if seen else None
             (x, y, z), turn = map(float, station.foot), station.turn
             runs.append(
                 Run(station.name, station.crane, run, (x, y, z), scenery=surroundings, heading=turn)
@@ -516,10 +518,8 @@ class _Watch:
         self._last = [x[-1:] for x in (*after, distances)]
         spare = both[1:] + both[:-1] - motion
         for row, copy, k in np.argwhere(spare <= 4.0 * _BEND).tolist():
-            states, now = (
-                ([x[row + after, copy] for x in ends] for after in (0, 1)),
-                self._row + row,
-            )
+            states = ([x[row + later, copy] for x in ends] for later in (0, 1))
+            now = self._row + row
             contact = self._contact(CYCLE * now, *self._groups[k], *states)
             if contact is not None:
                 touching = copy, *contact[1:3]

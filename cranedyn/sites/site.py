@@ -104,6 +104,17 @@ class Station:
         motion[:, chain] = poses[:, 6:].reshape(len(q), -1, 3)
         return poses[:, :3], poses[:, 3:6], motion
 
+    def plumb(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return coordinates of the crane at rest, shape (rows, n), and points of its load in the
+        frame of the site [m], shape (rows, 3), for positions of the drives, shape (rows, m).
+        """
+        q = np.tile(self.crane.start.q, (len(position), 1))
+        q[:, self.crane.layout.drives], q[:, self.crane.swings] = position, 0.0
+        q[:, self.crane.swings] = -self.crane.swing_angles(q)
+        load, *_ = self.rope(q)
+        load[:, 2] -= position[:, self.crane.winch]
+        return q, load
+
     def outline(self, boxes: np.ndarray) -> np.ndarray:
         """Return lines around the places of the rope's pivot in boxes of the drives, shape (rows,
         2, m), and from there to the mast, in the frame of the crane [m], shape (rows, points, 3).
@@ -113,11 +124,9 @@ class Station:
         near, far = (np.column_stack([arc, np.full(_ARC, end)]) for end in (0.0, 1.0))
         share = np.full((2 * _ARC + 2, self.crane.layout.m), 0.5)
         share[:, ends] = np.concatenate([near[::-1], far[:1], far, far[-1:]])
-        q = np.tile(self.crane.start.q, (len(boxes) * len(share), 1))
         drives = boxes[:, :1] + share * np.diff(boxes, axis=1)
-        q[:, self.crane.layout.drives] = drives.reshape(len(q), -1)
-        lines = (self.rope(q)[0] - self.foot) @ self.bodies.foot[:, :3]
-        lines = lines.reshape(len(boxes), len(share), 3)
+        q, _ = self.plumb(drives.reshape(-1, self.crane.layout.m))
+        lines = ((self.rope(q)[0] - self.foot) @ self.bodies.foot[:, :3]).reshape(len(boxes), -1, 3)
         lines[:, [_ARC, -1], :2] = 0.0
         return lines
 

@@ -15,7 +15,6 @@ from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
 from experiments.compare import claims, figures, tables
 from experiments.compare.runs import (
-    COMBINED,
     IDEAL,
     Results,
     TourResult,
@@ -24,7 +23,7 @@ from experiments.compare.runs import (
 )
 from experiments.harness import Outcome, ProgressReporter, Setup
 from experiments.harness.processes import processes
-from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, RestToRest
+from experiments.scenarios.moves import COMBINED, LIMITS, MOVES, SWINGING, RestToRest
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
 from experiments.scenarios.strategies import (
     FLAT,

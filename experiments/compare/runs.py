@@ -21,8 +21,8 @@ from experiments.scenarios import perturbations as cases
 from experiments.scenarios import strategies
 from experiments.scenarios.moves import (
     AFTER,
+    COMBINED,
     DWELL,
-    MOVES,
     TOUR_LIMITS,
     MovePlan,
     RestToRest,
@@ -31,8 +31,6 @@ from experiments.scenarios.moves import (
     residual,
 )
 from experiments.scenarios.tours import CONTROLS
-
-COMBINED = MOVES[-1]
 
 UNSEEING = "it does not look at the swing"
 

@@ -23,7 +23,7 @@ from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
 from experiments.harness import Setup
 from experiments.scenarios import strategies
-from experiments.scenarios.moves import LIMITS, MOVES, instant
+from experiments.scenarios.moves import COMBINED, LIMITS, instant
 
 TRUTH = {
     "l_offset": 0.37,
@@ -183,7 +183,7 @@ def _left(
     corrected: Mapping[str, float],
 ) -> np.ndarray:
     """Return the swing that a plan leaves with uncorrected sensor offsets."""
-    move, layout = MOVES[-1], setup.crane.layout
+    move, layout = COMBINED, setup.crane.layout
     plan = strategies.STRATEGIES[strategy](setup, move)
     start = move.ends(setup.crane)[0]
     q = np.tile(start.q, (len(cranes), 1))

@@ -79,7 +79,10 @@ MOVES = (
 )
 """Single axes and all three together."""
 
-SWINGING = replace(MOVES[-1], name="combined, with a swing at the start", swing=(0.1, 0.05))
+COMBINED = MOVES[-1]
+"""All three together."""
+
+SWINGING = replace(COMBINED, name="combined, with a swing at the start", swing=(0.1, 0.05))
 """The combined move of a load that swings already."""
 
 

@@ -20,7 +20,7 @@ from cranedyn.model.description import parse_values
 from cranedyn.model.options import crane_from_options
 from experiments import a1, a2, a3, energy
 from experiments.harness import Setup
-from experiments.scenarios.moves import MOVES
+from experiments.scenarios.moves import COMBINED
 from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
@@ -96,7 +96,7 @@ def program(
         elif name == "swing":
             energy.run(asking, asking.crane, energy.SWING, along, energy.AUDIT)
         elif (strategy := strategy or FLAT) in STRATEGIES:
-            make(asking, MOVES[-1], STRATEGIES[strategy](asking, MOVES[-1]))
+            make(asking, COMBINED, STRATEGIES[strategy](asking, COMBINED))
         else:
             raise UnknownName("strategy", strategy, STRATEGIES)
     except _Asked as asked:

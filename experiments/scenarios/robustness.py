@@ -26,16 +26,14 @@ from cranedyn.sweep import Design, cross, grid
 from experiments.harness.setup import Setup
 from experiments.scenarios import shaping, strategies
 from experiments.scenarios.moves import (
+    COMBINED,
     DRAG,
-    MOVES,
     MovePlan,
     Planner,
     RestToRest,
     instant,
     on_converters,
 )
-
-COMBINED = MOVES[-1]
 
 AFTER = 10.0
 """How long after the arrival the residual swing is looked at [s]."""
