@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -13,6 +14,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from cranedyn.command import defer_sigint
 from cranedyn.data.files import atomic_write, open_file, with_ending
 from cranedyn.errors import DataError, quoted
 
@@ -25,6 +27,14 @@ _LARGEST_FOOTER = 20_000_000
 
 _BLOCK = 500_000
 """Bytes of a CSV file that are read at once, and most bytes of a line."""
+
+
+@cache
+def arrow() -> Any:
+    """Return pyarrow after its first array, which imports pandas; Ctrl-C waits until it has."""
+    with defer_sigint():
+        pa.array([""])
+    return pa
 
 
 def read_table(

@@ -82,18 +82,12 @@ class TimeSeries:
 
     def table(self) -> pyarrow.Table:
         """Return all columns as an Arrow table with parameters and record in its metadata."""
-        import pyarrow
+        from cranedyn.data.tables import arrow
 
-        from cranedyn.command import defer_sigint
-
-        with defer_sigint():  # pyarrow imports pandas, which cannot be imported again after Ctrl-C
-            return pyarrow.table(
-                {name: np.ascontiguousarray(self[name]) for name in self.keys()},
-                metadata={
-                    "cranedyn": json.dumps(dict(self.parameters)),
-                    "cranedyn.record": json.dumps(dict(self.record)),
-                },
-            )
+        columns = {name: np.ascontiguousarray(self[name]) for name in self.keys()}
+        about = {"cranedyn": self.parameters, "cranedyn.record": self.record}
+        metadata = {key: json.dumps(dict(value)) for key, value in about.items()}
+        return arrow().table(columns, metadata=metadata)
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Export all columns to libraries that read Arrow."""
@@ -110,9 +104,8 @@ class TimeSeries:
         try:
             pandas = uninterrupted_import("pandas")
         except ImportError:
-            raise CraneError(
-                "pandas is not installed; install it with: pip install 'cranedyn[pandas]'"
-            ) from None
+            message = "pandas is not installed; install it with: pip install 'cranedyn[pandas]'"
+            raise CraneError(message) from None
         frame = pandas.DataFrame({name: self[name] for name in self.keys()})
         frame.attrs.update(self.parameters)
         return frame

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from cranedyn.bridges.target import check_free
 from cranedyn.checks import number
 from cranedyn.data.external import Source, read_external
 from cranedyn.data.files import write_text
-from cranedyn.data.tables import column_names, write_table
+from cranedyn.data.tables import arrow, column_names, write_table
 from cranedyn.errors import DataError
 
 TEMPLATE, RECIPE = (
@@ -59,4 +58,4 @@ def write_gyroscope_record(path: str | Path, source: str | Path, length: float |
     axis = np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
     columns = {"t_s": data["t_s"], "phi_dot_rad_s": rates @ axis, "l_m": 0.0 * data["t_s"] + length}
     check_free(Path(path))
-    write_table(path, pa.table(columns))
+    write_table(path, arrow().table(columns))

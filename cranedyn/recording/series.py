@@ -16,7 +16,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
-from cranedyn.command import defer_sigint
+from cranedyn.data.tables import arrow
 from cranedyn.errors import printable
 from cranedyn.model.layout import Joint, Layout
 from cranedyn.plotting.style import GREEK, colour_of, mixed, rgb, run_colour
@@ -154,8 +154,7 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     jumps = np.abs(np.diff(run.trajectory.effort, axis=0)) > _JUMP * run.crane.effort_limit
     rows_of_jumps = np.flatnonzero(jumps.any(axis=1))
     kept = np.unique(np.concatenate([rows_every(t, _PERIOD), rows_of_jumps, rows_of_jumps + 1]))
-    with defer_sigint():  # see `TimeSeries.table`
-        arrays = [pa.array(values[kept].astype(np.float32)) for values in columns.values()]
+    arrays = [arrow().array(values[kept].astype(np.float32)) for values in columns.values()]
     rows = pa.StructArray.from_arrays(arrays, names=list(columns))
     component = rr.DynamicArchetype.columns(archetype="Run", components={"row": rows})
     recording.send_columns(run.entity("numbers"), clock(t[kept]), component)

@@ -14,9 +14,8 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.checks import as_array, number, whole
-from cranedyn.command import defer_sigint
 from cranedyn.compiled.fleet import Fleet
-from cranedyn.data.tables import write_table
+from cranedyn.data.tables import arrow, write_table
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import OutOfRange, RunError
@@ -172,8 +171,7 @@ class SiteRun:
                     columns[f"{station.name}_{joint.symbol}_{kind}_{joint.unit}_s"] = rate
             records[station.name] = dict(run.record)
         columns |= {f"{name}_distance_m": values for name, values in self.gaps().items()}
-        with defer_sigint():  # see `TimeSeries.table`
-            return pa.table(columns, metadata={"cranedyn.record": json.dumps(records)})
+        return arrow().table(columns, metadata={"cranedyn.record": json.dumps(records)})
 
     def write(self, path: str | Path) -> Path:
         """Write `table` to a ``.csv`` or ``.parquet`` file and return its path.

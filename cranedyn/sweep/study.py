@@ -20,6 +20,7 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.data.files import digest
+from cranedyn.data.tables import arrow
 from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.design import RESERVED
 
@@ -124,7 +125,7 @@ class Task(NamedTuple):
         Raises:
             CraneError: If it cannot be imported, or has other sources here.
         """
-        pa.array([""])  # imports pandas if there is one, before the time of a case counts
+        arrow()  # before the time of a case counts
         module, _, function = self.study.partition(":")
         try:
             study = getattr(importlib.import_module(module), function)
