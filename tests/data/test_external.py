@@ -75,23 +75,6 @@ def test_degrees_that_nobody_said_are_refused_with_what_to_say(
     assert a1.main(["--from", str(file), *options]) == 0
 
 
-@pytest.mark.parametrize(
-    ("word", "sentence"),
-    [
-        (
-            "phi_rad",
-            r"'?phi_rad'? is not a column; it is given as phi_rad=NAME or phi_rad=NAME\[deg\]",
-        ),
-        ("phi_rad=a[deg", "is not a column"),
-        ("phi_rad=a[m]", "There is no unit of phi_rad 'm'; there are rad, deg, mrad"),
-        ("x_N=a[deg]", "There is no unit of x_N 'deg'; there are N, kN"),
-    ],
-)
-def test_what_is_no_column_or_no_unit_is_a_sentence(word: str, sentence: str) -> None:
-    with pytest.raises((DataError, UnknownName), match=sentence):
-        parse_sources([word])
-
-
 def test_a_column_given_twice_or_not_needed_is_a_sentence(degrees: Path) -> None:
     with pytest.raises(DataError, match="phi_rad is given twice"):
         parse_sources(["phi_rad=a", "phi_rad=b"])

@@ -21,7 +21,7 @@ from rerun.chunk import RrdReader
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
-from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg, itinerary
+from cranedyn.planning.itinerary import ARTICLE_TOUR, itinerary
 from cranedyn.recording import Live
 from experiments import demo, harness
 from experiments.scenarios.moves import residual
@@ -75,28 +75,6 @@ def test_no_drive_exceeds_its_rate_and_every_dwell_stands_still_as_long_as_asked
         resting, leaving = TOUR(stage.arrival + 0.1), TOUR(stage.end - 0.1)
         assert_array_equal(resting.position, leaving.position)
         assert not resting.velocity.any()
-
-
-@pytest.mark.parametrize(
-    ("legs", "rates", "dwell", "words"),
-    [
-        ((Leg("away", x=15.0),), RATES, 6.0, "end of the tour"),
-        ((), RATES, 6.0, "tour is empty"),
-        (ARTICLE_TOUR, (0.08, 0.0, 0.8), 6.0, "rate of x is 0.0 m/s"),
-        (ARTICLE_TOUR, RATES, -1.0, "dwell is -1.0 s"),
-        (
-            (Leg("nowhere", x=float("nan")), Leg("back", x=10.0)),
-            RATES,
-            6.0,
-            "x of leg nowhere is nan",
-        ),
-    ],
-)
-def test_an_impossible_tour_is_refused_with_a_sentence(
-    legs: tuple[Leg, ...], rates: tuple[float, ...], dwell: float, words: str
-) -> None:
-    with pytest.raises(harness.CraneError, match=words):
-        itinerary(crane(), crane().start, legs, rates=rates, dwell=dwell)
 
 
 # --- pieces ---------------------------------------------------------------------------------------

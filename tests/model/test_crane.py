@@ -227,13 +227,6 @@ def test_a_limit_of_many_digits_is_a_limit_to_the_last_of_them() -> None:
         c.state(l=26.45676)
 
 
-def test_an_unknown_coordinate_is_refused_and_the_known_are_named() -> None:
-    with pytest.raises(
-        UnknownName, match="no coordinate 'length'; there are gamma, x, phi, theta, l, gamma_dot"
-    ):
-        crane().state(length=10)
-
-
 # --- a URDF of one's own --------------------------------------------------------------------------
 
 DRIVEN = ["yaw_joint", "trolley_joint", "hoist_joint"]
