@@ -206,13 +206,3 @@ def test_the_command_writes_what_it_names(
     named = [Path(line) for line in capsys.readouterr().out.split()]
     assert [path.name for path in named] == ["out-0s.png", "out-2.5s.png", "a.gif"]
     assert all(path.is_file() for path in named)
-
-
-@pytest.mark.parametrize("arguments", [["-t", "0"], ["--gif", "0", "x", "a.gif"]])
-def test_the_command_refuses_in_a_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
-):
-    bad = tmp_path / "bad.rrd"
-    bad.write_text("nothing")
-    assert main([str(bad), *arguments, "-o", str(tmp_path)]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
