@@ -79,6 +79,7 @@ simulate(crane, law, other, duration=0.1) => reference is a motion of 4 coordina
 run(start=four) => start is a state of 4 coordinates and 4 rates;
 run(integrator='rk4') => integrator is 'rk4'; allowed is an Integrator, such as rk4 of
 lqr(crane, still) => motion is Still(...); allowed is a Motion, such as hanging_reference
+load_crane(payload='crate') => There is no moving joint 'crate'; there are yaw_joint, trolley_joint
 load_crane(payload=2000) => payload is 2000; allowed is the name of a joint; its mass is
 read_site('open_yart') => There is no site 'open_yart'; there are open_yard, city_block
 read_crane_site('two_tower') => There is no site 'two_tower'; there are two_towers, four_towers

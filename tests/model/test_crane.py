@@ -455,29 +455,6 @@ def test_a_tree_is_a_crane_once_it_is_said_what_carries_the_payload(urdf: str, l
     alike()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "sentence"),
-    [
-        (
-            {"payload": "crate"},
-            UnknownName,
-            "There is no moving joint 'crate'; there are yaw_joint, trolley_joint",
-        ),
-        (
-            {"driven": ["yaw_joint"]},
-            ModelError,
-            "says by <ros2_control> that drives move hoist_joint, trolley_joint, yaw_joint, the "
-            "argument",
-        ),
-    ],
-)
-def test_parts_that_do_not_fit_the_joints_are_refused(
-    arguments: dict[str, Any], error: type[CraneError], sentence: str, urdf: str, load: Load
-) -> None:
-    with pytest.raises(error, match=sentence):
-        load(urdf, **arguments)
-
-
 INERTIA = 'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"'
 NOT_OURS = r"""
 <mass value="1000.0"/> => <mass value="1_000"/> => value of mass in link hook_link .* is '1_000'
