@@ -39,6 +39,7 @@ T = np.linspace(0.0, 30.0, 600)
 
 MISTAKES = r"""
 run(duration=nan) => duration is nan s; allowed is > 0.
+number('mass', '2000 kg', 'kg', '> 0') => mass is '2000 kg'; allowed is the number alone, in kg.
 constant_force(crane, payload=(1, 2)) => force on the payload is an array of shape (2,); allowed is
 constant_force(crane, payload=1.0) => force on the payload is an array of shape ()
 constant_force(crane, trolley=(nan, 0, 0)) => force on the trolley is nan
@@ -362,6 +363,10 @@ Model.of(Prior(), []) => There is no record to identify a crane from; give one o
 simulate(crane, lambda *_: np.array([1j, 0, 0]), duration=0.1) => command of the controller is no ar
 grid(**{name: range(1000) for name in 'abcd'}) => A design of 1000000000000 cases would take
 sample(2**30, seed=1, **{f'x{i}': (0, 1) for i in range(2000)}) => A design of 1073741824 cases woul
+linear_system(crane, outputs=['swing']) => There is no state 'swing'; there are gamma, x
+linear_system(crane, drive='torque') => drive is torque; allowed is effort or motion or velocity
+linear_system(crane, control_period=7e-4) => control_period is 0.0007 s; allowed is a multiple of dt
+to_matlab('crane.txt', crane) => Cannot write crane.txt: the ending must be .mat
 """
 """Calls, and how the sentence begins with which they are refused."""
 

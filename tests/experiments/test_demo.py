@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from rerun.chunk import RrdReader
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
@@ -28,6 +27,7 @@ from experiments.scenarios.moves import residual
 from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT, crane, files
+from tests.rrd import chunks
 
 RATES = (0.08, 0.8, 0.8)
 """Of the article: slew [rad/s], trolley and hoist [m/s]."""
@@ -44,14 +44,10 @@ def times(file: Path) -> np.ndarray:
 def rows(file: Path) -> dict[int, dict[str, float]]:
     """The numbers in a recording by their times [ns]."""
     found = {}
-    for chunk in RrdReader(str(file)).stream():
-        batch = chunk.to_record_batch()
-        names = batch.schema.names
-        if "Run:row" in names:
-            (clock,) = (i for i, name in enumerate(names) if "sim_time" in name)
-            t = batch.column(clock).cast("int64").to_pylist()
-            numbers = batch.column(names.index("Run:row")).to_pylist()
-            found |= dict(zip(t, (row[0] for row in numbers), strict=True))
+    for _, batch in chunks(file):
+        if "Run:row" in batch.schema.names:
+            t, numbers = batch["sim_time"].cast("int64"), batch["Run:row"].flatten()
+            found |= dict(zip(t.to_pylist(), numbers.to_pylist(), strict=True))
     return found
 
 

@@ -429,6 +429,8 @@ def test_pictures_are_not_even_drawn_where_the_moving_one_is_refused(
         ("0 1 a.png", "the ending must be .gif"),
         ("0 x a.gif", "END is x"),
         ("1 1 a.gif", "span is 1 to 1"),
+        ("0 1 a.gif --fps 0", "pictures per second is 0"),
+        ("0 1 a.gif --size 1 1", "pixels; allowed is"),
     ):
         words = ["-t", "0", "-o", str(tmp_path / "out"), "--gif", *span.split()]
         code, err = snapshots.main([str(tmp_path / "a.rrd"), *words]), capsys.readouterr().err
