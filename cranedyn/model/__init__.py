@@ -2,6 +2,6 @@
 
 Public: `load.load_crane`, `crane.Crane`, `layout.Layout`, `description.describe` and `arguments`.
 
-To read: `load` (the steps, in order), `urdf` (checks of the file), `joints` (drives, roles,
-payload), `springs` (and where a load hangs), `solvability` (checks of the numbers).
+To read: `load` (the steps, in order, and checks of the numbers), `urdf` (checks of the file),
+`joints` (drives, roles, payload), `springs` (and where a load hangs).
 """

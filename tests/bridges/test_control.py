@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import pytest
@@ -181,21 +180,6 @@ def test_a_feedback_that_is_none_is_refused_in_a_sentence(feedback: object, sent
     c = crane()
     with pytest.raises(CraneError, match=sentence):
         from_control(c, feedback, c.start)
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"outputs": ["swing"]}, "There is no state 'swing'; there are gamma, x"),
-        ({"drive": "torque"}, "drive is torque; allowed is effort or motion or velocity"),
-        ({"control_period": 7e-4}, r"control_period is 0\.0007 s; allowed is a multiple of dt"),
-    ],
-)
-def test_what_to_control_is_asked_for_wrongly_is_refused_in_a_sentence(
-    options: dict[str, Any], sentence: str
-) -> None:
-    with pytest.raises(CraneError, match=sentence):
-        to_control(crane(), **options)
 
 
 def test_a_feedback_is_about_a_rest() -> None:

@@ -303,21 +303,6 @@ def test_units_of_a_crane_and_a_controller_together_are_simulate(tmp_path: Path)
     assert_allclose(rows, np.hstack([run.q, run.v])[:-1], rtol=0.0, atol=1e-10)
 
 
-def test_a_parameter_of_a_unit_is_that_of_another_crane(unit: Unit, tmp_path: Path) -> None:
-    heavy = crane(damp_swing=5e3, damp_trolley=200.0, trolley_effort=800.0, payload_mass=2000.0)
-    path = fmi.export(heavy, tmp_path / "heavy.fmu")
-    other = Unit(path, tmp_path / "heavy").begin(**START)
-    changed = {"payload_mass": 2000.0, "phi_damping": 5e3, "theta_damping": 5e3}
-    unit.begin(**START, **changed)
-    for k in range(100):
-        for one in (unit, other):
-            one.set(F_l_command=-19000.0)
-            one.step(k)
-    names = state_names(heavy)
-    assert_allclose(unit.get(*names), other.get(*names), rtol=0.0, atol=1e-12)
-    other.slave.freeInstance()
-
-
 @pytest.mark.slow
 def test_a_unit_for_another_platform_has_its_library(tmp_path: Path) -> None:
     pytest.importorskip("ziglang", reason="extra cross (ziglang) is not installed")

@@ -12,7 +12,6 @@ from cranedyn.bridges.margins import Margins, Regulator, behind_observer, margin
 from cranedyn.controllers import hold_controller, lqr, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
-from cranedyn.errors import CraneError
 from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion
@@ -152,14 +151,3 @@ def test_a_loop_behind_a_filter_has_the_poles_of_both() -> None:
     # separation principle: coefficients of the product, as far as poles that lie together allow
     expected = np.poly(np.concatenate([np.linalg.eigvals(own), np.linalg.eigvals(errs)]))
     np.testing.assert_allclose(np.poly(np.linalg.eigvals(whole)), expected, rtol=1e-6, atol=1e-4)
-
-
-def test_a_controller_without_common_form_is_refused() -> None:
-    with pytest.raises(CraneError, match="not affine in the state"):
-        law_of(lambda t, state, setpoint: np.zeros(3))
-
-
-def test_a_law_of_another_shape_is_refused() -> None:
-    law = law_of(hold_controller(crane()))
-    with pytest.raises(CraneError, match="d of the controller"):
-        margins(sampled(crane(), REST), law._replace(d=np.zeros((3, 8))))

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from cranedyn.__main__ import main
 from cranedyn.bridges.matlab import linear_system, to_matlab
-from cranedyn.errors import DataError
 from tests.helpers import crane
 
 NAMES = ("states", "outputs", "input_units", "state_units", "output_units")
@@ -34,14 +32,3 @@ def test_the_file_has_the_matrices_with_names_and_units(drive: str, tmp_path: Pa
     units = {"effort": ["N m", "N", "N"], "motion": ["rad/s^2", "m/s^2", "m/s^2"]}
     assert lists["input_units"] == units.get(drive, ["rad/s", "m/s", "m/s"])
     assert lists["state_units"][9] == "m/s"
-
-
-def test_the_command_writes_a_new_file_only(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = str(tmp_path / "crane.mat")
-    command = ["export", "matlab", file, "--drive", "velocity", "--set", "payload_mass:=2000"]
-    assert main(command) == 0
-    assert loadmat(file)["A"].shape == (10, 10)
-    with pytest.raises(DataError, match=r"must be \.mat"):
-        to_matlab(tmp_path / "crane.txt", crane())

@@ -294,14 +294,6 @@ def test_rates_that_a_recording_lacks_are_a_sentence(tmp_path: Path) -> None:
         bags.read_joint_states(path, ["energy_J"])
 
 
-def test_names_without_a_recording_of_ros_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert a1.main(["--joints", "l=rope", "--out", str(tmp_path / "out")]) == 2
-    sentence = "--joints has no effect without --from and an .mcap or .bag file; leave it out."
-    assert capsys.readouterr().err == f"error: {sentence}\n"
-
-
 @pytest.mark.slow
 def test_a_damaged_file_is_a_sentence_wherever_it_is_damaged(file: Path, tmp_path: Path) -> None:
     whole, broken = file.read_bytes(), tmp_path / "broken.mcap"

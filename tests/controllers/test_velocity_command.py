@@ -17,7 +17,6 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.velocity_command import VelocityCommand, as_velocity_command
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import acceleration
-from cranedyn.errors import CraneError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
@@ -170,9 +169,3 @@ def test_drives_that_yield_ask_for_the_rate_that_they_compute() -> None:
     )
     # ζ = 0.2 at 1 rad/s for 30 s: e^-6
     assert np.abs(run["phi_rad"][-1000:]).max() < 0.1 * np.exp(-5.0)
-
-
-def test_a_brake_without_damping_has_no_rate() -> None:
-    c = crane()
-    with pytest.raises(CraneError, match="damping of a hold controller for velocity drives is 0"):
-        as_velocity_command(c, hold_controller(c, damping=(0.0, 1.0, 1.0)), drive="effort")

@@ -12,28 +12,16 @@ import pytest
 from cranedyn.data.external import Source, parse_sources, read_external
 from cranedyn.errors import DataError, UnknownName
 from experiments import a1
+from tests.experiments.conftest import write_csv
 
 T = np.arange(0.0, 60.0, 0.02)
 PHI = 0.1 * np.exp(-3e-4 * T) * np.cos(2.0 * math.pi / 6.378 * T)
 
 
-def _write(path: Path, **columns: np.ndarray) -> Path:
-    head = ",".join(f'"{name}"' for name in columns)
-    np.savetxt(
-        path,
-        np.stack(list(columns.values()), axis=1),
-        delimiter=",",
-        header=head,
-        comments="",
-        fmt="%.17g",
-    )
-    return path
-
-
 @pytest.fixture
 def degrees(tmp_path: Path) -> Path:
     """A file of somebody who writes milliseconds, degrees and millimetres."""
-    return _write(
+    return write_csv(
         tmp_path / "site.csv",
         **{"time": 1e3 * T, "swing angle": np.degrees(PHI), "rope": np.full_like(T, 10_000.0)},
     )
@@ -63,7 +51,9 @@ def test_a1_finds_the_period_of_a_file_in_degrees(degrees: Path, tmp_path: Path)
 def test_degrees_that_nobody_said_are_refused_with_what_to_say(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = _write(tmp_path / "site.csv", t_s=T, phi_rad=np.degrees(PHI), l_m=np.full_like(T, 10.0))
+    file = write_csv(
+        tmp_path / "site.csv", t_s=T, phi_rad=np.degrees(PHI), l_m=np.full_like(T, 10.0)
+    )
     assert a1.main(["--from", str(file), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert (
@@ -73,23 +63,6 @@ def test_degrees_that_nobody_said_are_refused_with_what_to_say(
     assert "--columns phi_rad=phi_rad[deg]" in error
     options = ["--columns", "phi_rad=phi_rad[deg]", "--out", str(tmp_path / "out")]
     assert a1.main(["--from", str(file), *options]) == 0
-
-
-@pytest.mark.parametrize(
-    ("word", "sentence"),
-    [
-        (
-            "phi_rad",
-            r"'?phi_rad'? is not a column; it is given as phi_rad=NAME or phi_rad=NAME\[deg\]",
-        ),
-        ("phi_rad=a[deg", "is not a column"),
-        ("phi_rad=a[m]", "There is no unit of phi_rad 'm'; there are rad, deg, mrad"),
-        ("x_N=a[deg]", "There is no unit of x_N 'deg'; there are N, kN"),
-    ],
-)
-def test_what_is_no_column_or_no_unit_is_a_sentence(word: str, sentence: str) -> None:
-    with pytest.raises((DataError, UnknownName), match=sentence):
-        parse_sources([word])
 
 
 def test_a_column_given_twice_or_not_needed_is_a_sentence(degrees: Path) -> None:
@@ -102,13 +75,6 @@ def test_a_column_given_twice_or_not_needed_is_a_sentence(degrees: Path) -> None
 
 
 def test_time_of_another_name_must_increase(tmp_path: Path) -> None:
-    file = _write(tmp_path / "a.csv", clock=np.array([0.0, 2.0, 1.0]), phi_rad=np.zeros(3))
+    file = write_csv(tmp_path / "a.csv", clock=np.array([0.0, 2.0, 1.0]), phi_rad=np.zeros(3))
     with pytest.raises(DataError, match="clock must increase"):
         read_external(file, ("t_s", "phi_rad"), {"t_s": Source("clock")})
-
-
-def test_columns_without_files_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert a1.main(["--columns", "phi_rad=a", "--out", str(tmp_path / "out")]) == 2
-    assert "--columns has no effect without --from" in capsys.readouterr().err

@@ -325,19 +325,6 @@ def test_every_error_is_a_crane_error_that_carries_its_values() -> None:
         assert isinstance(error, CraneError)
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("2000 kg", "'2000 kg'; allowed is the number alone, in kg."),
-        ("heavy", "heavy kg; allowed is a number > 0."),
-    ],
-)
-def test_a_unit_is_never_said_twice(text: str, sentence: str) -> None:
-    with pytest.raises(OutOfRange) as caught:
-        number("payload_mass", text, "kg", "> 0")
-    assert str(caught.value) == f"payload_mass is {sentence}"
-
-
 def test_an_error_is_one_printable_line_of_bounded_length_whatever_it_quotes() -> None:
     for error in (
         DataError("a\nb\x1b[31m\udcff\u2028c" + "x" * 10**6),

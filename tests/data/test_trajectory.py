@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,24 +49,31 @@ def _bits(trajectory: Trajectory) -> list[bytes]:
     return [np.ascontiguousarray(getattr(trajectory, name)).tobytes() for name in QUANTITIES]
 
 
+WORDS = st.text(st.characters(codec="utf-8"))
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", [".csv", ".parquet"])
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     numbers=arrays(
         float,
-        (3, WIDTH),
-        elements=st.one_of(
-            st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(NASTY.tolist())
-        ),
-    )
+        st.tuples(st.integers(1, 5), st.just(WIDTH)),
+        elements=FINITE | st.sampled_from(NASTY.tolist()),
+    ),
+    parameters=st.dictionaries(WORDS, FINITE | WORDS),
 )
 def test_what_is_written_is_read_back_to_the_bit(
-    ending: str, numbers: np.ndarray, tmp_path: Path
+    numbers: np.ndarray, parameters: dict[str, float | str], tmp_path: Path
 ) -> None:
-    numbers[:, 0] = -1e308, 5e-324, 1e308  # times must increase
-    before = _made(numbers)
-    assert _bits(read(before.write(tmp_path / f"a{ending}"))) == _bits(before)
+    numbers[:, 0] = [-1e308, 5e-324, 1.0, 1.1, 1e308][-len(numbers) :]  # times must increase
+    before = replace(_made(numbers), parameters=parameters)
+    first = read(before.write(tmp_path / "a.csv"))
+    second = read(replace(first, parameters=parameters).write(tmp_path / "b.parquet"))
+    third = read(second.write(tmp_path / "c.csv"))
+    assert _bits(third) == _bits(second) == _bits(first) == _bits(before)
+    assert second.parameters == parameters
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()
 
 
 def test_both_formats_hold_the_same_columns_in_the_same_order(
@@ -160,7 +168,6 @@ def test_columns_are_read_in_any_order_among_others_and_from_whole_numbers(tmp_p
             "t_s,phi\n0,1\n1,2\n",
             r"theirs.csv has no column phi_rad; needed are t_s, phi_rad, it has 't_s, phi'",
         ),
-        ("a,b\n0,1\n", r"has no column t_s, phi_rad"),
         ("t_s,phi_rad\n0,up\n1,2\n", r"Cannot read .*theirs.csv: .*invalid value 'up'"),
         (
             "t_s,phi_rad\n0,1\n1,nan\n",
@@ -175,25 +182,10 @@ def test_columns_are_read_in_any_order_among_others_and_from_whole_numbers(tmp_p
             r"column phi_rad holds a value that is not finite, in data row 1",
         ),
         ("t_s,phi_rad\n0,1\n0,2\n", r"t_s must increase from row to row"),
-        ("t_s,phi_rad\n1,1\n0,2\n", r"t_s must increase from row to row"),
         ("t_s,phi_rad\n1,1\n", r"t_s must increase from row to row, over two rows at least"),
         ("t_s,phi_rad\n", r"t_s must increase from row to row, over two rows at least"),
         ("t_s,phi_rad\n0,1,2\n", r"Cannot read .*theirs.csv: .*[Ee]xpected 2 columns"),
         ("", r"Cannot read .*theirs.csv: .*[Ee]mpty"),
-    ],
-    ids=[
-        "missing",
-        "all missing",
-        "text",
-        "NaN",
-        "blank",
-        "infinite",
-        "time stands",
-        "time runs back",
-        "one row",
-        "no row",
-        "ragged",
-        "empty",
     ],
 )
 def test_a_file_without_what_is_needed_is_refused_in_a_sentence(

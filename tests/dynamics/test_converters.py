@@ -21,7 +21,6 @@ from cranedyn.dynamics.converters import (
     within_efforts,
 )
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate
@@ -200,22 +199,3 @@ def test_typical_converters_are_those_of_the_role_and_never_faster_than_the_join
     assert slow.rates[1] == 0.5
     own = converters(crane(), lags={"x": 0.25}, delay=0.04)
     assert own.lags.tolist() == [usual.lags[0], 0.25, usual.lags[2]] and own.delay == 0.04
-
-
-@pytest.mark.parametrize(
-    ("wrong", "sentence"),
-    [
-        (
-            {"dt": 0.02, "control_period": 0.1, "lags": {"x": 0.01}},
-            "shortest lag of the converters",
-        ),
-        ({"delay": 0.4}, "delay of converters is 0.4 s; allowed is 0.32 or less"),
-        ({"validity": "buffers"}, "validity is buffers"),
-    ],
-)
-def test_a_run_that_converters_cannot_make_is_refused(wrong: Any, sentence: str) -> None:
-    c = crane()
-    made = converters(c, **{name: wrong.pop(name) for name in ("lags", "delay") if name in wrong})
-    how = {"drive": made, "duration": 0.1, **wrong}
-    with pytest.raises(CraneError, match=sentence):
-        simulate(c, told(0.0, 0.0, 0.0), **how)

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from numpy.testing import assert_allclose
-from scipy.optimize import brentq
 
-from cranedyn import theory
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.interfaces import State
@@ -229,8 +227,7 @@ def test_a_falling_load_leaves_the_rope_slack() -> None:
     assert _rope_tension(c, c.start, effort) == pytest.approx(-1000.0, abs=1e-9)
 
 
-# --- closed forms, integrated by a Runge-Kutta of high order so that only the equations are on ----
-# trial ------------------------------
+# --- a pendulum, integrated by a Runge-Kutta of high order; experiment validate has further forms -
 
 
 def _period(c: Crane, start: State, guess: float) -> float:
@@ -264,169 +261,3 @@ def test_rotational_inertia_lengthens_the_pendulum_at_any_amplitude() -> None:
     expected = pendulum_period(longer, G, 1.0)
     # As above.
     assert _period(c, c.state(l=12.0, phi=1.0), expected) == pytest.approx(expected, rel=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("length", "rate", "expected"), [(10.0, 0.5, -0.0169789144434), (40.0, -0.8, -0.106873470578)]
-)
-def test_constant_hoisting_meets_the_bessel_functions(
-    length: float, rate: float, expected: float
-) -> None:
-    c, small = big_crane(), 5e-5
-    q, _ = flow(c, c.state(l=length, l_dot=rate, phi=small), np.array([0.0, 40.0]))
-    # the integration's 1e-10, and finite amplitude: (5e-5)² · 4.5 of phase
-    assert 0.05 / small * q[-1, 2] == pytest.approx(expected, abs=2e-7)
-
-
-def test_a_spherical_pendulum_precesses_by_the_apsidal_integral() -> None:
-    c, a, b = big_crane(), 2.0, 1.0
-    length, omega = 20.0, math.sqrt(G / 20.0)
-    start = c.state(l=length, phi=math.asin(a / length), theta_dot=-b * omega / length)
-    precession = theory.apsidal_precession(length, a, b)
-
-    times = np.linspace(0.0, 9.5, 9501)
-    q, _ = flow(c, start, times)
-    offset = np.array([PAPER.payload(row)[:2] for row in q]) - [0.0, -10.0]
-    outward = np.gradient(np.einsum("ij,ij->i", offset, offset), times)
-    late = np.flatnonzero((outward[:-1] > 0) & (outward[1:] <= 0) & (times[:-1] > 6.0))[0]
-    share = outward[late] / (outward[late] - outward[late + 1])
-    direction = np.unwrap(np.arctan2(offset[:, 1], offset[:, 0]))
-    turned = abs(direction[late] + share * (direction[late + 1] - direction[late]) - direction[0])
-    # the apse found between samples 1 ms apart: 1e-6 of a step of 3.5e-4 rad, gradient of order
-    # 1e-6
-    assert turned - 2.0 * math.pi == pytest.approx(precession, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("radius", "length", "rpm"), [(50.0, 45.0, 0.8), (25.0, 19.0, 0.5)], ids=["71 EC-B 5", "L1-24"]
-)
-def test_in_steady_slewing_the_load_swings_out(radius: float, length: float, rpm: float) -> None:
-    c, rate = big_crane(), rpm * 2.0 * math.pi / 60.0
-
-    def fall(phi: float) -> float:
-        return float(
-            dynamics.prescribed_acceleration(
-                c, c.state(x=radius, l=length, phi=phi, gamma_dot=rate), np.zeros(3)
-            )[0][2]
-        )
-
-    outward = -brentq(fall, -0.2, 0.2, xtol=1e-14)
-    # Both searches.
-    assert outward == pytest.approx(-theory.slewing_swing(radius, length, rate, G), abs=1e-13)
-    a, effort = dynamics.prescribed_acceleration(
-        c, c.state(x=radius, l=length, phi=-outward, gamma_dot=rate), np.zeros(3)
-    )
-    pull = theory.slewing_tension(radius, length, rate, G, 1000.0)
-    assert _rope_tension(c, c.start, effort) == pytest.approx(pull, rel=1e-12)  # rounding
-    assert_allclose(a, 0.0, atol=1e-12)  # rounding
-
-
-def test_a_jib_turning_over_its_own_axis_leaves_the_plane_of_swing_alone() -> None:
-    c, rate, phi = big_crane(trolley_min=0.0), 0.1, 0.2
-    start = c.state(x=0.0, l=20.0, phi=phi, gamma_dot=rate, theta_dot=-rate * math.sin(phi))
-    q, _ = flow(c, start, np.linspace(0.0, 30.0, 61))
-    aside = [PAPER.payload(row)[0] for row in q]
-    # at rest in the world at first, so the plane x = 0 is kept (Foucault): modes ω0 ± Ω as seen
-    # from the jib; integration 1e-10
-    assert_allclose(aside, 0.0, atol=1e-8)
-
-
-def test_a_trolley_that_accelerates_coasts_and_brakes_leaves_the_residual_of_the_closed_form() -> (
-    None
-):
-    c, a, pulse, coast, scale = big_crane(), 0.3, 4.0, 6.0, 1e-3
-    omega = math.sqrt(G / 20.0)
-    state = c.state(l=20.0)
-    for push, time in ((a, pulse), (0.0, coast), (-a, pulse)):
-        q, v = flow(
-            c, state, np.array([0.0, time]), lambda t, push=push: np.array([0.0, scale * push, 0.0])
-        )
-        state = State(q[-1], v[-1])
-    left = math.hypot(state.q[2], state.v[2] / omega) / scale
-    # finite amplitude (1e-4)², integration 1e-10 over the scale of 1e-3
-    assert left == pytest.approx(theory.coast_residual(a, pulse, coast, 20.0, G), abs=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("ratio", "degrees"),
-    [(10.0, 10.687330), (15.0, 1.395181), (1.834566, 0.0), (2.895032, 0.0), (4.938452, 0.0)],
-)
-def test_a_quintic_from_rest_to_rest_leaves_the_residual_of_the_closed_form(
-    ratio: float, degrees: float
-) -> None:
-    c, scale, omega = big_crane(), 1e-3, math.sqrt(G / 20.0)
-    duration = ratio if degrees else ratio * 2.0 * math.pi / omega
-
-    def drive(t: float) -> np.ndarray:
-        s = t / duration
-        return np.array([0.0, scale * 10.0 / duration**2 * (60 * s - 180 * s**2 + 120 * s**3), 0.0])
-
-    q, v = flow(c, c.state(l=20.0), np.array([0.0, duration]), drive)
-    left = math.hypot(q[-1, 2], v[-1, 2] / omega) / scale
-    # six digits of the table; the zeros are given to 1e-6 of the duration, where the residual grows
-    # by about 1e-6 of 0.1 rad
-    assert math.degrees(left) == pytest.approx(degrees, abs=2e-6)
-
-
-# --- what is conserved ----------------------------------------------------------------------------
-
-
-def _part(c: Crane, state: State, fixed: tuple[int, ...]) -> np.ndarray:
-    """Accelerations when some drives are held still by whatever effort it takes, and the others
-    push with none.
-    """
-    free = dynamics.acceleration(c, state, np.zeros(3))
-    gain = np.array([dynamics.acceleration(c, state, e) - free for e in np.eye(3)])[list(fixed)].T[
-        DRIVES[list(fixed)]
-    ]
-    effort = np.zeros(3)
-    effort[list(fixed)] = -np.linalg.solve(gain, free[DRIVES[list(fixed)]])
-    return dynamics.acceleration(c, state, effort)
-
-
-def _partly_free(
-    c: Crane, start: State, times: np.ndarray, fixed: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    return flow(c, start, times, acceleration=lambda state: _part(c, state, fixed))
-
-
-def test_with_locked_drives_energy_and_vertical_angular_momentum_about_the_pivot_stay() -> None:
-    c = big_crane()
-    start = c.state(l=20.0, phi=0.6, theta=-0.2, theta_dot=0.3, phi_dot=0.1)
-    q, v = flow(c, start, np.linspace(0.0, 30.0, 31))
-    energies = [dynamics.energy(c, State(*row)) for row in zip(q, v, strict=True)]
-    arms = [PAPER.payload(row) - [0.0, -10.0, 28.0] for row in q]
-    speeds = [
-        PAPER.payload(row + 1e-30j * rate).imag / 1e-30 for row, rate in zip(q, v, strict=True)
-    ]
-    momenta = np.cross(arms, speeds)[:, 2]
-    assert_allclose(energies, energies[0], rtol=1e-8)  # integration 1e-10 over 30 s
-    assert_allclose(momenta, momenta[0], rtol=1e-8)
-    assert abs(momenta[0]) > 5.0
-
-
-def test_a_jib_that_turns_freely_keeps_its_angular_momentum_with_the_load() -> None:
-    c = crane(damp_swing=0, slewing_inertia=2e5)
-    law = Lagrangian(G, slewing_inertia=2e5)
-    start = c.state(x=20.0, phi=0.4, theta=0.5, gamma_dot=0.05)
-    q, v = _partly_free(c, start, np.linspace(0.0, 20.0, 21), fixed=(1, 2))
-    momenta = [(law.mass_matrix(row).real @ rate)[0] for row, rate in zip(q, v, strict=True)]
-    assert_allclose(momenta, momenta[0], rtol=1e-8)  # integration 1e-10 over 20 s
-    assert np.ptp(v[:, 0]) > 1e-3  # the load does push the jib about
-    assert_allclose(q[:, [1, 4]], q[0, [1, 4]] * np.ones((21, 1)), atol=1e-8)
-
-
-def test_a_trolley_that_rolls_freely_keeps_momentum_with_the_load_and_swings_faster() -> None:
-    c = big_crane(trolley_mass=500.0)
-    start = c.state(l=20.0, phi=1e-4)
-    # M/(M + m) = 1/3 of the length
-    expected = 2.0 * math.pi * math.sqrt(20.0 * 500.0 / (1500.0 * G))
-    times = np.linspace(0.0, expected, 1001)
-    q, v = _partly_free(c, start, times, fixed=(0, 2))
-    momentum = 500.0 * v[:, 1] + 1000.0 * (v[:, 1] - 20.0 * np.cos(q[:, 2]) * v[:, 2])
-    assert_allclose(momentum, 0.0, atol=1e-8)  # integration 1e-11 times 1500 kg
-    # Back after one period; a flat top: square of the error in time.
-    assert q[-1, 2] == pytest.approx(1e-4, rel=1e-6)
-    assert q[500, 2] == pytest.approx(-1e-4, rel=1e-6)
-    # Finite amplitude 1e-9, integration 1e-8 of the swing.
-    assert q[250, 2] == pytest.approx(0.0, abs=1e-4 * 1e-6)

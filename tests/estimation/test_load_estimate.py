@@ -370,11 +370,6 @@ def test_it_is_refused_in_a_second_run() -> None:
         quickly(crane(), used, motion, start=start, duration=0.1)
 
 
-def test_a_cable_that_would_be_shorter_than_nothing_is_refused() -> None:
-    with pytest.raises(CraneError, match="shortest cable"):
-        with_longer_cable(crane(), combined(crane()), -11.0)
-
-
 def test_a_motion_on_another_cable_is_that_of_a_tower_crane() -> None:
     bridge = load_crane(ROOT / "urdf" / "overhead_crane.urdf.xacro")
     with pytest.raises(MissingRole, match="A motion on another cable"):

@@ -104,10 +104,11 @@ def standard(ran: Callable[..., Ran]) -> Standard:
     return run
 
 
-def write_csv(path: Path, **columns: np.ndarray) -> None:
-    """Write columns with all their digits."""
+def write_csv(path: Path, **columns: np.ndarray) -> Path:
+    """Write columns with all their digits, and return the file."""
     table, header = np.stack(list(columns.values()), axis=1), ",".join(columns)
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
+    return path
 
 
 @pytest.hookimpl(tryfirst=True)

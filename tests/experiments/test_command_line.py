@@ -14,7 +14,7 @@ import pytest
 from cranedyn.__main__ import main as front_main
 from cranedyn.controllers.lqr import riccati, stationary
 from cranedyn.data.trajectory import read
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import CraneError
 from experiments import a1, demo, energy, harness
 from experiments.compare import runs as compare_runs
 from experiments.scenarios.moves import MOVES
@@ -85,11 +85,6 @@ def test_a_pace_is_one_that_a_clock_can_keep(
     assert demo.main(["--pace", pace, "--cycles", "0.01", "--out", str(tmp_path / "demo")]) == 2
     assert capsys.readouterr().err == f"error: pace is {float(pace)}; allowed is 0.001 to 1e6.\n"
     assert not (tmp_path / "demo").exists()
-
-
-def test_a_world_has_clocks_that_a_run_can_have() -> None:
-    with pytest.raises(OutOfRange, match="control_period is -1 s"):
-        harness.Setup(control_period=-1)
 
 
 @pytest.mark.parametrize(

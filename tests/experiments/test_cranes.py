@@ -24,7 +24,6 @@ from cranedyn.dynamics.pinocchio import (
     linearise,
     payload_position,
 )
-from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.estimation.observer import disturbance_of, initial_std_of
 from cranedyn.interfaces import EngineName, State
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -49,7 +48,7 @@ from experiments.relatives.catalogue import (
     moved,
     relative_crane,
 )
-from tests.helpers import big_crane, crane
+from tests.helpers import big_crane
 from tests.rrd import numbers, rows
 
 FALLS = Relative("load on two falls", {"fall_spacing": 2.0})
@@ -228,20 +227,6 @@ def test_free_modes_are_normal_and_keep_their_amplitudes(relative: Relative) -> 
     kept = modes.amplitudes(run.q, run.v)
     ripple = modes.frequencies.max() * 2e-4 / 2.0  # of the step: ω dt/2
     assert_allclose(kept, np.broadcast_to(kept[0], kept.shape), rtol=1.2 * ripple + 2e-4)
-
-
-def test_what_would_fall_has_no_frequencies() -> None:
-    c = crane()
-    upside_down = c.start.q.copy()
-    upside_down[c.layout.index("phi")] = math.pi
-    with pytest.raises(ModelError, match="the passive joints of this crane would fall, not swing"):
-        free_modes(c, State(upside_down, c.start.v))
-
-
-def test_amplitudes_of_rows_of_another_crane_are_refused() -> None:
-    modes = free_modes(crane(), crane().start)
-    with pytest.raises(OutOfRange, match="q"):
-        modes.amplitudes(np.zeros((3, 7)), np.zeros((3, 7)))
 
 
 def test_a_joint_that_a_spring_holds_is_believed_to_stand_as_still_as_a_drive() -> None:

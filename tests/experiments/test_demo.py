@@ -17,17 +17,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from rerun.chunk import RrdReader
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
-from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg, itinerary
+from cranedyn.planning.itinerary import ARTICLE_TOUR, itinerary
 from cranedyn.recording import Live
 from experiments import demo, harness
 from experiments.scenarios.moves import residual
 from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT, crane, files
+from tests.rrd import chunks
 
 RATES = (0.08, 0.8, 0.8)
 """Of the article: slew [rad/s], trolley and hoist [m/s]."""
@@ -44,14 +44,10 @@ def times(file: Path) -> np.ndarray:
 def rows(file: Path) -> dict[int, dict[str, float]]:
     """The numbers in a recording by their times [ns]."""
     found = {}
-    for chunk in RrdReader(str(file)).stream():
-        batch = chunk.to_record_batch()
-        names = batch.schema.names
-        if "Run:row" in names:
-            (clock,) = (i for i, name in enumerate(names) if "sim_time" in name)
-            t = batch.column(clock).cast("int64").to_pylist()
-            numbers = batch.column(names.index("Run:row")).to_pylist()
-            found |= dict(zip(t, (row[0] for row in numbers), strict=True))
+    for _, batch in chunks(file):
+        if "Run:row" in batch.schema.names:
+            t, numbers = batch["sim_time"].cast("int64"), batch["Run:row"].flatten()
+            found |= dict(zip(t.to_pylist(), numbers.to_pylist(), strict=True))
     return found
 
 
@@ -75,28 +71,6 @@ def test_no_drive_exceeds_its_rate_and_every_dwell_stands_still_as_long_as_asked
         resting, leaving = TOUR(stage.arrival + 0.1), TOUR(stage.end - 0.1)
         assert_array_equal(resting.position, leaving.position)
         assert not resting.velocity.any()
-
-
-@pytest.mark.parametrize(
-    ("legs", "rates", "dwell", "words"),
-    [
-        ((Leg("away", x=15.0),), RATES, 6.0, "end of the tour"),
-        ((), RATES, 6.0, "tour is empty"),
-        (ARTICLE_TOUR, (0.08, 0.0, 0.8), 6.0, "rate of x is 0.0 m/s"),
-        (ARTICLE_TOUR, RATES, -1.0, "dwell is -1.0 s"),
-        (
-            (Leg("nowhere", x=float("nan")), Leg("back", x=10.0)),
-            RATES,
-            6.0,
-            "x of leg nowhere is nan",
-        ),
-    ],
-)
-def test_an_impossible_tour_is_refused_with_a_sentence(
-    legs: tuple[Leg, ...], rates: tuple[float, ...], dwell: float, words: str
-) -> None:
-    with pytest.raises(harness.CraneError, match=words):
-        itinerary(crane(), crane().start, legs, rates=rates, dwell=dwell)
 
 
 # --- pieces ---------------------------------------------------------------------------------------

@@ -313,15 +313,3 @@ def test_results_that_are_there_are_collected_not_run_again(
 ) -> None:
     monkeypatch.setattr(report, "COMMAND", ("/nothing is run",))
     assert report.main(["--out", str(made), "--only", "mass_ratio"]) == 0
-
-
-def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert report.main(["--out", str(tmp_path / "out"), "--only", "a9"]) == 2
-    (tmp_path / "a1").mkdir()
-    (tmp_path / "a1" / "result.json").write_text("{", encoding="utf-8")
-    assert report.main(["--out", str(tmp_path), "--only", "a1"]) == 2
-    errors = capsys.readouterr().err.splitlines()
-    assert len(errors) == 2
-    assert "a9" in errors[0]
-    assert "it is not JSON" in errors[1]
-    assert not (tmp_path / "report.html").exists()

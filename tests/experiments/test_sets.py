@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -221,19 +220,15 @@ def test_a_name_with_a_nul_is_refused_in_a_sentence(
     assert err.startswith("error: Cannot ")
 
 
-def test_a_document_that_cannot_be_read_whole_or_written_is_refused_before_the_run(
+def test_a_document_that_cannot_be_written_is_refused_before_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "page.md").write_text("<!-- a1: -->\n<!-- end -->\n")
     # No room for a draft of any name.
     monkeypatch.setattr("os.urandom", lambda count: bytes(128))
-    for document, sentence in (
-        ("/dev/zero", "Cannot read /dev/zero: it is no file but a device."),
-        ("page.md", "Cannot write page.md: File name too long."),
-    ):
-        with pytest.raises(DataError, match=re.escape(sentence)):
-            read_document(document, "a1")
+    with pytest.raises(DataError, match=r"Cannot write page\.md: File name too long\."):
+        read_document("page.md", "a1")
     assert files(tmp_path) == ["page.md"]
 
 

@@ -227,8 +227,6 @@ def test_what_no_column_could_tell_is_refused(
         Model.of(PRIOR, [record], names, drives=drives)  # type: ignore[arg-type]
 
 
-def test_no_records_and_parameters_that_were_not_estimated_are_refused() -> None:
-    with pytest.raises(DataError, match="There is no record"):
-        Model.of(PRIOR, [])
+def test_parameters_that_were_not_estimated_are_refused() -> None:
     with pytest.raises(UnknownName, match="There is no parameter 'x_lag'; there are l_offset"):
         found().value("x_lag")

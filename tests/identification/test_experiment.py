@@ -89,14 +89,11 @@ def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
         (["{l5}", "--since", "69"], "has 21 rows to go by"),
         (["{l5}", "--joints", "l=NAME"], "--joints has no effect without an .mcap or .bag FILE"),
         (["{l5}", "--drives", "effort"], "A record has no effort of some drive"),
-        (["missing.csv"], "missing.csv"),
         (["--estimate", "delay"], "--estimate has no effect without a FILE"),
         (["--set", "payload_mass:=900"], "--set has no effect without a FILE"),
         (["--workers", "2"], "--workers has no effect without --coverage"),
-        (["--plant", "mujoco"], "--plant has no effect without --coverage"),
         (["--coverage", "0"], "coverage is 0; allowed is a whole number >= 1"),
         (["{l5}", "--coverage", "3"], "A FILE has no effect beside --coverage"),
-        (["--coverage", "3", "--set", "a:=1"], "--set has no effect beside --coverage"),
     ],
 )
 def test_what_cannot_be_is_one_sentence_and_leaves_no_file(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 
 from cranedyn.bridges import mcap
 from cranedyn.controllers import hold_controller
-from cranedyn.data.external import parse_sources
 from cranedyn.errors import CraneError, DataError
 from cranedyn.identification import Prior, Record, load_record
 from cranedyn.simulation.simulate import simulate
@@ -86,18 +84,6 @@ def test_times_count_from_the_first_row_that_is_looked_at() -> None:
     assert record.t[0] == 0.0
     assert record.duration == pytest.approx(29.95)
     assert record.columns["phi_rad"][0] == pytest.approx(0.1 * np.sin(8.0))
-
-
-def test_files_in_other_names_and_units_give_the_same_record(tmp_path: Path) -> None:
-    data, file = columns(), tmp_path / "site.csv"
-    table = np.stack([1e3 * data["t_s"], np.degrees(data["phi_rad"]), data["x_m"]], axis=1)
-    np.savetxt(file, table, delimiter=",", header="time,Angle,x_m", comments="", fmt="%.17g")
-    sources = parse_sources(["t_s=time[ms]", "phi_rad=Angle[deg]"])
-    found = load_record(file, PRIOR.crane, sources=sources)
-    for name in ("phi_rad", "x_m"):
-        np.testing.assert_allclose(found.columns[name], data[name], atol=1e-15, rtol=1e-15)
-    with pytest.raises(DataError, match=re.escape("no column")):
-        load_record(file, PRIOR.crane)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.errors import CraneError, DataError
 from cranedyn.lifting.chart import CHARTS, CutOut, Falls, assess_run, cut_outs, read_chart
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane, locked
@@ -82,12 +82,6 @@ def test_cut_outs_are_stretches_of_time() -> None:
         CutOut(7.0, 7.0, "warning", 0.9),
     ]
     assert cut_outs(t, 0.0 * t) == []
-
-
-@pytest.mark.parametrize("radius", [0.0, 1.9, 30.0, np.nan])
-def test_beyond_the_chart_nothing_is_rated(radius: float) -> None:
-    with pytest.raises(OutOfRange, match="where the chart is"):
-        MCT88.on().at(radius)
 
 
 GOOD = 'name = "a"\nsource = "b"\n[[falls]]\ncount = 2\nradii = [10.0, 20.0]\nloads = [4e3, 2e3]\n'

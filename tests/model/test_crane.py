@@ -227,13 +227,6 @@ def test_a_limit_of_many_digits_is_a_limit_to_the_last_of_them() -> None:
         c.state(l=26.45676)
 
 
-def test_an_unknown_coordinate_is_refused_and_the_known_are_named() -> None:
-    with pytest.raises(
-        UnknownName, match="no coordinate 'length'; there are gamma, x, phi, theta, l, gamma_dot"
-    ):
-        crane().state(length=10)
-
-
 # --- a URDF of one's own --------------------------------------------------------------------------
 
 DRIVEN = ["yaw_joint", "trolley_joint", "hoist_joint"]
@@ -460,29 +453,6 @@ def test_a_tree_is_a_crane_once_it_is_said_what_carries_the_payload(urdf: str, l
         assert a[layout.index("vane")] == pytest.approx(-expected[0], abs=1e-10, rel=1e-9)
 
     alike()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error", "sentence"),
-    [
-        (
-            {"payload": "crate"},
-            UnknownName,
-            "There is no moving joint 'crate'; there are yaw_joint, trolley_joint",
-        ),
-        (
-            {"driven": ["yaw_joint"]},
-            ModelError,
-            "says by <ros2_control> that drives move hoist_joint, trolley_joint, yaw_joint, the "
-            "argument",
-        ),
-    ],
-)
-def test_parts_that_do_not_fit_the_joints_are_refused(
-    arguments: dict[str, Any], error: type[CraneError], sentence: str, urdf: str, load: Load
-) -> None:
-    with pytest.raises(error, match=sentence):
-        load(urdf, **arguments)
 
 
 INERTIA = 'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"'

@@ -13,7 +13,6 @@ from cranedyn.__main__ import main
 from cranedyn.analysis.swing import fit_swing
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.model.machines import machine_names, read_machine
 from cranedyn.references.limits import Limits
 from cranedyn.theory import amplitude_factor, rigid_period
@@ -88,15 +87,6 @@ def test_limits_of_a_machine_are_those_of_plans_and_converters() -> None:
     # A stop in gear 3 took 15.05 s; the rate is known within 18 %.
     stop = slew.rates[tower.layout.drive("gamma")] / brake["gamma"]
     assert stop == pytest.approx(15.05, rel=0.2)
-
-
-def test_a_machine_that_is_not_there_or_stands_beside_a_file_is_refused() -> None:
-    with pytest.raises(UnknownName, match=r"There is no machine '\.\./urdf'; there are "):
-        cd.load_crane(machine="../urdf")
-    with pytest.raises(OutOfRange, match="machine is 'tower_hkcrc' beside urdf"):
-        cd.load_crane("crane.urdf", machine="tower_hkcrc")
-    with pytest.raises(OutOfRange, match="machine is given beside from_record"):
-        cd.load_crane(from_record={}, machine="tower_hkcrc")
 
 
 def test_the_command_lists_and_describes_machines(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
-from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.model.load import load_crane
 from cranedyn.plant.cranes import load_cranes
 from cranedyn.plant.plant import numbers
@@ -100,30 +99,3 @@ def test_an_overhead_crane_has_them_too() -> None:
         bridge_mass=some(5e3, 2e4),
     )
     assert len(cranes[3:5]) == 2 and cranes[3].payload_mass != cranes[4].payload_mass
-
-
-@pytest.mark.parametrize(
-    ("values", "error", "sentence"),
-    [
-        ({"payload_mass": [1.0, 2.0], "l": [5.0]}, OutOfRange, "payload_mass of shape"),
-        ({"payload_mass": 3.0}, OutOfRange, "arrays of values is none"),
-        ({"payload_mass": [1.0, np.nan]}, OutOfRange, "payload_mass"),
-        ({"payload_mass": [1000.0, -1.0]}, OutOfRange, "payload_mass"),
-        ({"payload_mass": [1000.0, 2000.0], "nowhere": 3.0}, UnknownName, "nowhere"),
-        (
-            {"payload_mass": [1000.0, 2000.0], "l": [5.0, 500.0]},
-            OutOfRange,
-            "l at the start is 500.0 m",
-        ),
-        (
-            {"payload_mass": [1000.0, 2000.0], "rope_stiffness": 2e7},
-            ModelError,
-            "elastic, each hangs otherwise; give",
-        ),
-    ],
-)
-def test_what_they_cannot_be_is_a_sentence(
-    values: dict[str, Any], error: type[CraneError], sentence: str
-) -> None:
-    with pytest.raises(error, match=sentence):
-        load_cranes(**values)

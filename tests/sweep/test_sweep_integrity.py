@@ -200,9 +200,6 @@ def test_a_worker_with_other_sources_computes_nothing() -> None:
     [
         "--durations 1000000000",
         "--points 1.5",
-        "--scheduler 5",
-        "--workers 5000",
-        "--limit 0",
         "--tls-cert cert.pem",
         "--tls-ca-file none.pem --tls-cert none.pem --tls-key none.pem --scheduler tls://a:1",
     ],

@@ -84,16 +84,6 @@ def engine(urdf: Path) -> Any:
     return mujoco, model, mujoco.MjData(model)
 
 
-@pytest.mark.slow
-def test_mujoco_has_the_same_joints_in_the_same_order(engine: Any) -> None:
-    _, model, _ = engine
-    assert [model.joint(i).name for i in range(model.njnt)] == [
-        joint.name for joint in crane().layout.joints
-    ]
-    assert model.dof_damping.tolist() == crane(**DAMPING).damping.tolist()
-    assert_allclose(model.jnt_range, np.stack([crane().lower, crane().upper], axis=1))
-
-
 def test_mujoco_has_the_same_accelerations_with_damping(engine: Any) -> None:
     mujoco, model, data = engine
     c = crane(**DAMPING)

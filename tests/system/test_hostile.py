@@ -25,12 +25,11 @@ from PIL import Image
 from cranedyn.analysis.prediction import free_swing
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
-from cranedyn.data.trajectory import join, read, read_columns
+from cranedyn.data.trajectory import read, read_columns
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import parse_urdf, skeleton
-from cranedyn.planning.itinerary import Leg, itinerary
 from cranedyn.recording import snapshot as pictures
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import grid, sweep
@@ -291,12 +290,6 @@ def test_a_file_that_would_not_fit_is_refused_before_it_is_read(
         read(path)
 
 
-def test_pieces_without_rows_are_not_joined() -> None:
-    run = simulate(crane(), hold_controller(crane()), duration=0.02)
-    with pytest.raises(DataError, match="A piece to join has no rows"):
-        join([run, run.since(9.0)])
-
-
 # --- numbers that make no experiment --------------------------------------------------------------
 
 
@@ -361,13 +354,6 @@ def test_what_a_callers_own_reference_raises_is_a_sentence_with_its_place_and_it
         else:
             free_swing(c, law, raising, c.state(phi=0.1), since=1.0, until=3.0)
     assert isinstance(caught.value.__cause__, Mine)
-
-
-def test_a_leg_that_would_never_end_is_refused() -> None:
-    c = crane()
-    legs = [Leg("out", x=12.0), Leg("back", x=float(c.start.q[c.layout.index("x")]))]
-    with pytest.raises(OutOfRange, match="time that leg out takes at these rates is inf s"):
-        itinerary(c, c.start, legs, rates=(0.1, 5e-324, 1.0), dwell=1.0)
 
 
 @pytest.mark.slow
@@ -443,6 +429,8 @@ def test_pictures_are_not_even_drawn_where_the_moving_one_is_refused(
         ("0 1 a.png", "the ending must be .gif"),
         ("0 x a.gif", "END is x"),
         ("1 1 a.gif", "span is 1 to 1"),
+        ("0 1 a.gif --fps 0", "pictures per second is 0"),
+        ("0 1 a.gif --size 1 1", "pixels; allowed is"),
     ):
         words = ["-t", "0", "-o", str(tmp_path / "out"), "--gif", *span.split()]
         code, err = snapshots.main([str(tmp_path / "a.rrd"), *words]), capsys.readouterr().err

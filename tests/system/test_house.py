@@ -8,17 +8,6 @@ from pathlib import Path
 import pytest
 
 from tests import house
-from tests.house import Edge
-
-
-@pytest.fixture(scope="module")
-def edges() -> set[Edge]:
-    return house.imports()
-
-
-@pytest.mark.slow
-def test_no_modules_of_cranedyn_import_each_other_in_a_circle(edges: set[Edge]) -> None:
-    assert house.circles(edges, "cranedyn") == []
 
 
 @pytest.mark.slow

@@ -71,10 +71,6 @@ def test_docstrings_are_written_in_plain_words() -> None:
     assert [(name, text) for name, text in docstrings if re.search(odd, text)] == []
 
 
-def test_pages_and_readme_have_22_000_words_at_most() -> None:
-    assert sum(len(page.read_text(encoding="utf-8").split()) for page in PAGES) <= 22_000
-
-
 @pytest.mark.parametrize("page", of_kinds(*KINDS), ids=name)
 def test_a_page_begins_with_a_sentence_and_an_example(page: Path) -> None:
     title, first, *others = re.split(r"\n\n+", page.read_text(encoding="utf-8"))

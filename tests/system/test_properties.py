@@ -7,18 +7,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
-from cranedyn.data.trajectory import QUANTITIES, Trajectory, read
+from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.errors import CraneError, RunError
@@ -441,35 +440,6 @@ def test_counted_in_other_units_every_crane_moves_the_same_to_the_bit(
 
 
 # --- bits -----------------------------------------------------------------------------------------
-
-
-WORDS = st.characters(codec="utf-8")
-"""Any character that text in UTF-8 can have."""
-
-
-def _bits(trajectory: Trajectory) -> bytes:
-    return _columns(trajectory).tobytes()
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    case=cases(CALM),
-    rows=st.integers(1, 41),
-    parameters=st.dictionaries(
-        st.text(WORDS), st.floats(allow_nan=False, allow_infinity=False) | st.text(WORDS)
-    ),
-)
-def test_a_run_of_any_length_goes_from_csv_to_parquet_and_back_to_the_bit(
-    case: Case, rows: int, parameters: dict[str, float | str], tmp_path: Path
-) -> None:
-    part = run(case, "motion").between(0.0, (rows - 1) * 1e-2)
-    record = replace(part, parameters=parameters)
-    first = read(record.write(tmp_path / "a.csv"))
-    second = read(replace(first, parameters=parameters).write(tmp_path / "b.parquet"))
-    third = read(second.write(tmp_path / "c.csv"))
-    assert len(record) == rows and second.parameters == parameters
-    assert _bits(third) == _bits(second) == _bits(first) == _bits(record)
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()
 
 
 def test_every_column_says_its_unit() -> None:

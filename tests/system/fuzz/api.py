@@ -42,7 +42,8 @@ MODULES = [
         "bridges.commissioning.words bridges.commissioning.served_crane bridges.matlab "
         "bridges.commissioning.serve bridges.controller_block compiled.crane_block "
         "sites.site_file sites.site sites.bodies sites.brakes sites.proof sites.obstacles "
-        "sites.supervisor sites.guard sites.simulate sites.plan"
+        "sites.supervisor sites.guard sites.simulate sites.plan bridges.margins data.external "
+        "plant.cranes"
     ).split()
 ]
 """Modules that people import from."""
