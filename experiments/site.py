@@ -11,7 +11,7 @@ import itertools
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -40,7 +40,7 @@ from cranedyn.sites.site_file import EXAMPLES, read_crane_site
 from cranedyn.sites.supervisor import Supervisor
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, make_table
 from experiments.harness.processes import processes
 
 if TYPE_CHECKING:
@@ -353,7 +353,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     times, slews = supervisor_cycles(options.cycles)
     supervised = [shift.run for shift in shifts if shift.protection == "supervisor"]
     return Outcome(
-        tables=[_shift_table(shifts), _attack_table(attacks)],
+        tables=[*_shift_tables(shifts), _attack_table(attacks)],
         claims=_claims(shifts, attacks, times, set(options.site) <= set(EXAMPLES)),
         figures={"invariant": _figure(slews)},
         texts={f"site_{i + 1}.html": site_html(run) for i, run in enumerate(supervised)},
@@ -520,27 +520,36 @@ def supervisor_cycles(cycles: int) -> tuple[np.ndarray, np.ndarray]:
     return times, np.array(rows)
 
 
-def _shift_table(shifts: Sequence[Shift]) -> ResultTable:
-    return make_table(
-        "Shifts of random lifts",
-        shifts,
-        ("site", "", lambda shift: shift.site),
-        ("protection", "", lambda shift: shift.protection),
-        ("list not done [%]", ".1f", lambda shift: shift.lost),
-        ("of the list", "d", lambda shift: shift.done),
-        ("lifts", "d", lambda shift: sum(len(one.finished) for one in shift.operators)),
-        ("contacts", "d", lambda shift: len(shift.run.contacts)),
-        ("least distance [m]", ".2f", lambda shift: max(shift.run.least_distance, 0.0)),
-        ("in a deadlock [%]", ".1f", lambda one: 100.0 * len(one.run.deadlocks) / len(one.run.t)),
-        ("crane-minutes", ".0f", lambda shift: shift.crane_minutes),
-        note="\n".join(
-            [
-                "The list: what a crane lifts in the shift without protection; zones leave lifts "
-                "out and do later ones.",
-                *(f"{x.site}: {text}" for x in shifts if x.plan for text in x.plan.refusals),
-            ]
-        ),
-    )
+def _shift_tables(shifts: Sequence[Shift]) -> list[ResultTable]:
+    """Return tables of the shifts of all sites together, and of each."""
+
+    def total(value: Callable[[Shift], float]) -> Callable[[Sequence[Shift]], float]:
+        return lambda group: sum(map(value, group))
+
+    def minutes(time: Callable[[SitePlan], float]) -> Callable[[Sequence[Shift]], float | None]:
+        return lambda group: sum(time(x.plan) for x in group if x.plan) / 60.0 or None
+
+    columns: list[Column] = [
+        ("protection", "", lambda group: group[0].protection),
+        ("contacts", "d", total(lambda x: len(x.run.contacts))),
+        ("distance [m]", ".2f", lambda group: max(0.0, min(x.run.least_distance for x in group))),
+        ("on the list", "d", total(lambda x: sum(x.listed))),
+        ("of these done", "d", total(lambda x: x.done)),
+        ("all lifts", "d", total(lambda x: sum(len(one.finished) for one in x.operators))),
+        ("plan [min]", ".1f", minutes(lambda plan: plan.duration)),
+        ("least [min]", ".1f", minutes(lambda plan: plan.least)),
+        ("in a deadlock [min]", ".1f", total(lambda x: CYCLE * len(x.run.deadlocks) / 60.0)),
+        ("crane-minutes", ".0f", total(lambda x: x.crane_minutes)),
+    ]
+    kinds = [[x for x in shifts if x.protection == kind] for kind in PROTECTIONS]
+    site: Column = ("site", "", lambda group: group[0].site)
+    note = """The list: what a crane lifts without protection; zones leave lifts out, do later ones.
+Operators raise each load first; plans only where that is quicker."""
+    texts = [f"{x.site}: {text}" for x in shifts if x.plan for text in x.plan.refusals]
+    return [
+        make_table("Shifts of random lifts", kinds, *columns, note=note),
+        make_table("By site", [[x] for x in shifts], site, *columns, note="\n".join(texts)),
+    ]
 
 
 def _attack_table(attacks: Sequence[Attack]) -> ResultTable:

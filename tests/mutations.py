@@ -698,6 +698,10 @@ cranedyn/sites/plan.py
 ? plan::the_certificate_of_a_plan_fails_where_it_is_disturbed
 - (len(mine) - 1) * SLICE, math.inf, "s")
 + 0.0, math.inf, "s")
+* no way around obstacles is looked for
+? plan::a_lift_goes_around_obstacles_over_which_its_load_cannot_be_raised
+- if site.solids and not any(
++ if not site.solids and not any(
 cranedyn/sites/simulate.py
 * what bodies move between two rows is left out
 ? plan::bodies_that_pass_each_other_between_two_rows_are_told_from_those_that_meet

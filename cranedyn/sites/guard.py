@@ -111,11 +111,10 @@ class Guard:
         self.target = np.full((copies, layout.m), np.inf)
         self._number, self._asked_at = np.zeros(copies, dtype=int), np.full(copies, -math.inf)
         self._patience = np.full(copies, PATIENCE)
-        self._range = np.array([crane.lower, crane.upper])[:, layout.drives]
         self._steps = CYCLE * gentle(station, swing).decelerations
         self._numbers = np.concatenate(
             [station.ropes[0], [brakes.reaction, crane.gravity, swing], brakes.tolerances,
-             brakes.decelerations, *self._range]
+             brakes.decelerations, *station.ranges]
         )  # fmt: skip
         order = layout.drives, station.bodies.columns, crane.swings
         self._guarded = _guarding(*(tuple(part.tolist()) for part in order))
@@ -139,7 +138,7 @@ class Guard:
         drives = self.station.crane.layout.drives
         command = as_array("command", command, self.rates.shape)
         measured, position = np.hstack([*state, command]), state.q[:, drives]
-        outside = np.abs(position - np.clip(position, *self._range))
+        outside = np.abs(position - np.clip(position, *self.station.ranges))
         fits = (outside <= self.station.brakes.tolerances).all(axis=1)
         fits &= np.isfinite(measured).all(axis=1)
         self.fault, count = ~fits, len(fits)
@@ -174,8 +173,7 @@ def gentle(station: Station, swing: float) -> Brakes:
     crane, brakes, columns = station.crane, station.brakes, station.bodies.columns.tolist()
     numbers = station.ropes[0], brakes.reaction, crane.gravity, swing
     drives = brakes.tolerances, brakes.decelerations, columns[:-1], columns[-1]
-    ranges = np.array([crane.lower, crane.upper])[:, crane.layout.drives]
-    slopes, _ = _Crane(*numbers, *drives).planned(ranges)
+    slopes, _ = _Crane(*numbers, *drives).planned(station.ranges)
     return replace(brakes, decelerations=slopes.astype(float))
 
 

@@ -100,8 +100,7 @@ def _plan(run: SiteRun) -> Figure:
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     for i, (station, path) in enumerate(zip(run.site.stations, run.trajectories, strict=True)):
         foot, drives, colour = station.foot[:2], station.crane.layout.drives, run_colour(i)
-        ends = np.array([station.crane.lower, station.crane.upper])[:, drives]
-        reach = np.linalg.norm(station.outline(ends[None])[..., :2], axis=-1).max()
+        reach = np.linalg.norm(station.outline(station.ranges[None])[..., :2], axis=-1).max()
         circle = foot[:, None] + reach * np.array([np.cos(angle), np.sin(angle)])
         pivot, rope, _ = station.rope(path.q)
         hook = (pivot + path.q[:, drives[station.bodies.columns[-1:]]] * rope)[:, :2]

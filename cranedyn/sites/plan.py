@@ -2,7 +2,7 @@
 
 Each crane in turn takes the way by which it arrives first at the goal of its next lift, past all
 motions that are planned: its drives go in straight lines from point to point, directly or with the
-load raised, either way round, without a stop or with stops where the load is raised. Such a motion
+load raised, either way round, without a stop or with stops; around obstacles if need be. A motion
 keeps from the obstacles of the site, and in each slice of time it is proven apart from all others.
 In a slice a crane has a box: all that its guard (`cranedyn.sites.supervisor`) asks for in the
 motion, half a second early or late. A supervisor therefore grants the plan.
@@ -16,7 +16,8 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cache, cached_property, lru_cache, partial
+from heapq import heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,10 @@ _RAISED = 1.0
 _REFUGES, _TRIALS = 300, 6
 """Positions among which a crane looks for one that is clear of another's way, and to how many of
 them it tries to get."""
+
+_CELL, _ROOM, _NODES = 2.0, 0.5, 5_000
+"""Edge of a cell of the grid on which a way around obstacles is looked for, and room beside its
+edges, as times at full rate [s]; most nodes that are reached."""
 
 _GAIN = 0.3
 """Rate by which an operator corrects a deviation from the plan [1/s]."""
@@ -261,12 +266,11 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
     station, crane = site.stations[i], site.stations[i].crane
     try:
         motion = _leg(station, site.swing, np.array(points))
-        pivots, cables = station.rope(motion.q)[0], motion.q[:, motion.drives[crane.winch]]
-        low = float((pivots[:, 2] - cables).min()) - station.bodies.depth[-1, 1, 2] - site.ground
+        low = _height(site, i, motion.q[:, motion.drives])
         if low < site.distance:
             raise NoWay(f"its load is {low:.2f} m above ground; required is {site.distance:g} m.")
         if station.chart is not None:
-            radii = np.linalg.norm((pivots - station.foot)[:, :2], axis=1)
+            radii = np.linalg.norm((station.rope(motion.q)[0] - station.foot)[:, :2], axis=1)
             rated = float(station.chart.on().at(radii).min())
             number(f"load of {quoted(station.name)}", crane.payload_mass, "kg", f"0 to {rated:g}")
         for box in _boxes(station, site.swing, motion) if site.solids else ():
@@ -276,6 +280,19 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
     except CraneError as error:
         return error
     return motion
+
+
+def _motions(site: CraneSite, i: int, way: list[_Points]) -> list[Motion]:
+    """Return the motions of a crane through the points of each of a way; none if one has none."""
+    motions = [x for x in (_motion(site, i, points) for points in way) if isinstance(x, Motion)]
+    return motions if len(motions) == len(way) else []
+
+
+def _height(site: CraneSite, i: int, position: np.ndarray) -> float:
+    """Return the least height of a load above ground [m] at positions, shape (rows, m)."""
+    station = site.stations[i]
+    low = float(station.plumb(position)[1][:, 2].min())
+    return low - station.bodies.depth[-1, 1, 2] - site.ground
 
 
 def _limits(station: Station, swing: float) -> Limits:
@@ -349,7 +366,7 @@ def _hung(
     load [m], shape (rows, 3), at a lean, shape (rows, 2), and by how much it misses them [m].
     """
     q, drives = q.copy(), station.crane.layout.drives
-    lower, upper = np.array([station.crane.lower, station.crane.upper])[:, drives]
+    lower, upper = station.ranges
     beyond = upper - lower  # as far as steps may lead, which else overflow near singular places
     for _ in range(_STEPS):
         pivots, _, motion = station.rope(q)
@@ -394,12 +411,11 @@ class _Schedule:
             raise NoWay("wherever it may stand, another crane is in the way of its goal.")
         if not cleared:
             return self._move(crane, ends, lift)
-        for points, *stops in _ways(station, begin, ends):
-            motion = _motion(self.site, crane, points)
-            if stops or isinstance(motion, CraneError):
+        for way in _ways(self.site, crane, begin, ends):
+            if not (motions := _motions(self.site, crane, way)):
                 continue
             before = {name: [*x] for name, x in vars(self).items() if isinstance(x, list)}
-            boxes = _boxes(station, self.site.swing, motion)
+            boxes = np.concatenate([_boxes(station, self.site.swing, x) for x in motions])
             if all(self._make_way(i, crane, boxes) for i in cranes) and self._move(
                 crane, ends, lift
             ):
@@ -422,27 +438,25 @@ class _Schedule:
         """Yield positions of a crane that are clear of boxes of others: where it stands, and with
         the load raised, in the order of time, where only the slew differs or anything, once around.
         """
-        station, begin = self.site.stations[crane], np.array(self.positions[crane])
+        station, begin = self.site.stations[crane], self.positions[crane]
         layout, winch = station.crane.layout, station.crane.winch
-        low, high = np.array([station.crane.lower, station.crane.upper])[:, layout.drives]
-        slews = np.array([joint.role == "slew" for joint in layout.driven])
-        low = np.where(slews, np.maximum(low, begin - math.pi), low)
-        high = np.where(slews, np.minimum(high, begin + math.pi), high)
+        slews = [joint.role == "slew" for joint in layout.driven]
+        low, high = _once_around(station, begin)
         refuges = np.random.default_rng(0).uniform(low, high, (_REFUGES, len(low)))
         refuges[::2] = np.where(slews, refuges[::2], begin)
         refuges[0], refuges[:, winch] = begin, low[winch] + _RAISED
         times = (np.abs(refuges - begin) / station.converters.rates).max(axis=1)
-        for refuge in (begin, *refuges[times.argsort()]):
+        for refuge in (begin, *map(tuple, refuges[times.argsort()].tolist())):
             mine = _standing(station, refuge)
             if all(_near(self.site, crane, mine, i, x) is None for i, x in boxes.items()):
-                yield tuple(refuge.tolist())
+                yield refuge
 
     def _move(self, crane: int, ends: list[_Position], lift: int) -> bool:
         """Put in the motions by which a crane arrives first at one of the ends, where nothing comes
         near it later; return whether there are any.
         """
         station, swing = self.site.stations[crane], self.site.swing
-        ways, refusals = _ways(station, self.positions[crane], ends), list[CraneError]()
+        ways, refusals = _ways(self.site, crane, self.positions[crane], ends), list[CraneError]()
         arrival, earliest = math.inf, list[tuple[Motion, int]]()
         for way in ways:
             legs, after = list[tuple[Motion, int]](), self.ready[crane]
@@ -501,15 +515,68 @@ class _Schedule:
         self.ready[crane] = max(len(self.boxes[crane]) - 1, after)
 
 
-def _ways(station: Station, begin: _Position, ends: list[_Position]) -> list[list[_Points]]:
+def _ways(site: CraneSite, i: int, begin: _Position, ends: list[_Position]) -> list[list[_Points]]:
     """Return ways to ends, each by the points of its motions: straight, and with the load raised,
-    without a stop and with stops.
+    without a stop and with stops; where obstacles are in all of them, also around these.
     """
-    ways: list[list[_Points]] = []
+    station, ways = site.stations[i], list[list[_Points]]()
     for end in ends:
-        points = begin, _raised(station, begin), _raised(station, end), end
+        points: _Points = begin, _raised(station, begin), _raised(station, end), end
         ways += [[(begin, end)], [points], [*itertools.pairwise(dict.fromkeys(points))]]
-    return [way for way in ways if way]
+    ways = [way for way in ways if way]
+    if site.solids and not any(_motions(site, i, way) for way in ways):
+        for points in (_around(site, i, begin, end) for end in ends):
+            ways += [[points], [*itertools.pairwise(points)]] if points else []
+    return ways
+
+
+@lru_cache(maxsize=64)
+def _around(site: CraneSite, i: int, begin: _Position, end: _Position) -> _Points:
+    """Return points of the quickest way around obstacles, by A* over a grid: one drive moves at a
+    time, along edges that are proven clear. Then points are left out between which all is clear. No
+    point if there is no way.
+    """
+    limits = _limits(site.stations[i], site.swing)
+    rates, slopes = np.array([limits.rates, limits.accelerations])
+    low, high = _once_around(site.stations[i], begin, end)
+    ranges = zip(low, high, _CELL * rates, begin, end, strict=True)
+    grid = [np.unique([*np.arange(*cells), a, b]).tolist() for *cells, a, b in ranges]
+
+    @cache
+    def free(a: _Position, b: _Position) -> bool:
+        ends = np.sort([a, b], axis=0) + np.multiply.outer([-_ROOM, _ROOM], rates)
+        box, required = site.positions(i, ends), site.distance
+        clear = site.obstacles.proven_clear(site.bodies, i, box, required, site.swing)
+        return clear and _height(site, i, np.array([a, b])) >= required
+
+    reached, start = set[tuple[_Position, int]](), (begin,)
+    queue: list[tuple[float, float, _Position, int, _Points]] = [(0.0, 0.0, begin, -1, start)]
+    while queue and len(reached) < _NODES and free(end, end):
+        _, cost, node, last, way = heappop(queue)
+        if (node, last) in reached or not free(way[-1], node):
+            continue
+        reached.add((node, last))
+        way += (node,)
+        if node == end:
+            points = [begin]
+            while way := way[way.index(points[-1]) + 1 :]:
+                points.append(next(x for x in reversed(way) if free(points[-1], x)))
+            return tuple(points)
+        for k, values in enumerate(grid):
+            j = values.index(node[k])
+            for value in (*values[max(j - 1, 0) : j], *values[j + 1 : j + 2]):
+                to = (*node[:k], value, *node[k + 1 :])
+                time = cost + abs(value - node[k]) / rates[k] + (k != last) * rates[k] / slopes[k]
+                guess = time + (abs(np.subtract(to, end)) / rates).sum()
+                heappush(queue, (guess, time, to, k, way))
+    return ()
+
+
+def _once_around(station: Station, *positions: _Position) -> np.ndarray:
+    """Return ranges of the drives, shape (2, m), of a slew half a turn about positions."""
+    slews = [joint.role == "slew" for joint in station.crane.layout.driven]
+    half, places = np.where(slews, math.pi, math.inf), np.array(positions)
+    return np.clip([places.min(axis=0) - half, places.max(axis=0) + half], *station.ranges)
 
 
 def _raised(station: Station, position: _Position) -> _Position:

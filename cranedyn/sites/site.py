@@ -82,6 +82,11 @@ class Station:
         """Capsules around its shapes, in the frame of the site."""
         return crane_bodies(self.crane, np.asarray(self.foot, dtype=float), self.heading)
 
+    @cached_property
+    def ranges(self) -> np.ndarray:
+        """Lower and upper ends of the ranges of its drives, shape (2, m)."""
+        return np.array([self.crane.lower, self.crane.upper])[:, self.crane.layout.drives]
+
     @property
     def turn(self) -> float:
         """Angle from the frame of the crane to that of the site about Z [rad]."""

@@ -183,8 +183,8 @@ class Supervisor:
         """Return the nearest position in time, by one drive, from where a crane lets another pass
         for a time at full rate [s]; None if there is none.
         """
-        site, box, drives = self.site, self.boxes[loser][copy], self._drives(loser)
-        shifts = []
+        site, box, shifts = self.site, self.boxes[loser][copy], []
+        drives = site.stations[loser].ranges
         for drive, rate in enumerate(site.stations[loser].converters.rates):
             for end in drives - box:
                 shift = np.clip(end[drive], -FARTHEST * rate, FARTHEST * rate)
@@ -193,7 +193,7 @@ class Supervisor:
         moved = np.array([box] * len(shifts))
         for k, (_, drive, shift) in enumerate(shifts):
             moved[k, :, drive] += shift
-        wanted, ends = self._wanted[winner][copy], self._drives(winner)
+        wanted, ends = self._wanted[winner][copy], site.stations[winner].ranges
         reach = ahead * site.stations[winner].converters.rates * self._ways[winner][copy]
         passing = np.clip(
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
@@ -205,11 +205,6 @@ class Supervisor:
             if site.apart(loser, swept, boxes).all():
                 return refuge.mean(axis=0)
         return None
-
-    def _drives(self, station: int) -> np.ndarray:
-        """Return the ends of the ranges of the drives, shape (2, m)."""
-        crane = self.site.stations[station].crane
-        return np.array([crane.lower, crane.upper])[:, crane.layout.drives]
 
     def deadlock(self, copy: int = 0) -> tuple[int, ...]:
         """Return the indices of cranes of a copy each of which waits for the next, and the last for

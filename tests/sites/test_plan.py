@@ -138,6 +138,15 @@ def test_lifts_without_a_plan_are_refused_with_the_reason(lifts: list, words: st
 
 
 @slow
+def test_a_lift_goes_around_obstacles_over_which_its_load_cannot_be_raised() -> None:
+    walls = tuple(box(f"wall {x}", [x, 20.0], [4.0, 4.0, 36.0], 0.0) for x in (-20.0, 20.0))
+    planned = plan_site(replace(site_of(), solids=walls), [("north", [30.0, 0.0, 20.0])])
+    run = follow(planned, supervised=True)
+    assert planned.holds and run.clearances[:, 0].min() >= planned.site.distance
+    assert np.linalg.norm(load(run, 0, -1) - [30.0, 0.0, 20.0]) < 0.15
+
+
+@slow
 def test_a_crane_that_stands_at_the_goal_of_another_makes_way_for_it() -> None:
     lifts = [("north", [15.0, -27.0, 12.0]), ("south", [15.0, -27.0, 22.0])]
     planned = plan_site(site_of(), lifts, stay=20.0)
