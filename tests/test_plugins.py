@@ -30,9 +30,9 @@ from cranedyn.simulation.engine import Engine
 
 
 class Counted(Engine):
-    def advance(self):
-        print("period", end=" ")
-        return super().advance()
+    def advance(self, *arguments, last=False):
+        print("end" if last else "period", end=" ")
+        return super().advance(*arguments, last=last)
 """,
     "lab-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n",
     "lab-1.0.dist-info/entry_points.txt": """
@@ -102,7 +102,7 @@ def test_an_engine_of_another_package_steps_a_run(lab: dict[str, str]) -> None:
     run = subprocess.run(
         [sys.executable, "-c", script], env=lab, capture_output=True, text=True, check=True
     )
-    assert run.stdout == "period period "
+    assert run.stdout == "period period end "
 
 
 @pytest.mark.slow

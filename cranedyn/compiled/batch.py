@@ -325,6 +325,8 @@ def run_in_threads(loop: Loop, threads: int | None) -> None:
     """
     groups = len(loop)
     workers = min(threads or len(os.sched_getaffinity(0)), groups)
+    if workers == 1:
+        return loop.run_groups(range(groups))
     share = max(1, groups // (workers * _CHUNKS))
     ended = threading.Event()
 

@@ -211,7 +211,6 @@ class Loop:
         last: int,
         end: int,
         first: int = 0,
-        resumed: bool = False,
         force_interval: int = 1,
         log_interval: int = 1,
         residual_from: int = 0,
@@ -229,7 +228,6 @@ class Loop:
             last: Control instant after the last.
             end: Instant that no steps follow.
             first: First control instant.
-            resumed: Whether the control of the first instant has already run.
             force_interval: Control instants from one row of the forces to the next.
             log_interval: The same of the log.
             residual_from: Instant from which swing counts as residual.
@@ -246,7 +244,7 @@ class Loop:
         self._instant = _INSTANT
         if (programme := recipe.programme) is not None:
             self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
-        self._first, self._resumed = whole("first", first, 0), resumed
+        self._first = whole("first", first, 0)
         self._last, self._end = whole("control instants", last, first + 1), whole("end", end, 0)
         self._steps = whole("steps", clock.steps, 1)
         substeps = whole("small steps", clock.substeps, 1)
@@ -339,14 +337,12 @@ class Loop:
         together = piece // (self._steps * self._weight + self._instant)
         if together:
             for first in range(self._first, self._last, together):
-                resumed = self._resumed and first == self._first
-                yield first, min(first + together, self._last), self._steps, resumed
+                yield first, min(first + together, self._last), self._steps, False
             return
         together = TURNS * max(1, piece // (TURNS * self._weight))
         for instant in range(self._first, self._last):
             for done in range(0, self._steps if instant < self._end else 1, together):
-                count, resumed = min(together, self._steps - done), self._resumed or done > 0
-                yield instant, instant + 1, count, resumed
+                yield instant, instant + 1, min(together, self._steps - done), done > 0
 
     def run_groups(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
         """Run some groups, one after another, until stopped between two pieces."""
@@ -394,17 +390,17 @@ class Loop:
             yield call
 
     def bind_calls(self) -> tuple[Callable[[], None], Callable[[], None]]:
-        """Return functions of one group that run the control of the first instant, and what follows
-        it, which with one piece has the least overhead.
+        """Return functions of one group that run all, which with one piece has the least overhead,
+        and the control of the first instant alone.
         """
         piece, *later = islice(self._pieces(_PIECE), 2)
         calls = np.repeat(self._call[None], 2, axis=0)
         self._point_to(calls, 0)
         calls[:, _PIECE_SLOTS] = piece
-        calls[0, [SLOTS["resumed"], SLOTS["end"]]] = 0, self._first
-        control, following = (partial(self._run, call.ctypes.data) for call in calls)
-        control.kept = following.kept = self, calls  # type: ignore[attr-defined]  # by no address
-        return control, partial(self.run_groups, [0]) if later else following
+        calls[1, SLOTS["end"]] = self._first
+        run, control = (partial(self._run, call.ctypes.data) for call in calls)
+        control.kept = run.kept = self, calls  # type: ignore[attr-defined]  # by no address
+        return partial(self.run_groups, [0]) if later else run, control
 
     def step_function(self) -> Callable[[int, int], None]:
         """Return a function that advances a range of groups by one control period under the

@@ -71,13 +71,13 @@ class CompiledEngine(Engine):
         self.reset(start)
 
     def _bind_calls(self) -> tuple[Callable[[], None], Callable[[], None]]:
-        """Return the calls at a control instant and from it to the next, bound to a command."""
+        """Return the calls of a control period and of its instant alone, bound to a command."""
         rows = np.zeros((2, size(self._sizes.row)))
         tables = *command_tables(self._sizes), self._force
         self._command = tables[0][0, slices(self._sizes.gain_table)["feed_forward"]]
         row, self._acting = slices(self._sizes.row), rows[1, self._sizes.m :]
-        self._actuation = Actuation(*(rows[1, row[name]] for name in Actuation._fields))
-        return self._loop(self._code(), tables, rows, first=1, end=2, resumed=True).bind_calls()
+        self.actuation = Actuation(*(rows[1, row[name]] for name in Actuation._fields))
+        return self._loop(self._code(), tables, rows, first=1, end=2).bind_calls()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what is bound to the memory, for a copy with its own memory."""
@@ -143,25 +143,22 @@ class CompiledEngine(Engine):
         bound = [single_table(table) for table in tables]
         return Loop(code, self._setting.clocks, bound, last=len(rows), **call, **memory)
 
-    def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
-        """As `Engine.apply_command`; the arrays of the answer change at the next command."""
+    def advance(
+        self, command: np.ndarray, force: np.ndarray | None = None, *, last: bool = False
+    ) -> State:
+        """Advance as `Engine.advance`; the arrays of the actuation change at the next command."""
         if self._calls is None:
             self._calls = self._bind_calls()
         self._command[...] = command
         if force is not None:
             self._force[0] = self._force[1]
             self._force[1] = force.ravel()
-        self._calls[0]()
-        return self._actuation
+        self._calls[last]()
+        return self._read_state()
 
     def row(self, setpoint: Setpoint) -> bytes:
         """Return a row as `Engine.row`, with energy ledger and validity."""
         return setpoint.position.tobytes() + self._acting.tobytes()
-
-    def advance(self) -> State:
-        """Advance as `Engine.advance`."""
-        self._calls[1]()  # type: ignore[index]  # a command was applied
-        return self._read_state()
 
     def _read_state(self) -> State:
         # what State(q, v) makes in twice the time, of copies that cannot be written to

@@ -164,11 +164,12 @@ def load_engine(name: EngineName | str) -> type[Engine]:
 class Engine:
     """A crane that steps by Pinocchio's algorithms.
 
-    At each control instant call `apply_command`, then `advance`.
-
     Attributes:
         state: The state of the crane.
+        actuation: What acted on it from the last control instant on.
     """
+
+    actuation: Actuation
 
     def __init__(self, setting: Setting, start: State) -> None:
         self._setting = setting
@@ -194,17 +195,23 @@ class Engine:
         """
         return iter(())
 
-    def apply_command(self, command: np.ndarray, force: np.ndarray | None = None) -> Actuation:
-        """Hold a command, and external forces, until the next one.
+    def advance(
+        self, command: np.ndarray, force: np.ndarray | None = None, *, last: bool = False
+    ) -> State:
+        """Hold a command, and external forces, and step to the next control instant; return the
+        state there.
 
         Args:
             command: Of the drives, in the unit of their kind, shape (m,). The array is the
                 controller's own: an engine copies what it keeps.
             force: On the points of the crane in the world [N], shape (points, 3); None for none.
-
-        Returns:
-            What acts on the crane.
+            last: Whether to stay at this instant.
         """
+        self._instant = self.state
+        self._apply(command, force)
+        return self.state if last else self._advance()
+
+    def _apply(self, command: np.ndarray, force: np.ndarray | None) -> None:
         drives, state = self._drives, self.state
         rope, ground = drives.rope is not None, None
         if self._external is not None and (ground := self._external.ground) is not None:
@@ -218,17 +225,16 @@ class Engine:
             assert self._external is not None
             self._external.force, flat_force = force, force.ravel()
         needed, effort = drives.take_command(np.ascontiguousarray(command), state)
-        self._actuation = Actuation(
+        self.actuation = Actuation(
             needed, effort, effort_before, flat_force, outside, _FLAGS[drives.saturated]
         )
-        return self._actuation
 
     def row(self, setpoint: Setpoint) -> bytes:
-        """Return what the log keeps of the last command: positions of the setpoint, coordinates,
-        rates and what acts, see `cranedyn.simulation.log.row_sections`.
+        """Return what the log keeps of the last control instant: positions of the setpoint,
+        coordinates, rates and what acted, see `cranedyn.simulation.log.row_sections`.
         """
         position = np.ascontiguousarray(setpoint.position, dtype=float)
-        parts: Any = (position, *self.state, *self._actuation)
+        parts: Any = (position, *self._instant, *self.actuation)
         return b"".join(parts)
 
     def _outside(self) -> np.ndarray:
@@ -241,8 +247,7 @@ class Engine:
             push = float(self._external.stops.effort(*self.state)[hoist])
         return np.array([0.0, self._buffer_work, self._impact_work, push])
 
-    def advance(self) -> State:
-        """Step to the next control instant; return the state there."""
+    def _advance(self) -> State:
         q, v = self.state
         if self._setting.buffers or self._setting.contacts is not None:
             for _ in range(self._setting.clocks.steps):

@@ -146,12 +146,11 @@ def simulate(
                 setpoint = setpoint_at(t)
                 force = None if disturbance is None else as_force(disturbance(t, state), layout)
                 command = as_command(controller(t, state, setpoint), t, layout)
-                moving.apply_command(command, force)
+                state_after = moving.advance(command, force, last=k == clock.periods)
                 log.append(moving.row(setpoint))
                 for monitor in monitors:
                     monitor(k, t, state)
-                if k < clock.periods:
-                    state = moving.advance()
+                state = state_after
             log.check()
     except (Exception, KeyboardInterrupt) as error:
         _end_early(error, t, log, lambda: record.trajectory(log, moving))

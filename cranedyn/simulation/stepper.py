@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.checks import as_array, finite
+from cranedyn.checks import DOUBLE, as_array, finite
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.converters import Converters
@@ -93,16 +93,7 @@ class Stepper:
         return self.engine.state
 
     def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
-        """Advance by one control period under a command, see `apply`; return the state at its
-        end.
-        """
-        self.apply(command, force)
-        state = self.engine.advance()
-        self._periods += 1
-        return state
-
-    def apply(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> None:
-        """Hold a command from now on.
+        """Hold a command for a control period; return the state at its end.
 
         Args:
             command: Commands of the drives [N m or N; rad/s² or m/s²; rad/s or m/s], shape (m,).
@@ -119,7 +110,9 @@ class Stepper:
             force = as_force(np.zeros((len(layout.points), 3)) if force is None else force, layout)
         elif force is not None:
             raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
-        self.engine.apply_command(as_command(command, self.t, layout), force)
+        state = self.engine.advance(as_command(command, self.t, layout), force)
+        self._periods += 1
+        return state
 
 
 def initial_state(crane: Crane, start: State | None) -> State:
@@ -138,8 +131,10 @@ def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
         OutOfRange: If it is not one number for each drive.
         RunError: If a number is not finite.
     """
-    name, meaning = "command of the controller", layout.drives_in_words
-    command = as_array(name, answer, (layout.m,), meaning=meaning)
+    command: Any = answer
+    if type(command) is not np.ndarray or (command.dtype, command.shape) != (DOUBLE, (layout.m,)):
+        name, meaning = "command of the controller", layout.drives_in_words
+        command = as_array(name, answer, (layout.m,), meaning=meaning)
     if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
         joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
         raise RunError(

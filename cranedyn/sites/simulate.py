@@ -465,11 +465,12 @@ class _SiteCrane(Stepper):
         """Return the forces of the wind [N], shape (points, 3); None for no wind."""
         return None if self._wind is None else self._wind(self.t, self.state)
 
-    def apply(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> None:
-        """Hold rates from now on, and log a row."""
-        super().apply(command, force)
+    def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
+        """Hold rates for a period, and log a row."""
         position, rates = self.state.q[self.crane.layout.drives], np.asarray(command)
+        state = super().step(command, force)
         self.log.append(self.engine.row(Setpoint(position, rates, np.zeros_like(rates))))
+        return state
 
 
 class _Watch:

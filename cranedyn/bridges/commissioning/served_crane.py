@@ -98,8 +98,8 @@ class ServedCrane:
         self._last, self._resetting, self._heard = self.image.commands.copy(), False, 0.0
         self._publish(self._last, holding)
         self._engine = load_engine("compiled")(setting, self.state)
-        self._engine.apply_command(self._command, np.zeros((len(layout.points), 3)))
-        self._engine.advance()  # compiles what the first cycle shall not wait for
+        # compiles what the first cycle shall not wait for
+        self._engine.advance(self._command, np.zeros((len(layout.points), 3)))
         self._engine.reset(self.state)
 
     @property
@@ -123,14 +123,13 @@ class ServedCrane:
         wind = np.array([commands["wind"] * w.WIND, 0.0, 0.0])
         force = np.zeros((len(self._layout.points), 3))
         force[0] = drag_force(AREA, wind - point_velocities(self.crane, self.state)[0])
-        actuation = self._engine.apply_command(self._command, force)
+        self.state = self._engine.advance(self._command, force)
         setpoint = Setpoint(self._setpoint, self._command, np.zeros_like(self._command))
         self._log.append(self._engine.row(setpoint))
         if self.cycles % CHECKING == 0:
             self._log.check()
-        self.state = self._engine.advance()
         self.cycles += 1
-        self._publish(commands, actuation.effort)
+        self._publish(commands, self._engine.actuation.effort)
 
     def _column(self, commands: Mapping[str, int], word: str) -> np.ndarray:
         """Return a command of each drive, shape (m,)."""
