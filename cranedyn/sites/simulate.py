@@ -111,10 +111,11 @@ class SiteRun:
     boxes: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
-        violation = self.violation
+        violation, waits = self.violation, self.waits
         return (
             f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m, "
             f"largest swing {100.0 * self.swing.max() / self.site.swing:.0f} % of the envelope"
+            f"{f'; waits in a circle: {len(waits)}, first {waits[0][2]}' if waits else ''}"
             f"{violation and '; the model '}{violation}"
         )
 

@@ -213,6 +213,7 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
     operators = [lambda t, states: np.array([0.02, 0.1, 0.1])] * 2
     run = simulate_site(site, operators, duration=2.0)
     run = replace(run, deadlocks=((1.0, (0, 1)), (1.1, (0, 1))))
+    assert "waits in a circle: 1, first north for south for north" in repr(run)
     drawn: list[Run] = []
     real = simulation.record
 
