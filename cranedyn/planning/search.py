@@ -159,10 +159,10 @@ def _shortcuts(
 
 def _shifted(free: IsFree, points: np.ndarray, rates: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """Shift each corner by small steps of one drive or two while the way gets shorter."""
-    points = points.copy()
+    points, (low, high) = points.copy(), bounds
     for step, k, direction in itertools.product(_STEPS, range(1, len(points) - 1), _DIRECTIONS):
         trial = points[k - 1 : k + 2].copy()
-        trial[1] = np.clip(points[k] + step * direction * rates, *bounds)
+        trial[1] = np.minimum(np.maximum(points[k] + step * direction * rates, low), high)
         shorter = _cost(trial, rates) < _cost(points[k - 1 : k + 2], rates) - 1e-6
         if shorter and free(trial[0], trial[1]) and free(trial[1], trial[2]):
             points[k] = trial[1]
@@ -283,7 +283,8 @@ class _Grid:
         self.place, self.cost_to_goal = cache(self._place), cache(self._cost_to_goal)
 
     def _place(self, node: Node) -> np.ndarray:
-        return np.clip(self._ends[0] + np.array(node) * self._step, *self._bounds)
+        low, high = self._bounds
+        return np.minimum(np.maximum(self._ends[0] + np.array(node) * self._step, low), high)
 
     def _inside(self, node: Node) -> bool:
         return all(
