@@ -534,6 +534,11 @@ cranedyn/compiled/binding.py
 ? compiled_binding::a_log_with_a_ledger_has_room_for_a_row_at_each_instant
 - 1 if recipe.ledger else log_interval
 + log_interval
+cranedyn/compiled/rows.py
+* compiled columns are rounded in another order than NumPy's
+? compiled_binding::compiled_columns_have_the_bits_of_numpy
+- as group, code.as_written():
++ as group:
 cranedyn/compiled/fleet.py
 * cranes of a fleet have the effort limits of the first
 ? compiled_fleet::efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate

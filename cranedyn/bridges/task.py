@@ -6,20 +6,24 @@ Arrays have a column for each of n cranes. Angles [rad], lengths [m], times [s].
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 from cranedyn.checks import finite, number, short_repr, whole, within
+from cranedyn.compiled.binding import ColumnFunction
 from cranedyn.compiled.fleet import Fleet
+from cranedyn.compiled.rows import compile_columns
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.integrators import rk4
+from cranedyn.dynamics.scalars import larger, smaller, square_root
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 
@@ -148,14 +152,11 @@ class SwingTask:
         self.fleet = Fleet(cranes, count, forces=rules.wind > 0.0, integrator=INTEGRATOR, **clock)
         self.layout = layout = self.fleet.layout
         self.tower = np.array(layout.tower("The task of moving a load without swing"))
-        self._slew, self._trolley, *_, self._hoist = self.tower.tolist()
+        _, self._trolley, *_, self._hoist = self.tower.tolist()
         first = self.fleet.cranes[0]
         self.goal = np.tile(first.start.q[layout.drives][:, None], count)
         limits = [rules.limits.for_crane(crane) for crane in self.fleet.cranes]
         self._rates = np.min([limit.rates for limit in limits], axis=0)[:, None]
-        self._most = np.asarray(limits[0].accelerations)[:, None]
-        self._change, self._twice = self._most * period, 2.0 * self._most
-        self._half = 0.5 * self._change
         self._reach = layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
         low, high = (
             np.array([getattr(crane, end)[layout.drives] for crane in self.fleet.cranes])
@@ -170,8 +171,8 @@ class SwingTask:
                 [end.tolist() for end in self._range],
                 "wider than 0.1 rad or m",
             )
-        ends = np.stack([self._twice * self._upper, -self._twice * self._lower])
-        self._room, self._sign = self._half**2 + ends, np.array([-1.0, 1.0])[:, None, None]
+        columns = self._rates[:, 0], limits[0].accelerations, self._lower[:, 0], self._upper[:, 0]
+        self._motion = layout, period, rules.action == "velocity", tuple(zip(*columns, strict=True))
         n, passive, ends = layout.n, layout.passive, self.tower[[1, -1]]
         self._observed = np.concatenate([n + layout.drives, passive, n + passive, ends]).tolist()
         self._gravity, self._kind = first.gravity, np.zeros(count, dtype=int)
@@ -261,9 +262,8 @@ class SwingTask:
         def work(columns: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
             goal, now = self.goal[:, columns], self.fleet.z[:, columns]
             z = advance(self.accelerations(checked[:, columns], now))
-            swing = np.square(z[self.layout.passive]).sum(axis=0)
+            distance, swing = _distance_code(self.layout, self._gravity)(z, goal)
             over[columns] = ~(swing < self.rules.swing_limit**2)
-            distance = self.distance(z, goal)
             lost = -self.fleet.control_period * np.log10(1.0 + distance / _CLOSE)
             reward[columns] = np.where(over[columns], PENALTY, lost)
             self.goal_distance[columns] = distance
@@ -279,27 +279,13 @@ class SwingTask:
         """Return the accelerations of the drives for actions from -1 to 1 at states, shape (3,
         n).
         """
-        drives, t, most = self.layout.drives, self.fleet.control_period, self._change
-        position, rate = z[drives], z[self.layout.n + drives]
-        velocity = self.rules.action == "velocity"
-        change = action * self._rates - rate if velocity else action * self._most * t
-        faster = rate + np.minimum(np.maximum(change, -most), most)
-        # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 = room.
-        room = self._room + self._sign * (self._twice * position + most * rate)
-        up, down = np.minimum(np.sqrt(np.maximum(room, 0.0)) - self._half, self._rates)
-        return (np.minimum(np.maximum(faster, -down), up) - rate) / t
+        return _acceleration_code(*self._motion)(action, z)
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Return how far from its goal each load would come if its drives stopped at once [m]:
         distance of the drives to the goal and amplitude of swing.
         """
-        passive, length = self.layout.passive, z[self._hoist]
-        off = goal - z[self.layout.drives]
-        off[self._slew] *= z[self._trolley]
-        swing = np.square(z[passive]) + np.square(z[self.layout.n + passive]) * (
-            length / self._gravity
-        )
-        return np.sqrt(np.square(off).sum(axis=0)) + length * np.sqrt(swing.sum(axis=0))
+        return _distance_code(self.layout, self._gravity)(z, goal)[0]
 
     def observe(self, which: Any = slice(None)) -> np.ndarray:
         """Return observations of some cranes or of all now, see `OBSERVED`, in single precision."""
@@ -324,3 +310,44 @@ class SwingTask:
         )
         low = np.concatenate([-high[:-2], first.lower[ends]])
         return low.astype(np.float32), high.astype(np.float32)
+
+
+@cache
+def _acceleration_code(
+    layout: Layout, period: float, velocity: bool, limits: tuple[tuple[float, ...], ...]
+) -> ColumnFunction:
+    """Return the accelerations for actions and states, compiled; limits are rate, acceleration,
+    lower and upper end of each drive.
+    """
+
+    def accelerations(value: Callable[[float], Any], numbers: np.ndarray) -> Iterator[Any]:
+        action, z = np.split(numbers, [layout.m])
+        drives = zip(action, z[layout.drives], z[layout.n + layout.drives], limits, strict=True)
+        for share, position, rate, (fastest, most, low, high) in drives:
+            change = most * period
+            wanted = share * fastest - rate if velocity else share * most * period
+            faster = rate + smaller(larger(wanted, -change), change)
+            # w after the period must let a drive stop: w²/(2a) + (w + rate) t/2 = its room.
+            half, used = 0.5 * change, 2.0 * most * position + change * rate
+            room = half * half + 2.0 * most * high - used, half * half - 2.0 * most * low + used
+            up, down = (smaller(square_root(larger(x, 0.0)) - half, fastest) for x in room)
+            yield (smaller(larger(faster, -down), up) - rate) / value(period)
+
+    return compile_columns(accelerations, [layout.m, 2 * layout.n], layout.m)
+
+
+@cache
+def _distance_code(layout: Layout, gravity: float) -> ColumnFunction:
+    """Return distances, see `SwingTask.distance`, and squares of the swing, compiled."""
+    slew, trolley, *_, hoist = layout.tower("The task of moving a load without swing")
+
+    def distance(value: Callable[[float], Any], numbers: np.ndarray) -> list[Any]:
+        z, goal = np.split(numbers, [2 * layout.n])
+        passive, length = layout.passive, z[hoist]
+        off = goal - z[layout.drives]
+        off[slew] = off[slew] * z[trolley]
+        swing, rate = z[passive] * z[passive], z[layout.n + passive]
+        amplitude = (swing + rate * rate * (length / value(gravity))).sum()
+        return [square_root((off * off).sum()) + length * square_root(amplitude), swing.sum()]
+
+    return compile_columns(distance, [2 * layout.n, layout.m], 2)

@@ -39,6 +39,9 @@ _PIECE_SLOTS = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
 
 _TIME_SLOTS = [SLOTS[name] for name in ("dt", "period")]
 
+COLUMN_LANES = 8, 1
+"""Columns of a group, and of those that fill none."""
+
 _STAGE = 4
 """Largest cost of a stage of an optimisation of one crane, in steps: some microseconds."""
 
@@ -56,17 +59,18 @@ def _address(
     Raises:
         Misshapen: If it is anything else.
     """
-    ending = ", that can be written to" if written else ""
-    allowed = f"an array of {kind.__name__} of shape {shape}, contiguous{ending}"
-    if not isinstance(array, np.ndarray):
-        raise Misshapen(name, type(array).__name__, allowed)
-    flags = array.flags
-    stored = flags.c_contiguous and flags.aligned and (flags.writeable or not written)
-    if array.dtype != kind or array.shape != shape or not stored:
+    if isinstance(array, np.ndarray):
+        flags = array.flags
+        stored = flags.c_contiguous and flags.aligned and (flags.writeable or not written)
+        if stored and array.shape == shape and array.dtype == kind:
+            return array.__array_interface__["data"][0]  # quicker than `array.ctypes`
         ending = "" if flags.c_contiguous else ", not contiguous"
         description = f"an array of {array.dtype.name} of shape {array.shape}{ending}"
-        raise Misshapen(name, description, allowed)
-    return array.__array_interface__["data"][0]  # quicker than `array.ctypes`
+    else:
+        description = type(array).__name__
+    ending = ", that can be written to" if written else ""
+    allowed = f"an array of {kind.__name__} of shape {shape}, contiguous{ending}"
+    raise Misshapen(name, description, allowed)
 
 
 def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
@@ -129,6 +133,34 @@ class RowFunction:
         run = partial(self._run, *(array.ctypes.data for array in arrays))
         run.kept = self._machine, arrays  # type: ignore[attr-defined]  # by no address
         return row, answers, run
+
+
+class ColumnFunction:
+    """Compiled function that maps columns of numbers to columns of results."""
+
+    def __init__(self, machine: Machine, widths: Sequence[int]) -> None:
+        """Bind the functions of a module, with the rows of each array, the results last."""
+        self._runs = [machine.function(f"columns_{lanes}", 1) for lanes in COLUMN_LANES]
+        self._machine, self._widths = machine, widths
+
+    def __call__(self, *blocks: np.ndarray) -> np.ndarray:
+        """Return the results for arrays with a column each, shape (width, n).
+
+        Raises:
+            Misshapen: If an array has another shape or is not of doubles.
+        """
+        count = blocks[0].shape[1]
+        arrays = [*map(np.ascontiguousarray, blocks), np.empty((self._widths[-1], count))]
+        pairs = zip(arrays, self._widths, strict=True)
+        starts = [(_address("columns", a, (width, count)), width) for a, width in pairs]
+        rows = [start + 8 * count * i for start, width in starts for i in range(width)]
+        done = 0
+        for lanes, run in zip(COLUMN_LANES, self._runs, strict=True):
+            if done < count:
+                call = np.array([done // lanes, count // lanes, *rows])
+                run(call.__array_interface__["data"][0])
+                done = count // lanes * lanes
+        return arrays[-1]
 
 
 def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:

@@ -206,18 +206,22 @@ class Fleet:
 
     def spread(self, work: Callable[[int], object]) -> None:
         """Run a function for the index of each chunk of cranes in threads, see `chunks`."""
-        if self._workers == 1:
-            for chunk in range(len(self.chunks)):
+        chunks = iter(range(len(self.chunks)))  # of which each thread takes the next
+
+        def share() -> None:
+            for chunk in chunks:
                 work(chunk)
-            return
-        if self._pool is None or self._process != os.getpid():  # a fork leaves threads behind
-            self._pool, self._process = ThreadPoolExecutor(self._workers), os.getpid()
-        futures = [self._pool.submit(work, chunk) for chunk in range(len(self.chunks))]
+
+        if self._workers > 1 and (self._pool is None or self._process != os.getpid()):
+            # A fork leaves threads behind.
+            self._pool, self._process = ThreadPoolExecutor(self._workers - 1), os.getpid()
+        futures = [self._pool.submit(share) for _ in range(self._workers - 1) if self._pool]
         try:
-            for future in futures:
-                future.result()
+            share()
         finally:
             wait(futures)  # whatever happens: none may go on while the next step begins
+        for future in futures:
+            future.result()
 
     def advance(self, chunk: int, command: np.ndarray) -> np.ndarray:
         """Advance one chunk, from a thread of `spread`; see `step`, with the columns of that chunk.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.binding import RowFunction
-from cranedyn.compiled.code import INTEGER, Code
+from cranedyn.compiled.binding import COLUMN_LANES, ColumnFunction, RowFunction
+from cranedyn.compiled.code import INTEGER, POINTER, Code
 from cranedyn.compiled.machine import translate
 from cranedyn.dynamics.scalars import array
 
@@ -37,3 +37,29 @@ def compile_rows(
             code.store(result, answers, code.plus(code.product(row, width_out), i))
     code.end()
     return RowFunction(translate(module), "rows", width_in, width_out, shared)
+
+
+def compile_columns(
+    function: Callable[..., Iterable[Any]], widths: Sequence[int], width_out: int
+) -> ColumnFunction:
+    """Return a function of columns of numbers, compiled, that rounds as NumPy does.
+
+    Args:
+        function: Returns the results for a function that makes a constant a number of code, and the
+            numbers of all arrays, see `cranedyn.dynamics.scalars`.
+        widths: Rows of its arrays.
+        width_out: Number of its results.
+    """
+    module, width_in = ir.Module(), sum(widths)
+    for lanes in COLUMN_LANES:
+        code = Code(module, f"columns_{lanes}", ["call"], lanes)
+        call = code.argument["call"]
+        first, last = (code.load_one(call, i, INTEGER) for i in range(2))
+        rows = [code.load_one(call, 2 + i, POINTER) for i in range(width_in + width_out)]
+        with code.loop(first, last) as group, code.as_written():
+            column = code.product(group, lanes)
+            numbers = array([code.load(row, column) for row in rows[:width_in]])
+            for row, result in zip(rows[width_in:], function(code.value, numbers), strict=True):
+                code.store(result, row, column)
+        code.end()
+    return ColumnFunction(translate(module), [*widths, width_out])

@@ -29,6 +29,7 @@ from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.layout import BufferLayout, size
+from cranedyn.compiled.rows import compile_columns
 from cranedyn.compiled.tables import RowTable, single_table
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers import hold_controller
@@ -38,6 +39,7 @@ from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
+from cranedyn.dynamics.scalars import square_root
 from cranedyn.errors import CraneError, Misshapen, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
@@ -537,6 +539,25 @@ def test_ctrl_c_is_answered_within_two_seconds_under_the_longest_horizon(
     with _ctrl_c(0.3) as came, pytest.raises((KeyboardInterrupt, RunError)):
         go(600.0)
     assert time.process_time() - came[0] < 2.0  # the machine may be busy with others
+
+
+# --- columns --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [0, 1, 8, 21])
+def test_compiled_columns_have_the_bits_of_numpy_and_are_all_there_are(count: int) -> None:
+    def text(value: Callable[[float], Any], numbers: np.ndarray) -> list[Any]:
+        a, b = numbers[:3], numbers[3]
+        return [square_root((a * a).sum()) / value(0.1) + b * 3.0 * 0.7, a[2] - b]
+
+    code, (*a, b) = compile_columns(text, [3, 1], 2), np.random.default_rng(0).random((4, count))
+    first = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) / 0.1 + b * 3.0 * 0.7
+    answers = code(np.array(a).T.copy().T, b[None])  # rows are not contiguous
+    np.testing.assert_array_equal(answers, [first, a[2] - b])
+    with pytest.raises(Misshapen, match="columns"):
+        code(np.array(a), np.zeros((1, count + 1)))
+    with pytest.raises(Misshapen, match="columns"):
+        code(np.array(a, dtype=np.float32), b[None])
 
 
 # --- many threads ---------------------------------------------------------------------------------
