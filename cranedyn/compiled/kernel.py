@@ -143,9 +143,8 @@ def kernel(source: KernelSource) -> Kernel:
     module = build_module(source)
     if source.recipe.threads:
         emit_lane_loop(module)
-    nested, many = source.recipe.programme is not None, source.recipe.lanes > 1
-    machine = translate(module, nested=nested, inlining=many)
-    return Kernel(source, source.sizes, machine, set())
+    level = 2 if source.recipe.lanes > 1 else int(source.recipe.programme is not None)
+    return Kernel(source, source.sizes, translate(module, level), set())
 
 
 def build_module(source: KernelSource) -> ir.Module:

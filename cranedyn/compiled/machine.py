@@ -59,17 +59,17 @@ def without_collection() -> Iterator[None]:
             gc.enable()
 
 
-def translate(module: ir.Module, *, nested: bool = False, inlining: bool = False) -> Machine:
+def translate(module: ir.Module, level: int = 1) -> Machine:
     """Optimise a module for this processor and translate it; its memory is freed with the
-    functions. More passes than one to put variables into registers take a third longer, and pay
-    for nested loops only; inlining and the best schedule take longer still, and pay for code of
-    many lanes only.
+    functions. Level 0 puts variables into registers: more takes a third longer, and makes a loop of
+    straight-line code no faster. Level 2, with inlining and the best schedule, takes longest and
+    pays for code of many lanes only.
     """
     # The global context would keep every constant for ever.
-    context, target = binding.create_context(), _target(3 if inlining else 2)
+    context, target = binding.create_context(), _target(3 if level == 2 else 2)
     context._owned = True
     code = binding.parse_assembly(str(module), context)
-    _optimise(code, target, speed_level=int(nested or inlining), inlining=inlining)
+    _optimise(code, target, min(level, 1), inlining=level == 2)
     engine = binding.create_mcjit_compiler(code, target)
     engine.finalize_object()
     return Machine(engine, context)

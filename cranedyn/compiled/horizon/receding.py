@@ -272,7 +272,7 @@ def _compile(programme: Programme) -> _CompiledProgramme:
     module = ir.Module()
     constants = emit_plan(module, programme)
     emit_instant(module, programme)
-    return _CompiledProgramme(translate(module, nested=True), constants)
+    return _CompiledProgramme(translate(module), constants)
 
 
 def receding(
