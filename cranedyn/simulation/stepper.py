@@ -132,7 +132,8 @@ def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
         RunError: If a number is not finite.
     """
     command: Any = answer
-    if type(command) is not np.ndarray or (command.dtype, command.shape) != (DOUBLE, (layout.m,)):
+    quick = type(command) is np.ndarray and command.dtype is DOUBLE
+    if not quick or command.shape != (layout.m,):
         name, meaning = "command of the controller", layout.drives_in_words
         command = as_array(name, answer, (layout.m,), meaning=meaning)
     if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
