@@ -42,15 +42,15 @@ PROTOCOL = frozenset(
 """Public names that every module of a kind defines."""
 
 LIMITS = {
-    "lines of the core": (14_390, 10_000),
-    "lines of cranedyn": (46_555, 27_000),
+    "lines of the core": (14_375, 10_000),
+    "lines of cranedyn": (46_755, 27_000),
     "lines of experiments": (16_490, 11_000),
     "lines of benchmarks": (3_865, 2_800),
-    "lines of tests": (38_600, 27_000),
-    "modules in cranedyn": (232, 150),
+    "lines of tests": (37_970, 27_000),
+    "modules in cranedyn": (231, 150),
     "modules imported by simulate": (38, 25),
     "parameters of simulate": (9, 10),
-    "body lines of simulate": (37, 40),
+    "body lines of simulate": (36, 40),
     "circles of imports in cranedyn": (0, 0),
     "circles of imports in experiments": (0, 0),
     "imports upward": (0, 0),

@@ -956,8 +956,8 @@ cranedyn/recording/shapes.py
 cranedyn/bridges/task.py
 * the drives of an environment brake as if periods had no length
 ? gymnasium::drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges
-- self._half = 0.5 * self._change
-+ self._half = 0.0 * self._change
+- half, used = 0.5 * change, 2.0 * most
++ half, used = 0.0 * change, 2.0 * most
 cranedyn/bridges/gymnasium.py
 * an environment whose episode has ended shows how the old one ended
 ? gymnasium::next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_says
