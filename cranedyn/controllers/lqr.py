@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from scipy.linalg.lapack import dgesv
 
 from cranedyn.checks import as_array, finite, short_repr, whole
 from cranedyn.clocks import multiple
@@ -135,9 +134,7 @@ def riccati(
     with _solvable():
         for k in range(len(a) - 1, -1, -1):
             input_cost = b[k].T @ cost[k + 1]
-            *_, gain[k], singular = dgesv(effort_weight + input_cost @ b[k], input_cost @ a[k])
-            if singular:
-                raise np.linalg.LinAlgError("Singular matrix")
+            gain[k] = np.linalg.solve(effort_weight + input_cost @ b[k], input_cost @ a[k])
             cost_to_go = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
             cost[k] = (cost_to_go + cost_to_go.T) / 2.0
         if not (np.isfinite(gain).all() and np.isfinite(cost).all()):

@@ -19,7 +19,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value
-from cranedyn.compiled.machine import Machine, translate, without_collection
+from cranedyn.compiled.machine import Machine, translate
 
 LANES = 8
 
@@ -180,11 +180,3 @@ def test_code_that_nobody_needs_any_more_leaves_no_memory_behind() -> None:
     # passes and constants that are not freed are 0.1 MB for each of these; pages that the allocator
     # keeps have been taken before
     assert _resident() - before < 3.0
-
-
-def test_the_search_for_garbage_pauses_and_is_then_as_before() -> None:
-    with without_collection():
-        with without_collection():
-            assert not gc.isenabled()
-        assert not gc.isenabled()
-    assert gc.isenabled()
