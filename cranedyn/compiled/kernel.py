@@ -14,7 +14,7 @@ from llvmlite import ir
 from cranedyn.compiled.angles import SHORTER, all_within
 from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value, uses
 from cranedyn.compiled.layout import SLOTS, TURNS, BufferLayout, Sections, size, slices
-from cranedyn.compiled.machine import Machine, translate, without_collection
+from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import KINDS, THREAD, emit_lane_loop
 from cranedyn.controllers.affine import integrated_command
@@ -137,14 +137,13 @@ class Kernel(NamedTuple):
     verified: set[bytes]
 
 
-@without_collection()
 def kernel(source: KernelSource) -> Kernel:
     """Compile the loop."""
     module = build_module(source)
     if source.recipe.threads:
         emit_lane_loop(module)
-    level = 2 if source.recipe.lanes > 1 else int(source.recipe.programme is not None)
-    return Kernel(source, source.sizes, translate(module, level), set())
+    machine = translate(module, inlining=source.recipe.lanes > 1)
+    return Kernel(source, source.sizes, machine, set())
 
 
 def build_module(source: KernelSource) -> ir.Module:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-import gc
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -47,29 +44,16 @@ class Machine:
         return self._known[name]
 
 
-@contextmanager
-def without_collection() -> Iterator[None]:
-    """Pause the search for garbage in cycles: code under construction is many objects, all used."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
-def translate(module: ir.Module, level: int = 1) -> Machine:
+def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
     """Optimise a module for this processor and translate it; its memory is freed with the
-    functions. Level 0 puts variables into registers: more takes a third longer, and makes a loop of
-    straight-line code no faster. Level 2, with inlining and the best schedule, takes longest and
-    pays for code of many lanes only.
+    functions. Higher levels of optimisation take a third longer and make straight-line code no
+    faster; inlining and the best schedule take longer, too, and pay for code of many lanes only.
     """
     # The global context would keep every constant for ever.
-    context, target = binding.create_context(), _target(3 if level == 2 else 2)
+    context, target = binding.create_context(), _target(3 if inlining else 2)
     context._owned = True
     code = binding.parse_assembly(str(module), context)
-    _optimise(code, target, min(level, 1), inlining=level == 2)
+    _optimise(code, target, speed_level=1, inlining=inlining)
     engine = binding.create_mcjit_compiler(code, target)
     engine.finalize_object()
     return Machine(engine, context)
@@ -115,13 +99,7 @@ def _cross(
 def _optimise(code: Any, target: Any, speed_level: int = 2, *, inlining: bool = True) -> None:
     options = binding.create_pipeline_tuning_options(speed_level=speed_level)
     passes = binding.create_pass_builder(target, options)
-    if inlining:
-        manager = passes.getModulePassManager()
-    elif speed_level:
-        manager = passes.getFunctionPassManager()
-    else:
-        manager = binding.create_new_function_pass_manager()
-        manager.add_sroa_pass()
+    manager = passes.getModulePassManager() if inlining else passes.getFunctionPassManager()
     bodies = [function for function in code.functions if not function.is_declaration]
     try:
         for part in [code] if inlining else bodies:

@@ -18,7 +18,7 @@ from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import emit_instant, emit_plan
 from cranedyn.compiled.horizon.memory import REPORT, Programme, lane_memory
 from cranedyn.compiled.horizon.planning import Marks
-from cranedyn.compiled.machine import Machine, translate, without_collection
+from cranedyn.compiled.machine import Machine, translate
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -267,7 +267,6 @@ class _CompiledProgramme(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-@without_collection()
 def _compile(programme: Programme) -> _CompiledProgramme:
     module = ir.Module()
     constants = emit_plan(module, programme)
