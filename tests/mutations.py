@@ -793,11 +793,6 @@ cranedyn/lifting/wind_limit.py
 ? judgement::the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn
 - "wind_m_s": speed / GUST_FACTOR
 + "wind_m_s": speed / 1.0
-cranedyn/planning/search.py
-* further ways to a cell are lost once the best is blocked
-? proof::a_cell_is_reached_by_any_way_to_it_that_is_free
-- for item in waiting.pop(node, ()):
-+ for item in ():
 cranedyn/planning/drive_trajectory.py
 * drives of a plan reach no farther than at their rates at both ends
 ? least_time::drives_reach_no_farther_between_two_times_than_is_said

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -55,8 +54,11 @@ class Batch:
         valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s];
             inf where it held throughout; shape (cranes,).
         t: Times of the recorded rows [s], shape (rows,).
-        log: Recorded numbers in groups of lanes, shape (groups, rows, columns, lanes).
-        columns: Columns of the log by name.
+        q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
+        command, effort: Commands of the controllers and efforts from a row on, shape (cranes, rows,
+            m) each.
+        before: Efforts up to a row, shape (cranes, rows, m).
+        energy: Mechanical energy [J], shape (cranes, rows).
         failures: Number of failed optimisations of a predictive controller, after which the last
             plan continues, shape (cranes,).
         refusals: Number of implausible readings that it refused, shape (cranes,).
@@ -68,8 +70,12 @@ class Batch:
     largest_effort: np.ndarray
     valid_until: np.ndarray
     t: np.ndarray
-    log: np.ndarray
-    columns: Mapping[str, slice]
+    q: np.ndarray
+    v: np.ndarray
+    command: np.ndarray
+    effort: np.ndarray
+    before: np.ndarray
+    energy: np.ndarray
     failures: np.ndarray
     refusals: np.ndarray
 
@@ -81,42 +87,6 @@ class Batch:
 
     def __len__(self) -> int:
         return len(self.peak_swing)
-
-    @cached_property
-    def q(self) -> np.ndarray:
-        """Coordinates in the recorded rows, shape (cranes, rows, n)."""
-        return self._recorded("q")
-
-    @cached_property
-    def v(self) -> np.ndarray:
-        """Rates in these, shape (cranes, rows, n)."""
-        return self._recorded("v")
-
-    @cached_property
-    def command(self) -> np.ndarray:
-        """Commands of the controllers from a row on, shape (cranes, rows, m)."""
-        return self._recorded("command")
-
-    @cached_property
-    def effort(self) -> np.ndarray:
-        """Efforts from a row on, shape (cranes, rows, m)."""
-        return self._recorded("effort")
-
-    @cached_property
-    def before(self) -> np.ndarray:
-        """Efforts up to a row, shape (cranes, rows, m)."""
-        return self._recorded("before")
-
-    @cached_property
-    def energy(self) -> np.ndarray:
-        """Mechanical energy [J], shape (cranes, rows)."""
-        return self._recorded("energy")[:, :, 0]
-
-    def _recorded(self, name: str) -> np.ndarray:
-        """Copy columns of the log, in which the rows of a crane follow each other."""
-        columns = self.log[:, :, self.columns[name]].transpose(0, 3, 2, 1)
-        groups, lanes, width, rows = columns.shape
-        return columns.reshape(groups * lanes, width, rows)[: len(self)].swapaxes(1, 2)
 
 
 def simulate_batch(
@@ -288,9 +258,12 @@ def simulate_batch(
         run_in_threads(loop, threads)
     predictive = control.predictive
     del loop, control, tables, forces, offsets  # frees their memory before results are copied
-    state_at, kept_at = slices(sizes.state), slices(sizes.summary)
+    state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
     end = ungroup_lanes(memory["state"][:, : sizes.z], cranes)
     summary = ungroup_lanes(memory["summary"], cranes)
+    groups, width = len(memory["log"]), size(sizes.row)
+    columns = memory["log"].reshape(groups, rows, width, lanes).transpose(0, 3, 2, 1)
+    log = columns.reshape(groups * lanes, width, rows)[:cranes].swapaxes(1, 2)
     first_invalid = summary[:, kept_at["invalid"]][:, 0]
     return Batch(
         end=State(end[:, state_at["q"]], end[:, state_at["v"]]),
@@ -299,8 +272,8 @@ def simulate_batch(
         largest_effort=summary[:, kept_at["effort"]],
         valid_until=t_start + control_period * first_invalid,
         t=times[:: max(interval, 1)][:rows],
-        log=memory["log"].reshape(len(memory["log"]), rows, size(sizes.row), lanes),
-        columns=slices(sizes.row),
+        **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
+        energy=log[:, :, row_at["energy"]][:, :, 0],
         **_marks(predictive, memory, cranes),
     )
 

@@ -40,9 +40,6 @@ _DRAG = 1.2
 _LEVELS = 13
 """Number of masses of the load."""
 
-_BLOCK = 32
-"""Lifts whose distances are bounded at once: their numbers stay in a processor's cache."""
-
 
 @dataclass(frozen=True)
 class Spread:
@@ -290,7 +287,7 @@ def _batch(
         record=_every(lift),
         threads=1,
     )
-    names = ("peak_swing", "residual_swing", "largest_effort", "valid_until")
+    names = ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v")
     batch = replace(batch, **{name: getattr(batch, name)[:-1] for name in names})
     return batch, force[:-1]
 
@@ -353,19 +350,16 @@ def _least(
     shape (rows,), that difference gives the bound. Elsewhere distances are measured in the recorded
     rows, less the way between these, and bound those of the rows around by the way to them.
     """
-    distances = np.full(len(batch), np.nan)
-    for first in range(0, len(batch), _BLOCK):
-        q = batch.q[first : first + _BLOCK]
-        between = clearance.displacement(q[:, :-1, :], q[:, 1:, :]) / 2.0
-        moved = np.pad(np.cumsum(2.0 * between, axis=1), ((0, 0), (1, 0)))
-        step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))
-        at_least = margins - clearance.displacement(planned, q) - step
-        valid = ~np.isfinite(batch.valid_until[first : first + _BLOCK])
-        for i in np.flatnonzero(np.isfinite(at_least).all(axis=1) & valid):
-            bounds, measured = at_least[i], set[int]()
-            while (k := int(np.argmin(bounds))) not in measured and bounds[k] < 0.0:
-                margin = clearance.margin(q[i, k])
-                bounds = np.maximum(bounds, margin - np.abs(moved[i] - moved[i, k]) - step[i])
-                measured.add(k)
-            distances[first + i] = bounds[k] + clearance.site.distance
+    between = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
+    moved = np.pad(np.cumsum(2.0 * between, axis=1), ((0, 0), (1, 0)))
+    step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))
+    at_least = margins - clearance.displacement(planned, batch.q) - step
+    distances = np.full(len(batch.q), np.nan)
+    for i in np.flatnonzero(np.isfinite(at_least).all(axis=1) & ~np.isfinite(batch.valid_until)):
+        bounds, measured = at_least[i], set[int]()
+        while (k := int(np.argmin(bounds))) not in measured and bounds[k] < 0.0:
+            margin = clearance.margin(batch.q[i, k])
+            bounds = np.maximum(bounds, margin - np.abs(moved[i] - moved[i, k]) - step[i])
+            measured.add(k)
+        distances[i] = bounds[k] + clearance.site.distance
     return distances

@@ -7,7 +7,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
@@ -159,10 +159,10 @@ def _shortcuts(
 
 def _shifted(free: IsFree, points: np.ndarray, rates: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """Shift each corner by small steps of one drive or two while the way gets shorter."""
-    points, (low, high) = points.copy(), bounds
+    points = points.copy()
     for step, k, direction in itertools.product(_STEPS, range(1, len(points) - 1), _DIRECTIONS):
         trial = points[k - 1 : k + 2].copy()
-        trial[1] = np.minimum(np.maximum(points[k] + step * direction * rates, low), high)
+        trial[1] = np.clip(points[k] + step * direction * rates, *bounds)
         shorter = _cost(trial, rates) < _cost(points[k - 1 : k + 2], rates) - 1e-6
         if shorter and free(trial[0], trial[1]) and free(trial[1], trial[2]):
             points[k] = trial[1]
@@ -209,9 +209,6 @@ def best_on_grid(
     grid, start = _Grid(clearance, ends, bounds, rates, cell), (0, 0, 0)
     parents: dict[Node, Node] = {}
     queue: list[tuple[float, float, Node, Node]] = [(grid.cost_to_goal(start), 0.0, start, start)]
-    # Of all ways to a cell only the best is queued; the others wait until it is blocked.
-    queued: dict[Node, tuple[float, float, Node, Node]] = {}
-    waiting: dict[Node, list[tuple[float, float, Node, Node]]] = defaultdict(list)
     blocked: list[np.ndarray] = []
     best: float = math.inf
     last: Node = start
@@ -226,9 +223,6 @@ def best_on_grid(
         if node != start and not grid.is_free(parent, node):
             if len(blocked) < _BLOCKED:
                 blocked.append(grid.place(node))
-            queued.pop(node, None)
-            for item in waiting.pop(node, ()):
-                heapq.heappush(queue, item)
             continue
         parents[node], cost = parent, -negative_cost
         to_goal = grid.cost_to_goal(node)
@@ -245,11 +239,7 @@ def best_on_grid(
                     factor += tight * max(0.0, 1.0 - grid.margin(neighbour))
                 reached = cost + cell * factor
                 item = (reached + grid.cost_to_goal(neighbour), -reached, neighbour, node)
-                if neighbour in queued and queued[neighbour] <= item:
-                    waiting[neighbour].append(item)
-                else:
-                    queued[neighbour] = item
-                    heapq.heappush(queue, item)
+                heapq.heappush(queue, item)
     if best == math.inf:
         names = Counter(
             clearance.nearest(clearance.q(drive_position), beside_zones=True).obstacle
@@ -283,8 +273,7 @@ class _Grid:
         self.place, self.cost_to_goal = cache(self._place), cache(self._cost_to_goal)
 
     def _place(self, node: Node) -> np.ndarray:
-        low, high = self._bounds
-        return np.minimum(np.maximum(self._ends[0] + np.array(node) * self._step, low), high)
+        return np.clip(self._ends[0] + np.array(node) * self._step, *self._bounds)
 
     def _inside(self, node: Node) -> bool:
         return all(

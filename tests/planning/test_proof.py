@@ -4,7 +4,6 @@ done.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -13,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.planning import curve, proof, search
+from cranedyn.planning import curve, proof
 from cranedyn.planning import lift as planned
 from cranedyn.planning.certificate import certify
 from cranedyn.planning.clearance import Clearance
@@ -27,7 +26,7 @@ from cranedyn.planning.proof import (
     unproven_parameter,
     unproven_row,
 )
-from cranedyn.planning.search import Node, best_on_grid
+from cranedyn.planning.search import best_on_grid
 from cranedyn.planning.solids import box
 from cranedyn.planning.timing import STEP, load_motion
 from cranedyn.references.flat import smoothstep
@@ -222,20 +221,3 @@ def test_a_grid_finds_the_way_through_the_only_gap_and_says_when_there_is_none()
     shut = clearance(box("all", (12.0, 0.0), (24.0, 1.0, 30.0), 0.0))
     none = best_on_grid(shut, ends, bounds, RATES, cell=2.0)
     assert (none.points, none.duration, none.blocked) == (None, math.inf, ["all"])
-
-
-def test_a_cell_is_reached_by_any_way_to_it_that_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    def is_free(_: object, start: Node, end: Node) -> bool:
-        return hash((start, end)) % 9 == 0  # of whole numbers the same in every process
-
-    monkeypatch.setattr(search._Grid, "is_free", is_free)
-    monkeypatch.setattr(search, "is_proven_free", lambda *_: False)  # so that all are searched
-    middle = clearance().place(np.array([11.0, 0.0, 6.0]))
-    ends, bounds = middle + np.outer([0.0, 1.0], RATES), middle + np.outer([-4.0, 4.0], RATES)
-    cells, reached = set(itertools.product(range(-4, 5), repeat=3)), {(0, 0, 0)}
-    news = [*reached]
-    for cell in news:
-        nearby = {tuple(np.add(cell, step).tolist()) for step in search._NEIGHBOURS} & cells
-        news += (free := {end for end in nearby - reached if is_free(None, cell, end)})
-        reached |= free
-    assert best_on_grid(clearance(), ends, bounds, RATES).reached == len(reached) > 100
