@@ -42,11 +42,11 @@ PROTOCOL = frozenset(
 """Public names that every module of a kind defines."""
 
 LIMITS = {
-    "lines of the core": (14_375, 10_000),
-    "lines of cranedyn": (46_755, 27_000),
+    "lines of the core": (14_370, 10_000),
+    "lines of cranedyn": (46_690, 27_000),
     "lines of experiments": (16_490, 11_000),
     "lines of benchmarks": (3_865, 2_800),
-    "lines of tests": (37_970, 27_000),
+    "lines of tests": (37_930, 27_000),
     "modules in cranedyn": (231, 150),
     "modules imported by simulate": (38, 25),
     "parameters of simulate": (9, 10),
