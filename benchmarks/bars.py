@@ -86,9 +86,9 @@ def all_bars() -> list[Bar]:
     first = Workload(partial(fresh, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
     return [
         Bar("plain loop", _run(case, 1.0), aba_calls, 0.33),
-        Bar("Python controller, compiled steps", _stepping(case, 10.0), aba_calls, 3.85),
-        Bar("compiled closed loop", _closed(case, 70.0), aba_calls, 42.0),
-        Bar("compiled batch, 1 thread", _batch(case, 1.0), aba_calls, 245.0),
+        Bar("Python controller, compiled steps", _stepping(case, 10.0), aba_calls, 3.6),
+        Bar("compiled closed loop", _closed(case, 70.0), aba_calls, 40.0),
+        Bar("compiled batch, 1 thread", _batch(case, 1.0), aba_calls, 230.0),
         Bar("double pendulum: plain loop", _run(hook, 1.0), aba_calls, 0.285),
         Bar("double pendulum: compiled closed loop", _closed(hook, 35.0), aba_calls, 19.5),
         Bar("first compiled step of a process", first, imports, 0.35),

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from cranedyn.command import defer_sigint
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, interpolate_columns
@@ -317,9 +318,10 @@ def limit_shares(clearance: Clearance, motion: Motion, limits: Limits) -> dict[s
 
 def _toppra() -> tuple[Any, Any, Any]:
     try:
-        import toppra
-        import toppra.algorithm
-        import toppra.constraint
+        with defer_sigint():  # interrupted, it could not be imported again
+            import toppra
+            import toppra.algorithm
+            import toppra.constraint
     except ImportError as error:
         raise CraneError(
             "To time a path install the extra planning: pip install 'cranedyn[planning]'."
