@@ -105,7 +105,7 @@ def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.nda
     Raises:
         Misshapen: If it is no array of real numbers, has masked elements, or another shape.
     """
-    if type(value) is np.ndarray and value.dtype is DOUBLE and value.shape in shapes:
+    if type(value) is np.ndarray and value.dtype is _DOUBLE and value.shape in shapes:
         return value
     try:
         array = np.asarray(value)
@@ -184,4 +184,4 @@ class _Short(reprlib.Repr):
 short_repr = _Short().repr
 """Return the ``repr`` of a value on one line, shortened; of a long array its shape."""
 
-DOUBLE = np.dtype(float)
+_DOUBLE = np.dtype(float)

@@ -172,6 +172,7 @@ class SwingTask:
                 "wider than 0.1 rad or m",
             )
         columns = self._rates[:, 0], limits[0].accelerations, self._lower[:, 0], self._upper[:, 0]
+        # Arguments by which compiled code is found: a copy of the task has no functions to copy.
         self._motion = layout, period, rules.action == "velocity", tuple(zip(*columns, strict=True))
         n, passive, ends = layout.n, layout.passive, self.tower[[1, -1]]
         self._observed = np.concatenate([n + layout.drives, passive, n + passive, ends]).tolist()
@@ -323,10 +324,10 @@ def _acceleration_code(
     def accelerations(value: Callable[[float], Any], numbers: np.ndarray) -> Iterator[Any]:
         action, z = np.split(numbers, [layout.m])
         drives = zip(action, z[layout.drives], z[layout.n + layout.drives], limits, strict=True)
-        for share, position, rate, (fastest, most, low, high) in drives:
+        for asked, position, rate, (fastest, most, low, high) in drives:
             change = most * period
-            wanted = share * fastest - rate if velocity else share * most * period
-            faster = rate + smaller(larger(wanted, -change), change)
+            aim = asked * fastest - rate if velocity else asked * most * period
+            faster = rate + smaller(larger(aim, -change), change)
             # w after the period must let a drive stop: w²/(2a) + (w + rate) t/2 = its room.
             half, used = 0.5 * change, 2.0 * most * position + change * rate
             room = half * half + 2.0 * most * high - used, half * half - 2.0 * most * low + used

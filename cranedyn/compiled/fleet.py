@@ -208,16 +208,16 @@ class Fleet:
         """Run a function for the index of each chunk of cranes in threads, see `chunks`."""
         chunks = iter(range(len(self.chunks)))  # of which each thread takes the next
 
-        def share() -> None:
+        def take_chunks() -> None:
             for chunk in chunks:
                 work(chunk)
 
         if self._workers > 1 and (self._pool is None or self._process != os.getpid()):
             # A fork leaves threads behind.
             self._pool, self._process = ThreadPoolExecutor(self._workers - 1), os.getpid()
-        futures = [self._pool.submit(share) for _ in range(self._workers - 1) if self._pool]
+        futures = [self._pool.submit(take_chunks) for _ in range(self._workers - 1) if self._pool]
         try:
-            share()
+            take_chunks()
         finally:
             wait(futures)  # whatever happens: none may go on while the next step begins
         for future in futures:

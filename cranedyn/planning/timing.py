@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.command import defer_sigint
+from cranedyn.command import uninterrupted_import
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, interpolate_columns
@@ -318,13 +318,12 @@ def limit_shares(clearance: Clearance, motion: Motion, limits: Limits) -> dict[s
 
 def _toppra() -> tuple[Any, Any, Any]:
     try:
-        with defer_sigint():  # interrupted, it could not be imported again
-            import toppra
-            import toppra.algorithm
-            import toppra.constraint
+        toppra, constraint, algorithm = map(
+            uninterrupted_import, ("toppra", "toppra.constraint", "toppra.algorithm")
+        )
     except ImportError as error:
         raise CraneError(
             "To time a path install the extra planning: pip install 'cranedyn[planning]'."
         ) from error
     toppra.setup_logging("ERROR")
-    return toppra, toppra.constraint, toppra.algorithm
+    return toppra, constraint, algorithm

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.checks import DOUBLE, as_array, finite
+from cranedyn.checks import as_array, finite
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.converters import Converters
@@ -131,11 +131,8 @@ def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
         OutOfRange: If it is not one number for each drive.
         RunError: If a number is not finite.
     """
-    command: Any = answer
-    quick = type(command) is np.ndarray and command.dtype is DOUBLE
-    if not quick or command.shape != (layout.m,):
-        name, meaning = "command of the controller", layout.drives_in_words
-        command = as_array(name, answer, (layout.m,), meaning=meaning)
+    name, meaning = "command of the controller", layout.drives_in_words
+    command = as_array(name, answer, (layout.m,), meaning=meaning)
     if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
         joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
         raise RunError(

@@ -266,11 +266,12 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
     station, crane = site.stations[i], site.stations[i].crane
     try:
         motion = _leg(station, site.swing, np.array(points))
-        low = _height(site, i, motion.q[:, motion.drives])
+        load = station.plumb(motion.q[:, motion.drives])[1]
+        low = _height(site, i, load)
         if low < site.distance:
             raise NoWay(f"its load is {low:.2f} m above ground; required is {site.distance:g} m.")
         if station.chart is not None:
-            radii = np.linalg.norm((station.rope(motion.q)[0] - station.foot)[:, :2], axis=1)
+            radii = np.linalg.norm((load - station.foot)[:, :2], axis=1)
             rated = float(station.chart.on().at(radii).min())
             number(f"load of {quoted(station.name)}", crane.payload_mass, "kg", f"0 to {rated:g}")
         for box in _boxes(station, site.swing, motion) if site.solids else ():
@@ -288,11 +289,9 @@ def _motions(site: CraneSite, i: int, way: list[_Points]) -> list[Motion]:
     return motions if len(motions) == len(way) else []
 
 
-def _height(site: CraneSite, i: int, position: np.ndarray) -> float:
-    """Return the least height of a load above ground [m] at positions, shape (rows, m)."""
-    station = site.stations[i]
-    low = float(station.plumb(position)[1][:, 2].min())
-    return low - station.bodies.depth[-1, 1, 2] - site.ground
+def _height(site: CraneSite, i: int, load: np.ndarray) -> float:
+    """Return the least height above ground [m] of what hangs at points, shape (rows, 3)."""
+    return float(load[:, 2].min()) - site.stations[i].bodies.depth[-1, 1, 2] - site.ground
 
 
 def _limits(station: Station, swing: float) -> Limits:
@@ -536,9 +535,10 @@ def _around(site: CraneSite, i: int, begin: _Position, end: _Position) -> _Point
     time, along edges that are proven clear. Then points are left out between which all is clear. No
     point if there is no way.
     """
-    limits = _limits(site.stations[i], site.swing)
+    station = site.stations[i]
+    limits = _limits(station, site.swing)
     rates, slopes = np.array([limits.rates, limits.accelerations])
-    low, high = _once_around(site.stations[i], begin, end)
+    low, high = _once_around(station, begin, end)
     ranges = zip(low, high, _CELL * rates, begin, end, strict=True)
     grid = [np.unique([*np.arange(*cells), a, b]).tolist() for *cells, a, b in ranges]
 
@@ -547,11 +547,13 @@ def _around(site: CraneSite, i: int, begin: _Position, end: _Position) -> _Point
         ends = np.sort([a, b], axis=0) + np.multiply.outer([-_ROOM, _ROOM], rates)
         box, required = site.positions(i, ends), site.distance
         clear = site.obstacles.proven_clear(site.bodies, i, box, required, site.swing)
-        return clear and _height(site, i, np.array([a, b])) >= required
+        return clear and _height(site, i, station.plumb(np.array([a, b]))[1]) >= required
 
+    if not free(end, end):
+        return ()
     reached, start = set[tuple[_Position, int]](), (begin,)
     queue: list[tuple[float, float, _Position, int, _Points]] = [(0.0, 0.0, begin, -1, start)]
-    while queue and len(reached) < _NODES and free(end, end):
+    while queue and len(reached) < _NODES:
         _, cost, node, last, way = heappop(queue)
         if (node, last) in reached or not free(way[-1], node):
             continue
@@ -575,8 +577,8 @@ def _around(site: CraneSite, i: int, begin: _Position, end: _Position) -> _Point
 def _once_around(station: Station, *positions: _Position) -> np.ndarray:
     """Return ranges of the drives, shape (2, m), of a slew half a turn about positions."""
     slews = [joint.role == "slew" for joint in station.crane.layout.driven]
-    half, places = np.where(slews, math.pi, math.inf), np.array(positions)
-    return np.clip([places.min(axis=0) - half, places.max(axis=0) + half], *station.ranges)
+    half, rows = np.where(slews, math.pi, math.inf), np.array(positions)
+    return np.clip([rows.min(axis=0) - half, rows.max(axis=0) + half], *station.ranges)
 
 
 def _raised(station: Station, position: _Position) -> _Position:
