@@ -246,9 +246,10 @@ class CraneSite:
         cranes, shape = len(self.stations), box.shape[:-2]
         doubts = np.broadcast_to(doubtful, (*shape, cranes)).reshape(-1, cranes).copy()
         doubts[:, station] &= len(self.solids) > 0
-        ends = [self.positions(i, box if i == station else boxes[i]) for i in range(cranes)]
-        rows = np.stack([x.reshape(-1, *x.shape[-2:]) for x in np.broadcast_arrays(*ends)], axis=1)
-        apart = ~doubts
+        ends = np.zeros((*shape, cranes, 2, self.bodies.axis.shape[1] + 1))
+        for i in {station, *np.flatnonzero(doubts.any(axis=0)).tolist()}:
+            ends[..., i, :, :] = self.positions(i, box if i == station else boxes[i])
+        rows, apart = ends.reshape(-1, *ends.shape[-3:]), ~doubts
         for row in np.flatnonzero(doubts[:, station]):
             apart[row, station] = self.obstacles.proven_clear(
                 self.bodies, station, rows[row, station], self.distance, self.swing

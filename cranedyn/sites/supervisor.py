@@ -124,10 +124,10 @@ class Supervisor:
         cranes, goes = np.arange(len(self.boxes)), self.passing[copies] < 0
         rank = (goes * _MOST + self._refused[copies]) * len(cranes) - cranes
         yields = (rank > rank[:, [station]]) & goes[:, [station]]
-        return [
-            np.where(yields[:, i, None, None], self._wanted[i][copies], self.boxes[i][copies])
-            for i in cranes
-        ]
+        boxes = [box[copies] for box in self.boxes]
+        for i in np.flatnonzero(yields.any(axis=0)):
+            boxes[i][yields[:, i]] = self._wanted[i][copies[yields[:, i]]]
+        return boxes
 
     def _extended(
         self,
@@ -138,17 +138,19 @@ class Supervisor:
         doubtful: np.ndarray,
     ) -> np.ndarray:
         """Return boxes enlarged towards wanted ones as far as they are proven apart."""
+        shares = np.array(_SHARES)[:, None]
         for end, drive in np.ndindex(wanted.shape[1:]):
             rows = np.flatnonzero(wanted[:, end, drive] != box[:, end, drive])
-            for share in _SHARES if len(rows) else ():
-                larger = box[rows]
-                larger[:, end, drive] += share * (wanted - box)[rows, end, drive]
-                slab = larger.copy()  # the rest is proven
-                slab[:, 1 - end, drive] = box[rows, end, drive]
-                beside = [x[rows] for x in neighbours]
-                proven = self.site.apart(station, slab, beside, doubtful[rows]).all(axis=1)
-                box[rows[proven]] = larger[proven]
-                rows = rows[~proven]
+            if not len(rows):
+                continue
+            larger = np.repeat(box[rows][None], len(_SHARES), axis=0)
+            larger[..., end, drive] += shares * (wanted - box)[rows, end, drive]
+            slab = larger.copy()  # the rest is proven
+            slab[..., 1 - end, drive] = box[rows, end, drive]
+            beside = [x[rows] for x in neighbours]
+            proven = self.site.apart(station, slab, beside, doubtful[rows]).all(axis=-1)
+            granted = proven.any(axis=0)
+            box[rows[granted]] = larger[proven.argmax(axis=0)[granted], granted]
         return box
 
     def _resolve(self, station: int, copies: np.ndarray) -> None:
@@ -199,8 +201,8 @@ class Supervisor:
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )
         boxes = [box[copy] for box in self.boxes]
-        free = (x for x in moved if site.pair_apart(loser, x, winner, passing))
-        for refuge in itertools.islice(free, CHECKED):
+        free = moved[site.pair_apart(loser, moved, winner, passing)]
+        for refuge in free[:CHECKED]:
             swept = np.array([np.minimum(box[0], refuge[0]), np.maximum(box[1], refuge[1])])
             if site.apart(loser, swept, boxes).all():
                 return refuge.mean(axis=0)
