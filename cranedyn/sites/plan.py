@@ -290,7 +290,7 @@ def _motions(site: CraneSite, i: int, way: list[_Points]) -> list[Motion]:
 
 
 def _height(site: CraneSite, i: int, load: np.ndarray) -> float:
-    """Return the least height above ground [m] of what hangs at points, shape (rows, 3)."""
+    """Return the least height above ground [m] of a load hung at points, shape (rows, 3)."""
     return float(load[:, 2].min()) - site.stations[i].bodies.depth[-1, 1, 2] - site.ground
 
 
