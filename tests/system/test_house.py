@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import house
+from tests import house, mutations
 
 
 @pytest.mark.slow
@@ -54,3 +54,9 @@ def test_names_and_docstrings_are_counted(tmp_path: Path) -> None:
     path.write_text('def f(given: int) -> None:\n    """The answer."""\n    found = given\n')
     assert house.bindings([path]) == ["found", "given"]
     assert house.first_words([path]) == ["the"]
+
+
+def test_every_mutation_finds_its_code_and_its_test() -> None:
+    for mutation in mutations.read_table(mutations.TABLE):
+        mutations.mutated((house.ROOT / mutation.file).read_text("utf-8"), mutation)
+        mutations.find_test(mutation.test, house.ROOT)
