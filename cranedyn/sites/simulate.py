@@ -92,7 +92,8 @@ class SiteRun:
         swing: Largest angle of each rope from rest [rad], shape (cranes,).
         outside: Largest way of a drive of each crane out of its box [rad or m], shape (cranes,);
             negative inside, -inf without a supervisor.
-        deadlocks: Times at which cranes waited for each other in a circle, and which [s].
+        deadlocks: Times at which cranes waited for each other in a circle [s], which, and where
+            cranes that withdrew let another pass: positions of drives [rad or m].
         boxes: Box in which each crane was kept [rad or m], shape (rows, 2, m) each; none without a
             supervisor.
     """
@@ -107,7 +108,7 @@ class SiteRun:
     contacts: tuple[SiteContact, ...]
     swing: np.ndarray
     outside: np.ndarray
-    deadlocks: tuple[tuple[float, tuple[int, ...]], ...]
+    deadlocks: tuple[tuple[float, tuple[int, ...], dict[int, np.ndarray]], ...]
     boxes: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
@@ -136,13 +137,19 @@ class SiteRun:
 
     @property
     def waits(self) -> list[tuple[float, float, str]]:
-        """Times [s] from which cranes waited for each other in a circle, how long [s], and who."""
+        """Times [s] from which cranes waited for each other in a circle, how long [s], who, and
+        where each that withdrew let another pass in the end.
+        """
         names, result = [station.name for station in self.site.stations], []
         for (_, circle), rows in itertools.groupby(
             enumerate(self.deadlocks), lambda row: (round(row[1][0] / CYCLE) - row[0], row[1][1])
         ):
-            times = [t for _, (t, _) in rows]
+            times, _, refuges = zip(*(row for _, row in rows), strict=True)
             chain = " for ".join(names[i] for i in (*circle, circle[0]))
+            for i, refuge in {k: q for each in refuges for k, q in each.items()}.items():
+                drives = zip(self.site.stations[i].crane.layout.driven, refuge, strict=True)
+                goal = ", ".join(f"{joint.symbol} {q:.2f} {joint.unit}" for joint, q in drives)
+                chain += f"; {names[i]} lets pass at {goal}"
             result.append((times[0], CYCLE * len(times), chain))
         return result
 
@@ -264,7 +271,7 @@ def simulate_site(
     boxes: list[list[np.ndarray]] = []
     commands: list[list[np.ndarray]] = []
     passed: list[list[np.ndarray]] = []
-    deadlocks: list[tuple[float, tuple[int, ...]]] = []
+    deadlocks: list[tuple[float, tuple[int, ...], dict[int, np.ndarray]]] = []
     for row in range(rows):
         t, states = row * CYCLE, [crane.engine.state for crane in cranes]
         commands.append([crane.command(t, states) for crane in cranes])
@@ -275,7 +282,7 @@ def simulate_site(
             passed[-1] = [rates[0] for rates in network.step(t, measured, requested)]
             boxes.append([guard.box[0] for guard in network.guards])
             if circle := network.supervisor.deadlock():
-                deadlocks.append((t, circle))
+                deadlocks.append((t, circle, network.supervisor.refuges()))
         for crane, rates in zip(cranes, passed[-1], strict=True):
             crane.step(rates, crane.force())
     trajectories = tuple(crane.record.trajectory(crane.log, crane.engine) for crane in cranes)

@@ -208,6 +208,11 @@ class Supervisor:
                 return refuge.mean(axis=0)
         return None
 
+    def refuges(self, copy: int = 0) -> dict[int, np.ndarray]:
+        """Return where each crane of a copy that lets another pass withdraws to [rad or m]."""
+        withdrawn = np.flatnonzero(self.passing[copy] >= 0).tolist()
+        return {i: self.targets[i][copy].copy() for i in withdrawn}
+
     def deadlock(self, copy: int = 0) -> tuple[int, ...]:
         """Return the indices of cranes of a copy each of which waits for the next, and the last for
         the first; empty if none do. A crane that withdraws waits for the one that it lets pass.

@@ -212,14 +212,16 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
     site = replace(site_of(), solids=(WALL,))
     operators = [lambda t, states: np.array([0.02, 0.1, 0.1])] * 2
     run = simulate_site(site, operators, duration=2.0)
-    run = replace(run, deadlocks=((1.0, (0, 1)), (1.1, (0, 1))))
-    assert "waits in a circle: 1, first north for south for north" in repr(run)
+    withdrawn = ({}, {1: np.array([0.5, 20.0, 10.0])})
+    run = replace(run, deadlocks=tuple((1.0 + k / 10, (0, 1), withdrawn[k]) for k in (0, 1)))
+    chain = "north for south for north; south lets pass at gamma 0.50 rad, x 20.00 m, l 10.00 m"
+    assert f"waits in a circle: 1, first {chain}" in repr(run)
     drawn: list[Run] = []
     real = simulation.record
 
     def record(path: Path, runs: list[Run], **rest: Any) -> Path:
         drawn.extend(runs)
-        assert "north for south for north, 0.2 s" in rest["text"]
+        assert f"{chain}, 0.2 s" in rest["text"]
         return real(path, runs, **rest)
 
     monkeypatch.setattr(simulation, "record", record)
