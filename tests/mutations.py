@@ -746,6 +746,10 @@ cranedyn/sites/guard.py
 ? sites::no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_slide
 - return swing * growth * square_root(growth), damping
 + return swing, damping
+* a fault brakes more gently than the box allows
+? sites::wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost
+- braked = _clip(0.0 * rates, rates - slopes * CYCLE, rates + slopes * CYCLE)
++ braked = _clip(0.0 * rates, rates - slopes * CYCLE / 3, rates + slopes * CYCLE / 3)
 * turning and sliding at constant rates incline no rope
 ? sites::a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_it_by
 - / (MOMENT * self.gravity)

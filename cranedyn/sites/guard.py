@@ -111,7 +111,6 @@ class Guard:
         self.target = np.full((copies, layout.m), np.inf)
         self._number, self._asked_at = np.zeros(copies, dtype=int), np.full(copies, -math.inf)
         self._patience = np.full(copies, PATIENCE)
-        self._steps = CYCLE * gentle(station, swing).decelerations
         self._numbers = np.concatenate(
             [station.ropes[0], [brakes.reaction, crane.gravity, swing], brakes.tolerances,
              brakes.decelerations, *station.ranges]
@@ -144,9 +143,8 @@ class Guard:
         self.fault, count = ~fits, len(fits)
         boxes = (box.reshape(count, -1) for box in (self.box, self._granted))
         numbers = np.hstack([measured, self.rates, *boxes, self.target])
-        outputs = self._guarded(numbers, self._numbers).reshape(count, 7, -1)
-        braked = np.clip(0.0, self.rates - self._steps, self.rates + self._steps)
-        self.rates = np.where(fits[:, None], outputs[:, 0], braked)
+        outputs = self._guarded(numbers, self._numbers).reshape(count, 8, -1)
+        self.rates = np.where(fits[:, None], outputs[:, 0], outputs[:, 7])
         asks = fits & (t - self._asked_at >= self._patience)
         box = np.where(asks[:, None, None], outputs[:, 3:5], outputs[:, 1:3])
         self.box, self._granted = (
@@ -154,7 +152,7 @@ class Guard:
         )
         self._number, self._asked_at = self._number + asks, np.where(asks, t, self._asked_at)
         due = np.flatnonzero(asks)
-        return self.rates, BoxRequest(due, self._number[due], box[due], outputs[due, 5:])
+        return self.rates, BoxRequest(due, self._number[due], box[due], outputs[due, 5:7])
 
     def receive(self, grant: BoxGrant) -> None:
         """Take grants that answer the last request; wait longer for others where one comes late."""
@@ -293,7 +291,7 @@ def _guarding(
 ) -> RowFunction:
     """Return the step of a guard, compiled: from the crane, its state, a command, the last rates,
     the box, the last grant and a target to rates, box, the box that it keeps to once it asks, and
-    the one that it then asks for, shape (7 m,).
+    the one that it then asks for, and rates of brakes for the box, shape (8 m,).
     """
     m, n = len(drives), len(drives) + len(swings)
     sizes = [15 + JOINT * (n - 1), 3, m, m, m, m, n, n, *[m] * 7]
@@ -308,6 +306,7 @@ def _guarding(
         position, velocity = q[[*drives]], v[[*drives]]
         box, granted = np.array(boxes).reshape(2, 2, m)
         slopes, _ = crane.planned(box)
+        braked = _clip(0.0 * rates, rates - slopes * CYCLE, rates + slopes * CYCLE)
         # The farther the rope reaches, the gentler are brakes: an interval grows where the rates of
         # all drives may be kept.
         for drive in columns:
@@ -346,9 +345,9 @@ def _guarding(
         # What lies behind is given back; what is passed before standstill never is.
         hull = _hull(wanted, tube)
         held = np.array([_most(box[0], hull[0]), _least(box[1], hull[1])])
-        return [*outputs, *held.flat, *_hull(wanted, held).flat]
+        return [*outputs, *held.flat, *_hull(wanted, held).flat, *braked]
 
-    return compile_rows(guarded, sum(sizes[6:]), 7 * m, sum(sizes[:6]))
+    return compile_rows(guarded, sum(sizes[6:]), 8 * m, sum(sizes[:6]))
 
 
 def _hull(one: np.ndarray, other: np.ndarray) -> np.ndarray:

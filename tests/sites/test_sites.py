@@ -165,7 +165,7 @@ def test_a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_t
 
 
 class Wild:
-    """An operator who pushes at random, at full rates."""
+    """An operator who pushes at random, at full rates; ten seconds in forty without numbers."""
 
     def __init__(self, station: Station, seed: int) -> None:
         self.rng, self.rates = np.random.default_rng(seed), station.converters.rates
@@ -176,7 +176,7 @@ class Wild:
         if t >= self.until:
             self.command = self.rng.integers(-1, 2, len(self.rates)) * self.rates
             self.until = t + self.rng.uniform(2.0, 20.0)
-        return self.command
+        return self.command if t % 40.0 < 30.0 else np.nan * self.command
 
 
 @cache
