@@ -900,7 +900,7 @@ cranedyn/model/swing.py
 experiments/measured/effects.py
 * a record agrees as far as it is uncertain itself, whatever it shares with the mean
 ? measured::records_agree_with_their_mean_within_the_interval_of_the_difference
-- np.diag(away @ self.covariance @ away.T)
+- np.diag(deviation @ self.covariance @ deviation.T)
 + np.diag(self.covariance)
 * gravity is as sure as its records are, though they differ by more
 ? measured::gravity_of_all_records_is_that_of_one_offset
@@ -951,8 +951,8 @@ cranedyn/recording/shapes.py
 cranedyn/bridges/task.py
 * the drives of an environment brake as if periods had no length
 ? gymnasium::drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges
-- half, used = 0.5 * change, 2.0 * most
-+ half, used = 0.0 * change, 2.0 * most
+- half, used = 0.5 * change, 2.0 * slope
++ half, used = 0.0 * change, 2.0 * slope
 cranedyn/bridges/gymnasium.py
 * an environment whose episode has ended shows how the old one ended
 ? gymnasium::next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_says

@@ -117,7 +117,7 @@ class Guard:
              brakes.decelerations, *station.ranges]
         )  # fmt: skip
         order = layout.drives, station.bodies.columns, crane.swings
-        self._guarded = _guarding(*(tuple(part.tolist()) for part in order))
+        self._guarded = _guarding(*(tuple(indices.tolist()) for indices in order))
 
     def step(self, t: float, state: State, command: np.ndarray) -> tuple[np.ndarray, BoxRequest]:
         """Return the rates for the drives [rad/s or m/s], shape (N, m), and the requests that are
@@ -269,8 +269,8 @@ class _Crane(NamedTuple):
         fall = square_root(self.gravity * cable)
         (slopes, reaches), motions = self.planned(box), [motion[:, :2] for *_, motion in poses]
         tilts = [
-            (one - other).T @ velocity[chain] / (MOMENT * self.gravity)
-            for one, other in itertools.pairwise(motions)
+            (earlier - later).T @ velocity[chain] / (MOMENT * self.gravity)
+            for earlier, later in itertools.pairwise(motions)
         ]
         leans = [rope[:2] - tilt for (_, rope, _), tilt in zip(poses, tilts, strict=False)]
         change = (leans[1] - leans[0]) * (1.0 / MOMENT)
@@ -341,16 +341,16 @@ def _guarding(
             coming = crane.tube(slopes, position, low, high)
             low = _least(coming[0] + HORIZON * _least(low, 0.0), tube[0])
             high = _most(coming[1] + HORIZON * _most(high, 0.0), tube[1])
-            wanted = np.array([_most(low, lower - slack), _least(high, upper + slack)])
-            slopes, _ = crane.planned(_hull(wanted, tube))
+            request = np.array([_most(low, lower - slack), _least(high, upper + slack)])
+            slopes, _ = crane.planned(_hull(request, tube))
         # What lies behind is given back; what is passed before standstill never is.
-        hull = _hull(wanted, tube)
-        held = np.array([_most(box[0], hull[0]), _least(box[1], hull[1])])
-        return [*outputs, *held.flat, *_hull(wanted, held).flat]
+        hull = _hull(request, tube)
+        retained = np.array([_most(box[0], hull[0]), _least(box[1], hull[1])])
+        return [*outputs, *retained.flat, *_hull(request, retained).flat]
 
     return compile_rows(guarded, sum(sizes[6:]), 7 * m, sum(sizes[:6]))
 
 
-def _hull(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _hull(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the box around two boxes."""
-    return np.array([_least(one[0], other[0]), _most(one[1], other[1])])
+    return np.array([_least(a[0], b[0]), _most(a[1], b[1])])
