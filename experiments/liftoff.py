@@ -212,8 +212,8 @@ def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> Off
     off = int(np.flatnonzero(_push(crane, ground, run))[-1])
     swing = np.abs(lead[off:]) * (length[off:] / length[off]) ** 0.75
     slid = payload_position(crane, run.q[off]) - payload_position(crane, run.q[0])
-    way = float(np.linalg.norm(slid[:2]))
-    return OffLead(friction, offset, speed, float(lead[0]), way, float(swing.max()), run)
+    distance = float(np.linalg.norm(slid[:2]))
+    return OffLead(friction, offset, speed, float(lead[0]), distance, float(swing.max()), run)
 
 
 def _set_down(setup: Setup, speed: float) -> SetDown:

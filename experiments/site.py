@@ -135,14 +135,14 @@ class LiftOperator:
         state, drives = states[self.index], self.station.crane.layout.drives
         q, v, winch = state.q[drives], state.v[drives], self.station.crane.winch
         if not self._legs:
-            for place in self.places():
-                up, over = np.full_like(q, np.nan), place.copy()
+            for position in self.places():
+                up, over = np.full_like(q, np.nan), position.copy()
                 up[winch] = over[winch] = reach(self.site, self.index)[0][winch] + CARRIED
-                self._legs += [up, over, place]
+                self._legs += [up, over, position]
         if t < self._waits_until:
             return self._follow(np.zeros_like(q), state, v)
-        way = np.where(np.isnan(self._legs[0]), 0.0, self._legs[0] - q)
-        if (np.abs(way) < self.tolerances).all() and (
+        gap = np.where(np.isnan(self._legs[0]), 0.0, self._legs[0] - q)
+        if (np.abs(gap) < self.tolerances).all() and (
             np.abs(self._base) < 0.02 * self.station.converters.rates
         ).all():
             self._legs.pop(0)
@@ -151,16 +151,16 @@ class LiftOperator:
             if not self._legs:
                 self.finished.append(self.drawn)
             return self._follow(np.zeros_like(q), state, v)
-        stops = np.sqrt(1.6 * self._ramp * np.maximum(np.abs(way) - 0.5 * np.abs(self._base), 0.0))
-        creeps = 0.15 * np.abs(way) * (np.abs(way) < 4.0 * self.tolerances)
+        stops = np.sqrt(1.6 * self._ramp * np.maximum(np.abs(gap) - 0.5 * np.abs(self._base), 0.0))
+        creeps = 0.15 * np.abs(gap) * (np.abs(gap) < 4.0 * self.tolerances)
         fastest = 0.9 * self.station.converters.rates
-        return self._follow(np.sign(way) * np.minimum(stops + creeps, fastest), state, v)
+        return self._follow(np.sign(gap) * np.minimum(stops + creeps, fastest), state, v)
 
-    def _follow(self, wanted: np.ndarray, state: State, v: np.ndarray) -> np.ndarray:
+    def _follow(self, rates: np.ndarray, state: State, v: np.ndarray) -> np.ndarray:
         crane = self.station.crane
         near = np.clip(self._base, v - 2.0 * self._ramp, v + 2.0 * self._ramp)
         step = self._ramp * CYCLE
-        self._base = np.clip(wanted, near - step, near + step)
+        self._base = np.clip(rates, near - step, near + step)
         cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
         _, rope, motion = self.station.rope(state.q[None])
         towards = 2.0 * DAMPING * math.sqrt(crane.gravity * cable) * rope[0, :2]
@@ -188,17 +188,17 @@ def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
             values = ends.copy()
             values[slew] = angle
             places = np.repeat(site.positions(index, values)[None], len(rows), axis=0)
-            own = place_capsules(
+            moving = place_capsules(
                 bodies, np.full(len(rows), index), rows[:, 0], places, places, site.swing
             )
-            other = towers[rows[:, 1]]
-            still = place_capsules(bodies, other[:, 0], other[:, 1], 0 * places, 0 * places, 0.0)
-            if least_distances(own, still).min() < 1.5 * site.distance:
+            tower = towers[rows[:, 1]]
+            still = place_capsules(bodies, tower[:, 0], tower[:, 1], 0 * places, 0 * places, 0.0)
+            if least_distances(moving, still).min() < 1.5 * site.distance:
                 return False
         return True
 
-    for ends, way in ((low, -1.0), (high, 1.0)):
-        angles = np.arange(0.0, way * ends[slew], math.radians(1.0)) * way
+    for ends, sign in ((low, -1.0), (high, 1.0)):
+        angles = np.arange(0.0, sign * ends[slew], math.radians(1.0)) * sign
         ends[slew] = next((a for a in angles if not free(a)), ends[slew] + 0.0)
     return low, high
 
@@ -237,7 +237,7 @@ class Adversary:
         """Return signs of rates towards the nearest load, shape (N, m)."""
         poses = [x.rope(state.q) for x, state in zip(self.site.stations, states, strict=True)]
         pivot, _, motion = poses.pop(self.index)
-        offsets = np.array([other[:, :2] - pivot[:, :2] for other, *_ in poses])
+        offsets = np.array([point[:, :2] - pivot[:, :2] for point, *_ in poses])
         nearest = np.argmin((offsets * offsets).sum(axis=2), axis=0)
         offset = offsets[nearest, np.arange(len(pivot))]
         return np.sign((motion[:, :, :2] * offset[:, None]).sum(axis=2))
@@ -268,7 +268,7 @@ class Shift(NamedTuple):
     def done(self) -> int:
         """Number of lifts of the lists that are done."""
         pairs = zip(self.operators, self.listed, strict=True)
-        return sum(number <= listed for one, listed in pairs for number in one.finished)
+        return sum(number <= listed for operator, listed in pairs for number in operator.finished)
 
     @property
     def lost(self) -> float:
@@ -463,8 +463,8 @@ def attacks_on(name: str, duration: float, seed: Sequence[int]) -> list[Attack]:
             channel=CHANNEL,
             seed=int(rng.integers(2**32)),
         )
-        parts = zip(*(np.split(x, 3) for x in run), strict=True)
-        for kind, extremes in zip(KINDS, parts, strict=True):
+        by_kind = zip(*(np.split(x, 3) for x in run), strict=True)
+        for kind, extremes in zip(KINDS, by_kind, strict=True):
             attacks.append(Attack.of(site, kind, length - CYCLE, SiteExtremes(*extremes)))
         # A random search: copies of the nearest, of which some pushes are drawn anew.
         merged = np.concatenate([nearest, run.least[-copies:]])

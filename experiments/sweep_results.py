@@ -243,7 +243,7 @@ def drawn_figure(columns: Columns) -> Figure:
 
 
 def _maps(maps: Mapping[str, Map], label: str) -> Figure:
-    swings = np.concatenate([left[np.isfinite(left)] for _, _, left in maps.values()])
+    swings = np.concatenate([medians[np.isfinite(medians)] for _, _, medians in maps.values()])
     norm = LogNorm(swings.min(), swings.max()) if len(swings) else LogNorm(1.0, 10.0)
     figure, axes = panels(-(-len(maps) // 4), 4, height=2.6, width=11.0, sharex=True, sharey=True)
     for ax, (strategy, values) in zip(axes, maps.items(), strict=False):

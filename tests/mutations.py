@@ -110,7 +110,7 @@ cranedyn/dynamics/pinocchio.py
 - (m12 * open_j - m22 * open_i)
 + (m12 * open_j - m11 * open_i)
 * a force on the payload acts on the trolley
-? wind::a_force_does_the_work_of_its_way
+? disturbances::a_force_does_the_work_of_its_way
 - pairs = zip(force,
 + pairs = zip(force[::-1],
 * springs are forgotten where a crane is linearised
@@ -305,9 +305,9 @@ cranedyn/planning/joystick.py
 ? control::an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits
 - speed += lasts
 + speed = 0.0 if not target else lasts
-cranedyn/disturbances/wind.py
+cranedyn/disturbances.py
 * turbulence is on straight lines between its values
-? wind::turbulence_has_its_intensity_at_every_time_however_long_the_step
+? disturbances::turbulence_has_its_intensity_at_every_time_however_long_the_step
 - / math.sqrt(1.0 - lost)
 + / math.sqrt(1.0 - 0.0 * lost)
 cranedyn/dynamics/converters.py
@@ -904,7 +904,7 @@ cranedyn/model/swing.py
 experiments/measured/effects.py
 * a record agrees as far as it is uncertain itself, whatever it shares with the mean
 ? measured::records_agree_with_their_mean_within_the_interval_of_the_difference
-- np.diag(away @ self.covariance @ away.T)
+- np.diag(deviation @ self.covariance @ deviation.T)
 + np.diag(self.covariance)
 * gravity is as sure as its records are, though they differ by more
 ? measured::gravity_of_all_records_is_that_of_one_offset
@@ -955,8 +955,8 @@ cranedyn/recording/shapes.py
 cranedyn/bridges/task.py
 * the drives of an environment brake as if periods had no length
 ? gymnasium::drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges
-- half, used = 0.5 * change, 2.0 * most
-+ half, used = 0.0 * change, 2.0 * most
+- half, used = 0.5 * change, 2.0 * slope
++ half, used = 0.0 * change, 2.0 * slope
 cranedyn/bridges/gymnasium.py
 * an environment whose episode has ended shows how the old one ended
 ? gymnasium::next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_says

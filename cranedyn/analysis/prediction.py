@@ -85,8 +85,8 @@ def free_swing(
     loop = plant.closed(feedback_gain(crane, hold.stiffness, hold.damping))
     mode = swing_mode(loop, control_period, coordinate=radial)
     times = control_period * np.arange(round(since / control_period))
-    wanted = tabulated(reference, times, layout.m).position
-    excitations = hold.stiffness * (wanted - start.q[layout.drives])
+    positions = tabulated(reference, times, layout.m).position
+    excitations = hold.stiffness * (positions - start.q[layout.drives])
     last = max((k for k, excitation in enumerate(excitations) if excitation.any()), default=0)
     z = np.zeros(2 * layout.n)
     for excitation in excitations[: last + 1]:

@@ -66,16 +66,16 @@ def variations(crane: Crane, drives: Converters) -> list[tuple[Slider, Crane, np
     """
     usual, mass = np.concatenate(drives.response), crane.payload_mass
     damping = float(crane.damping[crane.swings].mean()) if len(crane.swings) else 0.0
-    most = max(10.0 * damping, 0.1 * math.sqrt(crane.gravity) * mass * _cable(crane) ** 1.5)
-    more = crane.damping.copy()
-    more[crane.swings] += 1.0
+    largest = max(10.0 * damping, 0.1 * math.sqrt(crane.gravity) * mass * _cable(crane) ** 1.5)
+    raised = crane.damping.copy()
+    raised[crane.swings] += 1.0
     steeper = replace(drives, accelerations=1.01 * drives.accelerations, jerks=1.01 * drives.jerks)
     load = Slider("payload_mass", "load", "kg", 0.25 * mass, 3.0 * mass, mass)
-    swing = Slider("damping", "damping of the swing", "N m s/rad", 0.0, most, damping)
+    swing = Slider("damping", "damping of the swing", "N m s/rad", 0.0, largest, damping)
     ramp = Slider("ramp", "acceleration of the drives", "%", 25.0, 200.0, 100.0)
     return [
         (load, _heavier(crane, 1.0 + 1.0 / mass), usual),
-        (swing, replace(crane, damping=more), usual),
+        (swing, replace(crane, damping=raised), usual),
         (ramp, crane, np.concatenate(steeper.response)),
     ]
 

@@ -173,18 +173,18 @@ def _matrices(
             f"The feedback has {k} states in continuous time or without a period; "
             "control.sample_system makes it one of the control period."
         )
-    answer = np.vstack([feedback.B, feedback.D])  # of the next states and of the commands
+    output = np.vstack([feedback.B, feedback.D])  # of the next states and of the commands
     positional = len(labels) == nz and not set(labels) & set(names)
     columns = {name: i for i, name in enumerate(names if positional else labels)}
     if lacking := [name for name in names if name not in columns and not k]:
         raise CraneError(
             f"The feedback has no input {lacking[0]}; its inputs are to be {', '.join(names)}."
         )
-    seen = [name for name in names if name in columns]
-    by_state = np.zeros((len(answer), nz))
-    by_state[:, [names.index(name) for name in seen]] = answer[:, [columns[n] for n in seen]]
-    further = answer[:, [i for name, i in columns.items() if name not in names]]
-    desired = np.hstack([-by_state, np.eye(len(answer))[:, k:]])
+    fed = [name for name in names if name in columns]
+    by_state = np.zeros((len(output), nz))
+    by_state[:, [names.index(name) for name in fed]] = output[:, [columns[n] for n in fed]]
+    further = output[:, [i for name, i in columns.items() if name not in names]]
+    desired = np.hstack([-by_state, np.eye(len(output))[:, k:]])
     if further.size and not np.array_equal(further, desired):
         raise CraneError(
             f"The feedback has {further.shape[1]} inputs besides the states; allowed are the "

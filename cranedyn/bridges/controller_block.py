@@ -105,17 +105,17 @@ class _AffinePart(Part):
             controller = copy.copy(controller)
             controller.begin_run(0.0, setting.period)
         rng = np.random.default_rng(0)
-        still, ones, mixed = (
+        still, units, mixed = (
             np.tile(positions, (len(times), 1))
             for positions in (np.zeros(layout.m), np.ones(layout.m), rng.uniform(1, 2, layout.m))
         )
-        form, other, third = (
+        form, at_units, at_mixed = (
             finite_form(controller, times, positions, 2 * layout.n, "a block")
-            for positions in (still, ones, mixed)
+            for positions in (still, units, mixed)
         )
-        self._shift = (other.setpoint - form.setpoint)[0, layout.drives]
-        self._target_shift = (other.target - form.target)[0]
-        _check_shift(controller, form, third, self, layout)
+        self._shift = (at_units.setpoint - form.setpoint)[0, layout.drives]
+        self._target_shift = (at_units.target - form.target)[0]
+        _check_shift(controller, form, at_mixed, self, layout)
         self._tables = Tables(
             feed_forward=form.feed_forward,
             gain=form.gain.reshape(len(form.gain), -1),
@@ -157,7 +157,7 @@ class _AffinePart(Part):
 
 
 def _check_shift(
-    controller: Any, still: Affine, mixed: Affine, part: _AffinePart, layout: Any
+    controller: Any, still: Affine, mixed: Affine, block: _AffinePart, layout: Any
 ) -> None:
     """Check that the setpoint of the drives does nothing but shift the setpoint of the form.
 
@@ -165,7 +165,7 @@ def _check_shift(
         DataError: If it does more.
     """
     position = np.random.default_rng(0).uniform(1, 2, layout.m)
-    shift, target = (s.astype(float) for s in part.shifted(position, layout.drives))
+    shift, target = (s.astype(float) for s in block.shifted(position, layout.drives))
     same = (
         np.array_equal(still.gain, mixed.gain)
         and np.array_equal(still.feed_forward, mixed.feed_forward)
@@ -189,8 +189,8 @@ class _YieldingPart(Part):
         self._controller, self._setting = controller, setting
 
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
-        wanted, positions = code.get_all(self._setting.rate), code.get_all(self._setting.setpoint)
-        return self._controller.command(wanted, positions, *np.split(z, 2)), {}
+        rates, positions = code.get_all(self._setting.rate), code.get_all(self._setting.setpoint)
+        return self._controller.command(rates, positions, *np.split(z, 2)), {}
 
 
 def _check_period(setting: ControlSetting, period: float) -> None:
@@ -307,9 +307,9 @@ class _ShaperPart(Part):
         delays = shaped.delays / setting.period
         self._setting, self._amplitudes = setting, shaped.amplitudes.tolist()
         self._m = setting.crane.layout.m
-        whole = np.floor(delays + SAME_PERIOD)
-        self._parts = list(zip(whole.astype(int).tolist(), (delays - whole).tolist(), strict=True))
-        self.repeats = int(whole.max()) + 2
+        calls = np.floor(delays + SAME_PERIOD)
+        self._parts = list(zip(calls.astype(int).tolist(), (delays - calls).tolist(), strict=True))
+        self.repeats = int(calls.max()) + 2
         self.arrays = {"line": np.zeros(self.repeats * self._m)}
         self._first = [f"first_{name}" for name in setting.drive]
         self.memory = [Variable(name, "state") for name in self._first]
@@ -318,8 +318,8 @@ class _ShaperPart(Part):
         build, count, length = code.builder, code.count, code.integer(self.repeats)
         begins = build.icmp_signed("==", count, code.integer(0))
         now = code.get_all(self._setting.setpoint)
-        kept = code.get_all(self._first)
-        first = [code.chosen(begins, x, y) for x, y in zip(now, kept, strict=True)]
+        initial = code.get_all(self._first)
+        first = [code.chosen(begins, x, y) for x, y in zip(now, initial, strict=True)]
 
         def past(i: int, calls: int) -> Any:
             if calls == 0:
@@ -360,9 +360,9 @@ def controller_code(setting: ControlSetting, controller: Any) -> Part:
     Raises:
         DataError: If it cannot be exported.
     """
-    for kind, part in PARTS:
+    for kind, emitter in PARTS:
         if isinstance(controller, kind):
-            return part(setting, controller)
+            return emitter(setting, controller)
     raise DataError(
         f"The controller {type(controller).__name__} is neither affine in the state, nor one of "
         "drives that yield, nor an observer, a shaper, or predictive; a block runs no Python."

@@ -150,16 +150,16 @@ def export(
     unit = _Unit(block, version)
     libraries = {name: unit.library(name) for name in dict.fromkeys(platforms or [_platform()])}
     with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
-        parts = {"modelDescription.xml": unit.description()}
-        parts |= {f"sources/{name}": text.encode() for name, text in unit.sources.items()}
+        entries = {"modelDescription.xml": unit.description()}
+        entries |= {f"sources/{name}": text.encode() for name, text in unit.sources.items()}
         if version == 3:
-            parts["sources/buildDescription.xml"] = unit.build_description()
+            entries["sources/buildDescription.xml"] = unit.build_description()
         for name, library in libraries.items():
             folder, _, ending = PLATFORMS[name]
             folder = folder if version == 2 else name
-            parts[f"binaries/{folder}/{unit.name}{ending}"] = library
-        for name, part in parts.items():
-            file.writestr(zipfile.ZipInfo(name, _DATE), part, zipfile.ZIP_DEFLATED)
+            entries[f"binaries/{folder}/{unit.name}{ending}"] = library
+        for name, content in entries.items():
+            file.writestr(zipfile.ZipInfo(name, _DATE), content, zipfile.ZIP_DEFLATED)
     return final
 
 

@@ -217,14 +217,14 @@ def _transfer_function(
     and one output; a Schur form of a leaves substitutions.
     """
     triangle, basis = schur(a, output="complex")
-    right, left = (basis.conj().T @ b)[:, 0], (c @ basis)[0]
+    inputs, outputs = (basis.conj().T @ b)[:, 0], (c @ basis)[0]
 
     def response(z: np.ndarray) -> np.ndarray:
-        x = np.zeros((len(left), len(z)), dtype=complex)
-        for i in reversed(range(len(left))):
+        x = np.zeros((len(outputs), len(z)), dtype=complex)
+        for i in reversed(range(len(outputs))):
             # not a product of BLAS, whose threads cost more than so few numbers
-            known = np.einsum("j,jk->k", triangle[i, i + 1 :], x[i + 1 :])
-            x[i] = (right[i] + known) / (z - triangle[i, i])
-        return np.einsum("j,jk->k", left, x)
+            solved = np.einsum("j,jk->k", triangle[i, i + 1 :], x[i + 1 :])
+            x[i] = (inputs[i] + solved) / (z - triangle[i, i])
+        return np.einsum("j,jk->k", outputs, x)
 
     return response

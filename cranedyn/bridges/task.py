@@ -17,7 +17,7 @@ from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.compiled.binding import ColumnFunction
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.compiled.rows import compile_columns
-from cranedyn.disturbances.wind import drag_force
+from cranedyn.disturbances import drag_force
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.scalars import larger, smaller, square_root
 from cranedyn.errors import OutOfRange
@@ -324,13 +324,13 @@ def _acceleration_code(
     def accelerations(value: Callable[[float], Any], numbers: np.ndarray) -> Iterator[Any]:
         action, z = np.split(numbers, [layout.m])
         drives = zip(action, z[layout.drives], z[layout.n + layout.drives], limits, strict=True)
-        for asked, position, rate, (fastest, most, low, high) in drives:
-            change = most * period
-            aim = asked * fastest - rate if velocity else asked * most * period
+        for share, position, rate, (fastest, slope, low, high) in drives:
+            change = slope * period
+            aim = share * fastest - rate if velocity else share * slope * period
             faster = rate + smaller(larger(aim, -change), change)
             # w after the period must let a drive stop: w²/(2a) + (w + rate) t/2 = its room.
-            half, used = 0.5 * change, 2.0 * most * position + change * rate
-            room = half * half + 2.0 * most * high - used, half * half - 2.0 * most * low + used
+            half, used = 0.5 * change, 2.0 * slope * position + change * rate
+            room = half * half + 2.0 * slope * high - used, half * half - 2.0 * slope * low + used
             up, down = (smaller(square_root(larger(x, 0.0)) - half, fastest) for x in room)
             yield (smaller(larger(faster, -down), up) - rate) / value(period)
 

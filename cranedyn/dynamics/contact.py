@@ -364,13 +364,13 @@ class Contacts(NamedTuple):
         root = square_root(chosen(slides, square, 1.0))
         share = 1.0 - flag(slides, square) * (1.0 - limit / root)
         friction = [share * component for component in pull]
-        held = [
+        hold = [
             -(f + self.slip_damping * r) / self.stiffness
             for f, r in zip(friction, rate, strict=True)
         ]
         moved = [
             chosen(load > 0.0, chosen(slides, p - h, a), p)
-            for p, h, a in zip(position, held, anchor, strict=True)
+            for p, h, a in zip(position, hold, anchor, strict=True)
         ]
         return [load * n + f for n, f in zip(normal, friction, strict=True)], moved
 
@@ -392,7 +392,7 @@ def _with_neighbours(supports: Sequence[tuple[Face, ...]]) -> list[tuple[Face, .
 
     bodies = []
     for body in supports:
-        adjacent = [k for k, other in enumerate(supports) if other is not body]
+        adjacent = [k for k, support in enumerate(supports) if support is not body]
         adjacent = [k for k in adjacent if radius(*body, *supports[k]) > -_BEHIND]
         bodies.append(
             tuple(face._replace(neighbours=behind(face, body, adjacent)) for face in body)
@@ -413,9 +413,9 @@ def _across(normal: Vector, vector: Vector) -> list[Any]:
 def _choose(condition: Any, yes: tuple[Any, Vector], no: tuple[Any, Vector]) -> tuple[Any, Vector]:
     """Return one depth and normal or the other."""
     depth = chosen(condition, yes[0], no[0])
-    one = flag(condition, depth)
+    weight = flag(condition, depth)
     normal = [
-        b if isinstance(a, float) and isinstance(b, float) and a == b else b + one * (a - b)
+        b if isinstance(a, float) and isinstance(b, float) and a == b else b + weight * (a - b)
         for a, b in zip(yes[1], no[1], strict=True)
     ]
     return depth, normal

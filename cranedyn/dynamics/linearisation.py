@@ -114,8 +114,8 @@ def held_states(crane: Crane, state: State) -> list[int]:
     joints, rope = np.arange(crane.layout.n), crane.springs.rope
     if rope is None or JointForces.of(crane).phase(*state) != TAUT:
         return []
-    held = np.setdiff1d(joints, crane.springs.free(joints))
-    return [*held.tolist(), *(len(joints) + held).tolist()]
+    taut = np.setdiff1d(joints, crane.springs.free(joints))
+    return [*taut.tolist(), *(len(joints) + taut).tolist()]
 
 
 def linear(

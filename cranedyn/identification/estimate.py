@@ -144,11 +144,11 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
     if best.least_explained[0] >= ENOUGH:
         return best
     done = best.evaluations
-    for other in model.alternatives():
-        found = _fit(other, progress, done)
-        done = found.evaluations
-        if found.least_explained[0] > best.least_explained[0]:
-            best = found
+    for alternative in model.alternatives():
+        result = _fit(alternative, progress, done)
+        done = result.evaluations
+        if result.least_explained[0] > best.least_explained[0]:
+            best = result
     return replace(best, evaluations=done)
 
 

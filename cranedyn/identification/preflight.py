@@ -247,8 +247,8 @@ class _RecordTemplate:
             distance, lasts, begins = moved.get(joint.symbol, (0.0, 1.0, 0.0))
             still = self.positions[joint.symbol]
             last = still + distance if drive == self.crane.winch else still
-            way = np.array([[still], [still + distance], [last]])
-            (aim,) = Spline(begins + lasts * np.arange(3), way).at(t).position.T
+            points = np.array([[still], [still + distance], [last]])
+            (aim,) = Spline(begins + lasts * np.arange(3), points).at(t).position.T
             position = joint.columns[0]
             if joint.setpoint_column in recorded:
                 columns[joint.setpoint_column] = aim

@@ -235,13 +235,13 @@ def load_record(
     path = Path(path)
     if path.suffix in bags.ENDINGS:
         present = {"t_s", *bags.joint_state_columns(path, joints)}
-        wanted = relevant_columns(crane, present)
-        data = bags.read_joint_states(path, wanted, joints)
+        names = relevant_columns(crane, present)
+        data = bags.read_joint_states(path, names, joints)
     else:
         sources = sources or {}
         present = {"t_s", *column_names(path), *sources}
-        wanted = relevant_columns(crane, present)
-        data = read_external(path, list(dict.fromkeys([*wanted, *sources])), sources)
+        names = relevant_columns(crane, present)
+        data = read_external(path, list(dict.fromkeys([*names, *sources])), sources)
     return Record.of(crane, data, name=path.name, since=since, until=until)
 
 

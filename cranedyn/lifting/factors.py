@@ -41,9 +41,9 @@ HOISTING = MappingProxyType(dict(zip(get_args(HoistingClass), _HOISTING, strict=
 SLOW_RELEASE, RAPID_RELEASE = 0.5, 1.0
 """β3 of grabs, and of magnets: EN 1991-3, Table 2.4 (second hand)."""
 
-BUFFER_SHARE, BUFFER_MOST, BUFFER_FREQUENT = 0.7, 5.0, 2.5
-"""Share of its speed at which a crane meets its buffers, and largest deceleration there [m/s²],
-rarely and often: FEM 1.001 (second hand)."""
+BUFFER_SHARE, BUFFER_MOST = 0.7, 5.0
+"""Share of its speed at which a crane meets its buffers, and largest deceleration there [m/s²];
+2.5 where it meets them often: FEM 1.001 (second hand)."""
 
 
 def phi_1(a: float = 0.1) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.integral import HOIST_INTEGRAL, HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import EngineName
@@ -23,9 +23,6 @@ from cranedyn.planning.lift import Lift
 from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
 from cranedyn.planning.site import Site
 from cranedyn.simulation.simulate import simulate
-
-HOIST_INTEGRAL = 4.0e3
-"""Gain of the integrator on the hoist beside the LQR [N/(m s)]."""
 
 AFTER = 5.0
 """Time that a lift is watched after its arrival [s]."""

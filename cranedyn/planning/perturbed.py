@@ -19,11 +19,11 @@ from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.inputs import check_fits_memory
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.disturbances.wind import drag_force, gust_shape
+from cranedyn.disturbances import drag_force, gust_shape
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.planning.certificate import AFTER, HOIST_INTEGRAL, Certificate, controller_of
+from cranedyn.planning.certificate import AFTER, Certificate, controller_of
 from cranedyn.planning.clearance import Clearance, Joints
 from cranedyn.planning.curve import interpolate_columns
 from cranedyn.planning.lift import Lift
@@ -260,9 +260,10 @@ def _batch(
     # All batches share one compiled code if the last lift is simulated again with another load.
     added = next((crane for level, crane in cranes.items() if level != load), cranes[load])
     drawn = {name: np.append(values, values[-1]) for name, values in drawn.items()}
-    count, heavier = len(drawn["load"]), (load - 1.0) * crane.payload_mass * crane.gravity
+    count, lighter = len(drawn["load"]), (1.0 - load) * crane.payload_mass * crane.gravity
+    integral = lighter / nominal.integral_gain
     controllers = {
-        delay: replace(nominal, tracking=late(nominal, delay), integral=-heavier / HOIST_INTEGRAL)
+        delay: replace(nominal, tracking=late(nominal, delay), integral=integral)
         for delay in np.unique(drawn["late_s"]).tolist()
     }
     force = _forces(lift, drawn)

@@ -153,11 +153,11 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     t = run.trajectory.t
     jumps = np.abs(np.diff(run.trajectory.effort, axis=0)) > _JUMP * run.crane.effort_limit
     rows_of_jumps = np.flatnonzero(jumps.any(axis=1))
-    kept = np.unique(np.concatenate([rows_every(t, _PERIOD), rows_of_jumps, rows_of_jumps + 1]))
-    arrays = [arrow().array(values[kept].astype(np.float32)) for values in columns.values()]
+    instants = np.unique(np.concatenate([rows_every(t, _PERIOD), rows_of_jumps, rows_of_jumps + 1]))
+    arrays = [arrow().array(values[instants].astype(np.float32)) for values in columns.values()]
     rows = pa.StructArray.from_arrays(arrays, names=list(columns))
     component = rr.DynamicArchetype.columns(archetype="Run", components={"row": rows})
-    recording.send_columns(run.entity("numbers"), clock(t[kept]), component)
+    recording.send_columns(run.entity("numbers"), clock(t[instants]), component)
 
 
 def log_gaps(

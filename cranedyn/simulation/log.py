@@ -208,9 +208,9 @@ class Log:
             "work": mean_effort * np.diff(middle, axis=0),
             "dissipated": (power[:-1] + power[1:]) / 2 * self._setting.clocks.period,
         }
-        for name, each in steps.items():
-            first = column[name][:1] if self._ahead else np.zeros((1, each.shape[1]))
-            column[name][:] = np.cumsum(np.concatenate([first, each]), axis=0)
+        for name, increments in steps.items():
+            first = column[name][:1] if self._ahead else np.zeros((1, increments.shape[1]))
+            column[name][:] = np.cumsum(np.concatenate([first, increments]), axis=0)
 
     def _reason(self) -> str:
         """Return why the first row that is not valid is not."""

@@ -304,7 +304,7 @@ def stacked(bodies: Sequence[CraneBodies]) -> CraneBodies:
     Missing joints are prismatic without an axis, missing capsules repeat the last.
     """
     longest = max(len(item.axis) for item in bodies)
-    most = max(len(item.radius) for item in bodies)
+    largest = max(len(item.radius) for item in bodies)
     columns: dict[str, list[np.ndarray]] = {}
     for item in bodies:
         joints, capsules = len(item.axis), len(item.radius)
@@ -312,10 +312,10 @@ def stacked(bodies: Sequence[CraneBodies]) -> CraneBodies:
             array = getattr(item, field.name)
             if field.name in ("rotation", "translation", "axis", "revolute"):
                 filler = np.eye(3) if field.name == "rotation" else np.zeros(array.shape[1:])
-                more = np.broadcast_to(filler, (longest - joints, *array.shape[1:]))
-                array = np.concatenate([array, more.astype(array.dtype)])
+                padding = np.broadcast_to(filler, (longest - joints, *array.shape[1:]))
+                array = np.concatenate([array, padding.astype(array.dtype)])
             elif field.name not in ("foot", "rope"):
-                array = np.concatenate([array, array[-1:].repeat(most - capsules, axis=0)])
+                array = np.concatenate([array, array[-1:].repeat(largest - capsules, axis=0)])
             columns.setdefault(field.name, []).append(array)
     arrays = {name: np.array(values) for name, values in columns.items()}
     return CraneBodies(names=(), columns=np.zeros(0, dtype=int), **arrays)
@@ -410,7 +410,7 @@ def _posing(joints: int) -> RowFunction:
 
     def pose(numbers: np.ndarray) -> list[Any]:
         return [
-            x for part in rope_pose(*np.split(numbers, np.cumsum(sizes)[:-1])) for x in part.flat
+            x for block in rope_pose(*np.split(numbers, np.cumsum(sizes)[:-1])) for x in block.flat
         ]
 
     return compile_rows(pose, sum(sizes), 6 + 3 * joints)

@@ -283,10 +283,10 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
     return motion
 
 
-def _motions(site: CraneSite, i: int, way: list[_Points]) -> list[Motion]:
+def _motions(site: CraneSite, i: int, path: list[_Points]) -> list[Motion]:
     """Return the motions of a crane through the points of each of a way; none if one has none."""
-    motions = [x for x in (_motion(site, i, points) for points in way) if isinstance(x, Motion)]
-    return motions if len(motions) == len(way) else []
+    motions = [x for x in (_motion(site, i, points) for points in path) if isinstance(x, Motion)]
+    return motions if len(motions) == len(path) else []
 
 
 def _height(site: CraneSite, i: int, load: np.ndarray) -> float:
@@ -410,8 +410,8 @@ class _Schedule:
             raise NoWay("wherever it may stand, another crane is in the way of its goal.")
         if not cleared:
             return self._move(crane, ends, lift)
-        for way in _ways(self.site, crane, begin, ends):
-            if not (motions := _motions(self.site, crane, way)):
+        for path in _ways(self.site, crane, begin, ends):
+            if not (motions := _motions(self.site, crane, path)):
                 continue
             before = {name: [*x] for name, x in vars(self).items() if isinstance(x, list)}
             boxes = np.concatenate([_boxes(station, self.site.swing, x) for x in motions])
@@ -455,13 +455,13 @@ class _Schedule:
         near it later; return whether there are any.
         """
         station, swing = self.site.stations[crane], self.site.swing
-        ways, refusals = _ways(self.site, crane, self.positions[crane], ends), list[CraneError]()
+        paths, refusals = _ways(self.site, crane, self.positions[crane], ends), list[CraneError]()
         arrival, earliest = math.inf, list[tuple[Motion, int]]()
-        for way in ways:
+        for path in paths:
             legs, after = list[tuple[Motion, int]](), self.ready[crane]
-            for points in way:
-                least = np.abs(np.diff(points, axis=0)).sum(axis=0) / station.converters.rates
-                if after + least.max() // SLICE >= arrival:
+            for points in path:
+                durations = np.abs(np.diff(points, axis=0)).sum(axis=0) / station.converters.rates
+                if after + durations.max() // SLICE >= arrival:
                     break
                 motion = _motion(self.site, crane, points)
                 if isinstance(motion, CraneError):
@@ -474,7 +474,7 @@ class _Schedule:
                 legs.append((motion, begin))
             else:
                 arrival, earliest, self.positions[crane] = after, legs, points[-1]
-        if len(refusals) == len(ways):
+        if len(refusals) == len(paths):
             raise refusals[0]
         for k, (motion, begin) in enumerate(earliest, start=1):
             self.put(crane, motion, begin * SLICE, lift * (k == len(earliest)))
@@ -518,15 +518,15 @@ def _ways(site: CraneSite, i: int, begin: _Position, ends: list[_Position]) -> l
     """Return ways to ends, each by the points of its motions: straight, and with the load raised,
     without a stop and with stops; where obstacles are in all of them, also around these.
     """
-    station, ways = site.stations[i], list[list[_Points]]()
+    station, paths = site.stations[i], list[list[_Points]]()
     for end in ends:
         points: _Points = begin, _raised(station, begin), _raised(station, end), end
-        ways += [[(begin, end)], [points], [*itertools.pairwise(dict.fromkeys(points))]]
-    ways = [way for way in ways if way]
-    if site.solids and not any(_motions(site, i, way) for way in ways):
+        paths += [[(begin, end)], [points], [*itertools.pairwise(dict.fromkeys(points))]]
+    paths = [path for path in paths if path]
+    if site.solids and not any(_motions(site, i, path) for path in paths):
         for points in (_around(site, i, begin, end) for end in ends):
-            ways += [[points], [*itertools.pairwise(points)]] if points else []
-    return ways
+            paths += [[points], [*itertools.pairwise(points)]] if points else []
+    return paths
 
 
 @lru_cache(maxsize=64)
@@ -554,15 +554,15 @@ def _around(site: CraneSite, i: int, begin: _Position, end: _Position) -> _Point
     reached, start = set[tuple[_Position, int]](), (begin,)
     queue: list[tuple[float, float, _Position, int, _Points]] = [(0.0, 0.0, begin, -1, start)]
     while queue and len(reached) < _NODES:
-        _, cost, node, last, way = heappop(queue)
-        if (node, last) in reached or not free(way[-1], node):
+        _, cost, node, last, path = heappop(queue)
+        if (node, last) in reached or not free(path[-1], node):
             continue
         reached.add((node, last))
-        way += (node,)
+        path += (node,)
         if node == end:
             points = [begin]
-            while way := way[way.index(points[-1]) + 1 :]:
-                points.append(next(x for x in reversed(way) if free(points[-1], x)))
+            while path := path[path.index(points[-1]) + 1 :]:
+                points.append(next(x for x in reversed(path) if free(points[-1], x)))
             return tuple(points)
         for k, values in enumerate(grid):
             j = values.index(node[k])
@@ -570,7 +570,7 @@ def _around(site: CraneSite, i: int, begin: _Position, end: _Position) -> _Point
                 to = (*node[:k], value, *node[k + 1 :])
                 time = cost + abs(value - node[k]) / rates[k] + (k != last) * rates[k] / slopes[k]
                 guess = time + (abs(np.subtract(to, end)) / rates).sum()
-                heappush(queue, (guess, time, to, k, way))
+                heappush(queue, (guess, time, to, k, path))
     return ()
 
 
@@ -600,8 +600,8 @@ def _near(site: CraneSite, a: int, boxes_a: np.ndarray, b: int, boxes_b: np.ndar
     ever; None if they are in all. Each slice is proven by itself, as a certificate proves it.
     """
     count = max(len(boxes_a), len(boxes_b))
-    apart = site.pair_apart(a, _extended(boxes_a, count), b, _extended(boxes_b, count))
-    return None if apart.all() else int(apart.argmin())
+    proven = site.pair_apart(a, _extended(boxes_a, count), b, _extended(boxes_b, count))
+    return None if proven.all() else int(proven.argmin())
 
 
 @lru_cache(maxsize=512)

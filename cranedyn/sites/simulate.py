@@ -206,8 +206,9 @@ class SiteRun:
             if boxes is not None:
                 new = np.append(True, np.diff(boxes, axis=0).any(axis=(1, 2)))
                 reserved = self.t[new], station.outline(boxes[new])
-            seen = bool(obstacles) or reserved is not None
-            surroundings = Scenery(obstacles, np.zeros((0, 3)), reserved=reserved) if seen else None
+            surroundings = None
+            if obstacles or reserved is not None:
+                surroundings = Scenery(obstacles, np.zeros((0, 3)), reserved=reserved)
             (x, y, z), turn = map(float, station.foot), station.turn
             runs.append(
                 Run(station.name, station.crane, run, (x, y, z), scenery=surroundings, heading=turn)
@@ -558,17 +559,17 @@ class _Watch:
         the other crane, with its second, and so on.
         """
         if j >= 0:
-            one, other = (self._placed(k, ends[k]) for k in (i, j))
-            pairs = np.indices((len(one.ends), len(other.ends))).reshape(2, -1)
+            first, second = (self._placed(k, ends[k]) for k in (i, j))
+            pairs = np.indices((len(first.ends), len(second.ends))).reshape(2, -1)
             return least_distances(
                 *(
                     replace(x, ends=x.ends[k], radius=x.radius[k])
-                    for x, k in zip((one, other), pairs, strict=True)
+                    for x, k in zip((first, second), pairs, strict=True)
                 )
             )
         bodies, margins = self._site.stations[i].bodies, self._site.obstacles.margins
         columns = zip(ends[i], bodies.radius.tolist(), bodies.hangs.tolist(), strict=True)
-        return np.array([margins(*part, hangs=hangs)[j] for *part, hangs in columns])
+        return np.array([margins(*capsule, hangs=hangs)[j] for *capsule, hangs in columns])
 
     def _contact(
         self, t: float, i: int, j: int, before: Sequence[np.ndarray], after: Sequence[np.ndarray]

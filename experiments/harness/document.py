@@ -75,12 +75,12 @@ class Document:
         def fill(block: re.Match[str]) -> str:
             if block["experiment"] != self.experiment:
                 return block[0]
-            wanted = self._tables(block, tables)
+            selection = self._tables(block, tables)
             if block["csv"]:
-                files = ((_subject(one.title), self._csv_file(one).name) for one in wanted)
+                files = ((_subject(one.title), self._csv_file(one).name) for one in selection)
                 content = ["".join(f"* [{subject}]({file})\n" for subject, file in files)]
             else:
-                content = [f"{table.markdown()}\n" for table in wanted]
+                content = [f"{table.markdown()}\n" for table in selection]
             return "\n".join([block["begin"], *content, block["end"]])
 
         return _BLOCK.sub(fill, self.text)

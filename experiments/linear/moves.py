@@ -146,11 +146,11 @@ ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 
 def slow_slews(site: SiteCrane, crane: Crane) -> list[Job]:
     """Return slews at shares of the crane's rate, reached in the usual time."""
-    slew, *others = site.accelerations
+    slew, *accelerations = site.accelerations
     return [
         _pulsed(
             crane,
-            (share * slew, *others),
+            (share * slew, *accelerations),
             f"slew at {share:g} of the rate",
             _outside(site, crane),
             JoystickPulse("gamma", share * site.slew, 0.0, HOLD),
@@ -165,8 +165,8 @@ def short_slews(site: SiteCrane, crane: Crane) -> list[Job]:
     """
     slews = []
     for angle in ANGLES:
-        way = math.radians(angle)
-        hold = max(math.sqrt(way / site.accelerations[0]), way / site.slew)
+        angle_rad = math.radians(angle)
+        hold = max(math.sqrt(angle_rad / site.accelerations[0]), angle_rad / site.slew)
         pulse = JoystickPulse("gamma", site.slew, 0.0, hold)
         name, start = f"slew of {angle:g}°", _outside(site, crane)
         slews.append(_pulsed(crane, site.accelerations, name, start, pulse))

@@ -71,9 +71,9 @@ class Fit(NamedTuple):
         """
         weights = 1.0 / np.diag(self.covariance)
         weights /= weights.sum()
-        away = np.eye(len(weights)) - weights
-        margins = _QUANTILE * np.sqrt(np.diag(away @ self.covariance @ away.T))
-        return float(weights @ self.offsets), np.abs(away @ self.offsets) <= margins
+        deviation = np.eye(len(weights)) - weights
+        margins = _QUANTILE * np.sqrt(np.diag(deviation @ self.covariance @ deviation.T))
+        return float(weights @ self.offsets), np.abs(deviation @ self.offsets) <= margins
 
     @property
     def gravity(self) -> tuple[float, float]:
@@ -114,8 +114,8 @@ class _Pendulums:
 
     def full(self, z: np.ndarray) -> np.ndarray:
         """Return the parameters of each record, shape (records, parameters of one)."""
-        own = z[self.count :].reshape(self.size, -1)
-        return np.hstack([np.tile(z[: self.count], (self.size, 1)), own])
+        offsets = z[self.count :].reshape(self.size, -1)
+        return np.hstack([np.tile(z[: self.count], (self.size, 1)), offsets])
 
     def predicted(self, rows: np.ndarray, of: np.ndarray) -> list[np.ndarray]:
         """Return the reported swing of each lane: parameters and index of a record."""
@@ -146,8 +146,8 @@ class _Pendulums:
         slope = np.zeros((self.ends[-1], len(z)))
         for i, end in enumerate(self.ends.tolist()):
             base, *varied = lanes[i * (width + 1) : (i + 1) * (width + 1)]
-            place = self.count + i * len(_OWN)
-            columns = [*range(self.count), *range(place, place + len(_OWN))]
+            start = self.count + i * len(_OWN)
+            columns = [*range(self.count), *range(start, start + len(_OWN))]
             change = (np.array(varied) - base).T / (_STEP * self.scale)
             slope[end - len(base) : end, columns] = change
         return slope
@@ -172,17 +172,17 @@ def fit(records: Sequence[Record], names: tuple[str, ...]) -> Fit:
     variance = sum(float(np.sum((y - y.mean()) ** 2)) for y in model.measured)
     criterion = sum(len(e) * np.log(np.mean(e**2)) for e in errors) + 2.0 * len(first)
     values = dict(zip(model.names[: model.count], solution.x.tolist(), strict=False))
-    place = model.count + np.arange(model.size) * len(_OWN)  # an offset is the first of its record
+    rows = model.count + np.arange(model.size) * len(_OWN)  # an offset is the first of its record
     scores = np.split(solution.jac * solution.fun[:, None], model.ends[:-1])
     inverse = np.linalg.inv(solution.jac.T @ solution.jac)
     covariance = inverse @ sum(map(long_run, scores)) @ inverse
     steps = np.array([record.resolution.get("l_m", 0.0) for record in records])
-    offsets = solution.x[place]
+    offsets = solution.x[rows]
     lengths = (model.cable + offsets).tolist()
-    covariance = covariance[np.ix_(place, place)] + np.diag(steps**2 / 12.0)
+    covariance = covariance[np.ix_(rows, rows)] + np.diag(steps**2 / 12.0)
     residues = [residue(*row) for row in zip(records, model.t, errors, lengths, strict=True)]
-    left = 2.0 * solution.cost / variance
-    return Fit(names, values, model.cable, offsets, covariance, np.array(residues), left, criterion)
+    loss = 2.0 * solution.cost / variance
+    return Fit(names, values, model.cable, offsets, covariance, np.array(residues), loss, criterion)
 
 
 def residue(record: Record, t: np.ndarray, error: np.ndarray, length: float) -> tuple[float, float]:

@@ -143,11 +143,11 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
 
 def _reeved(bench: Bench) -> Iterator[SlackCheck]:
     crane, n, eta = _crane(bench, rope_stiffness=0.0), 4, 0.95
-    for what, rate, share in (("hoists", -0.1, eta), ("lowers", 0.1, 1.0 / eta)):
+    for verb, rate, share in (("hoists", -0.1, eta), ("lowers", 0.1, 1.0 / eta)):
         run = _run(bench, crane, crane.state(l_dot=rate), 0.1)
         line = Reeving(n, eta).columns(crane, run)["line_N"][-1]
         closed = MASS * G * (1.0 - share) / (1.0 - share**n)
-        yield SlackCheck(f"line of {n} falls that {what}, η = {eta:g}", "N", closed, line)
+        yield SlackCheck(f"line of {n} falls that {verb}, η = {eta:g}", "N", closed, line)
 
 
 def _inextensible(bench: Bench) -> Iterator[SlackCheck]:
@@ -243,10 +243,10 @@ def _ledgers(bench: Bench) -> Iterator[Claim]:
     omega = theory.rope_bounce(stiffness, LENGTH, MASS)
     start, period = _from(crane, 0.0, speed), _bounce_period(speed, omega, G)
     run = _run(bench, crane, start, (CHANGES // 2 + 1) * period, dt=2.5e-4)
-    changes, left = np.count_nonzero(np.diff(run["phase"])), _unexplained(run)
+    changes, unexplained = np.count_nonzero(np.diff(run["phase"])), _unexplained(run)
     yield Claim(
         f"RK4: through {CHANGES:g} changes of phase the ledger closes to 1e-9 of the energy.",
-        bool(changes >= CHANGES and left < 1e-9),
+        bool(changes >= CHANGES and unexplained < 1e-9),
     )
     coarse, fine = (
         _unexplained(_run(bench, crane, start, 5 * period, dt=dt, rule=semi_implicit_euler))

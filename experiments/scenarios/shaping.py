@@ -28,13 +28,13 @@ def joystick_path(
     pulses, end, drives = [], 0.0, crane.layout.driven
     for corner, next_corner in itertools.pairwise(corners):
         lasts = 0.0
-        for joint, here, there, rate, acceleration in zip(
+        for joint, begin, finish, rate, acceleration in zip(
             drives, corner, next_corner, limits.rates, limits.accelerations, strict=True
         ):
-            distance = abs(there - here)
+            distance = abs(finish - begin)
             if distance > 1e-6:
                 speed = min(rate, math.sqrt(distance * acceleration))
-                signed = math.copysign(speed, there - here)
+                signed = math.copysign(speed, finish - begin)
                 pulses.append(JoystickPulse(joint.symbol, signed, end, distance / speed))
                 lasts = max(lasts, distance / speed + speed / acceleration)
         end += lasts

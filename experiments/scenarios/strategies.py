@@ -15,7 +15,7 @@ import numpy as np
 from cranedyn.clocks import whole_periods
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.damping import with_damping
-from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.integral import HOIST_INTEGRAL, HoistIntegral
 from cranedyn.controllers.lqr import effort_weight_of, lqr
 from cranedyn.controllers.paper import paper_controller
 from cranedyn.estimation.mpc import PredictiveController, mpc
@@ -182,10 +182,6 @@ set to; their limited jerk then comes too late, and the load is swung up."""
 SOFTER_PLAN = 1e3
 """By how much more accelerations weigh in predictive control for drives with converters, whose
 limited jerk it does not know of, ours."""
-
-HOIST_INTEGRAL = 4.0e3
-"""k_i of the hoist beside the LQR [N/(m s)], ours: with the LQR's k_p of about 1e4 N/m it takes 2.5
-s."""
 
 
 def mpc_period(setup: Setup) -> float:

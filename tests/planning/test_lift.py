@@ -26,7 +26,6 @@ from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import straight_time
 from cranedyn.planning.lift import RESERVE, NoWay, _is_proven, _ways, plan_lift
 from cranedyn.planning.perturbed import (
-    HOIST_INTEGRAL,
     Perturbed,
     Spread,
     _batch,
@@ -299,7 +298,7 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     heavy, motion = _crane(crane(), load), made.timed.motion
     control = controller_of(lift(), dt=1e-3)
     weight = (load - 1.0) * crane().payload_mass * crane().gravity
-    remembered = replace(control, integral=-weight / HOIST_INTEGRAL)
+    remembered = replace(control, integral=-weight / control.integral_gain)
 
     def misread(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         q = state.q.copy()

@@ -1,1 +1,0 @@
-"""External forces on a crane, such as wind."""

@@ -1,1 +1,0 @@
-"""Tests of wind and forces."""
