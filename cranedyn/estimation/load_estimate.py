@@ -201,10 +201,8 @@ def with_load_estimate(
     extra = crane.swings if sensors == "swing" else crane.swings[:0]
     measured = np.concatenate([layout.measured, extra])
     deviations = [*noise_std[measured], *([GYROSCOPE] * 3 if sensors == "imu" else [])]
-    mean, spread = (
-        np.concatenate([motion.q[0], motion.v[0], [1.0, 0.0, 0.0]]),
-        np.diag(np.square(deviations)),
-    )
+    mean = np.concatenate([motion.q[0], motion.v[0], [1.0, 0.0, 0.0]])
+    spread = np.diag(np.square(deviations))
     believed = LoadFilter(crane, motion.period, sensors, mean, covariance, errors, spread)
     family, efforts = _family(crane, motion, offset or 1.0), motion_efforts(crane, motion)
     return LoadEstimateController(
