@@ -121,8 +121,8 @@ def _result(
         if interrupted(error):
             raise KeyboardInterrupt from None
         return StrategyResult(None, str(error))
-    shown = case == cases.NOMINAL and move == COMBINED
-    return StrategyResult(score, "", run if shown else None, np.array(calls))
+    is_recorded = case == cases.NOMINAL and move == COMBINED
+    return StrategyResult(score, "", run if is_recorded else None, np.array(calls))
 
 
 @contextmanager
