@@ -23,6 +23,7 @@ from experiments.scenarios.moves import (
     AFTER,
     COMBINED,
     DWELL,
+    IDEAL,
     TOUR_LIMITS,
     MovePlan,
     RestToRest,
@@ -33,9 +34,6 @@ from experiments.scenarios.moves import (
 from experiments.scenarios.tours import CONTROLS
 
 UNSEEING = "it does not look at the swing"
-
-IDEAL = "ideal"
-"""Drives that take what each strategy answers."""
 
 PREDICTIVE = (strategies.MPC, strategies.COMPILED_MPC, strategies.TO_GOAL)
 """Strategies whose time to compute is noted."""

@@ -38,6 +38,9 @@ DRAG = 5.0
 LIMITS = LARGE_CRANE
 """What the drives may do."""
 
+IDEAL = "ideal"
+"""Drives that take what each strategy answers."""
+
 TOUR_LIMITS = Limits(rates=(0.08, 0.8, 0.8), accelerations=LIMITS.accelerations)
 """The same in a tour: rates of the article's demonstration are not published, these are ours."""
 
