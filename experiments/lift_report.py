@@ -64,7 +64,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
     )
 
 
-def _outcome(judgement: Judgement, setup: harness.Setup, command: str) -> harness.Outcome:
+def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
     from cranedyn.lifting.figures import scenery
     from cranedyn.recording import Run
 
@@ -98,7 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
         command_line = " ".join([command_name("lift_report"), *options.argv])
         judged.append((_judge(options, setup), options.folder, command_line))
-        return _outcome(judged[0][0], setup, command_line)
+        return _outcome(judged[0][0], command_line)
 
     code = harness.run_experiment(_parser(), experiment, argv)
     return command(lambda: write_pages(*judged[0])) if judged and code in (0, FAILED) else code

@@ -251,9 +251,9 @@ def _figure(picked: Sequence[LiftOff]) -> Figure:
     figure, (ax,) = panels(width=7.0, height=3.6)
     speeds = np.array([0.0, max(p.speed for p in picked)])
     for i, hoisting in enumerate(CLASSES):
-        slope, least = HOISTING[hoisting]
+        slope, intercept = HOISTING[hoisting]
         drawn, colour = [p for p in picked if p.hoisting == hoisting], run_colour(i)
-        ax.plot(speeds, least + slope * speeds, color=colour, label=f"φ2, {hoisting}")
+        ax.plot(speeds, intercept + slope * speeds, color=colour, label=f"φ2, {hoisting}")
         ax.plot(speeds, 1.0 + slope * speeds, color=colour, linestyle=":")
         ax.plot([p.speed for p in drawn], [p.simulated for p in drawn], "o", color=colour)
     ax.plot([], [], ":", color=COLOURS["setpoint"], label="1 + β2 v")

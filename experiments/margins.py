@@ -333,8 +333,8 @@ def _figure(radii: np.ndarray, cables: np.ndarray, maps: Mapping[str, MarginMap]
     cable.
     """
     figure, panes = panels(len(maps), 2, height=1.8, sharex=True, sharey=True)
-    shown = ("least damping [% of critical]", "damping", 100.0), ("delay margin [ms]", "late", 1e3)
-    for column, (title, name, scale) in enumerate(shown):
+    terms = ("least damping [% of critical]", "damping", 100.0), ("delay margin [ms]", "late", 1e3)
+    for column, (title, name, scale) in enumerate(terms):
         values = {strategy: scale * margins[name] for strategy, margins in maps.items()}
         norm = LogNorm(
             min(v[v > 0.0].min(initial=v.max()) for v in values.values()),

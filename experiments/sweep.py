@@ -17,7 +17,8 @@ from cranedyn.sweep import Design, cross, grid, sweep
 from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.design import check_memory
 from experiments import harness
-from experiments.scenarios.robustness import DRAWN, IDEAL, SWEPT, drawn, robustness
+from experiments.scenarios.moves import IDEAL
+from experiments.scenarios.robustness import DRAWN, SWEPT, drawn, robustness
 from experiments.sweep_results import (
     CABLES,
     DURATIONS,

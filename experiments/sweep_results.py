@@ -13,8 +13,8 @@ from scipy.stats import binned_statistic_2d, binomtest
 from cranedyn.plotting.figures import panels
 from experiments.harness import Claim, ResultTable, make_table
 from experiments.harness.table import Cell
-from experiments.scenarios.moves import COMBINED, DRAG
-from experiments.scenarios.robustness import AFTER, IDEAL, RANGES, UNBATCHED
+from experiments.scenarios.moves import COMBINED, DRAG, IDEAL
+from experiments.scenarios.robustness import AFTER, RANGES, UNBATCHED
 from experiments.scenarios.strategies import FLAT, PAPER, PD, strategy_colour
 
 LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.integrators import Acceleration, Add, Integrator
 from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import EngineName, Setpoint, State
@@ -60,6 +61,18 @@ def big_crane(**values: float) -> Crane:
 def locked(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
     """Drives of prescribed motion that do not accelerate."""
     return np.zeros(3)
+
+
+def _explicit_euler(
+    acceleration: Acceleration, faster: Add, further: Add, q: Any, v: Any, steps: int
+) -> tuple[Any, Any]:
+    for _ in range(steps):
+        q, v = further(q, v), faster(v, acceleration(q, v))
+    return q, v
+
+
+EXPLICIT_EULER = Integrator("explicit Euler", _explicit_euler, lead=-0.5)
+"""A stepping rule that no module of cranedyn has."""
 
 
 def constant(*command: float) -> Callable[[float, State, Setpoint], np.ndarray]:

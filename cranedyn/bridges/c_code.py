@@ -115,12 +115,10 @@ def export(
     return Path(folder)
 
 
-def crane_test(
-    crane: Crane, drive: Drive, dt: float, integrator: Integrator, rows: int = 200
-) -> BlockTest:
+def crane_test(crane: Crane, drive: Drive, dt: float, integrator: Integrator) -> BlockTest:
     """Return a test of a crane's block: its state in a run of `simulate` under random commands."""
     block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)
-    rng, layout = np.random.default_rng(0), crane.layout
+    rng, layout, rows = np.random.default_rng(0), crane.layout, 200
     inputs = np.tile([variable.start for variable in block.of_kind("input")], (rows, 1))
     commands = inputs[:, : layout.m]
     inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[layout.drives]

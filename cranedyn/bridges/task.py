@@ -25,11 +25,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.model.load import load_crane
-from cranedyn.references.limits import Limits
-
-LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
-"""Slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations
-ours."""
+from cranedyn.references.limits import LARGE_CRANE, Limits
 
 INTEGRATOR, DT = rk4, 1e-2
 """Stepping rule, exact to order 4 while accelerations and wind are constant, and its step [s]."""
@@ -82,7 +78,7 @@ class Rules:
     """
 
     action: str = "velocity"
-    limits: Limits = LIMITS
+    limits: Limits = LARGE_CRANE
     reach: Sequence[float] = (0.6, 10.0, 5.0)
     swing: float = 0.1
     swing_limit: float = np.pi / 4

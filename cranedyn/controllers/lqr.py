@@ -74,8 +74,8 @@ def linearised(
     rows = [*range(0, last, every), last]
     at_rows = [linearise(crane, State(motion.q[k], motion.v[k]), efforts[k]) for k in rows]
     by_state, by_effort = map(np.array, zip(*at_rows, strict=True))
-    held = held_states(crane, State(motion.q[0], motion.v[0]))
-    a, b = over_period(by_state, by_effort, dt, steps, held)
+    taut = held_states(crane, State(motion.q[0], motion.v[0]))
+    a, b = over_period(by_state, by_effort, dt, steps, taut)
     stretch = np.arange(last + 1) // every
     stretch[-1] = len(rows) - 1
     setpoint = np.hstack([motion.q, motion.v])

@@ -84,9 +84,9 @@ def write_table(path: str | Path, table: pa.Table) -> Path:
 def _write_parquet(table: pa.Table, file: BinaryIO) -> None:
     """Write a table with the bytes of its numbers split, which Zstandard then halves."""
     floats = [field.name for field in table.schema if pa.types.is_floating(field.type)]
-    others = [name for name in table.column_names if name not in floats]
+    names = [name for name in table.column_names if name not in floats]
     pyarrow.parquet.write_table(
-        table, file, compression="zstd", use_dictionary=others, use_byte_stream_split=floats
+        table, file, compression="zstd", use_dictionary=names, use_byte_stream_split=floats
     )
 
 

@@ -92,8 +92,8 @@ class Platform:
 
     def __post_init__(self) -> None:
         for name in ("centre", "size"):
-            least = "> 0" if name == "size" else "any"
-            values = [number(f"{name} of a platform", x, "m", least) for x in getattr(self, name)]
+            allowed = "> 0" if name == "size" else "any"
+            values = [number(f"{name} of a platform", x, "m", allowed) for x in getattr(self, name)]
             object.__setattr__(self, name, tuple(values))
         number("height of a platform", self.height, "m")
         number("yaw of a platform", self.yaw, "rad")

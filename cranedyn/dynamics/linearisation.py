@@ -292,7 +292,7 @@ def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
     shares = np.where(rates.imag > 1e-3, share, 0.0)
     i = int(np.argmax(shares))
     if not shares[i] > 0.0:
-        given = "one in which this coordinate does not oscillate"
-        raise OutOfRange("loop", given, "one in which it does")
+        value = "one in which this coordinate does not oscillate"
+        raise OutOfRange("loop", value, "one in which it does")
     scale = vectors[coordinate, i]
     return Mode(complex(rates[i]), vectors[:, i] / scale, np.linalg.inv(vectors)[i] * scale)

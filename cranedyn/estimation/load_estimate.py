@@ -154,7 +154,6 @@ def with_load_estimate(
     disturbance: Sequence[float] | np.ndarray | None = None,
     noise: Sequence[float] | np.ndarray | None = None,
     delay: int = 0,
-    start: State | None = None,
 ) -> LoadEstimateController:
     """Return a controller that adapts one made for another load and cable; make one for each run.
 
@@ -173,7 +172,6 @@ def with_load_estimate(
         noise: Standard deviations of measured coordinates [rad or m] and rates [per second], shape
             (2 n,); None for `cranedyn.estimation.sensor_model.noise_of`.
         delay: Delay of the measurements [control periods].
-        start: Expected start; None for the start of the motion, with the load plumb.
 
     Raises:
         MissingRole: If no joint is a hoist.
@@ -193,7 +191,6 @@ def with_load_estimate(
     noise_std = standard_deviations(
         "noise of the observer", noise_of(crane) if noise is None else noise, 2 * n, "> 0"
     )
-    begins = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
     covariance = np.diag(
         np.square([*initial_std_of(crane), number("load_std", load_std, "", ">= 0"), offset, share])
     )
@@ -204,7 +201,8 @@ def with_load_estimate(
     extra = crane.swings if sensors == "swing" else crane.swings[:0]
     measured = np.concatenate([layout.measured, extra])
     deviations = [*noise_std[measured], *([GYROSCOPE] * 3 if sensors == "imu" else [])]
-    mean, spread = np.concatenate([*begins, [1.0, 0.0, 0.0]]), np.diag(np.square(deviations))
+    mean = np.concatenate([motion.q[0], motion.v[0], [1.0, 0.0, 0.0]])
+    spread = np.diag(np.square(deviations))
     believed = LoadFilter(crane, motion.period, sensors, mean, covariance, errors, spread)
     family, efforts = _family(crane, motion, offset or 1.0), motion_efforts(crane, motion)
     return LoadEstimateController(

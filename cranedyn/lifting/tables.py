@@ -194,8 +194,8 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
         ]
         broken = [name for name in limit.allowed if not limit.kept(name)[i]]
         beyond = "fails" if failed else ", ".join(broken) or "none"
-        shown: Row = [None, None, None] if failed else values
-        rows.append([speed, wind.wind_pressure(speed), *shown, beyond])
+        numbers: Row = [None, None, None] if failed else values
+        rows.append([speed, wind.wind_pressure(speed), *numbers, beyond])
     columns = [
         ("gust [m/s]", ".1f"),
         ("pressure [Pa]", ".0f"),

@@ -106,8 +106,8 @@ class Moving:
         """Return the origin of a joint's frame in the world [m], shape (rows, 3)."""
         zero = array([0.0] * 3)
         still = array([0.0] * len(self.tree))
-        ((place, _),) = rigid_body.point_motions(self.tree, self.frames, still, joint, [zero])
-        return self._filled(place)
+        ((point, _),) = rigid_body.point_motions(self.tree, self.frames, still, joint, [zero])
+        return self._filled(point)
 
     def _turned(self, body: int, vector: np.ndarray) -> np.ndarray:
         """Return a vector of the frame of a joint in the world, shape (3,)."""

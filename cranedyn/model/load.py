@@ -221,7 +221,7 @@ def _crane(
         check_roles(joints, path)
     points = force_points(model, joints, load)
     layout = Layout(joints, tuple(point.name for point in points))
-    springs = read_springs(robot, layout, model, path)
+    springs = read_springs(robot, layout, path)
     _check_ranges(model, layout, load)
     q = _start(robot, layout, model)
     _check_solvable(model, q, layout, path)

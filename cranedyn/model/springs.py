@@ -171,8 +171,8 @@ class Springs:
         return tangent
 
 
-def read_springs(robot: ET.Element, layout: Layout, model: pin.Model, path: Path) -> Springs:
-    """Read springs from a URDF and its model.
+def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
+    """Read springs from a URDF.
 
     Springs stand in the tags of Gazebo, ``<springStiffness>`` and ``<springReference>``. The rope
     is in a tag of this project, ``<ropeStiffness>``: EA [N], inf for an inextensible rope, at the

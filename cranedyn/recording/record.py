@@ -107,7 +107,6 @@ class Live:
         name: str,
         *,
         title: str,
-        text: str = "",
         file: str | Path | None = None,
         viewer: str = "",
     ) -> None:
@@ -117,7 +116,6 @@ class Live:
             crane: The crane.
             name: Name of the run.
             title: Heading of the recording.
-            text: Description in Markdown.
             file: The file; None for none.
             viewer: Address of a running viewer, from `open_viewer` or `Server.data`; empty for
                 none.
@@ -126,7 +124,7 @@ class Live:
             DataError: If the file cannot be written.
             CraneError: If Rerun is switched off in the environment.
         """
-        self._crane, self._name, self._title, self._text = crane, name, utf8(title), utf8(text)
+        self._crane, self._name, self._title = crane, name, utf8(title)
         check_enabled()
         self._recording = rr.RecordingStream("cranedyn-live", send_properties=False)
         self._file = None if file is None else Path(file)
@@ -153,7 +151,7 @@ class Live:
         recent = piece if self._past is None else join([self._past, piece])
         run = Run(self._name, self._crane, recent.since(t_start))
         if self._scene is None:
-            (self._scene,) = _log_static(self._recording, [run], [], self._title, self._text)
+            (self._scene,) = _log_static(self._recording, [run], [], self._title, "")
             self._start_energy = float(piece.energy[0])
         self._scene.move(recent, t_start)
         log_series(self._recording, run, series_table(run, self._start_energy))

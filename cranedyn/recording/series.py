@@ -191,8 +191,8 @@ def log_readout(recording: rr.RecordingStream, runs: Sequence[Run]) -> None:
         layout, q = run.crane.layout, run.trajectory.q[rows]
         values = np.where([joint.kind == "revolute" for joint in layout.joints], np.degrees(q), q)
         for i, row in enumerate(values):
-            shown = dict(zip(layout.symbols, (f"{value:.2f}" for value in row), strict=True))
-            cells = [table_cell(run.name), *(shown.get(symbol, "-") for symbol in joints)]
+            readings = dict(zip(layout.symbols, (f"{value:.2f}" for value in row), strict=True))
+            cells = [table_cell(run.name), *(readings.get(symbol, "-") for symbol in joints)]
             texts[i] += f"\n{_row(cells)}"
     columns = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
     recording.send_columns(READOUT, clock(instants), columns)
@@ -256,8 +256,8 @@ def _line(curve: Curve, run: str, run_colour: str) -> rrb.visualizers.Visualizer
     colour, width = colour_of(curve.quantity).replace("#000000", "#9A9A9A"), 1.5
     if run:
         shares = {"limit": 0.7, "setpoint": 0.7, "theta": 0.55}
-        other = "#FFFFFF" if curve.quantity == "theta" else colour
-        colour = mixed(run_colour, other, shares.get(curve.quantity, 0.0))
+        tint = "#FFFFFF" if curve.quantity == "theta" else colour
+        colour = mixed(run_colour, tint, shares.get(curve.quantity, 0.0))
     has_peaks = curve.column.split("_")[0] in ("T", "F", "W", "energy")
     policy: Literal["MinMax", "Average"] = "MinMax" if has_peaks else "Average"
     source = VisualizerComponentMapping(

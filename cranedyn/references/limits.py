@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from cranedyn.checks import number
+from cranedyn.dynamics.converters import RATES
 from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion, motion_efforts
@@ -53,6 +54,10 @@ class Limits:
         rates = layout.for_drives("rate limit", self.rates, "/s", "> 0")
         accelerations = layout.for_drives("acceleration limit", self.accelerations, "/s²", "> 0")
         return Limits(np.minimum(rates, crane.rate_limit).tolist(), accelerations.tolist())
+
+
+LARGE_CRANE = Limits((*RATES.values(),), (0.02, 0.4, 0.4))
+"""Rates of a large tower crane, see `cranedyn.dynamics.converters.RATES`; accelerations ours."""
 
 
 def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:

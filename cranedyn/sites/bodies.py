@@ -149,8 +149,8 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     pin.forwardKinematics(model, data, q)
     outward = (data.oMi[swings[0]].translation - data.oMi[supports[0]].translation)[:2]
     if chain and layout.joints[chain[-1] - 1].kind == "prismatic":
-        way = (data.oMi[chain[-1]].rotation @ _local_axis(crane, chain[-1]))[:2]
-        outward = way * math.copysign(1.0, way @ outward)
+        direction = (data.oMi[chain[-1]].rotation @ _local_axis(crane, chain[-1]))[:2]
+        outward = direction * math.copysign(1.0, direction @ outward)
     offsets = [model.jointPlacements[i].translation for i in (swings[1], supports[-1])]
     rope = data.oMi[supports[-1]].rotation @ _local_axis(crane, supports[-1])
     if np.abs(offsets).max() > 1e-9 or rope[2] > 0.0 or crane.lower[supports[-1] - 1] < 0.0:
@@ -172,7 +172,7 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     jib = math.atan2(outward[1], outward[0]) if turns else -math.pi / 2.0
     names, joint, ends, depth, hangs, radii = zip(*capsules, strict=True)
     rotation, translation, axis, revolute = _joints(crane, chain)
-    hinges = _columns(*(part[None] for part in _joints(crane, swings)))
+    hinges = _columns(*(array[None] for array in _joints(crane, swings)))
     return CraneBodies(
         names=names,
         columns=np.array([layout.drives.tolist().index(i - 1) for i in (*chain, supports[-1])]),

@@ -73,8 +73,8 @@ class Obstacles:
         while work:
             box, capsules = work.pop()
             low, high = box[:, None].repeat(len(capsules), axis=1)
-            which = np.full(len(capsules), crane)
-            placed = place_capsules(bodies, which, capsules, low, high, swing)
+            cranes = np.full(len(capsules), crane)
+            placed = place_capsules(bodies, cranes, capsules, low, high, swing)
             rows = zip(placed.ends, placed.radius.tolist(), capsules.tolist(), strict=True)
             hangs = bodies.hangs[crane].tolist()
             margins = np.array([self.margins(ends, r, hangs=hangs[c]) for ends, r, c in rows])
@@ -85,9 +85,9 @@ class Obstacles:
             near = margin < placed.motion.sum(axis=1)
             if near.any():
                 widest = int(placed.motion.max(axis=0).argmax())
-                for part in (0, 1):
+                for side in (0, 1):
                     halved = box.copy()
-                    halved[part, widest] = box[:, widest].mean()
+                    halved[side, widest] = box[:, widest].mean()
                     work.append((halved, capsules[near]))
         return True
 

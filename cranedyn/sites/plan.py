@@ -284,7 +284,7 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
 
 
 def _motions(site: CraneSite, i: int, path: list[_Points]) -> list[Motion]:
-    """Return the motions of a crane through the points of each of a way; none if one has none."""
+    """Return the motions of a crane through the points of each of a path; none if one has none."""
     motions = [x for x in (_motion(site, i, points) for points in path) if isinstance(x, Motion)]
     return motions if len(motions) == len(path) else []
 

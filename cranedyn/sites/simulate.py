@@ -594,14 +594,14 @@ class _Watch:
 
     def _named(self, t: float, i: int, j: int, k: int, ends: np.ndarray) -> SiteContact:
         stations = self._site.stations
-        one, other = divmod(k, len(stations[j].bodies.names)) if j >= 0 else (k, 0)
+        capsule, second_capsule = divmod(k, len(stations[j].bodies.names)) if j >= 0 else (k, 0)
         name, bodies = stations[i].name, stations[i].bodies
         if j >= 0:
-            second, body = stations[j].name, stations[j].bodies.names[other]
+            second, body = stations[j].name, stations[j].bodies.names[second_capsule]
         else:
             nearest = self._site.obstacles.nearest
-            second, body = nearest(ends[one], float(bodies.radius[one]), zones=j == -1), ""
-        return SiteContact(t, name, second, bodies.names[one], body)
+            second, body = nearest(ends[capsule], float(bodies.radius[capsule]), zones=j == -1), ""
+        return SiteContact(t, name, second, bodies.names[capsule], body)
 
 
 def _proven(

@@ -126,9 +126,9 @@ class Station:
         """
         columns, arc = self.bodies.columns, np.linspace(0.0, 1.0, _ARC)
         ends = [columns[0], columns[max(len(columns) - 2, 0)]]  # such as slew and trolley
-        near, far = (np.column_stack([arc, np.full(_ARC, end)]) for end in (0.0, 1.0))
+        inner, outer = (np.column_stack([arc, np.full(_ARC, end)]) for end in (0.0, 1.0))
         share = np.full((2 * _ARC + 2, self.crane.layout.m), 0.5)
-        share[:, ends] = np.concatenate([near[::-1], far[:1], far, far[-1:]])
+        share[:, ends] = np.concatenate([inner[::-1], outer[:1], outer, outer[-1:]])
         drives = boxes[:, :1] + share * np.diff(boxes, axis=1)
         q, _ = self.plumb(drives.reshape(-1, self.crane.layout.m))
         lines = ((self.rope(q)[0] - self.foot) @ self.bodies.foot[:, :3]).reshape(len(boxes), -1, 3)
@@ -249,15 +249,15 @@ class CraneSite:
         ends = np.zeros((*shape, cranes, 2, self.bodies.axis.shape[1] + 1))
         for i in {station, *np.flatnonzero(doubts.any(axis=0)).tolist()}:
             ends[..., i, :, :] = self.positions(i, box if i == station else boxes[i])
-        rows, apart = ends.reshape(-1, *ends.shape[-3:]), ~doubts
+        rows, proven = ends.reshape(-1, *ends.shape[-3:]), ~doubts
         for row in np.flatnonzero(doubts[:, station]):
-            apart[row, station] = self.obstacles.proven_clear(
+            proven[row, station] = self.obstacles.proven_clear(
                 self.bodies, station, rows[row, station], self.distance, self.swing
             )
         doubts[:, station] = False
         pairs = np.nonzero(doubts)
         if len(pairs[0]):
-            apart[pairs] = proven_apart(
+            proven[pairs] = proven_apart(
                 self.bodies,
                 np.full(len(pairs[0]), station),
                 rows[pairs[0], station],
@@ -266,7 +266,7 @@ class CraneSite:
                 self.distance,
                 self.swing,
             )
-        return apart.reshape(*shape, cranes)
+        return proven.reshape(*shape, cranes)
 
     def pair_apart(
         self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, factor: float = 1.0
@@ -279,8 +279,8 @@ class CraneSite:
         ends = np.broadcast_arrays(self.positions(a, box_a), self.positions(b, box_b))
         first, second = (x.reshape(-1, *x.shape[-2:]) for x in ends)
         rows, distance = np.zeros(len(first), dtype=int), factor * self.distance
-        apart = proven_apart(self.bodies, rows + a, first, rows + b, second, distance, self.swing)
-        return apart.reshape(ends[0].shape[:-2])
+        proven = proven_apart(self.bodies, rows + a, first, rows + b, second, distance, self.swing)
+        return proven.reshape(ends[0].shape[:-2])
 
     def _tower_gap(self, a: int, b: int) -> float:
         towers = []

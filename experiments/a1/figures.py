@@ -75,9 +75,9 @@ def budget_figure(cases: Sequence[SwingCase]) -> Figure:
     positions = np.arange(len(cases))
     floor = np.zeros(len(cases))
     for (cause, names), colour in zip(_CAUSES.items(), _COLOURS, strict=True):
-        parts = np.array([100 * sum(case.budget[name] for name in names) for case in cases])
-        ax.bar(positions, parts, 0.5, bottom=floor, color=colour, label=cause)
-        floor = floor + parts
+        shares = np.array([100 * sum(case.budget[name] for name in names) for case in cases])
+        ax.bar(positions, shares, 0.5, bottom=floor, color=colour, label=cause)
+        floor = floor + shares
     ours, published = _errors(cases)
     style: Any = {"markeredgecolor": "black", "markersize": 9, "markeredgewidth": 1.5}
     ax.plot(positions, ours, "D", color="white", label="simulated", **style)

@@ -14,16 +14,10 @@ from cranedyn.dynamics.converters import converters
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
 from experiments.compare import claims, figures, tables
-from experiments.compare.runs import (
-    IDEAL,
-    Results,
-    TourResult,
-    strategy_results,
-    tour_results,
-)
+from experiments.compare.runs import Results, TourResult, strategy_results, tour_results
 from experiments.harness import Outcome, ProgressReporter, Setup
 from experiments.harness.processes import processes
-from experiments.scenarios.moves import COMBINED, LIMITS, MOVES, SWINGING, RestToRest
+from experiments.scenarios.moves import COMBINED, IDEAL, LIMITS, MOVES, SWINGING, RestToRest
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS
 from experiments.scenarios.strategies import (
     FLAT,

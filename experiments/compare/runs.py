@@ -23,6 +23,7 @@ from experiments.scenarios.moves import (
     AFTER,
     COMBINED,
     DWELL,
+    IDEAL,
     TOUR_LIMITS,
     MovePlan,
     RestToRest,
@@ -33,9 +34,6 @@ from experiments.scenarios.moves import (
 from experiments.scenarios.tours import CONTROLS
 
 UNSEEING = "it does not look at the swing"
-
-IDEAL = "ideal"
-"""Drives that take what each strategy answers."""
 
 PREDICTIVE = (strategies.MPC, strategies.COMPILED_MPC, strategies.TO_GOAL)
 """Strategies whose time to compute is noted."""
@@ -121,8 +119,8 @@ def _result(
         if interrupted(error):
             raise KeyboardInterrupt from None
         return StrategyResult(None, str(error))
-    shown = case == cases.NOMINAL and move == COMBINED
-    return StrategyResult(score, "", run if shown else None, np.array(calls))
+    is_recorded = case == cases.NOMINAL and move == COMBINED
+    return StrategyResult(score, "", run if is_recorded else None, np.array(calls))
 
 
 @contextmanager

@@ -6,16 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from experiments.compare.runs import (
-    IDEAL,
-    UNSEEING,
-    Results,
-    StrategyResult,
-    TourResult,
-    score_of,
-)
+from experiments.compare.runs import UNSEEING, Results, StrategyResult, TourResult, score_of
 from experiments.harness import Column, ResultTable, finite_or_none, make_table
-from experiments.scenarios.moves import RestToRest, Score
+from experiments.scenarios.moves import IDEAL, RestToRest, Score
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, UNTOLD, Perturbation
 
 RESOLUTION = {IDEAL: (">0.001", ">0.01"), "velocity": (">0.1", ">1")}

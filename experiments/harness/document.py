@@ -77,7 +77,7 @@ class Document:
                 return block[0]
             selection = self._tables(block, tables)
             if block["csv"]:
-                files = ((_subject(one.title), self._csv_file(one).name) for one in selection)
+                files = ((_subject(table.title), self._csv_file(table).name) for table in selection)
                 content = ["".join(f"* [{subject}]({file})\n" for subject, file in files)]
             else:
                 content = [f"{table.markdown()}\n" for table in selection]
@@ -283,7 +283,7 @@ def _main(options: argparse.Namespace) -> int:
                 continue
             document = read_document(path, name)
             with naming_result(file):
-                tables = [ResultTable.of(one) for one in parse_json(read_text(file))["tables"]]
+                tables = [ResultTable.of(item) for item in parse_json(read_text(file))["tables"]]
             stale += document.stale(tables)
             if options.write:
                 document.write(tables)

@@ -148,8 +148,8 @@ def examples(setup: Setup) -> Outcome:
     subject = "The trial, setpoints of the drives alone"
     tables = [
         *(
-            values_table(found, f"Gazebo Classic 11.1, {n}", MADE_WITH)
-            for n, found in worlds.items()
+            values_table(result, f"Gazebo Classic 11.1, {n}", MADE_WITH)
+            for n, result in worlds.items()
         ),
         values_table(alone, subject, TRUTH),
         *doubts(alone, subject),
@@ -157,7 +157,7 @@ def examples(setup: Setup) -> Outcome:
         *of_trials(trials),
     ]
     claims = [
-        *(claim for name, found in worlds.items() for claim in _worlds_claims(name, found)),
+        *(claim for name, result in worlds.items() for claim in _worlds_claims(name, result)),
         *_trials_claims(alone, both, trials),
     ]
     outcome = _outcome(both, tables, claims)

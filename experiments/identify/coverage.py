@@ -64,17 +64,14 @@ def believed() -> Prior:
     return Prior()
 
 
-def synthetic(
-    seed: int, prior: Prior | None = None, *, plant: str = "simulate"
-) -> tuple[Model, dict[str, float]]:
+def synthetic(seed: int, *, plant: str = "simulate") -> tuple[Model, dict[str, float]]:
     """Record a crane that is not as one believes, and return what is true of it, too.
 
     Args:
         seed: Of all that is random.
-        prior: What is believed of it; None for the crane of its description.
         plant: What moves the crane, one of `PLANTS`.
     """
-    rng, prior = np.random.default_rng(seed), prior or believed()
+    rng, prior = np.random.default_rng(seed), believed()
     truth = {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
     crane = prior.load(payload_mass=truth["payload_mass"], damp_swing=truth["damp_swing"])
     t = _PERIOD * np.arange(round(DURATION / _PERIOD) + 1)

@@ -115,11 +115,11 @@ def _means(estimates: Sequence[Estimate]) -> Mapping[str, float]:
     return means
 
 
-def _held_out(estimate: Estimate, others: Sequence[Estimate]) -> float | None:
+def _held_out(estimate: Estimate, peers: Sequence[Estimate]) -> float | None:
     """Return the relative error of a record predicted with what others say of the crane."""
-    if not others:
+    if not peers:
         return None
-    model, means = estimate.model, _means(others)
+    model, means = estimate.model, _means(peers)
     values = np.array(
         [
             means[p.name] if p.record is None else value

@@ -43,8 +43,8 @@ def drive_errors(logs: Sequence[Log], values: np.ndarray) -> np.ndarray:
     t = np.arange(0.0, max(ends), STEP)
     rows = [np.clip(np.searchsorted(log["t_s"], t, side="right") - 1, 0, None) for log in logs]
     command = np.column_stack([log["x_command"][i] for log, i in zip(logs, rows, strict=True)])
-    way = np.column_stack([np.interp(t, log["t_s"], log["x_m"] - log["x_m"][0]) for log in logs])
-    return np.where(t[:, None] <= ends, simulate_trolley(command, values) - way, 0.0)
+    travel = np.column_stack([np.interp(t, log["t_s"], log["x_m"] - log["x_m"][0]) for log in logs])
+    return np.where(t[:, None] <= ends, simulate_trolley(command, values) - travel, 0.0)
 
 
 def fit_drive(logs: Sequence[Log], count: int) -> np.ndarray:

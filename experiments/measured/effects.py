@@ -12,8 +12,9 @@ from scipy.signal import lombscargle
 
 from cranedyn.identification import Record
 from cranedyn.identification.estimate import long_run
+from cranedyn.model.crane import STANDARD_GRAVITY
 from experiments.harness import ResultTable, finite_or_none, make_table
-from experiments.measured.pendulum import GRAVITY, STEP, reported, simulate_swing
+from experiments.measured.pendulum import STEP, reported, simulate_swing
 
 CANDIDATES = (
     ("delay",),
@@ -87,7 +88,7 @@ class Fit(NamedTuple):
         error = slopes @ solution - self.cables
         beyond = max(error @ weight @ error / max(len(error) - 2, 1), 1.0)
         margin = _QUANTILE * np.sqrt(beyond * variance[0, 0])
-        return GRAVITY * solution.item(0), GRAVITY * float(margin)
+        return STANDARD_GRAVITY * solution.item(0), STANDARD_GRAVITY * float(margin)
 
 
 class _Pendulums:
@@ -193,7 +194,7 @@ def residue(record: Record, t: np.ndarray, error: np.ndarray, length: float) -> 
         return np.nan, np.nan
     free = t > arrived
     t, error = t[free], error[free] - np.mean(error[free])
-    power = lombscargle(t, error, _RATIOS * np.sqrt(GRAVITY / length))
+    power = lombscargle(t, error, _RATIOS * np.sqrt(STANDARD_GRAVITY / length))
     largest = int(np.argmax(power))
     return float(_RATIOS[largest]), float(np.sqrt(4.0 * power[largest] / len(t)))
 

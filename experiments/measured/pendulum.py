@@ -7,8 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-GRAVITY, STEP = 9.80665, 0.01
-"""Gravity [m/s²] and integration step [s]."""
+from cranedyn.model.crane import STANDARD_GRAVITY
+
+STEP = 0.01
+"""Integration step [s]."""
 
 _KINK, _SLOW = 1e-3, 2e-3
 """Swing [rad] and rate [rad/s] within which centring and dry friction change their sign."""
@@ -38,7 +40,7 @@ def simulate_swing(
 
     def rate(y: np.ndarray, pull: np.ndarray) -> np.ndarray:
         phi, omega = y
-        torque = (pull * np.cos(phi) - GRAVITY * np.sin(phi)) / length
+        torque = (pull * np.cos(phi) - STANDARD_GRAVITY * np.sin(phi)) / length
         losses = (damping + drag * np.abs(omega)) * omega + friction * np.tanh(omega / _SLOW)
         return np.stack([omega, torque - losses - centring * np.tanh(phi / _KINK)])
 

@@ -110,8 +110,8 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
     yield SlackCheck(f"T/W after a fall by {HEIGHT:g} m", "", factor, fallen)
     start = _from(crane, 0.0, SPEED)
     run = _run(bench, crane, start, 3.0 * (period + 2.0 * SPEED / G))
-    left, back = _slack_times(run, crane.gravity)
-    yield SlackCheck(f"slack after leaving at {SPEED:g} m/s", "s", 2.0 * SPEED / G, back - left)
+    leaves, back = _slack_times(run, crane.gravity)
+    yield SlackCheck(f"slack after leaving at {SPEED:g} m/s", "s", 2.0 * SPEED / G, back - leaves)
     (first, _), (second, _), *_ = _peaks(run)
     bounce = _bounce_period(SPEED, omega, G)
     yield SlackCheck(f"bounce period at {SPEED:g} m/s", "s", bounce, second - first)
@@ -126,12 +126,12 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
         yield SlackCheck(
             f"rebound from {SPEED:g} m/s, damping ratio {ratio:g}", "m/s", closed, rebound
         )
-    rest = MASS - RELEASED
-    light, half = _crane(bench, payload_mass=rest), math.pi / theory.rope_bounce(EA, LENGTH, rest)
+    mass = MASS - RELEASED
+    light, half = _crane(bench, payload_mass=mass), math.pi / theory.rope_bounce(EA, LENGTH, mass)
     run = _run(bench, light, _from(light, static), period)
-    least = curve(run.t, run["rope_stretch_m"], int(half / DT))(half) * stiffness / (rest * G)
-    closed = 1.0 - theory.drop_factor(RELEASED, rest)
-    yield SlackCheck(f"T/W at least, {RELEASED:g} kg released", "", closed, least)
+    lowest = curve(run.t, run["rope_stretch_m"], int(half / DT))(half) * stiffness / (mass * G)
+    closed = 1.0 - theory.drop_factor(RELEASED, mass)
+    yield SlackCheck(f"T/W at least, {RELEASED:g} kg released", "", closed, lowest)
     for falls in (2, 4):
         reeved = _crane(bench, falls=falls)
         start = _from(reeved, static / falls, 0.1 * SPEED)

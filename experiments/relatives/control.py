@@ -123,7 +123,7 @@ def _controlled(relative: Relative, engine: EngineName) -> ControlResult:
             crane, controller, reference, start=start, duration=DURATION, engine=engine, **_CLOCKS
         )
 
-    left = partial(_swing_left, crane, crane.start)
+    residual = partial(_swing_left, crane, crane.start)
     brake = hold_controller(crane)
     with_hold, damped = run(brake), run(regulator)
     observed = run(with_observer(regulator, crane, reference, dt=_DT))
@@ -138,10 +138,10 @@ def _controlled(relative: Relative, engine: EngineName) -> ControlResult:
         relative,
         2.0 * weight * SWING / float(brake.stiffness[drive]),
         float(np.abs(with_hold["x_m"] - with_hold["x_m"][0]).max()),
-        left(with_hold),
-        left(damped),
-        left(observed),
-        left(ahead),
+        residual(with_hold),
+        residual(damped),
+        residual(observed),
+        residual(ahead),
         _predicted(crane, regulator, start),
         float((np.abs(ahead.effort) / crane.effort_limit).max()),
         motion.arrival,

@@ -82,12 +82,12 @@ Measured = Callable[..., Frequency]
 
 def study(setup: Setup) -> Outcome:
     """Compare all frequencies, with the runs by an engine."""
-    found = [
+    frequencies = [
         measure(engine=setup.engine)
         for generator in (_hooks, _ropes, _twists, _bends, _bridges)
         for measure in generator()
     ]
-    return Outcome([_table(found)], _claims(found))
+    return Outcome([_table(frequencies)], _claims(frequencies))
 
 
 def _hooks() -> Iterator[Measured]:

@@ -132,8 +132,8 @@ def _shaping(engine: EngineName) -> list[ModeResidual]:
             engine=engine,
             **_CLOCKS,
         )
-        left = _amplitudes(crane, rest_at(crane, x=float(run["x_m"][-1])), run, end)
-        results.append(ModeResidual(name, end, *left, run))
+        amplitudes = _amplitudes(crane, rest_at(crane, x=float(run["x_m"][-1])), run, end)
+        results.append(ModeResidual(name, end, *amplitudes, run))
         if modes:
             remains = [theory.convolved_zv(mode, modes) for mode in (slow, fast)]
             closed = remains[0] * results[0].slow, remains[1] * results[0].fast
@@ -163,8 +163,8 @@ def _trolley_moves(engine: EngineName) -> Iterator[ModeResidual]:
             engine=engine,
             **_CLOCKS,
         )
-        left = _amplitudes(crane, goal, run, motion.arrival)
-        yield ModeResidual(name, motion.arrival, *left, run)
+        amplitudes = _amplitudes(crane, goal, run, motion.arrival)
+        yield ModeResidual(name, motion.arrival, *amplitudes, run)
 
 
 def _one_pendulum() -> Crane:

@@ -81,8 +81,8 @@ def _drops(engine: EngineName) -> Iterator[Jump]:
         before, after = (
             ROPE.crane(payload_mass=mass, **POINT) for mass in (mass_before, mass_after)
         )
-        more = at_start(before, "rope_stretch") - at_start(after, "rope_stretch")
-        start = moved(after, rope_stretch=more)
+        stretch = at_start(before, "rope_stretch") - at_start(after, "rope_stretch")
+        start = moved(after, rope_stretch=stretch)
         run = _run(after, locked(after), None, start, 1.0, engine)
         tension = _tension(after, run) / (mass_after * after.gravity)
         closed = theory.drop_factor(mass_before - mass_after, mass_after)

@@ -22,7 +22,7 @@ from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.limits import Limits
+from cranedyn.references.limits import LARGE_CRANE, Limits
 from cranedyn.references.motion import Motion
 from experiments.harness.setup import Setup
 
@@ -35,9 +35,11 @@ AFTER = 20.0
 DRAG = 5.0
 """Drag coefficient times area of the load that gusts blow at [m²]."""
 
-LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
-"""What the drives may do: slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of
-hoisting; accelerations ours."""
+LIMITS = LARGE_CRANE
+"""What the drives may do."""
+
+IDEAL = "ideal"
+"""Drives that take what each strategy answers."""
 
 TOUR_LIMITS = Limits(rates=(0.08, 0.8, 0.8), accelerations=LIMITS.accelerations)
 """The same in a tour: rates of the article's demonstration are not published, these are ours."""

@@ -132,8 +132,8 @@ def run(options: argparse.Namespace) -> Path:
         handed_on = _swing(crane_from_options(options))
     else:
         raise DataError("Another crane swings; leave --experiment, --length and --strategy out.")
-    rest = {name: getattr(options, name) for name in ("solver", "erp", "every", "overwritten")}
-    return export(options.target, handed_on, **rest)
+    switches = {name: getattr(options, name) for name in ("solver", "erp", "every", "overwritten")}
+    return export(options.target, handed_on, **switches)
 
 
 def _swing(crane: Crane) -> Program:

@@ -28,6 +28,7 @@ from experiments.scenarios import shaping, strategies
 from experiments.scenarios.moves import (
     COMBINED,
     DRAG,
+    IDEAL,
     MovePlan,
     Planner,
     RestToRest,
@@ -57,9 +58,6 @@ velocity-controlled drives do."""
 
 STRATEGIES = strategies.STRATEGIES | SWEPT
 """All plans that there are."""
-
-IDEAL = "ideal"
-"""Drives that take what each strategy answers."""
 
 
 _TOGETHER, _ROWS = 128, 0.05

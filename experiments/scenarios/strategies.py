@@ -93,8 +93,8 @@ def _tracked(motion_of: Callable[[Setup, RestToRest], Motion]) -> Planner:
         motion = motion_of(setup, move)
         controller = with_integral(setup, motion)
         softer = partial(with_integral, setup, motion, soft_weight(setup.crane))
-        again = partial(replace, controller, integral=0.0)
-        return MovePlan(again, motion, "effort", motion.arrival, motion, softer=softer)
+        factory = partial(replace, controller, integral=0.0)
+        return MovePlan(factory, motion, "effort", motion.arrival, motion, softer=softer)
 
     return plan
 

@@ -58,9 +58,7 @@ def test_what_is_done_in_some_rounds_only_is_judged_as_well() -> None:
     assert judge_bars(usual(1.3, every=10), 300.0) == 1
 
 
-def test_a_bar_that_is_missed_gives_exit_code_1(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bar_that_is_missed_gives_exit_code_1(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bars, "all_bars", lambda: usual(1.3))
     assert main(["--seconds", "300"]) == 1
     assert main(["--seconds", "300", "--share", "0.5"]) == 0

@@ -22,7 +22,7 @@ def test_a_pace_is_that_of_the_parts_and_not_of_the_start() -> None:
 
 
 @pytest.mark.slow
-def test_bad_cases_end_a_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_cases_end_a_measurement() -> None:
     from tests.studies import hopeless
 
     assert study_name(hopeless) == "tests.studies:hopeless"

@@ -19,9 +19,8 @@ from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.machine import translate
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.interfaces import Setpoint, State
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import crane
+from tests.helpers import crane, locked
 
 LANES = 8
 
@@ -82,16 +81,11 @@ def test_a_lane_that_turns_far_is_computed_anew_and_no_other_lane_feels_it(way: 
         assert np.array_equal(np.delete(found, [3, 5], axis=1), np.delete(quick, [3, 5], axis=1))
 
 
-def _still(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-    """Drives that stand still."""
-    return np.zeros(3)
-
-
 def test_roundings_of_turned_angles_do_not_add_up_over_a_long_control_period() -> None:
     def swing(period: float) -> np.ndarray:
         return simulate(
             crane(),
-            _still,
+            locked,
             start=crane().state(phi=0.3, theta=0.2, l=15.0),
             duration=100.0,
             control_period=period,
@@ -120,7 +114,7 @@ def test_long_steps_that_turn_far_are_those_of_pinocchio(period: float) -> None:
     how: Any = {"duration": 2.0, "dt": 0.05, "control_period": period, "integrator": rk4}
     how |= {"drive": "motion", "validity": "mark"}
     runs = [
-        simulate(crane(), _still, start=start, **how, engine=engine)
+        simulate(crane(), locked, start=start, **how, engine=engine)
         for engine in ("pinocchio", "compiled")
     ]
     assert np.abs(runs[0].q - runs[1].q).max() < 1e-11

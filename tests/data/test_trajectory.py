@@ -108,7 +108,7 @@ def test_every_column_is_found_by_its_name(made: Trajectory) -> None:
         made["phi"]
 
 
-def test_rows_are_counted_and_cut(made: Trajectory) -> None:
+def test_rows_are_counted_and_cut() -> None:
     ordered = _made(np.sort(np.random.default_rng(0).normal(size=(7, WIDTH)), axis=0))
     late = ordered.since(ordered.t[3])
     assert (len(ordered), len(late)) == (7, 4)
@@ -120,7 +120,7 @@ def test_rows_are_counted_and_cut(made: Trajectory) -> None:
     assert ordered.state(2).v.tolist() == ordered.v[2].tolist()
 
 
-def test_the_ledger_of_a_part_starts_at_its_first_row(made: Trajectory) -> None:
+def test_the_ledger_of_a_part_starts_at_its_first_row() -> None:
     n = 5
     whole = _made(np.zeros((n, WIDTH)))
     ledger = Trajectory(

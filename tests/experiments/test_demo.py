@@ -228,7 +228,7 @@ def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_th
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 @pytest.mark.parametrize("control", ["none", "flat"])
 def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
-    control: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ran: Callable[..., Ran]
+    control: str, monkeypatch: pytest.MonkeyPatch, ran: Callable[..., Ran]
 ) -> None:
     monkeypatch.setattr(demo.endless, "PART", 12.0)
     monkeypatch.setattr(demo, "RECORDED", 14.0)

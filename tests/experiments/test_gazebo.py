@@ -127,7 +127,7 @@ def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_t
     assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/results/article.md") == []
 
 
-def test_what_it_took_cannot_be_judged_in_another_world(tmp_path: Path) -> None:
+def test_what_it_took_cannot_be_judged_in_another_world() -> None:
     outcome = energy_overwritten.experiment(replace(WORLD, gravity=9.81), 0.15, 15.0)
     assert [claim.holds for claim in outcome.claims] == [True, None, None]
 

@@ -14,6 +14,7 @@ from scipy.io import savemat
 
 from cranedyn.errors import DataError
 from cranedyn.identification import Record
+from cranedyn.model.crane import STANDARD_GRAVITY as GRAVITY
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
 from cranedyn.recording.scene import drawn_size
@@ -23,7 +24,7 @@ from experiments.measured import main
 from experiments.measured.drive import STEP as DRIVE_STEP
 from experiments.measured.drive import drive_table, fit_drive, simulate_trolley
 from experiments.measured.effects import CANDIDATES, Fit, fit, residue
-from experiments.measured.pendulum import GRAVITY, STEP, logged, reported, simulate_swing, trolley
+from experiments.measured.pendulum import STEP, logged, reported, simulate_swing, trolley
 from experiments.measured.sources import SOURCES, read_mat, read_workbook
 from tests import rrd
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from cranedyn.dynamics import drives as loop
-from cranedyn.dynamics.integrators import Acceleration, Add, Integrator
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
 from cranedyn.model.crane import Crane
@@ -25,7 +24,7 @@ from experiments.oracles import bench, conserved, moves, swings
 from experiments.oracles.bench import LARGE, POINT, Bench, G, Oracle, check_oracle, point_crane
 from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
-from tests.helpers import FAST, files, turned
+from tests.helpers import EXPLICIT_EULER, FAST, files, turned
 from tests.lagrangian import Lagrangian
 
 HALVINGS = 3
@@ -170,20 +169,8 @@ def test_a_number_of_the_crane_that_is_off_a_little_is_noticed(
     assert _failing(part, point_crane(**values), words) == 1
 
 
-def _explicit(
-    acceleration: Acceleration, speed_up: Add, move: Add, q: np.ndarray, u: np.ndarray, steps: int
-) -> tuple[np.ndarray, np.ndarray]:
-    for _ in range(steps):
-        q, u = move(q, u), speed_up(u, acceleration(q, u))
-    return q, u
-
-
 def test_another_integrator_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        bench,
-        "simulate",
-        partial(simulate, integrator=Integrator("explicit Euler", _explicit, lead=-0.5)),
-    )
+    monkeypatch.setattr(bench, "simulate", partial(simulate, integrator=EXPLICIT_EULER))
     assert _failing(conserved.oracles, point_crane(), "ripple of the energy", "pinocchio") == 1
 
 

@@ -10,9 +10,9 @@ import pytest
 from cranedyn.identification import Model, Prior, Record, identify
 from cranedyn.identification.record import load_record
 from cranedyn.identification.sampling import is_irregular, samples, smooth
+from cranedyn.model.crane import STANDARD_GRAVITY as GRAVITY
 from experiments.identify import main
 from experiments.measured import pendulum
-from experiments.measured.pendulum import GRAVITY
 
 GANTRY = """<robot name="gantry">
   <link name="rail"/><link name="cart"><inertial><mass value="2"/>

@@ -20,14 +20,25 @@ from cranedyn.controllers import follow, hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.disturbances import constant_force
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.dynamics.integrators import Acceleration, Add, Integrator, rk4
+from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import ROOT, G, big_crane, constant, crane, extrapolated, flow, locked, moved
+from tests.helpers import (
+    EXPLICIT_EULER,
+    ROOT,
+    G,
+    big_crane,
+    constant,
+    crane,
+    extrapolated,
+    flow,
+    locked,
+    moved,
+)
 
 DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hoist": 700.0}
 
@@ -124,15 +135,7 @@ def test_a_controller_may_answer_with_a_buffer_of_its_own() -> None:
 
 
 def test_another_integrator_takes_its_place() -> None:
-    def explicit(
-        acceleration: Acceleration, faster: Add, further: Add, q: Any, u: Any, steps: int
-    ) -> tuple[Any, Any]:
-        for _ in range(steps):
-            q, u = further(q, u), faster(u, acceleration(q, u))
-        return q, u
-
     c, dt = big_crane(), 5e-3
-    rule = Integrator("explicit Euler", explicit, lead=-0.5)
     found = simulate(
         c,
         locked,
@@ -141,7 +144,7 @@ def test_another_integrator_takes_its_place() -> None:
         dt=dt,
         control_period=0.1,
         drive="motion",
-        integrator=rule,
+        integrator=EXPLICIT_EULER,
     )
     whole = 1000.0 * G * 20.0 * (1.0 - math.cos(0.01))
     gain = 1.0 + (found.energy - found.energy[0]) / whole
