@@ -11,9 +11,11 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from cranedyn.checks import finite, number, whole
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import riccati, stationary
 from cranedyn.controllers.tracking import Tracking
+from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references.motion import Motion
 
@@ -25,9 +27,6 @@ SLEW_WEIGHTS = (np.diag([100.0, 20.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 2.0e4]
 
 HOIST = (4.0e4, 1.0e4, 1.2e4)
 """k_p [N/m], k_i [N/(m s)] and k_d [N s/m] of the hoist, ours."""
-
-_STRIDE = 10
-"""Control instants between linearisations."""
 
 
 def trolley_plane(
@@ -52,23 +51,39 @@ def slew_plane(
     return a, np.array([[0.0], [1.0 / inertia], [0.0], [radius / (inertia * length)]])
 
 
-def paper_controller(crane: Crane, motion: Motion) -> HoistIntegral:
+def paper_controller(
+    crane: Crane,
+    motion: Motion,
+    *,
+    gravity: float = STANDARD_GRAVITY,
+    hoist: tuple[float, float, float] = HOIST,
+    every: int = 10,
+) -> HoistIntegral:
     """Return the paper's controller about a motion with the load hanging plumb; make one for each
     run, since it integrates.
 
     Args:
         crane: The crane.
         motion: What to track; its period is the control period.
+        gravity: Gravity that the controller believes in [m/s²].
+        hoist: k_p, k_i, k_d of the hoist.
+        every: Control instants between linearisations.
 
     Raises:
         MissingRole: If it is not a tower crane.
+        OutOfRange: If a gain of the hoist is negative or there are not three, gravity is not
+            positive, or `every` is not at least 1.
     """
     slew, trolley_joint, radial, tangential, cable = crane.layout.tower("The paper's control")
     motion.check_fits("motion", crane.layout)
+    every = min(whole("rows between linearisations", every, 1), len(motion.q))
+    number("gravity", gravity, "m/s²", "> 0")
+    if finite("gains of the hoist", hoist, (3,)).min() < 0.0:
+        raise OutOfRange("gains of the hoist", hoist, ">= 0")
     mass, trolley, n = crane.payload_mass, crane.trolley_mass, len(motion.q)
     radius, length = motion.q[:, trolley_joint], motion.q[:, cable]
     inertia = crane.slewing_inertia + trolley * radius**2
-    joints, rows, gravity = crane.layout.n, range(0, n, _STRIDE), STANDARD_GRAVITY
+    joints, rows = crane.layout.n, range(0, n, every)
     gain = np.zeros((n, crane.layout.m, 2 * joints))
     drive = {role: crane.layout.drive_of(role) for role in ("slew", "trolley", "hoist")}
     along = [trolley_plane(mass, trolley, length[k], gravity) for k in rows]
@@ -78,9 +93,9 @@ def paper_controller(crane: Crane, motion: Motion) -> HoistIntegral:
         ("slew", slew, tangential, across, SLEW_WEIGHTS),
     ):
         gain[:, drive[role], [driven, joints + driven, swing, joints + swing]] = _plane_gains(
-            planes, weights, motion.period, n
+            planes, weights, motion.period, n, every
         )
-    gain[:, drive["hoist"], [cable, joints + cable]] = HOIST[0], HOIST[2]
+    gain[:, drive["hoist"], [cable, joints + cable]] = hoist[0], hoist[2]
     feed_forward = np.stack(
         [
             (inertia + mass * radius**2) * motion.a[:, slew],
@@ -92,7 +107,7 @@ def paper_controller(crane: Crane, motion: Motion) -> HoistIntegral:
     return HoistIntegral(
         crane,
         Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])),
-        HOIST[1],
+        hoist[1],
         float(crane.effort_limit[drive["hoist"]]),
     )
 
@@ -102,6 +117,7 @@ def _plane_gains(
     weights: tuple[np.ndarray, np.ndarray],
     period: float,
     n: int,
+    stride: int,
 ) -> np.ndarray:
     """Return gains of the finite-horizon sweep for one plane, zero-order hold, shape (n, 4)."""
     block = np.zeros((len(planes), 5, 5))
@@ -109,5 +125,5 @@ def _plane_gains(
         slot[:4, :4], slot[:4, 4:] = a, b
     discrete = scipy.linalg.expm(period * block)
     a, b = discrete[:, :4, :4], discrete[:, :4, 4:]
-    nearest = np.arange(n) // _STRIDE
+    nearest = np.arange(n) // stride
     return riccati(a[nearest], b[nearest], *weights, stationary(a[-1], b[-1], *weights)).gain[:, 0]
