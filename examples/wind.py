@@ -4,7 +4,7 @@ import math
 
 import cranedyn as cd
 from cranedyn.controllers import hold_controller
-from cranedyn.disturbances import cosine_gust, wind
+from cranedyn.disturbances.wind import cosine_gust, wind
 
 crane = cd.load_crane()
 speed = cosine_gust(lambda t: 5.0, 10.0, at=5.0, lasts=6.0)  # 5 m/s, and 15 m/s at its height

@@ -110,7 +110,7 @@ cranedyn/dynamics/pinocchio.py
 - (m12 * open_j - m22 * open_i)
 + (m12 * open_j - m11 * open_i)
 * a force on the payload acts on the trolley
-? disturbances::a_force_does_the_work_of_its_way
+? wind::a_force_does_the_work_of_its_way
 - pairs = zip(force,
 + pairs = zip(force[::-1],
 * springs are forgotten where a crane is linearised
@@ -305,9 +305,9 @@ cranedyn/planning/joystick.py
 ? control::an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits
 - speed += lasts
 + speed = 0.0 if not target else lasts
-cranedyn/disturbances.py
+cranedyn/disturbances/wind.py
 * turbulence is on straight lines between its values
-? disturbances::turbulence_has_its_intensity_at_every_time_however_long_the_step
+? wind::turbulence_has_its_intensity_at_every_time_however_long_the_step
 - / math.sqrt(1.0 - lost)
 + / math.sqrt(1.0 - 0.0 * lost)
 cranedyn/dynamics/converters.py

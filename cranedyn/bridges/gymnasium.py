@@ -15,7 +15,7 @@ import numpy as np
 
 from cranedyn.bridges.task import DT, INTEGRATOR, Rules, SwingTask
 from cranedyn.checks import as_array, short_repr, whole
-from cranedyn.disturbances import constant_force
+from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane

@@ -36,7 +36,7 @@ from cranedyn.bridges.browser_crane import (
 from cranedyn.bridges.exercises import SWING, Exercise, exercises, lift_exercise
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.data.files import with_ending
-from cranedyn.disturbances import AIR_DENSITY
+from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler

@@ -17,7 +17,7 @@ from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.compiled.binding import ColumnFunction
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.compiled.rows import compile_columns
-from cranedyn.disturbances import drag_force
+from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.scalars import larger, smaller, square_root
 from cranedyn.errors import OutOfRange

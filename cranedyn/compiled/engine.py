@@ -25,7 +25,7 @@ from cranedyn.compiled.tables import (
 )
 from cranedyn.compiled.verify import crane_kernel
 from cranedyn.controllers.affine import Affine, affine_form
-from cranedyn.disturbances import Wind
+from cranedyn.disturbances.wind import Wind
 from cranedyn.dynamics.drives import GroundForces
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, Setpoint, State

@@ -10,7 +10,7 @@ import math
 from types import MappingProxyType
 
 from cranedyn.checks import number, within
-from cranedyn.disturbances import AIR_DENSITY
+from cranedyn.disturbances.wind import AIR_DENSITY
 
 PRESSURE = AIR_DENSITY / 2.0
 """q/v² [kg/m³]."""
@@ -75,7 +75,7 @@ def wind_force(pressure: float, drag_area: float) -> float:
     """Return the force [N] of a wind pressure [Pa] on a body at rest by its coefficient of drag
     times its area [m²]: q c A. AS 5222:2021 (second hand).
 
-    The drag of a body that moves is `cranedyn.disturbances.drag_force`.
+    The drag of a body that moves is `cranedyn.disturbances.wind.drag_force`.
     """
     return number("pressure", pressure, "Pa", ">= 0") * number("drag_area", drag_area, "m²", ">= 0")
 

@@ -19,7 +19,7 @@ from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.inputs import check_fits_memory
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.disturbances import drag_force, gust_shape
+from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import read_only
-from cranedyn.disturbances import drag_force
+from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.bodies import Bodies, blank, bodies, height, numeric_bodies
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Response, saturate_acceleration
@@ -317,7 +317,7 @@ class Plant:
 
     def drag(self, q: np.ndarray, v: np.ndarray, air: np.ndarray, areas: Any) -> np.ndarray:
         """Return the drag of air on the points [N], shape (3 points,), see
-        `cranedyn.disturbances.drag_force`.
+        `cranedyn.disturbances.wind.drag_force`.
 
         Args:
             q: Coordinates, shape (n,).

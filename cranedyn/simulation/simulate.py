@@ -37,7 +37,7 @@ class Options(TypedDict, total=False):
 
     Attributes:
         disturbance: External forces on the points of the crane, such as wind, see
-            `cranedyn.disturbances`; held for a control period, as commands are. None for none.
+            `cranedyn.disturbances.wind`; held for a control period, as commands are. None for none.
         ground: Ground and platforms that the load may touch, see `cranedyn.dynamics.contact`; None,
             the default, for none.
         validity: What to do where a joint leaves its range, the rope would have to push, the load

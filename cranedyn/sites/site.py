@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from cranedyn.checks import finite, number, within
-from cranedyn.disturbances import Speed, wind
+from cranedyn.disturbances.wind import Speed, wind
 from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.interfaces import Disturbance
@@ -146,7 +146,7 @@ class SiteWind:
     """Wind that blows on the loads of all cranes.
 
     Attributes:
-        speed: Speed over time [m/s], see `cranedyn.disturbances`.
+        speed: Speed over time [m/s], see `cranedyn.disturbances.wind`.
         direction: Direction in which it blows, from X towards Y [rad].
         area: Drag coefficient times area of each load [m²].
     """

@@ -15,7 +15,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.disturbances import steady, wind
+from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.linearisation import free_modes, sampled
 from cranedyn.dynamics.pinocchio import point_positions

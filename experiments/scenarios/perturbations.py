@@ -14,7 +14,7 @@ import numpy as np
 from cranedyn.clocks import Clocked
 from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.disturbances import cosine_gust, steady, wind
+from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
 from cranedyn.estimation.load_estimate import LoadEstimateController, with_load_estimate
 from cranedyn.estimation.observer import with_observer

@@ -14,7 +14,7 @@ import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import Batch, simulate_batch
-from cranedyn.disturbances import drag_force, gust_shape
+from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.dynamics.validity import conditions, hoisting, valid

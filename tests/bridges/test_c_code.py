@@ -19,7 +19,7 @@ from cranedyn.compiled.horizon.receding import receding
 from cranedyn.controllers import follow, hold_controller, lqr, paper_controller
 from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.velocity_command import as_velocity_command
-from cranedyn.disturbances import steady, wind
+from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange

@@ -22,7 +22,7 @@ from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.crane_block import force_names
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.disturbances import constant_force
+from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane

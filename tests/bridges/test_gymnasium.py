@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.disturbances import AIR_DENSITY, constant_force
+from cranedyn.disturbances.wind import AIR_DENSITY, constant_force
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State

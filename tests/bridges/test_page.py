@@ -24,7 +24,7 @@ from cranedyn.bridges import browser_crane, exercises, page
 from cranedyn.compiled import webassembly
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
-from cranedyn.disturbances import steady, wind
+from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.converters import converters
 from cranedyn.errors import DataError
 from cranedyn.identification.record import load_record

@@ -25,7 +25,7 @@ from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join
-from cranedyn.disturbances import constant_force, wind
+from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.integrators import (
     Acceleration,
@@ -166,10 +166,10 @@ CONTROLLERS: dict[str, tuple[str, Callable[[], Controller]]] = {
 
 FORCES: dict[str, Callable[[Crane], Disturbance | None]] = {
     "no wind": lambda c: None,
-    "push": lambda c: constant_force(
+    "push": lambda c: wind.constant_force(
         c, payload=(500.0, -300.0, 100.0), trolley=(40.0, 60.0, 0.0), at=0.2
     ),
-    "wind": lambda c: wind(
+    "wind": lambda c: wind.wind(
         c, lambda t: 12.0 - 6.0 * t, direction=2.0, payload_area=4.0, trolley_area=1.0
     ),
 }

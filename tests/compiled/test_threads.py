@@ -17,7 +17,7 @@ import pytest
 
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.disturbances import steady, wind
+from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -57,7 +57,7 @@ def _check_together(task: Callable[[float], list[np.ndarray]], *places: float) -
 
 
 def _in_wind(c: Crane, x: float, engine: Any) -> Trajectory:
-    gale = wind(c, steady(10.0), direction=0.3, payload_area=8.0, trolley_area=2.0)
+    gale = wind.wind(c, wind.steady(10.0), direction=0.3, payload_area=8.0, trolley_area=2.0)
     start = c.state(x=x, phi=0.1, theta=0.05)
     return simulate(
         c, hold_controller(c), start=start, duration=1.0, dt=5e-3, disturbance=gale, engine=engine

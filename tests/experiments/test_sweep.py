@@ -19,7 +19,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers.follow import follow
-from cranedyn.disturbances import AIR_DENSITY
+from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError

@@ -16,7 +16,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
 
 from cranedyn.data.trajectory import read
-from cranedyn.disturbances import AIR_DENSITY
+from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.lifting import page, wind
 from cranedyn.lifting import wind_limit as wind_limit_module
 from cranedyn.lifting.analysis import LiftAnalysis, Requirements

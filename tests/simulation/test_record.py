@@ -16,7 +16,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory, read
-from cranedyn.disturbances import constant_force
+from cranedyn.disturbances.wind import constant_force
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
-from cranedyn.disturbances import constant_force
+from cranedyn.disturbances.wind import constant_force
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import OutOfRange, RunError

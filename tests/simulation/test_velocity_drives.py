@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.disturbances import constant_force
+from cranedyn.disturbances import wind
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.dynamics.validity import conditions, events, first_event
@@ -75,7 +75,7 @@ def test_both_engines_and_a_batch_record_the_same(
         "drive": "velocity",
         "integrator": rule,
     }
-    gust = constant_force(c, payload=(500.0, -300.0, 100.0), at=0.2) if blows else None
+    gust = wind.constant_force(c, payload=(500.0, -300.0, 100.0), at=0.2) if blows else None
     plain = simulate(c, law, moved(c), disturbance=gust, **how)
     agree(c, plain, simulate(c, law, moved(c), disturbance=gust, engine="compiled", **how))
     called = simulate(

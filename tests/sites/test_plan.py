@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cranedyn.data.trajectory import read_columns
-from cranedyn.disturbances import steady
+from cranedyn.disturbances.wind import steady
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, DataError
 from cranedyn.planning.solids import Solid, box, prism

@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
-from cranedyn.disturbances import constant_force, cosine_gust, steady, step_gust, turbulence, wind
+from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import Disturbance, Setpoint, State
@@ -135,7 +135,7 @@ def quarters(
 
 def _force(forces: np.ndarray, at: float = 0.0) -> Disturbance:
     """On payload and trolley [N], shape (2, 3)."""
-    return constant_force(crane(), payload=forces[0], trolley=forces[1], at=at)
+    return wind.constant_force(crane(), payload=forces[0], trolley=forces[1], at=at)
 
 
 def run(case: Case, drive: str, *, duration: float = 0.4, **changes: Any) -> Trajectory:
@@ -173,16 +173,16 @@ def _columns(trajectory: Trajectory) -> np.ndarray:
 WINDS: dict[str, Callable[[Case], Disturbance | None]] = {
     "none": lambda case: None,
     "push": lambda case: _force(case.forces, at=0.1),
-    "gust": lambda case: wind(
+    "gust": lambda case: wind.wind(
         case.crane,
-        cosine_gust(step_gust(steady(5.0), 8.0, at=0.1), -30.0, at=0.15, lasts=0.1),
+        wind.cosine_gust(wind.step_gust(wind.steady(5.0), 8.0, at=0.1), -30.0, at=0.15, lasts=0.1),
         direction=0.3,
         payload_area=9.0,
         trolley_area=1.0,
     ),
-    "turbulence": lambda case: wind(
+    "turbulence": lambda case: wind.wind(
         case.crane,
-        turbulence(steady(9.0), 0.3, np.random.default_rng(1), duration=0.3),
+        wind.turbulence(wind.steady(9.0), 0.3, np.random.default_rng(1), duration=0.3),
         direction=-1.0,
         payload_area=4.0,
     ),

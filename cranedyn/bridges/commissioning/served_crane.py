@@ -12,7 +12,7 @@ import numpy as np
 from cranedyn.bridges.commissioning import words as w
 from cranedyn.clocks import clocks
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.disturbances import drag_force
+from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.converters import ROUNDING, STEPS, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force

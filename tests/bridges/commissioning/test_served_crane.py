@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.bridges.commissioning import words as w
 from cranedyn.bridges.commissioning.served_crane import AREA, GROUND, PERIOD, ServedCrane
-from cranedyn.disturbances import AIR_DENSITY, steady, wind
+from cranedyn.disturbances.wind import AIR_DENSITY, steady, wind
 from cranedyn.dynamics.converters import STEPS, converters
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import OutOfRange, RunError

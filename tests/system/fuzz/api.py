@@ -35,7 +35,7 @@ MODULES = [
         "dynamics.contact dynamics.converters estimation "
         "references references.limits references.shaped planning.optimal planning.itinerary "
         "planning.joystick analysis.prediction analysis.swing dynamics.validity "
-        "theory data.trajectory dynamics.linearisation disturbances lifting.loads "
+        "theory data.trajectory dynamics.linearisation disturbances.wind lifting.loads "
         "lifting.chart lifting.factors lifting.wind lifting.wind_limit sweep recording "
         "recording.snapshot planning.site_file planning.lift planning.least_time "
         "planning.certificate planning.perturbed compiled.fleet interfaces bridges.gymnasium "

@@ -10,7 +10,7 @@ from hypothesis import given
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
-from cranedyn.disturbances import constant_force, cosine_gust, steady, step_gust, turbulence, wind
+from cranedyn.disturbances import wind
 from cranedyn.dynamics.pinocchio import outside_effort, point_positions, point_velocities
 from cranedyn.interfaces import State
 from cranedyn.simulation.simulate import simulate
@@ -55,7 +55,7 @@ def test_a_steady_push_is_rest_at_the_closed_form_angle(
         start=State(q, np.zeros(5)),
         duration=10.0,
         drive="motion",
-        disturbance=constant_force(c, payload=force),
+        disturbance=wind.constant_force(c, payload=force),
     )
     assert_allclose(run.q, np.tile(q, (len(run), 1)), atol=1e-9)  # rest, to rounding
 
@@ -69,7 +69,7 @@ def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
         start=c.state(x=10.0, l=15.0),
         duration=20.0,
         drive="motion",
-        disturbance=constant_force(c, payload=(0.0, 1000.0, 0.0)),
+        disturbance=wind.constant_force(c, payload=(0.0, 1000.0, 0.0)),
     )
     # in the tilted field g_eff the load is a pendulum released at rest atan(F/mg) off its middle,
     # whatever the amplitude Half a step of lead: ω dt/2 of the amplitude.
@@ -79,7 +79,9 @@ def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
 @pytest.mark.slow
 def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with_the_step() -> None:
     c = crane(**POINT)
-    push = constant_force(c, payload=(300.0, 800.0, -200.0), trolley=(100.0, 500.0, 0.0))
+    constant_force = wind.constant_force(
+        c, payload=(300.0, 800.0, -200.0), trolley=(100.0, 500.0, 0.0)
+    )
     start = c.state(x=10.0, l=15.0, phi=0.1, theta=-0.05)
     coarse, fine = (
         simulate(
@@ -89,7 +91,7 @@ def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with
             duration=10.0,
             dt=dt,
             control_period=5e-3,
-            disturbance=push,
+            disturbance=constant_force,
         )
         for dt in (1e-3, 5e-4)
     )
@@ -103,7 +105,9 @@ def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with
 
 def test_a_steady_wind_pushes_with_the_square_of_its_speed() -> None:
     c = crane()
-    disturbance = wind(c, steady(20.0), direction=math.pi / 2, payload_area=5.0, trolley_area=1.0)
+    disturbance = wind.wind(
+        c, wind.steady(20.0), direction=math.pi / 2, payload_area=5.0, trolley_area=1.0
+    )
     rest = disturbance(0.0, c.start)
     assert_allclose(
         rest, [[0.0, 0.5 * 1.25 * 5.0 * 400.0, 0.0], [0.0, 0.5 * 1.25 * 400.0, 0.0]], atol=1e-12
@@ -114,7 +118,7 @@ def test_a_load_that_moves_with_the_wind_feels_none() -> None:
     c = crane()
     moving = c.state(x_dot=8.0)  # outward along -Y, pivot and payload alike
     assert_allclose(
-        wind(c, steady(8.0), direction=-math.pi / 2, payload_area=5.0)(0.0, moving),
+        wind.wind(c, wind.steady(8.0), direction=-math.pi / 2, payload_area=5.0)(0.0, moving),
         0.0,
         atol=1e-12,
     )
@@ -132,7 +136,7 @@ def test_wind_damps_a_swing_in_its_direction() -> None:
             duration=60.0,
             control_period=2e-2,
             drive="motion",
-            disturbance=wind(c, steady(speed), direction=math.pi / 2, payload_area=5.0),
+            disturbance=wind.wind(c, wind.steady(speed), direction=math.pi / 2, payload_area=5.0),
         )
         for speed in (0.0, 10.0)
     )
@@ -148,9 +152,9 @@ def test_wind_damps_a_swing_in_its_direction() -> None:
 
 
 def test_gusts_have_their_shapes() -> None:
-    step = step_gust(steady(5.0), 10.0, at=2.0)
+    step = wind.step_gust(wind.steady(5.0), 10.0, at=2.0)
     assert [step(t) for t in (1.9, 2.0, 9.0)] == [5.0, 15.0, 15.0]
-    bump = cosine_gust(steady(5.0), 10.0, at=2.0, lasts=4.0)
+    bump = wind.cosine_gust(wind.steady(5.0), 10.0, at=2.0, lasts=4.0)
     assert_allclose(
         [bump(t) for t in (1.0, 2.0, 3.0, 4.0, 6.0, 7.0)],
         [5.0, 5.0, 10.0, 15.0, 5.0, 5.0],
@@ -160,8 +164,8 @@ def test_gusts_have_their_shapes() -> None:
 
 def test_turbulence_has_its_intensity_and_its_time_scale_and_repeats_with_its_seed() -> None:
     one, two = (
-        turbulence(
-            steady(10.0),
+        wind.turbulence(
+            wind.steady(10.0),
             0.15,
             np.random.default_rng(3),
             duration=20_000.0,
@@ -185,7 +189,9 @@ def test_turbulence_has_its_intensity_at_every_time_however_long_the_step(ratio:
     rng, seeds, share = np.random.default_rng(5), 4000, np.linspace(0.0, 1.0, 5)
     found = np.empty((seeds, 5))
     for row in found:
-        speed = turbulence(steady(10.0), 0.1, rng, duration=2.0 * ratio, time_scale=1.0, step=ratio)
+        speed = wind.turbulence(
+            wind.steady(10.0), 0.1, rng, duration=2.0 * ratio, time_scale=1.0, step=ratio
+        )
         row[:] = [speed(ratio * (1.0 + s)) - 10.0 for s in share]
     # the variance of n normal numbers has the standard deviation √(2/n) of itself, 2.2 %; 4 of
     # these

@@ -1,0 +1,1 @@
+"""External forces on a crane, such as wind."""
