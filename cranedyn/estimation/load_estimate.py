@@ -154,6 +154,7 @@ def with_load_estimate(
     disturbance: Sequence[float] | np.ndarray | None = None,
     noise: Sequence[float] | np.ndarray | None = None,
     delay: int = 0,
+    start: State | None = None,
 ) -> LoadEstimateController:
     """Return a controller that adapts one made for another load and cable; make one for each run.
 
@@ -172,6 +173,7 @@ def with_load_estimate(
         noise: Standard deviations of measured coordinates [rad or m] and rates [per second], shape
             (2 n,); None for `cranedyn.estimation.sensor_model.noise_of`.
         delay: Delay of the measurements [control periods].
+        start: Expected start; None for the start of the motion, with the load plumb.
 
     Raises:
         MissingRole: If no joint is a hoist.
@@ -201,7 +203,8 @@ def with_load_estimate(
     extra = crane.swings if sensors == "swing" else crane.swings[:0]
     measured = np.concatenate([layout.measured, extra])
     deviations = [*noise_std[measured], *([GYROSCOPE] * 3 if sensors == "imu" else [])]
-    mean = np.concatenate([motion.q[0], motion.v[0], [1.0, 0.0, 0.0]])
+    begins = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
+    mean = np.concatenate([*begins, [1.0, 0.0, 0.0]])
     spread = np.diag(np.square(deviations))
     believed = LoadFilter(crane, motion.period, sensors, mean, covariance, errors, spread)
     family, efforts = _family(crane, motion, offset or 1.0), motion_efforts(crane, motion)
