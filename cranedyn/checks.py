@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import reprlib
 import sys
 from dataclasses import fields
@@ -81,6 +82,19 @@ def whole(name: str, value: object, minimum: int, unit: str = "") -> int:
     if int(value) > sys.maxsize:
         raise OutOfRange(name, value, f"a whole number up to {sys.maxsize:g}", unit)
     return int(value)
+
+
+def worker_count(name: str, count: object) -> int:
+    """Return a number of threads or processes, 1024 at most; for None, one for each processor that
+    this process may use.
+
+    Raises:
+        OutOfRange: If it is not whole, or out of range.
+    """
+    if count is None:
+        affine = hasattr(os, "sched_getaffinity")  # not on macOS
+        count = len(os.sched_getaffinity(0)) if affine else os.cpu_count() or 1
+    return int(within(name, whole(name, count, 1), 1, 1024))
 
 
 def check_choice(name: str, value: str, choices: Any) -> None:

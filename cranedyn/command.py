@@ -17,8 +17,7 @@ from typing import Any, NoReturn
 from cranedyn.errors import CraneError, UnknownName, nearest, printable
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
-"""Exit codes: a claim does not hold or a run failed; bad arguments or files; stopped by the
-user."""
+"""Exit codes: a claim or a run failed; bad arguments or files; stopped by the user."""
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):

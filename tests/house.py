@@ -44,7 +44,7 @@ PROTOCOL = frozenset(
 LIMITS = {
     "lines of the core": (14_370, 10_000),
     "lines of cranedyn": (46_690, 27_000),
-    "lines of experiments": (16_490, 11_000),
+    "lines of experiments": (16_475, 11_000),
     "lines of benchmarks": (3_865, 2_800),
     "lines of tests": (37_930, 27_000),
     "modules in cranedyn": (231, 150),
@@ -54,7 +54,7 @@ LIMITS = {
     "circles of imports in cranedyn": (0, 0),
     "circles of imports in experiments": (0, 0),
     "imports upward": (0, 0),
-    "contentless bindings [per mille]": (15, 15),
+    "contentless bindings [per mille]": (12, 15),
     "docstrings without a verb [per mille]": (10, 50),
     "ambiguous public names": (0, 0),
     "words of docs": (22_000, 22_000),

@@ -54,8 +54,7 @@ PLATFORMS = {
     "x86_64-darwin": ("darwin64", "x86_64-macos", ".dylib"),
     "aarch64-darwin": ("aarch64-darwin", "aarch64-macos", ".dylib"),
 }
-"""Platforms by their name in FMI 3.0: name in FMI 2.0, target of the compiler Zig, and ending of a
-library."""
+"""Platforms by name in FMI 3.0: name in FMI 2.0, target of the compiler Zig, ending of a file."""
 
 _SOURCES, _HEADERS = Path(__file__).parent, ("fmi_unit.h", "fmi_shared.h")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cranedyn.checks import check_choice, number, read_only, whole, within
+from cranedyn.checks import check_choice, number, read_only, whole, within, worker_count
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import cuda, inputs
 from cranedyn.compiled.binding import Loop
@@ -32,10 +31,9 @@ from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.plant.cranes import Cranes
 
-_LANES, _THREADS = 8, 1024
-
-_CHUNKS = 8
-"""Chunks of groups for each thread, so that threads end at about the same time."""
+_LANES, _CHUNKS = 8, 8
+"""Cranes in a group; chunks of groups for each thread, so that threads end at about the same time.
+"""
 
 Device = Literal["cpu", "cuda"]
 """Where a batch runs."""
@@ -175,8 +173,7 @@ def simulate_batch(
     number("time at the start", t_start, "s", "-1e9 to 1e9")
     after = _instant(residual_from, t_start, clock)
     interval = min(whole("record", record, 0), clock.periods + 1)
-    if threads is not None:
-        within("threads", whole("threads", threads, 1), 1, _THREADS)
+    workers = worker_count("threads", threads)
     if start is None:
         start = crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
     cranes = inputs.crane_count(
@@ -255,7 +252,7 @@ def simulate_batch(
     if device == "cuda":
         cuda.run(loop, code, distinct, varied, response)
     else:
-        run_in_threads(loop, threads)
+        run_in_threads(loop, workers)
     predictive = control.predictive
     del loop, control, tables, forces, offsets  # frees their memory before results are copied
     state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
@@ -319,12 +316,12 @@ def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
     return min(clock.periods, math.ceil(periods - 1e-6))
 
 
-def run_in_threads(loop: Loop, threads: int | None) -> None:
-    """Run a loop over all its groups of lanes in so many threads, None for one for each processor;
-    Ctrl-C is raised as soon as every thread has ended its piece.
+def run_in_threads(loop: Loop, threads: int) -> None:
+    """Run a loop over all its groups of lanes in so many threads; Ctrl-C is raised as soon as every
+    thread has ended its piece.
     """
     groups = len(loop)
-    workers = min(threads or len(os.sched_getaffinity(0)), groups)
+    workers = min(threads, groups)
     if workers == 1:
         return loop.run_groups(range(groups))
     share = max(1, groups // (workers * _CHUNKS))

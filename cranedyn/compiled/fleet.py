@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, within
+from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, worker_count
 from cranedyn.clocks import clocks
 from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.inputs import (
@@ -33,8 +33,8 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 
-_LANES, _THREADS, _SHARE, _MOST = 8, 1024, 32, 512
-"""Cranes in a group; largest number of threads; least groups of a thread; most groups of a chunk,
+_LANES, _SHARE, _MOST = 8, 32, 512
+"""Cranes in a group; least groups of a thread; most groups of a chunk,
 whose numbers stay in a processor's cache."""
 
 
@@ -97,9 +97,7 @@ class Fleet:
         self._sizes = sizes = BufferLayout.of(self.layout, delay_steps)
         self.count = whole("number of cranes", count, 1)
         self.control_period, self.drive = control_period, kind
-        workers = len(os.sched_getaffinity(0))
-        if threads is not None:
-            workers = int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+        workers = worker_count("threads", threads)
         options: Any = {"forces": forces, "shared": (True, True, not forces)}
         self._recipe = Recipe(_LANES, kind, integrator, delay_steps=delay_steps, **options)
         self._converters = converters, numbers

@@ -17,8 +17,7 @@ from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 
 HOIST_INTEGRAL = 4.0e3
-"""k_i of the hoist beside the LQR [N/(m s)], ours: with the LQR's k_p of about 1e4 N/m it takes 2.5
-s."""
+"""k_i of the hoist beside the LQR [N/(m s)], ours: 2.5 s with the LQR's k_p of about 1e4 N/m."""
 
 
 @dataclass(eq=False, repr=False)

@@ -58,15 +58,13 @@ _MOST, _RAMPS = 10_000, (1e-3, 3600.0)
 """Most intervals of a motion, and shortest and longest ramp other than none [s]."""
 
 _MARGINS = (0.02, 0.1, 0.3)
-"""Margins at the points of a plan [m], for its motion between them, one after the other until it is
-proven."""
+"""Margins at the points of a plan [m] for its motion between them, tried until it is proven."""
 
 _NEAR = 1e-6
 """Largest distance of the ends of a first motion from start and goal [rad or m]."""
 
 _TURNED = 1e-3
-"""Margin of the jib to the ends of the free slew angles [rad]: more than it turns between rows of a
-motion."""
+"""Margin to the ends of the free slew angles [rad]: more than the jib turns between two rows."""
 
 
 def optimal(

@@ -5,7 +5,6 @@ sensors; how often it comes closer than required, and how close.
 from __future__ import annotations
 
 import math
-import os
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.checks import finite, short_repr, whole, within
+from cranedyn.checks import finite, short_repr, whole, within, worker_count
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.inputs import check_fits_memory
 from cranedyn.controllers.integral import HoistIntegral
@@ -201,7 +200,7 @@ def simulate_perturbed(
     cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
     planned = certificate.run.q[:: _every(lift)]
     margins = np.array([lift.clearance.margin(q) for q in planned])
-    workers, chunks = threads or len(os.sched_getaffinity(0)), _chunks(drawn)
+    workers, chunks = worker_count("threads", threads), _chunks(drawn)
     running = deque[Future[tuple[Batch, np.ndarray]]]()
     with ThreadPoolExecutor(workers) as pool:
         for i in range(len(chunks) + workers):

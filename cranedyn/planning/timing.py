@@ -28,8 +28,7 @@ from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 
 RAMP = 0.5
-"""Time in which a drive may reach its limit of acceleration [s], which sets the limit of its
-jerk."""
+"""Shortest time to the limit of acceleration of a drive [s], which sets the limit of its jerk."""
 
 STEP = 0.02
 """Time between the samples of the average [s]."""

@@ -22,8 +22,7 @@ from cranedyn.dynamics.bodies import Bodies
 from cranedyn.dynamics.scalars import array, cross_product, is_zero, solve_linear
 
 _AGREEMENT = 1e-11
-"""Relative difference of accelerations that is taken for round-off however well the mass matrix is
-conditioned."""
+"""Relative difference of accelerations that is round-off whatever the mass matrix."""
 
 
 def regrouped(tree: Bodies) -> Bodies:

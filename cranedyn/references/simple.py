@@ -183,8 +183,7 @@ def ramp(
 
 
 PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
-"""Of a quintic from 0 to 1 in unit time, rest to rest: its largest velocity and its largest
-acceleration."""
+"""Largest velocity and acceleration of a quintic from 0 to 1 in unit time, rest to rest."""
 
 
 @dataclass(frozen=True, eq=False)

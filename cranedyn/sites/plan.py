@@ -37,8 +37,7 @@ from cranedyn.sites.simulate import SiteOperator
 from cranedyn.sites.site import CraneSite, Station
 
 SLICE, _ROWS = 0.5, 10
-"""Length of a slice of time, by which a motion may be early or late [s], and rows of a motion in
-it."""
+"""Length of a slice of time, by which a motion may be early or late [s], and its rows."""
 
 _PERIOD = SLICE / _ROWS
 """Time between rows of a motion [s]."""

@@ -24,8 +24,7 @@ ROUNDING = 1e-6
 """Deduction from every distance [m]: a thousand times the rounding errors of a site of 1e5 m."""
 
 MOST = 100
-"""Pairs of capsules with halved intervals that are examined before the proof of a pair of cranes
-fails."""
+"""Pairs of capsules with halved intervals that are examined before a proof fails."""
 
 
 def proven_apart(

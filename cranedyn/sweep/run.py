@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import shutil
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from cranedyn.checks import whole, within
+from cranedyn.checks import whole, within, worker_count
 from cranedyn.command import interrupted
 from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.cluster import DaskPool
@@ -36,7 +35,7 @@ from cranedyn.version import __version__
 if TYPE_CHECKING:
     from distributed.security import Security
 
-_CHUNKS, _LARGEST_CHUNK, _TRIES, _MOST_WORKERS, _LIMITS = 64, 1000, 2, 1024, (1e-3, 1e6)
+_CHUNKS, _LARGEST_CHUNK, _TRIES, _LIMITS = 64, 1000, 2, (1e-3, 1e6)
 
 
 class Progress(NamedTuple):
@@ -122,8 +121,7 @@ def sweep(
         raise CraneError("The number of workers has no effect beside a scheduler; give one only.")
     if scheduler is None and security is not None:
         raise CraneError("Certificates have no effect without a scheduler; give its address, too.")
-    count = _cores() if workers is None else whole("number of workers", workers, 1)
-    within("number of workers", count, 1, _MOST_WORKERS)
+    count = worker_count("number of workers", workers)
     seconds = math.inf if limit is None else within("limit", limit, *_LIMITS, "s")
     default = max(1, min(_LARGEST_CHUNK, -(-len(design) // _CHUNKS)))
     name = study_name(study)
@@ -160,10 +158,6 @@ def sweep(
                 "same sweep goes on from there."
             ) from None
     return ledger.progress
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _compute(

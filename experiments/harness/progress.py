@@ -112,6 +112,13 @@ def reporting() -> Iterator[ProgressReporter]:
         yield ProgressReporter(bars)
 
 
+@contextmanager
+def sweeping(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
+    """Yield the progress callback of a sweep outside of an experiment."""
+    with reporting() as reporter:
+        yield reporter.sweep(name)
+
+
 def _rate(progress: SweepProgress, elapsed: float) -> str:
     """Return the cases done, their rate, the bad ones and the time left, after a time [s]."""
     phrases = [f"{progress.done} of {progress.cases} cases"]

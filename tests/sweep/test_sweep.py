@@ -314,14 +314,12 @@ def test_progress_is_shown_in_words() -> None:
 def test_progress_is_told_to_a_terminal_and_elsewhere_in_a_line_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def tell() -> None:
-        with reports.reporting() as reporter:
-            lines = reporter.sweep("study")
-            assert lines is not None
-            lines(Progress(1, 2, 0, 0))
-
-    tell()
-    assert capsys.readouterr().err == ""  # nothing of what is short
+    with reports.sweeping("study") as lines:
+        assert lines is not None
+        lines(Progress(1, 2, 0, 0))
+        assert capsys.readouterr().err == ""  # nothing of what is short
     monkeypatch.setattr("experiments.harness.progress.LINE_INTERVAL", 0.0)
-    tell()
+    with reports.sweeping("study") as lines:
+        assert lines is not None
+        lines(Progress(1, 2, 0, 0))
     assert capsys.readouterr().err.startswith("study: ")
