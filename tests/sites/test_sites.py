@@ -51,8 +51,7 @@ def capsules(site: CraneSite, i: int, low: np.ndarray, high: np.ndarray, swing: 
 
 
 def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
-    drives = station.crane.layout.drives
-    low, high = station.crane.lower[drives], station.crane.upper[drives]
+    low, high = station.ranges
     return rng.uniform(np.maximum(low, -3.0), np.where(high > 30.0, np.minimum(high, 60.0), high))
 
 
@@ -61,11 +60,9 @@ def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
 def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
     site, rng = site_of(name), np.random.default_rng(1)
     for i, station in enumerate(site.stations):
-        crane, foot = station.crane, station.bodies.foot
-        swings = crane.swings
+        crane, foot, swings = station.crane, station.bodies.foot, station.crane.swings
         for _ in range(5):
-            drives = draw(station, rng)
-            q = np.array(crane.start.q)
+            q, drives = np.array(crane.start.q), draw(station, rng)
             q[crane.layout.drives] = drives
             q[swings] -= crane.swing_angles(q)
             angle = rng.uniform(0.0, 2.0 * np.pi)
@@ -73,8 +70,7 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
             data = crane.model.createData()
             pin.forwardKinematics(crane.model, data, q)
             placed = capsules(site, i, drives, drives, site.swing)
-            pivot = int(swings[0]) + 1
-            load = int(crane.layout.drives[crane.winch]) + 1
+            pivot, load = int(swings[0]) + 1, int(crane.layout.drives[crane.winch]) + 1
             reach = data.oMi[pivot].actInv(data.oMi[load].translation)
             rope = np.linspace(0.0, 1.0, 20)[:, None] * reach
             for joint, corners in [*shape_corners(crane), (pivot, rope)]:
