@@ -372,8 +372,7 @@ def test_a_crane_has_the_right_of_way_that_has_waited_longer() -> None:
 @slow
 def test_boxes_that_overlap_at_the_start_are_refused() -> None:
     site = site_of()
-    wider = np.array([[-4.0], [4.0]])
-    boxes = [Guard(station, site.swing).box + wider for station in site.stations]
+    boxes = [np.add(Guard(station, site.swing).box, [[-4.0], [4.0]]) for station in site.stations]
     with pytest.raises(DataError, match="At the start"):
         Supervisor(site, boxes)
     with pytest.raises(DataError, match="1 boxes are given for 2 cranes"):
@@ -387,6 +386,7 @@ def test_boxes_that_overlap_at_the_start_are_refused() -> None:
         ('name = "south"', 'name = "north"', r"line \d+, \[crane\] name: 2 cranes or pairs"),
         ('name = "south"', 'name = "obstacles"', r"\[crane\] name: .* called north_obstacles"),
         ("[0.0, -55.0, 0.0]", "[1.0, 1.0, 0.0]", r"line \d+, \[crane\] position: The towers of"),
+        ("[0.0, -55.0, 0.0]", "[1e20, 1.0, 0.0]", r"line \d+, \[crane\] position: .* -1e7 to 1e7"),
         ("heading = 90.0", 'heading = "up"', r"line \d+, \[crane\] heading"),
         ('brakes = "converters"', 'brakes = "none"', r"line \d+, \[crane\] brakes"),
         ("distance = 1.0", "distance = -1.0", r"line \d+, \[site\] distance"),
