@@ -18,7 +18,7 @@ from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.interfaces import Disturbance
 from cranedyn.lifting.chart import Chart
 from cranedyn.model.crane import Crane
-from cranedyn.planning.solids import Solid
+from cranedyn.planning.solids import FARTHEST, Solid
 from cranedyn.sites.bodies import (
     CraneBodies,
     PlacedCapsules,
@@ -64,9 +64,10 @@ class Station:
         """Check that all drives have converters and brakes.
 
         Raises:
-            OutOfRange: If not, a number is not finite, or brakes react sooner than the drives.
+            OutOfRange: If not, a number is not finite or beyond `FARTHEST`, or brakes react sooner.
         """
-        finite(f"foot of {quoted(self.name)}", self.foot, (3,), unit="m")
+        for x in finite(name := f"foot of {quoted(self.name)}", self.foot, (3,), unit="m"):
+            within(name, x, -FARTHEST, FARTHEST, "m")
         number(f"heading of {quoted(self.name)}", self.heading, "rad")
         self.converters.of(self.crane)
         if len(self.brakes.decelerations) != (m := self.crane.layout.m):

@@ -72,7 +72,7 @@ def read_crane_site(path: str | Path) -> CraneSite:
 
 def _station(entry: SiteTable, ground: float) -> Station:
     name, field = entry.text("name"), "name"
-    foot = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
+    foot = np.array(entry.numbers("position", 3, "-1e7 to 1e7", [0.0, 0.0, ground]))
     heading = entry.angle("heading", -math.pi / 2.0)
     try:
         own = field = next((k for k in ("urdf", "machine", "values") if k in entry.values), field)

@@ -51,8 +51,7 @@ def capsules(site: CraneSite, i: int, low: np.ndarray, high: np.ndarray, swing: 
 
 
 def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
-    drives = station.crane.layout.drives
-    low, high = station.crane.lower[drives], station.crane.upper[drives]
+    low, high = station.ranges
     return rng.uniform(np.maximum(low, -3.0), np.where(high > 30.0, np.minimum(high, 60.0), high))
 
 
@@ -61,11 +60,9 @@ def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
 def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
     site, rng = site_of(name), np.random.default_rng(1)
     for i, station in enumerate(site.stations):
-        crane, foot = station.crane, station.bodies.foot
-        swings = crane.swings
+        crane, foot, swings = station.crane, station.bodies.foot, station.crane.swings
         for _ in range(5):
-            drives = draw(station, rng)
-            q = np.array(crane.start.q)
+            q, drives = np.array(crane.start.q), draw(station, rng)
             q[crane.layout.drives] = drives
             q[swings] -= crane.swing_angles(q)
             angle = rng.uniform(0.0, 2.0 * np.pi)
@@ -73,8 +70,7 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
             data = crane.model.createData()
             pin.forwardKinematics(crane.model, data, q)
             placed = capsules(site, i, drives, drives, site.swing)
-            pivot = int(swings[0]) + 1
-            load = int(crane.layout.drives[crane.winch]) + 1
+            pivot, load = int(swings[0]) + 1, int(crane.layout.drives[crane.winch]) + 1
             reach = data.oMi[pivot].actInv(data.oMi[load].translation)
             rope = np.linspace(0.0, 1.0, 20)[:, None] * reach
             for joint, corners in [*shape_corners(crane), (pivot, rope)]:
@@ -376,8 +372,7 @@ def test_a_crane_has_the_right_of_way_that_has_waited_longer() -> None:
 @slow
 def test_boxes_that_overlap_at_the_start_are_refused() -> None:
     site = site_of()
-    wider = np.array([[-4.0], [4.0]])
-    boxes = [Guard(station, site.swing).box + wider for station in site.stations]
+    boxes = [np.add(Guard(station, site.swing).box, [[-4.0], [4.0]]) for station in site.stations]
     with pytest.raises(DataError, match="At the start"):
         Supervisor(site, boxes)
     with pytest.raises(DataError, match="1 boxes are given for 2 cranes"):
@@ -391,6 +386,7 @@ def test_boxes_that_overlap_at_the_start_are_refused() -> None:
         ('name = "south"', 'name = "north"', r"line \d+, \[crane\] name: 2 cranes or pairs"),
         ('name = "south"', 'name = "obstacles"', r"\[crane\] name: .* called north_obstacles"),
         ("[0.0, -55.0, 0.0]", "[1.0, 1.0, 0.0]", r"line \d+, \[crane\] position: The towers of"),
+        ("[0.0, -55.0, 0.0]", "[1e20, 1.0, 0.0]", r"line \d+, \[crane\] position: .* -1e7 to 1e7"),
         ("heading = 90.0", 'heading = "up"', r"line \d+, \[crane\] heading"),
         ('brakes = "converters"', 'brakes = "none"', r"line \d+, \[crane\] brakes"),
         ("distance = 1.0", "distance = -1.0", r"line \d+, \[site\] distance"),
