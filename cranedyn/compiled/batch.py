@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -39,6 +40,18 @@ Device = Literal["cpu", "cuda"]
 """Where a batch runs."""
 
 
+def _recorded(name: str) -> cached_property[np.ndarray]:
+    """Return a property that copies columns of a log when they are first read: most never are."""
+
+    def columns(batch: Batch) -> np.ndarray:
+        log = batch.log[:, :, batch.columns[name]].transpose(0, 3, 2, 1)
+        groups, lanes, *shape = log.shape
+        rows = log.reshape(groups * lanes, *shape)[: len(batch)].swapaxes(1, 2)
+        return rows[:, :, 0] if name == "energy" else rows
+
+    return cached_property(columns)
+
+
 @dataclass(frozen=True, eq=False)
 class Batch:
     """Results of n cranes; a crane that diverged has numbers that are not finite.
@@ -56,7 +69,7 @@ class Batch:
         command, effort: Commands of the controllers and efforts from a row on, shape (cranes, rows,
             m) each.
         before: Efforts up to a row, shape (cranes, rows, m).
-        energy: Mechanical energy [J], shape (cranes, rows).
+        log, columns: All these, shape (groups, rows, columns, lanes), and their columns by name.
         failures: Number of failed optimisations of a predictive controller, after which the last
             plan continues, shape (cranes,).
         refusals: Number of implausible readings that it refused, shape (cranes,).
@@ -68,14 +81,13 @@ class Batch:
     largest_effort: np.ndarray
     valid_until: np.ndarray
     t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    command: np.ndarray
-    effort: np.ndarray
-    before: np.ndarray
-    energy: np.ndarray
+    log: np.ndarray
+    columns: Mapping[str, slice]
     failures: np.ndarray
     refusals: np.ndarray
+
+    q, v, command = _recorded("q"), _recorded("v"), _recorded("command")
+    effort, before, energy = _recorded("effort"), _recorded("before"), _recorded("energy")
 
     def __repr__(self) -> str:
         """Return how many cranes and rows there are, and where the model ceased to hold."""
@@ -255,12 +267,9 @@ def simulate_batch(
         run_in_threads(loop, workers)
     predictive = control.predictive
     del loop, control, tables, forces, offsets  # frees their memory before results are copied
-    state_at, row_at, kept_at = slices(sizes.state), slices(sizes.row), slices(sizes.summary)
+    state_at, kept_at = slices(sizes.state), slices(sizes.summary)
     end = ungroup_lanes(memory["state"][:, : sizes.z], cranes)
     summary = ungroup_lanes(memory["summary"], cranes)
-    groups, width = len(memory["log"]), size(sizes.row)
-    columns = memory["log"].reshape(groups, rows, width, lanes).transpose(0, 3, 2, 1)
-    log = columns.reshape(groups * lanes, width, rows)[:cranes].swapaxes(1, 2)
     first_invalid = summary[:, kept_at["invalid"]][:, 0]
     return Batch(
         end=State(end[:, state_at["q"]], end[:, state_at["v"]]),
@@ -269,8 +278,8 @@ def simulate_batch(
         largest_effort=summary[:, kept_at["effort"]],
         valid_until=t_start + control_period * first_invalid,
         t=times[:: max(interval, 1)][:rows],
-        **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
-        energy=log[:, :, row_at["energy"]][:, :, 0],
+        log=memory["log"].reshape(len(memory["log"]), rows, size(sizes.row), lanes),
+        columns=slices(sizes.row),
         **_marks(predictive, memory, cranes),
     )
 

@@ -395,18 +395,18 @@ class Clearance:
                 yield name, field, moving
 
     def _slewing(self, gamma: float) -> Iterator[Placed]:
-        q = np.zeros(self.crane.layout.n)
-        q[self.joints.slew] = gamma
-        (frame,) = self._frames(q, self.joints.slew)
+        (frame,) = self._frames(self.q(np.array([gamma, 0.0, 0.0])), self.joints.slew)
         for body in self._upper:
             yield body.put(frame)
 
     @cached_property
-    def _data(self) -> pin.Data:
-        return self.crane.model.createData()
+    def _data(self) -> tuple[pin.Data, list[pin.SE3]]:
+        data = self.crane.model.createData()
+        return data, [*data.oMi]
 
     def _frames(self, q: np.ndarray, *joints: int) -> list[coal.Transform3s]:
         """Return the frames of joints, by their indices among the coordinates."""
+        data, frames = self._data
         with _KINEMATICS:
-            pin.forwardKinematics(self.crane.model, self._data, q)
-            return [coal.Transform3s(self._data.oMi[joint + 1]) for joint in joints]
+            pin.forwardKinematics(self.crane.model, data, q)
+            return [coal.Transform3s(frames[joint + 1]) for joint in joints]

@@ -19,12 +19,13 @@ class Placed(NamedTuple):
     Attributes:
         moving: The inflated shape at its place.
         inflated: Distance by which it is inflated [m].
-        query: Memory of a query of its distance.
+        query, result: Memory of a query of its distance.
     """
 
     moving: coal.CollisionObject
     inflated: float
     query: coal.DistanceCallBackDefault
+    result: coal.DistanceResult
 
     @property
     def bare(self) -> coal.CollisionObject:
@@ -53,7 +54,7 @@ class Body(threading.local):
         self.shape.setSweptSphereRadius(inflated)
         self._within = within or coal.Transform3s()
         moving, query = coal.CollisionObject(self.shape), coal.DistanceCallBackDefault()
-        self._placed = Placed(moving, inflated, query)
+        self._placed = Placed(moving, inflated, query, query.data.result)
 
     @property
     def radius(self) -> float:
@@ -104,7 +105,7 @@ class Field:
         for surfaces, manager in self._managers.items():
             body.query.init()
             manager.distance(body.bare if surfaces else body.moving, body.query)
-            distance = float(body.query.data.result.min_distance)
+            distance = float(body.result.min_distance)
             nearest = min(nearest, distance - body.inflated if surfaces else distance)
         return nearest
 

@@ -287,7 +287,7 @@ def _batch(
         record=_every(lift),
         threads=1,
     )
-    names = ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v")
+    names = ("peak_swing", "residual_swing", "largest_effort", "valid_until")
     batch = replace(batch, **{name: getattr(batch, name)[:-1] for name in names})
     return batch, force[:-1]
 

@@ -35,13 +35,6 @@ _STRAIGHT = 0.03
 """Cost of a second of all drives together beside one of the slowest: of ways that last equally long
 the straight one."""
 
-_DIRECTIONS = [
-    np.array(step, dtype=float)
-    for step in itertools.product((-1, 0, 1), repeat=3)
-    if 1 <= sum(map(abs, step)) <= 2
-]
-"""Shifts of one drive or two."""
-
 IsFree = Callable[[np.ndarray, np.ndarray], bool]
 """Whether the straight line between two places is proven free."""
 
@@ -53,6 +46,9 @@ _BLOCKED = 200
 """Number of blocked places to keep, to name the obstacles there."""
 
 _NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]
+
+_DIRECTIONS = [np.array(step, dtype=float) for step in _NEIGHBOURS if not all(step)]
+"""Shifts of one drive or two."""
 
 Node = tuple[int, ...]
 """A cell, by whole numbers from the first place."""
@@ -147,12 +143,8 @@ def _shortcuts(
             continue
         cut = np.column_stack([np.interp(span, knots, column) for column in points.T])
         trial = np.concatenate([points[:first], cut, points[last:]])
-        if (
-            _cost(trial, rates) < _cost(points, rates) - 1e-6
-            and free(*cut)
-            and free(points[first - 1], cut[0])
-            and free(cut[1], points[last])
-        ):
+        # Parts of lines that are proven free need no proof.
+        if _cost(trial, rates) < _cost(points, rates) - 1e-6 and free(*cut):
             points = trial
     return points
 
@@ -208,7 +200,7 @@ def best_on_grid(
     """
     grid, start = _Grid(clearance, ends, bounds, rates, cell), (0, 0, 0)
     parents: dict[Node, Node] = {}
-    queue: list[tuple[float, float, Node, Node]] = [(grid.cost_to_goal(start), 0.0, start, start)]
+    queue: list[tuple[float, float, Node, Node]] = [(0.0, 0.0, start, start)]
     blocked: list[np.ndarray] = []
     best: float = math.inf
     last: Node = start
@@ -234,12 +226,11 @@ def best_on_grid(
             best, last = cost + to_goal, node
         for step, factor in steps:
             neighbour = (node[0] + step[0], node[1] + step[1], node[2] + step[2])
-            if neighbour not in parents and grid.inside(neighbour):
+            if neighbour not in parents and (to_goal := grid.cost_to_goal(neighbour)) < math.inf:
                 if tight:
                     factor += tight * max(0.0, 1.0 - grid.margin(neighbour))
                 reached = cost + cell * factor
-                item = (reached + grid.cost_to_goal(neighbour), -reached, neighbour, node)
-                heapq.heappush(queue, item)
+                heapq.heappush(queue, (reached + to_goal, -reached, neighbour, node))
     if best == math.inf:
         names = Counter(
             clearance.nearest(clearance.q(drive_position), beside_zones=True).obstacle
@@ -269,20 +260,17 @@ class _Grid:
         self._step, self._cell = rates * cell, cell
         self._goal = ((ends[1] - ends[0]) / self._step).tolist()
         self._low, self._high = ((bounds - ends[0]) / self._step).tolist()
-        self.margin, self.inside = cache(self._margin), cache(self._inside)
-        self.place, self.cost_to_goal = cache(self._place), cache(self._cost_to_goal)
+        self.margin, self.place = cache(self._margin), cache(self._place)
+        self.cost_to_goal = cache(self._cost_to_goal)
 
     def _place(self, node: Node) -> np.ndarray:
         return np.clip(self._ends[0] + np.array(node) * self._step, *self._bounds)
 
-    def _inside(self, node: Node) -> bool:
-        return all(
-            low - 1e-9 <= i <= high + 1e-9
-            for low, i, high in zip(self._low, node, self._high, strict=True)
-        )
-
     def _cost_to_goal(self, node: Node) -> float:
-        """Return a lower bound of the cost of a way from a cell to the goal."""
+        """Return a lower bound of the cost of a way from a cell to the goal, inf out of bounds."""
+        for low, i, high in zip(self._low, node, self._high, strict=True):
+            if not low - 1e-9 <= i <= high + 1e-9:
+                return math.inf
         differences = [abs(goal - i) for goal, i in zip(self._goal, node, strict=True)]
         farthest = max(differences)
         return self._cell * (farthest + _TIE * (sum(differences) - farthest))

@@ -100,4 +100,5 @@ def _capsule(ends: np.ndarray, radius: float) -> Placed:
     placed = coal.CollisionObject(
         coal.Capsule(radius, length), turn.toRotationMatrix(), (ends[0] + ends[1]) / 2.0
     )
-    return Placed(placed, 0.0, coal.DistanceCallBackDefault())
+    query = coal.DistanceCallBackDefault()
+    return Placed(placed, 0.0, query, query.data.result)
