@@ -276,7 +276,7 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
         for box in _boxes(station, site.swing, motion) if site.solids else ():
             ends = site.positions(i, box)
             if not site.obstacles.proven_clear(site.bodies, i, ends, site.distance, site.swing):
-                raise NoWay("its way is too near to an obstacle.")
+                raise NoWay("each way that was tried is too near to an obstacle.")
     except CraneError as error:
         return error
     return motion

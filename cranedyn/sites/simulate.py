@@ -137,9 +137,7 @@ class SiteRun:
 
     @property
     def waits(self) -> list[tuple[float, float, str]]:
-        """Times [s] from which cranes waited for each other in a circle, how long [s], who, and
-        where each that withdrew let another pass in the end.
-        """
+        """Times [s] from which cranes waited in a circle, how long [s], who, and who let pass where."""
         names, result = [station.name for station in self.site.stations], []
         for (_, circle), rows in itertools.groupby(
             enumerate(self.deadlocks), lambda row: (round(row[1][0] / CYCLE) - row[0], row[1][1])
@@ -176,7 +174,8 @@ class SiteRun:
             columns |= {f"{station.name}_{key}": run[key] for key in run.keys()[1:]}
             for kind, values in zip(("command", "passed"), rates, strict=True):
                 for joint, rate in zip(station.crane.layout.driven, values.T, strict=True):
-                    columns[f"{station.name}_{joint.symbol}_{kind}_{joint.unit}_s"] = rate
+                    name = f"{station.name}_{joint.symbol}_{kind}_{joint.unit}_s"
+                    columns[name] = arrow().array(rate, from_pandas=True)  # nothing for NaN
             records[station.name] = dict(run.record)
         columns |= {f"{name}_distance_m": values for name, values in self.gaps().items()}
         return arrow().table(columns, metadata={"cranedyn.record": json.dumps(records)})
