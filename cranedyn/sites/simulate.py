@@ -137,7 +137,7 @@ class SiteRun:
 
     @property
     def waits(self) -> list[tuple[float, float, str]]:
-        """Times [s] from which cranes waited in a circle, how long [s], who, and who let pass where."""
+        """Times [s] from which cranes waited in a circle, how long [s], who, and who let pass."""
         names, result = [station.name for station in self.site.stations], []
         for (_, circle), rows in itertools.groupby(
             enumerate(self.deadlocks), lambda row: (round(row[1][0] / CYCLE) - row[0], row[1][1])
