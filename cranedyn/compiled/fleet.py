@@ -33,9 +33,9 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 
-_LANES, _SHARE, _MOST = 8, 32, 512
-"""Cranes in a group; least groups of a thread; most groups of a chunk,
-whose numbers stay in a processor's cache."""
+_LANES, _SHARE, _MOST = 8, 1500, 512
+"""Cranes in a group; fewest steps of groups for which a thread is worth its start; most groups of a
+chunk, whose numbers stay in a processor's cache."""
 
 
 class Fleet:
@@ -109,7 +109,8 @@ class Fleet:
         self._numbers = np.zeros((groups, varied, _LANES))
         self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
         self._pushed, self._at = forces, slices(sizes.state)
-        count_of_parts = max(min(workers, groups // _SHARE), -(-groups // _MOST), 1)
+        worthwhile = groups * self._clock.steps // _SHARE
+        count_of_parts = max(min(workers, worthwhile), -(-groups // _MOST), 1)
         groups_of = np.linspace(0, groups, count_of_parts + 1).astype(int)
         ends = np.minimum(_LANES * groups_of, self.count).tolist()
         self.chunks = [slice(first, last) for first, last in pairwise(ends)]

@@ -143,8 +143,8 @@ def test_how_many_there_are_and_on_how_many_threads_changes_no_bit(threads: int)
     rng = np.random.default_rng(2)
     start, command = scattered(rng, 900), rng.uniform(-0.1, 0.1, (3, 900))
     many, one = (
-        Fleet(crane(), 900, control_period=1e-2, threads=threads),
-        Fleet(crane(), 1, control_period=1e-2),
+        Fleet(crane(), 900, control_period=0.1, threads=threads),
+        Fleet(crane(), 1, control_period=0.1),
     )
     many.place(np.arange(900), start)
     assert len(many.chunks) == threads
