@@ -43,10 +43,10 @@ PROTOCOL = frozenset(
 
 LIMITS = {
     "lines of the core": (14_370, 10_000),
-    "lines of cranedyn": (46_690, 27_000),
+    "lines of cranedyn": (46_695, 27_000),
     "lines of experiments": (16_475, 11_000),
     "lines of benchmarks": (3_865, 2_800),
-    "lines of tests": (37_930, 27_000),
+    "lines of tests": (37_945, 27_000),
     "modules in cranedyn": (231, 150),
     "modules imported by simulate": (38, 25),
     "parameters of simulate": (9, 10),

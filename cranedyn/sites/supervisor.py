@@ -163,8 +163,8 @@ class Supervisor:
         for row, loser in np.argwhere(passed & (free > PASSING)).tolist():
             self._withdraw(copies[row], loser)
         for copy in copies[self._refused[copies, station] >= STUCK].tolist():
-            circle = self.deadlock(copy)
-            if station not in circle[:1]:
+            circle = self.deadlock(copy, station)
+            if station != min(circle, default=None):
                 continue
             self._trial[copy] += 1
             refused = self._refused[copy].tolist()
@@ -193,19 +193,21 @@ class Supervisor:
                 shifts += [(abs(share * shift) / rate, drive, share * shift) for share in _SHARES]
         shifts.sort()
         moved = np.array([box] * len(shifts))
+        swept = moved.copy()  # but for the box, which is proven
         for k, (_, drive, shift) in enumerate(shifts):
+            begin = box[int(shift > 0.0), drive]
             moved[k, :, drive] += shift
+            swept[k, :, drive] = min(begin, begin + shift), max(begin, begin + shift)
         wanted, ends = self._wanted[winner][copy], site.stations[winner].ranges
         reach = ahead * site.stations[winner].converters.rates * self._ways[winner][copy]
         passing = np.clip(
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )
         boxes = [box[copy] for box in self.boxes]
-        free = moved[site.pair_apart(loser, moved, winner, passing)]
-        for refuge in free[:CHECKED]:
-            swept = np.array([np.minimum(box[0], refuge[0]), np.maximum(box[1], refuge[1])])
-            if site.apart(loser, swept, boxes).all():
-                return refuge.mean(axis=0)
+        free = site.pair_apart(loser, moved, winner, passing)
+        for k in np.flatnonzero(free)[:CHECKED]:
+            if site.apart(loser, swept[k], boxes).all():
+                return moved[k].mean(axis=0)
         return None
 
     def refuges(self, copy: int = 0) -> dict[int, np.ndarray]:
@@ -213,18 +215,21 @@ class Supervisor:
         withdrawn = np.flatnonzero(self.passing[copy] >= 0).tolist()
         return {i: self.targets[i][copy].copy() for i in withdrawn}
 
-    def deadlock(self, copy: int = 0) -> tuple[int, ...]:
+    def deadlock(self, copy: int = 0, station: int | None = None) -> tuple[int, ...]:
         """Return the indices of cranes of a copy each of which waits for the next, and the last for
-        the first; empty if none do. A crane that withdraws waits for the one that it lets pass.
+        the first: the shortest circle of one crane, or of the first that is in one; empty if there
+        is none. A crane that withdraws waits for the one that it lets pass.
         """
         waits = [
-            {passed} if passed >= 0 else {*np.flatnonzero(row).tolist()}
+            [passed] if passed >= 0 else np.flatnonzero(row).tolist()
             for passed, row in zip(self.passing[copy].tolist(), self.waits[copy], strict=True)
         ]
-        stuck = {*range(len(waits))}
-        while free := {i for i in stuck if not waits[i] & stuck}:
-            stuck -= free
-        path = sorted(stuck)[:1]
-        while path and (following := min(waits[path[-1]] & stuck)) not in path:
-            path.append(following)
-        return tuple(path[path.index(following) :]) if path else ()
+        for first in range(len(waits)) if station is None else [station]:
+            paths: list[tuple[int, ...]] = [(first,)]
+            reached = {first}
+            for path in paths:
+                if first in waits[path[-1]]:
+                    return path
+                paths += [(*path, i) for i in waits[path[-1]] if i not in reached]
+                reached.update(waits[path[-1]])
+        return ()

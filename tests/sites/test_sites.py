@@ -351,6 +351,24 @@ def test_a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_
 
 
 @slow
+def test_of_cranes_in_two_circles_at_the_required_distance_one_of_each_withdraws() -> None:
+    site = site_of("four_towers")  # as operators brought them there after four hours
+    supervisor = Supervisor(site, [Guard(station, site.swing).box for station in site.stations])
+    position = (
+        [2.35, 26.72, 15.52],
+        [-1.24, 49.32, 41.56],
+        [-2.13, 56.75, 55.94],
+        [2.4, 40.17, 64.29],
+    )
+    ahead = [-0.1, 0.003, -2.5], [-0.1, 0.001, -2.5], [-0.02, 0.0, 0.0], [-0.007, 0.7, 2.5]
+    supervisor.boxes = [np.array([[q, q + np.array([0.004, 0.1, 0.1])]]) for q in position]
+    for number, (i, box) in itertools.product(range(1, 300), enumerate(supervisor.boxes)):
+        wanted = box + np.array([np.minimum(ahead[i], 0.0), np.maximum(ahead[i], 0.0)])
+        supervisor.receive(i, asking(number, box, wanted))
+    assert {*np.flatnonzero(supervisor.passing[0] >= 0)} == {2, 3}
+
+
+@slow
 def test_a_crane_has_the_right_of_way_that_has_waited_longer() -> None:
     site, rng = site_of("four_towers"), np.random.default_rng(3)
     supervisor = Supervisor(site, [Guard(station, site.swing).box for station in site.stations])
