@@ -85,15 +85,14 @@ def whole(name: str, value: object, minimum: int, unit: str = "") -> int:
 
 
 def worker_count(name: str, count: object) -> int:
-    """Return a number of threads or processes, 1024 at most; for None, one for each processor that
-    this process may use.
+    """Return a number of threads or processes, 1024 at most; for None that of usable processors.
 
     Raises:
         OutOfRange: If it is not whole, or out of range.
     """
     if count is None:
         affine = hasattr(os, "sched_getaffinity")  # not on macOS
-        count = len(os.sched_getaffinity(0)) if affine else os.cpu_count() or 1
+        return min(len(os.sched_getaffinity(0)) if affine else os.cpu_count() or 1, 1024)
     return int(within(name, whole(name, count, 1), 1, 1024))
 
 

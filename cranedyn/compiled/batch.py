@@ -68,7 +68,8 @@ class Batch:
         q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
         command, effort: Commands of the controllers and efforts from a row on, shape (cranes, rows,
             m) each.
-        before: Efforts up to a row, shape (cranes, rows, m).
+        before, energy: Efforts up to a row, shape (cranes, rows, m); mechanical energy [J], shape
+            (cranes, rows).
         log, columns: All these, shape (groups, rows, columns, lanes), and their columns by name.
         failures: Number of failed optimisations of a predictive controller, after which the last
             plan continues, shape (cranes,).

@@ -195,9 +195,9 @@ class Supervisor:
         moved = np.array([box] * len(shifts))
         swept = moved.copy()  # but for the box, which is proven
         for k, (_, drive, shift) in enumerate(shifts):
-            begin = box[int(shift > 0.0), drive]
+            end = box[int(shift > 0.0), drive]
             moved[k, :, drive] += shift
-            swept[k, :, drive] = min(begin, begin + shift), max(begin, begin + shift)
+            swept[k, :, drive] = sorted((end, end + shift))
         wanted, ends = self._wanted[winner][copy], site.stations[winner].ranges
         reach = ahead * site.stations[winner].converters.rates * self._ways[winner][copy]
         passing = np.clip(
