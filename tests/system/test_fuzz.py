@@ -6,6 +6,7 @@ A bounded number is tried here, the same every time. More: ``python -m tests.sys
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import re
@@ -110,6 +111,23 @@ def test_each_kind_of_broken_promise_is_seen(
     generator = Generator("trial", lambda rng: None, lambda case, folder: action())
     verdict = judged(generator, None)
     assert fault in verdict.fault and bool(verdict.fault) is bool(fault)
+
+
+def test_an_interruption_dropped_by_the_garbage_collector_is_repeated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tests.system.fuzz.core.BUDGET", 0.1)
+
+    def attempt(case: object, folder: Path) -> str:
+        gc.callbacks.append(lambda phase, info: _spin(0.15) and None)
+        try:
+            gc.collect()
+        finally:
+            gc.callbacks.pop()
+        return _spin(1.0)
+
+    generator = Generator("trial", lambda rng: None, attempt, long=True)
+    assert judged(generator, None).word == "interrupted"
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ input and the verdict on it follow.
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import shutil
@@ -138,7 +139,11 @@ def check_line(code: int, err: str) -> None:
 
 @contextmanager
 def _limited() -> Iterator[None]:
-    """Interrupt as Ctrl-C does at the end of the budget; raise `TooLong` if nothing answers."""
+    """Interrupt as Ctrl-C does at the end of the budget; raise `TooLong` if nothing answers.
+
+    What a callback of the garbage collector raises, Hypothesis has one, Python drops; then the
+    interruption is repeated.
+    """
     fired = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -149,6 +154,15 @@ def _limited() -> Iterator[None]:
         interrupt_after(PATIENCE)
         signal.raise_signal(signal.SIGINT)
 
+    def repeat(dropped: sys.UnraisableHookArgs) -> None:
+        nonlocal fired
+        if dropped.exc_type is KeyboardInterrupt and dropped.object in gc.callbacks:
+            fired = False
+            interrupt_after(0.01)
+        else:
+            report(dropped)
+
+    report, sys.unraisablehook = sys.unraisablehook, repeat
     before = signal.signal(signal.SIGPROF, interrupt)
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     interrupt_after(BUDGET)
@@ -156,6 +170,7 @@ def _limited() -> Iterator[None]:
         yield
     finally:
         interrupt_after(0.0)
+        sys.unraisablehook = report
         signal.signal(signal.SIGPROF, before)
         signal.signal(signal.SIGINT, handler)
 
