@@ -57,8 +57,8 @@ longest where it is put."""
 LOWEST = 4.0
 """Height above ground of the centre of a load where a plan puts it, at least [m]."""
 
-AT = {"rad": 4e-3, "m": 0.1}
-"""Distance from its goal at which a drive has arrived."""
+AT, AWAY = {"rad": 4e-3, "m": 0.1}, 10.0
+"""Distance at which a drive has arrived, and multiple at which a load is raised again."""
 
 CHANNEL = MessageChannel(0.2, 0.3)
 """Network of the adversaries: latency [s] and share of messages lost."""
@@ -122,9 +122,8 @@ class LiftOperator:
         """Return where the next lift begins and ends, shape (2, m)."""
         low, high = reach(self.site, self.index)
         while True:
-            drawn = self._rng.uniform(
-                low + 0.05 * (high - low), high - 0.05 * (high - low), (2, len(low))
-            )
+            edge = 0.05 * (high - low)
+            drawn = self._rng.uniform(low + edge, high - edge, (2, len(low)))
             drawn[:, self.station.crane.winch] = PLACED * high[self.station.crane.winch]
             self.drawn += 1
             if self.zone is None or ((drawn >= self.zone[0]) & (drawn <= self.zone[1])).all():
@@ -135,16 +134,15 @@ class LiftOperator:
         state, drives = states[self.index], self.station.crane.layout.drives
         q, v, winch = state.q[drives], state.v[drives], self.station.crane.winch
         if not self._legs:
-            for position in self.places():
-                up, over = np.full_like(q, np.nan), position.copy()
-                up[winch] = over[winch] = reach(self.site, self.index)[0][winch] + CARRIED
-                self._legs += [up, over, position]
+            self._legs = [leg for position in self.places() for leg in self._lift(position)]
         if t < self._waits_until:
             return self._follow(np.zeros_like(q), state, v)
+        beside = np.delete(np.abs(self._legs[0] - q) > AWAY * self.tolerances, winch)
+        if len(self._legs) % 3 == 1 and beside.any():  # it withdrew while it lowered the load
+            self._legs[:1] = self._lift(self._legs[0])
         gap = np.where(np.isnan(self._legs[0]), 0.0, self._legs[0] - q)
-        if (np.abs(gap) < self.tolerances).all() and (
-            np.abs(self._base) < 0.02 * self.station.converters.rates
-        ).all():
+        stands = np.abs(self._base) < 0.02 * self.station.converters.rates
+        if ((np.abs(gap) < self.tolerances) & stands).all():
             self._legs.pop(0)
             if len(self._legs) % 3 == 0:
                 self._waits_until = t + HOOKING
@@ -155,6 +153,12 @@ class LiftOperator:
         creeps = 0.15 * np.abs(gap) * (np.abs(gap) < 4.0 * self.tolerances)
         fastest = 0.9 * self.station.converters.rates
         return self._follow(np.sign(gap) * np.minimum(stops + creeps, fastest), state, v)
+
+    def _lift(self, position: np.ndarray) -> list[np.ndarray]:
+        """Return where the drives go to bring a load to a position: up, over it, and down."""
+        up, over, winch = np.full_like(position, np.nan), position.copy(), self.station.crane.winch
+        up[winch] = over[winch] = reach(self.site, self.index)[0][winch] + CARRIED
+        return [up, over, position]
 
     def _follow(self, rates: np.ndarray, state: State, v: np.ndarray) -> np.ndarray:
         crane = self.station.crane

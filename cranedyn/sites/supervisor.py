@@ -28,9 +28,9 @@ STUCK, PASSING = 20, 100
 """Refused requests in a row after which a way out of a circle is sought, one trial a cycle, and
 requests of a crane without waiting after which the one that withdrew no longer lets it pass."""
 
-AHEAD, FARTHEST, CHECKED = (20.0, 5.0, 1.0), 30.0, 3
+AHEAD, FARTHEST, DRAWN, CHECKED = (20.0, 5.0, 1.0, 0.2), 60.0, 32, 3
 """Ways that a crane is let pass, the first that can be, and the longest way out, at full rate [s];
-ways out of each that are proven at most.
+ways out that are drawn in a trial, and those of them that are proven at most.
 """
 
 _MOST = 1 << 40
@@ -45,8 +45,9 @@ class Supervisor:
 
     Right of way has the crane whose requests have been refused longest, then the first: no other is
     granted what it has asked for. Where cranes wait for each other in a circle, one withdraws to
-    let another pass: the ones with the least right of way are tried first, one a cycle. A crane
-    that withdraws has no right of way; what it wanted before still counts in later circles.
+    let another pass: the ones that do not withdraw yet and have the least right of way are tried
+    first, one a cycle. A crane that withdraws has no right of way; what it wanted before still
+    counts in later circles.
 
     Attributes:
         site: The site.
@@ -167,48 +168,46 @@ class Supervisor:
             if station != min(circle, default=None):
                 continue
             self._trial[copy] += 1
-            refused = self._refused[copy].tolist()
-            ranked = sorted((refused[i], -i) for i in circle)
-            trials = [(-i, ahead) for (_, i), ahead in itertools.product(ranked, AHEAD)]
+            passing, refused = self.passing[copy].tolist(), self._refused[copy].tolist()
+            ranked = sorted(circle, key=lambda i: (passing[i] >= 0, refused[i], -i))
+            trials = list(itertools.product(ranked, AHEAD))
             loser, ahead = trials[self._trial[copy] % len(trials)]
             winner = circle[circle.index(loser) - 1]
             if (target := self._way_out(copy, loser, winner, ahead)) is not None:
                 self._withdraw(copy, winner)
                 self._withdraw(copy, loser, target, winner)
                 self._free_since[copy, loser] = self._refused[copy, station] = 0
+                self._trial[copy] = -1
 
     def _withdraw(self, copy: int, crane: int, target: Any = np.inf, passing: int = -1) -> None:
         """Let a crane withdraw to a position while another passes, or no longer."""
         self.targets[crane][copy], self.passing[copy, crane] = target, passing
 
     def _way_out(self, copy: int, loser: int, winner: int, ahead: float) -> np.ndarray | None:
-        """Return the nearest position in time, by one drive, from where a crane lets another pass
-        for a time at full rate [s]; None if there is none.
+        """Return the nearest position in time, of some drawn at random, from where a crane lets
+        another pass for a time at full rate [s]; None if there is none.
         """
-        site, box, shifts = self.site, self.boxes[loser][copy], []
-        drives = site.stations[loser].ranges
-        for drive, rate in enumerate(site.stations[loser].converters.rates):
-            for end in drives - box:
-                shift = np.clip(end[drive], -FARTHEST * rate, FARTHEST * rate)
-                shifts += [(abs(share * shift) / rate, drive, share * shift) for share in _SHARES]
-        shifts.sort()
-        moved = np.array([box] * len(shifts))
-        swept = moved.copy()  # but for the box, which is proven
-        for k, (_, drive, shift) in enumerate(shifts):
-            end = box[int(shift > 0.0), drive]
-            moved[k, :, drive] += shift
-            swept[k, :, drive] = sorted((end, end + shift))
+        site, box, rng = (
+            self.site,
+            self.boxes[loser][copy],
+            np.random.default_rng(self._numbers[copy].sum()),
+        )
+        rates, ends = site.stations[loser].converters.rates, site.stations[loser].ranges
+        times = FARTHEST * rng.uniform(-1.0, 1.0, (DRAWN, len(rates))) ** 5
+        shifts = np.clip(times * rng.integers(2, size=times.shape) * rates, *(ends - box))
+        moved = box + shifts[(abs(shifts) / rates).max(axis=1).argsort(), None]
         wanted, ends = self._wanted[winner][copy], site.stations[winner].ranges
         reach = ahead * site.stations[winner].converters.rates * self._ways[winner][copy]
         passing = np.clip(
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )
-        boxes = [box[copy] for box in self.boxes]
-        free = site.pair_apart(loser, moved, winner, passing)
-        for k in np.flatnonzero(free)[:CHECKED]:
-            if site.apart(loser, swept[k], boxes).all():
-                return moved[k].mean(axis=0)
-        return None
+        free = moved[site.pair_apart(loser, moved, winner, passing)][:CHECKED]
+        swept = np.stack([np.minimum(box[0], free[:, 0]), np.maximum(box[1], free[:, 1])], axis=1)
+        boxes = [x[[copy] * len(free)] for x in self.boxes]
+        doubtful = np.ones((len(free), len(boxes)), dtype=bool)
+        proven = self._extended(loser, boxes[loser], swept, boxes, doubtful) == swept
+        clear = free[proven.all(axis=(1, 2))]
+        return clear[0].mean(axis=0) if len(clear) else None
 
     def refuges(self, copy: int = 0) -> dict[int, np.ndarray]:
         """Return where each crane of a copy that lets another pass withdraws to [rad or m]."""
