@@ -1035,8 +1035,8 @@ cranedyn/compiled/printing.py
 cranedyn/compiled/c_routines.py
 * a number in C is read again after it has been written
 ? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
-- if instruction.opname == "load" or compound or
-+ if compound or
+- instruction.opname in ("load", "select") or compound
++ compound
 * a loop in C begins a row late
 ? c_code::a_controller_in_c_commands_what_it_commands_in_python[predictive, efforts]
 - {name} = {begin.text};

@@ -103,7 +103,7 @@ class Routine(Walk):
         """Keep the expression of an instruction."""
         expression = self._expression(instruction)
         compound = count > 1 and expression.binding < ATOM
-        if instruction.opname == "load" or compound or len(expression.text) > LONGEST:
+        if instruction.opname in ("load", "select") or compound or len(expression.text) > LONGEST:
             name = self._new("v")
             self._line(f"const {_TYPES[str(instruction.type)]} {name} = {expression.text};")
             expression = Expression(name)

@@ -30,7 +30,7 @@ def output(*command: str | Path, folder: Path) -> str:
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=900,
         check=False,
     )
     assert found.returncode == 0, found.stdout + found.stderr

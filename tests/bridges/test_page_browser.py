@@ -10,7 +10,6 @@ import math
 import shutil
 import subprocess
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ def open_browser(profile: Path, *words: str) -> Any:
         options.add_argument(word)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = selenium.Chrome(options=options, service=selenium.ChromeService(DRIVER))
-    driver.set_script_timeout(60)
+    driver.set_script_timeout(300)
     return driver
 
 
@@ -101,6 +100,12 @@ def wait(driver: Any, condition: str) -> None:
         f"const done = arguments[0]; (function look() {{ ({condition}) ? done() : "
         "setTimeout(look, 20); })()"
     )
+
+
+def reset_and_pause(driver: Any) -> None:
+    """Have the page wait at the start, however late it is looked at."""
+    driver.execute_script("page.act('KeyP'); page.act('Backspace')")
+    wait(driver, "page.state.t < 0.1")
 
 
 def press(driver: Any, code: str, kind: str = "keydown") -> None:
@@ -231,22 +236,25 @@ def test_a_click_on_the_ground_sets_the_goal_of_the_predictive_control(driver: A
 
 @browser
 def test_the_lesson_compares_a_period_with_the_closed_form(driver: Any) -> None:
-    driver.execute_script("page.act('Backspace')")
-    wait(driver, "page.state.t < 1")
+    reset_and_pause(driver)
     crane = load_crane()
     length = crane.start.q[crane.layout.index("l")]
     closed = 2.0 * math.pi * math.sqrt(length / crane.gravity)
     driver.execute_script("page.judgePeriod(arguments[0])", 1.01 * closed)
     text = driver.find_element("id", "period_answer").get_attribute("textContent")
     assert f"{closed:.3f} s" in text and "1.00 % longer" in text
+    driver.execute_script("page.act('KeyP')")
 
 
 @browser
 def test_what_was_driven_is_saved_with_its_crane_and_replays(driver: Any) -> None:
-    driver.execute_script("page.act('Digit1'); page.act('Backspace')")
+    driver.execute_script("page.act('Digit1')")
+    reset_and_pause(driver)
     press(driver, "KeyW")
-    wait(driver, "page.state.v[1] > 0.1 && page.state.t > 3 && page.state.t < 30")
+    driver.execute_script("page.act('KeyP')")
+    wait(driver, "page.state.v[1] > 0.1 && page.state.t > 3")
     press(driver, "KeyW", "keyup")
+    driver.execute_script("page.act('KeyP')")
     inputs, table = driver.execute_async_script(
         "const done = arguments[0], texts = []; download = async (name, blob) => {"
         "  if (texts.push(await blob.text()) === 2) done(texts); };"
@@ -254,23 +262,23 @@ def test_what_was_driven_is_saved_with_its_crane_and_replays(driver: Any) -> Non
     )
     record = json.loads(inputs)
     assert load_crane(from_record=record).payload_mass == load_crane().payload_mass
-    assert 0 <= table.count("\n") - 1 - record["instants"] < 600  # it goes on between the two
+    assert table.count("\n") - 1 == record["instants"]
     assert table.startswith("t_s,gamma_rad")
     script = "page._replay({files: [{text: async () => arguments[0]}], value: ''})"
     driver.execute_script(script, json.dumps(record | {"crane": {}}))
     wait(driver, "document.getElementById('event').textContent.includes('another crane')")
     driver.execute_script(script, inputs)
     wait(driver, "page.state.replaying")
-    driver.execute_script("page.act('Backspace')")
+    driver.execute_script("page.act('Backspace'); page.act('KeyP')")
 
 
 @browser
 def test_a_reset_begins_the_task_again(driver: Any) -> None:
     driver.execute_script("page.act('stop')")
     wait(driver, "page.state.task && page.state.t > 0.5")
-    driver.execute_script("page.act('Backspace')")
+    reset_and_pause(driver)
     wait(driver, "page.state.task && page.state.task.time < 0.4 && page.state.swing > 0.05")
-    driver.execute_script("page.act('stop')")
+    driver.execute_script("page.act('stop'); page.act('KeyP')")
     wait(driver, "!page.state.task")
 
 
@@ -338,16 +346,3 @@ def test_the_types_of_the_scripts_hold() -> None:
     words = "--noEmit --allowJs --checkJs --strict --target es2022 --lib dom,dom.iterable,es2022"
     done = subprocess.run([TSC, *words.split(), *SCRIPTS], capture_output=True, text=True)  # type: ignore[list-item]
     assert done.returncode == 0, done.stdout
-
-
-@browser
-@pytest.mark.slow
-def test_the_crane_of_a_browser_is_that_of_simulate(driver: Any, tmp_path: Path) -> None:
-    driver.execute_script("window.open()")
-    first, second = driver.window_handles
-    driver.switch_to.window(second)
-    try:
-        test_page.check_itinerary(partial(in_chromium, driver, tmp_path / "kernel.html"))
-    finally:
-        driver.close()
-        driver.switch_to.window(first)

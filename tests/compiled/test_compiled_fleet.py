@@ -187,7 +187,7 @@ def test_a_fleet_on_threads_goes_on_in_a_forked_process() -> None:
     expected = deepcopy(fleet)
     child = os.fork()
     if child == 0:
-        signal.alarm(20)  # instead of hanging for ever
+        signal.alarm(300)  # instead of hanging for ever
         os._exit(0 if np.array_equal(_steered(fleet, 1), _steered(expected, 1)) else 1)
     assert os.waitpid(child, 0)[1] == 0
     assert np.array_equal(_steered(fleet, 1), _steered(expected, 1))

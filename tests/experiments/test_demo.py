@@ -215,7 +215,7 @@ def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> 
 def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_that_without(
     ran: Callable[..., Ran],
 ) -> None:
-    flat = ran("demo", "--control", "flat", "--cycles", "1", "--engine", FAST)
+    flat = ran("demo", "--control", "flat", "--cycles", "0.4", "--engine", FAST)
     assert (flat.code, flat.failed()) == (0, [])
     after, before = flat.result["tables"]
     assert max(row[2] for row in after["rows"]) < 0.1
@@ -270,14 +270,14 @@ def _start(folder: Path, *words: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "experiments.demo", *words, "--out", str(folder)]
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
     process = subprocess.Popen(command, text=True, cwd=ROOT, **pipes)
-    for _ in range(600):
+    for _ in range(2400):
         # While its first bytes are being written it is no recording yet.
         with contextlib.suppress(RuntimeError, ValueError):
             if (folder / "demo.rrd").is_file() and len(rows(folder / "demo.rrd")) > 100:
                 return process
         time.sleep(0.05)
     process.kill()
-    raise AssertionError("the demo did not begin to write within 30 s")
+    raise AssertionError("the demo did not begin to write within two minutes")
 
 
 @pytest.mark.slow
@@ -291,7 +291,7 @@ def test_ctrl_c_ends_a_demo_with_its_comparison_soon_and_leaves_everything_compl
     folder = tmp_path / "demo"
     process = _start(folder, *"--control shaped --pace 20 --engine".split(), FAST)
     process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=30)
+    _, error = process.communicate(timeout=120)
     assert (process.returncode, error) == (0, "")
     run, bare = read(folder / "demo.parquet"), read(folder / "demo_before.parquet")
     assert run.t[-1] >= 0.5  # the first piece at least
@@ -305,7 +305,7 @@ def test_ctrl_c_ends_a_demo_with_its_comparison_soon_and_leaves_everything_compl
 def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
     process = _start(tmp_path / "demo", "--pace", "20")
     process.send_signal(signal.SIGKILL)
-    process.communicate(timeout=30)
+    process.communicate(timeout=120)
     t = times(tmp_path / "demo" / "demo.rrd")
     assert t[0] == 0.0
     assert t[-1] >= 0.5  # the first piece at least

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import io
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -274,17 +275,10 @@ def _loaded(gravity: float, values: tuple[tuple[str, object], ...]) -> Crane:
     return load_crane(gravity=gravity, values=dict(values))
 
 
-@pytest.fixture
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to be in, with files that a user might bring; cranes are expanded once for all tests
-    that are here.
-    """
-
-    def load_once(*, gravity: float, values: dict[str, object]) -> Crane:
-        return _loaded(gravity, tuple(values.items()))
-
-    monkeypatch.setattr(world_room, "load_crane", load_once)
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of files that a user might bring."""
+    folder = tmp_path_factory.mktemp("records")
     t = np.arange(0.0, 40.0, 0.01)
     still, swing = np.zeros_like(t), 0.1 * np.cos(t)
     good = {
@@ -311,8 +305,21 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "still": {**good, "phi_rad": still, **rates},
         "uneven": {**good, "t_s": t + 0.004 * np.sin(9 * t)},
     }.items():
-        write_csv(tmp_path / f"{name}.csv", **columns)
-    (tmp_path / "file").write_text("")
+        write_csv(folder / f"{name}.csv", **columns)
+    (folder / "file").write_text("")
+    return folder
+
+
+@pytest.fixture
+def elsewhere(records: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to be in, with those files; cranes are expanded once for all tests that are here."""
+
+    def load_once(*, gravity: float, values: dict[str, object]) -> Crane:
+        return _loaded(gravity, tuple(values.items()))
+
+    monkeypatch.setattr(world_room, "load_crane", load_once)
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(records, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 

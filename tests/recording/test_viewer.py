@@ -32,7 +32,7 @@ def _port() -> int:
 
 def test_serving_answers_on_this_machine_alone_and_ends(file: Path) -> None:
     with serve(file, port=(port := _port())) as server:
-        assert urllib.request.urlopen(server.address, timeout=10).status == 200
+        assert urllib.request.urlopen(server.address, timeout=60).status == 200
         if sys.platform == "linux":
             sockets = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
             listening = [words[1].split(":") for words in sockets if words[3] == "0A"]
@@ -42,7 +42,7 @@ def test_serving_answers_on_this_machine_alone_and_ends(file: Path) -> None:
             serve(file, port=port)
     assert server.process.poll() is not None
     with pytest.raises(OSError):
-        urllib.request.urlopen(server.address, timeout=10)
+        urllib.request.urlopen(server.address, timeout=60)
 
 
 @pytest.mark.slow
@@ -55,7 +55,7 @@ def test_a_viewer_that_we_start_sends_nothing_and_leaves_the_users_own_setting_a
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
     with serve(file, port=_port()) as server:
-        with urllib.request.urlopen(server.address, timeout=10) as page:
+        with urllib.request.urlopen(server.address, timeout=60) as page:
             policy = page.headers["Content-Security-Policy"]
             assert b"re_viewer" in page.read()
     allowed = server.data.removeprefix("rerun+").removesuffix("/proxy")

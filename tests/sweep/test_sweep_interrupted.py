@@ -46,10 +46,11 @@ if __name__ == "__main__":
 _SWEEP = """
 import sys
 from cranedyn.command import command
-from cranedyn.sweep import grid, sweep
+from cranedyn.sweep import cluster, grid, sweep
 from tests import studies
 
 def main():
+    cluster.CONNECTING = 60.0
     where = {"scheduler": sys.argv[4]} if sys.argv[4:] else {"workers": 2}
     design = grid(x=range(int(sys.argv[2])))
     sweep(studies.logged, design, sys.argv[1], chunk=int(sys.argv[3]), **where)
