@@ -113,7 +113,7 @@ def test_each_kind_of_broken_promise_is_seen(
     assert fault in verdict.fault and bool(verdict.fault) is bool(fault)
 
 
-def test_an_interruption_dropped_by_the_garbage_collector_is_repeated(
+def test_an_interruption_waits_for_callbacks_of_the_garbage_collector(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("tests.system.fuzz.core.BUDGET", 0.1)

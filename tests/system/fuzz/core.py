@@ -141,28 +141,23 @@ def check_line(code: int, err: str) -> None:
 def _limited() -> Iterator[None]:
     """Interrupt as Ctrl-C does at the end of the budget; raise `TooLong` if nothing answers.
 
-    What a callback of the garbage collector raises, Hypothesis has one, Python drops; then the
-    interruption is repeated.
+    What a callback of the garbage collector raises, Hypothesis has one, Python drops; so they are
+    left alone.
     """
     fired = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal fired
+        codes = {getattr(callback, "__code__", None) for callback in gc.callbacks}
+        if not codes.isdisjoint(f.f_code for f, _ in traceback.walk_stack(frame)):
+            interrupt_after(0.01)
+            return
         if fired:
             raise TooLong
         fired = True
         interrupt_after(PATIENCE)
         signal.raise_signal(signal.SIGINT)
 
-    def repeat(dropped: sys.UnraisableHookArgs) -> None:
-        nonlocal fired
-        if dropped.exc_type is KeyboardInterrupt and dropped.object in gc.callbacks:
-            fired = False
-            interrupt_after(0.01)
-        else:
-            report(dropped)
-
-    report, sys.unraisablehook = sys.unraisablehook, repeat
     before = signal.signal(signal.SIGPROF, interrupt)
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     interrupt_after(BUDGET)
@@ -170,7 +165,6 @@ def _limited() -> Iterator[None]:
         yield
     finally:
         interrupt_after(0.0)
-        sys.unraisablehook = report
         signal.signal(signal.SIGPROF, before)
         signal.signal(signal.SIGINT, handler)
 
