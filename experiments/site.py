@@ -196,10 +196,8 @@ def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
             values = ends.copy()
             values[slew] = angle
             places = np.repeat(site.positions(index, values)[None], len(rows), axis=0)
-            moving = place_capsules(
-                bodies, np.full(len(rows), index), rows[:, 0], places, places, site.swing
-            )
-            tower = towers[rows[:, 1]]
+            crane, tower = np.full(len(rows), index), towers[rows[:, 1]]
+            moving = place_capsules(bodies, crane, rows[:, 0], places, places, site.swing)
             still = place_capsules(bodies, tower[:, 0], tower[:, 1], 0 * places, 0 * places, 0.0)
             if least_distances(moving, still).min() < 1.5 * site.distance:
                 return False
@@ -391,9 +389,8 @@ def _shifts(site: CraneSite, duration: float) -> list[Shift]:
     for protection in PROTECTIONS[:3]:
         zones = static_zones(site) if protection == "zones" else [None for _ in cranes]
         operators = [LiftOperator(site, i, 100 + i, zones[i]) for i in cranes]
-        run = simulate_site(
-            site, operators, duration=duration, supervised=protection == "supervisor"
-        )
+        guarded = protection == "supervisor"
+        run = simulate_site(site, operators, duration=duration, supervised=guarded)
         listed = listed or [len(operator.finished) for operator in operators]
         results.append(Shift(site.name, protection, run, operators, listed))
     return [*results, planned_shift(site, duration, listed)]
@@ -405,13 +402,12 @@ def planned_shift(site: CraneSite, duration: float, listed: list[int]) -> Shift:
     A lift is done if the drives stand at both of its places while the load is hooked and unhooked.
     """
     operators = [LiftOperator(site, i, 100 + i) for i in range(len(site.stations))]
+    lowest = [-np.inf, -np.inf, site.ground + LOWEST]
     lifts = [
         (operator.station.name, point)
         for operator in operators
         for _ in range(math.ceil(duration / (2.0 * HOOKING)))
-        for point in np.maximum(
-            operator.station.plumb(operator.places())[1], [-np.inf, -np.inf, site.ground + LOWEST]
-        )
+        for point in np.maximum(operator.station.plumb(operator.places())[1], lowest)
     ]
     begin = time.process_time()
     plan = plan_site(site, lifts, stay=HOOKING, until=duration, strict=False)
