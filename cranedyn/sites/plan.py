@@ -51,9 +51,9 @@ _PATIENCE = 120
 _RAISED = 1.0
 """Cable length of a raised load beyond the shortest [m]."""
 
-_REFUGES, _TRIALS = 300, 6
-"""Positions among which a crane looks for one that is clear of another's way, and to how many of
-them it tries to get."""
+_REFUGES, _GROUP, _TRIALS = 300, 30, 6
+"""Positions among which a crane looks for one that is clear of another's way, how many are examined
+at first, and to how many it tries to get."""
 
 _CELL, _ROOM, _NODES = 2.0, 0.5, 5_000
 """Edge of a cell of the grid on which a way around obstacles is looked for, and room beside its
@@ -66,8 +66,9 @@ _AVERAGES, _STILL, _ROUNDS, _SLOWER = np.array([1.5, 1.0, 0.5]), 4, 20, 0.998
 """Times over which a motion is averaged, over the square root of cable length by gravity; rows at
 rest at its ends; rounds in which it is slowed down to its limits, and a share beyond."""
 
-_STARTS, _STEPS, _CLOSE = 500, 12, 1e-7
-"""Places from which a goal is looked for, steps of Newton's method, and where it ends [m]."""
+_STARTS, _STEPS, _CLOSE, _DAMPING = 500, 12, 1e-7, 1e-9
+"""Places from which a goal is looked for, steps of Newton's method, its end [m], its damping [m²].
+"""
 
 _Position = tuple[float, ...]
 """Position of the drives of a crane [rad or m]."""
@@ -371,7 +372,8 @@ def _hung(
         rope = pivots - load
         off = rope[:, None, :2] - rope[:, None, 2:] * lean[:, None]
         slope = motion[..., :2] - motion[..., 2:] * lean[:, None]
-        drive = q[:, drives] - (off @ np.linalg.pinv(slope))[:, 0]
+        square = slope.mT @ slope + _DAMPING * np.eye(2)
+        drive = q[:, drives] - (slope @ np.linalg.solve(square, off.mT))[..., 0]
         q[:, drives] = np.clip(drive, lower - beyond, upper + beyond)
         if np.abs(off).max() < _CLOSE:
             break
@@ -400,22 +402,26 @@ class _Schedule:
         """
         station, begin = self.site.stations[crane], self.positions[crane]
         cranes = {*range(len(self.boxes))} - {crane}
-        ends = [
-            end
-            for end in _positions(station, begin, goal)
-            if all(any(self._refuges(i, {crane: _standing(station, end)})) for i in cranes)
-        ]
-        if not ends:
+
+        def clear(boxes: np.ndarray) -> bool:
+            return all(any(self._refuges(i, {crane: boxes})) for i in cranes)
+
+        ends = _positions(station, begin, goal)
+        if not (ends := [end for end in ends if clear(_standing(station, end))]):
             raise NoWay("wherever it may stand, another crane is in the way of its goal.")
         if not cleared:
             return self._move(crane, ends, lift)
-        for path in _ways(self.site, crane, begin, ends):
-            if not (motions := _motions(self.site, crane, path)):
-                continue
+        paths = _ways(self.site, crane, begin, ends)
+        ways = [(path, _motions(self.site, crane, path)) for path in paths]
+        swept = [(x, [_boxes(station, self.site.swing, y) for y in motions]) for x, motions in ways]
+        if not (swept := [x for x in swept if x[1] and all(map(clear, x[1]))]):
+            raise NoWay("each way that was tried passes another crane wherever that may stand.")
+        for path, boxes in swept:
             before = {name: [*x] for name, x in vars(self).items() if isinstance(x, list)}
-            boxes = np.concatenate([_boxes(station, self.site.swing, x) for x in motions])
-            if all(self._make_way(i, crane, boxes) for i in cranes) and self._move(
-                crane, ends, lift
+            if all(
+                all(self._make_way(i, crane, x) for i in cranes)
+                and self._move(crane, [points[-1]], lift * (points is path[-1]))
+                for points, x in zip(path, boxes, strict=True)
             ):
                 return True
             vars(self).update(before)
@@ -440,14 +446,18 @@ class _Schedule:
         layout, winch = station.crane.layout, station.crane.winch
         slews = [joint.role == "slew" for joint in layout.driven]
         low, high = _once_around(station, begin)
-        refuges = np.random.default_rng(0).uniform(low, high, (_REFUGES, len(low)))
+        rng = np.random.default_rng(0)
+        refuges = rng.uniform(low, high, (_REFUGES, len(low)))
         refuges[::2] = np.where(slews, refuges[::2], begin)
         refuges[0], refuges[:, winch] = begin, low[winch] + _RAISED
         times = (np.abs(refuges - begin) / station.converters.rates).max(axis=1)
-        for refuge in (begin, *map(tuple, refuges[times.argsort()].tolist())):
-            mine = _standing(station, refuge)
-            if all(_near(self.site, crane, mine, i, x) is None for i, x in boxes.items()):
-                yield refuge
+        slices = [(i, box) for i, x in boxes.items() for box in rng.permutation(x)]
+        for group in np.split(np.array([begin, *refuges[times.argsort()]]), [1, _GROUP]):
+            for i, box in slices:  # in any order, as neighbours fail alike
+                group = group[self.site.pair_apart(crane, _standing(station, group), i, box)]
+                if not len(group):
+                    break
+            yield from map(tuple, group.tolist())
 
     def _move(self, crane: int, ends: list[_Position], lift: int) -> bool:
         """Put in the motions by which a crane arrives first at one of the ends, where nothing comes
@@ -458,9 +468,9 @@ class _Schedule:
         arrival, earliest = math.inf, list[tuple[Motion, int]]()
         for path in paths:
             legs, after = list[tuple[Motion, int]](), self.ready[crane]
-            for points in path:
-                durations = np.abs(np.diff(points, axis=0)).sum(axis=0) / station.converters.rates
-                if after + durations.max() // SLICE >= arrival:
+            times = [np.abs(np.diff(x, axis=0)) / station.converters.rates for x in path]
+            for k, points in enumerate(path):
+                if after + sum(x.max(axis=1).sum() for x in times[k:]) // SLICE >= arrival:
                     break
                 motion = _motion(self.site, crane, points)
                 if isinstance(motion, CraneError):
@@ -589,9 +599,9 @@ def _raised(station: Station, position: _Position) -> _Position:
 
 
 def _standing(station: Station, position: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Return the box of a crane that stands at a position, shape (m,): shape (1, 2, m)."""
-    slack = 2.0 * station.brakes.tolerances
-    return np.array([[position - slack, position + slack]])
+    """Return boxes of a crane that stands at positions, shape (rows, m) or (m,): (rows, 2, m)."""
+    slack = np.array([[-2.0], [2.0]]) * station.brakes.tolerances
+    return np.atleast_2d(position)[:, None] + slack
 
 
 def _near(site: CraneSite, a: int, boxes_a: np.ndarray, b: int, boxes_b: np.ndarray) -> int | None:

@@ -138,6 +138,13 @@ def test_lifts_without_a_plan_are_refused_with_the_reason(lifts: list, words: st
 
 
 @slow
+def test_a_lift_for_which_no_crane_can_make_way_does_not_wait() -> None:
+    lifts = [("c", [73.7, 69.3, 16.0]), ("c", [35.5, 5.3, 16.0])]
+    with pytest.raises(CraneError, match="Lift 2 of c alone: each way that was tried passes"):
+        plan_site(site_of("four_towers"), lifts)
+
+
+@slow
 def test_a_lift_goes_around_obstacles_over_which_its_load_cannot_be_raised() -> None:
     walls = tuple(box(f"wall {x}", [x, 20.0], [4.0, 4.0, 36.0], 0.0) for x in (-20.0, 20.0))
     planned = plan_site(replace(site_of(), solids=walls), [("north", [30.0, 0.0, 20.0])])
