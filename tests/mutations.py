@@ -705,8 +705,8 @@ cranedyn/sites/plan.py
 + 0.0, math.inf, "s")
 * a lift that nothing lets pass waits until all others are done
 ? plan::a_lift_for_which_no_crane_can_make_way_does_not_wait
-- if x[1] and all(map(clear, x[1]))
-+ if x[1]
+- if way[1] and all(map(clear, way[1]))
++ if way[1]
 * no way around obstacles is looked for
 ? plan::a_lift_goes_around_obstacles_over_which_its_load_cannot_be_raised
 - if site.solids and not any(

@@ -67,8 +67,7 @@ _AVERAGES, _STILL, _ROUNDS, _SLOWER = np.array([1.5, 1.0, 0.5]), 4, 20, 0.998
 rest at its ends; rounds in which it is slowed down to its limits, and a share beyond."""
 
 _STARTS, _STEPS, _CLOSE, _DAMPING = 500, 12, 1e-7, 1e-9
-"""Places from which a goal is looked for, steps of Newton's method, its end [m], its damping [m²].
-"""
+"""Places from which a goal is looked for; steps, end [m] and damping [m²] of Newton's method."""
 
 _Position = tuple[float, ...]
 """Position of the drives of a crane [rad or m]."""
@@ -283,10 +282,11 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
     return motion
 
 
-def _motions(site: CraneSite, i: int, path: list[_Points]) -> list[Motion]:
-    """Return the motions of a crane through the points of each of a path; none if one has none."""
+def _swept(site: CraneSite, i: int, path: list[_Points]) -> list[np.ndarray]:
+    """Return the boxes of the motions of a crane through a path; none if one of them has none."""
     motions = [x for x in (_motion(site, i, points) for points in path) if isinstance(x, Motion)]
-    return motions if len(motions) == len(path) else []
+    boxes = [_boxes(site.stations[i], site.swing, motion) for motion in motions]
+    return boxes if len(boxes) == len(path) else []
 
 
 def _height(site: CraneSite, i: int, load: np.ndarray) -> float:
@@ -412,11 +412,10 @@ class _Schedule:
         if not cleared:
             return self._move(crane, ends, lift)
         paths = _ways(self.site, crane, begin, ends)
-        ways = [(path, _motions(self.site, crane, path)) for path in paths]
-        swept = [(x, [_boxes(station, self.site.swing, y) for y in motions]) for x, motions in ways]
-        if not (swept := [x for x in swept if x[1] and all(map(clear, x[1]))]):
+        ways = [(path, _swept(self.site, crane, path)) for path in paths]
+        if not (ways := [way for way in ways if way[1] and all(map(clear, way[1]))]):
             raise NoWay("each way that was tried passes another crane wherever that may stand.")
-        for path, boxes in swept:
+        for path, boxes in ways:
             before = {name: [*x] for name, x in vars(self).items() if isinstance(x, list)}
             if all(
                 all(self._make_way(i, crane, x) for i in cranes)
@@ -532,7 +531,7 @@ def _ways(site: CraneSite, i: int, begin: _Position, ends: list[_Position]) -> l
         points: _Points = begin, _raised(station, begin), _raised(station, end), end
         paths += [[(begin, end)], [points], [*itertools.pairwise(dict.fromkeys(points))]]
     paths = [path for path in paths if path]
-    if site.solids and not any(_motions(site, i, path) for path in paths):
+    if site.solids and not any(_swept(site, i, path) for path in paths):
         for points in (_around(site, i, begin, end) for end in ends):
             paths += [[points], [*itertools.pairwise(points)]] if points else []
     return paths

@@ -19,13 +19,7 @@ from cranedyn.interfaces import Disturbance
 from cranedyn.lifting.chart import Chart
 from cranedyn.model.crane import Crane
 from cranedyn.planning.solids import FARTHEST, Solid
-from cranedyn.sites.bodies import (
-    CraneBodies,
-    PlacedCapsules,
-    crane_bodies,
-    rope_poses,
-    stacked,
-)
+from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, rope_poses, stacked
 from cranedyn.sites.brakes import CYCLE, Brakes
 from cranedyn.sites.obstacles import Obstacles
 from cranedyn.sites.proof import least_distances, proven_apart

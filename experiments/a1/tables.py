@@ -97,11 +97,7 @@ def damping_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
         ("sum", ".6f", lambda c: sum(parts(c))),
         ("simulated", ".6f", lambda c: c.fit.damping_ratio),
         ("article", ".5f", lambda c: c.published.zeta),
-        (
-            "simulated less article",
-            "+.6f",
-            lambda c: _less(c.fit.damping_ratio, c.published.zeta),
-        ),
+        ("simulated less article", "+.6f", lambda c: _less(c.fit.damping_ratio, c.published.zeta)),
         note="By closed forms for the reduced length l + I/(m l). The compliance of the hoist is "
         "the part that no trolley k_d explains.",
     )
