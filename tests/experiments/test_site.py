@@ -49,8 +49,7 @@ def test_no_load_is_put_where_it_would_leave_a_lower_crane_no_room() -> None:
 
 def test_an_operator_whose_load_was_brought_away_raises_it_before_it_goes_back() -> None:
     towers = site.read_crane_site("two_towers")
-    start = towers.stations[0].crane.start
     for off, rises in (0.0, False), (0.1, True):
-        operator = site.LiftOperator(towers, 0, 1)
+        operator, start = site.LiftOperator(towers, 0, 1), towers.stations[0].crane.start
         operator._legs = [start.q[[0, 1, 4]] + [off, 0.0, 5.0]]
         assert bool(operator(0.0, [start] * 2)[2] < 0.0) is rises
