@@ -28,10 +28,9 @@ STUCK, PASSING = 20, 100
 """Refused requests in a row after which a way out of a circle is sought, one trial a cycle, and
 requests of a crane without waiting after which the one that withdrew no longer lets it pass."""
 
-AHEAD, FARTHEST, DRAWN, CHECKED = (20.0, 5.0, 1.0, 0.2), 60.0, 32, 3
+AHEAD, FARTHEST, DRAWN = (20.0, 5.0, 1.0, 0.2), 60.0, 16
 """Ways that a crane is let pass, the first that can be, and the longest way out, at full rate [s];
-ways out that are drawn in a trial, and those of them that are proven at most.
-"""
+ways out that are drawn in a trial."""
 
 _MOST = 1 << 40
 """More requests than are ever refused in a row."""
@@ -137,15 +136,15 @@ class Supervisor:
         wanted: np.ndarray,
         neighbours: list[np.ndarray],
         doubtful: np.ndarray,
+        shares: Sequence[float] = _SHARES,
     ) -> np.ndarray:
         """Return boxes enlarged towards wanted ones as far as they are proven apart."""
-        shares = np.array(_SHARES)[:, None]
         for end, drive in np.ndindex(wanted.shape[1:]):
             rows = np.flatnonzero(wanted[:, end, drive] != box[:, end, drive])
             if not len(rows):
                 continue
-            larger = np.repeat(box[rows][None], len(_SHARES), axis=0)
-            larger[..., end, drive] += shares * (wanted - box)[rows, end, drive]
+            larger = np.repeat(box[rows][None], len(shares), axis=0)
+            larger[..., end, drive] += np.outer(shares, (wanted - box)[rows, end, drive])
             slab = larger.copy()  # the rest is proven
             slab[..., 1 - end, drive] = box[rows, end, drive]
             beside = [x[rows] for x in neighbours]
@@ -187,11 +186,8 @@ class Supervisor:
         """Return the nearest position in time, of some drawn at random, from where a crane lets
         another pass for a time at full rate [s]; None if there is none.
         """
-        site, box, rng = (
-            self.site,
-            self.boxes[loser][copy],
-            np.random.default_rng(self._numbers[copy].sum()),
-        )
+        site, box = self.site, self.boxes[loser][copy]
+        rng = np.random.default_rng(self._numbers[copy].sum())
         rates, ends = site.stations[loser].converters.rates, site.stations[loser].ranges
         times = FARTHEST * rng.uniform(-1.0, 1.0, (DRAWN, len(rates))) ** 5
         shifts = np.clip(times * rng.integers(2, size=times.shape) * rates, *(ends - box))
@@ -201,13 +197,12 @@ class Supervisor:
         passing = np.clip(
             wanted + reach, np.minimum(ends[0], wanted[0]), np.maximum(ends[1], wanted[1])
         )
-        free = moved[site.pair_apart(loser, moved, winner, passing)][:CHECKED]
+        free = moved[site.pair_apart(loser, moved, winner, passing)][:1]
         swept = np.stack([np.minimum(box[0], free[:, 0]), np.maximum(box[1], free[:, 1])], axis=1)
         boxes = [x[[copy] * len(free)] for x in self.boxes]
         doubtful = np.ones((len(free), len(boxes)), dtype=bool)
-        proven = self._extended(loser, boxes[loser], swept, boxes, doubtful) == swept
-        clear = free[proven.all(axis=(1, 2))]
-        return clear[0].mean(axis=0) if len(clear) else None
+        proven = self._extended(loser, boxes[loser], swept, boxes, doubtful, [1.0]) == swept
+        return free[0].mean(axis=0) if len(free) and proven.all() else None
 
     def refuges(self, copy: int = 0) -> dict[int, np.ndarray]:
         """Return where each crane of a copy that lets another pass withdraws to [rad or m]."""
