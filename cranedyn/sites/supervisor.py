@@ -201,8 +201,8 @@ class Supervisor:
         swept = np.stack([np.minimum(box[0], free[:, 0]), np.maximum(box[1], free[:, 1])], axis=1)
         boxes = [x[[copy] * len(free)] for x in self.boxes]
         doubtful = np.ones((len(free), len(boxes)), dtype=bool)
-        proven = self._extended(loser, boxes[loser], swept, boxes, doubtful, [1.0]) == swept
-        return free[0].mean(axis=0) if len(free) and proven.all() else None
+        proven = self._extended(loser, boxes[loser], swept, boxes, doubtful, [1.0])
+        return free[0].mean(axis=0) if len(free) and np.allclose(proven, swept) else None
 
     def refuges(self, copy: int = 0) -> dict[int, np.ndarray]:
         """Return where each crane of a copy that lets another pass withdraws to [rad or m]."""
