@@ -89,23 +89,22 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, log, design = tmp_path / "sweep", tmp_path / "log", grid(x=range(40))
-    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="0.05") as (
-        address,
-        (scheduler, one, other),
-    ):
-        victims = iter([lambda: _kill(one)])
+    gate, environment = tmp_path / "gate", {"SWEEP_LOG": str(log), "SWEEP_PAUSE": "0.05"}
+    with _cluster(tmp_path, **environment, SWEEP_GATE=str(gate)) as (address, processes):
+        scheduler, one, other = processes
 
-        def killing(progress: Progress) -> None:
-            if progress.done >= 10:
-                next(victims, lambda: None)()
+        def kill_one() -> None:
+            until(lambda: len(ran(log)[1]) == 2)  # both work
+            _kill(one)
+            gate.touch()
 
-        end = sweep(studies.logged, design, folder, chunk=1, scheduler=address, progress=killing)
+        threading.Thread(target=kill_one).start()
+        end = sweep(studies.logged, design, folder, chunk=1, scheduler=address)
         assert end == Progress(40, 40, 0, 0)
         table = results(folder)
         assert table["case"].to_pylist() == list(range(40))
         assert table["y"].to_pylist() == [float(x * x) for x in range(40)]
         assert table["error"].null_count == 40
-        assert len(ran(log)[1]) == 2  # both worked
 
         _kill(other)
         monkeypatch.setattr(cluster, "WORKERLESS", 1)
