@@ -26,7 +26,7 @@ from cranedyn.sites.bodies import place_capsules
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import BoxRequest, Guard, gentle
 from cranedyn.sites.page import site_html
-from cranedyn.sites.plan import SitePlan, plan_site
+from cranedyn.sites.plan import SitePlan, leaves_room, plan_site
 from cranedyn.sites.proof import least_distances
 from cranedyn.sites.simulate import (
     MessageChannel,
@@ -54,9 +54,8 @@ CARRIED, PLACED = 1.0, 0.8
 """Cable length beyond the shortest while a load is carried, over lower jibs [m], and over the
 longest where it is put."""
 
-LOWEST, REFUGES = 4.0, 40
-"""Height above ground of the centre of a load where a plan puts it, at least [m]; positions of
-another crane of which one must be clear of a load that is put."""
+LOWEST = 4.0
+"""Height above ground of the centre of a load where a plan puts it, at least [m]."""
 
 AT, AWAY = {"rad": 4e-3, "m": 0.1}, 10.0
 """Distance at which a drive has arrived, and multiple at which a load is raised again."""
@@ -207,23 +206,6 @@ def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
         angles = np.arange(0.0, sign * ends[slew], math.radians(1.0)) * sign
         ends[slew] = next((a for a in angles if not free(a)), ends[slew] + 0.0)
     return low, high
-
-
-def leaves_room(site: CraneSite, index: int, position: np.ndarray) -> bool:
-    """Return whether each other crane has room somewhere while one stands at a position."""
-    box = np.array([position + x * site.stations[index].brakes.tolerances for x in (-1.0, 1.0)])
-    others = [(i, raised(site, i)) for i in range(len(site.stations)) if i != index]
-    mine = np.array([box] * REFUGES)
-    return all(site.pair_apart(index, mine, i, boxes).any() for i, boxes in others)
-
-
-@cache
-def raised(site: CraneSite, index: int) -> np.ndarray:
-    """Return boxes of a crane that stands anywhere, its load raised, shape (`REFUGES`, 2, m)."""
-    station, (low, high) = site.stations[index], reach(site, index)
-    positions = np.random.default_rng(0).uniform(low, high, (REFUGES, len(low)))
-    positions[:, station.crane.winch] = low[station.crane.winch] + CARRIED
-    return np.stack([positions + x * station.brakes.tolerances for x in (-1.0, 1.0)], axis=1)
 
 
 @dataclass

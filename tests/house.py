@@ -43,8 +43,8 @@ PROTOCOL = frozenset(
 
 LIMITS = {
     "lines of the core": (14_370, 10_000),
-    "lines of cranedyn": (46_695, 27_000),
-    "lines of experiments": (16_483, 11_000),
+    "lines of cranedyn": (46_700, 27_000),
+    "lines of experiments": (16_461, 11_000),
     "lines of benchmarks": (3_865, 2_800),
     "lines of tests": (37_945, 27_000),
     "modules in cranedyn": (231, 150),

@@ -705,7 +705,7 @@ cranedyn/sites/plan.py
 + 0.0, math.inf, "s")
 * a lift that nothing lets pass waits until all others are done
 ? plan::a_lift_for_which_no_crane_can_make_way_does_not_wait
-- if way[1] and all(map(clear, way[1]))
+- if way[1] and all(self.clear(crane, x) for x in way[1])
 + if way[1]
 * no way around obstacles is looked for
 ? plan::a_lift_goes_around_obstacles_over_which_its_load_cannot_be_raised

@@ -257,6 +257,14 @@ def plan_site(
     return SitePlan(site, tuple(schedule.lifts), stay, tuple(refusals))
 
 
+def leaves_room(site: CraneSite, crane: int, position: np.ndarray) -> bool:
+    """Return whether each other crane can stand clear of one whose drives are at a position, (m,).
+
+    It is looked for as where cranes make way, by some positions at random, from their starts.
+    """
+    return _Schedule(site).clear(crane, _standing(site.stations[crane], position))
+
+
 @lru_cache(maxsize=512)
 def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
     """Return the motion of a crane through points, or why there is none: it keeps above ground,
@@ -402,18 +410,15 @@ class _Schedule:
         """
         station, begin = self.site.stations[crane], self.positions[crane]
         cranes = {*range(len(self.boxes))} - {crane}
-
-        def clear(boxes: np.ndarray) -> bool:
-            return all(any(self._refuges(i, {crane: boxes})) for i in cranes)
-
         ends = _positions(station, begin, goal)
-        if not (ends := [end for end in ends if clear(_standing(station, end))]):
+        if not (ends := [end for end in ends if self.clear(crane, _standing(station, end))]):
             raise NoWay("wherever it may stand, another crane is in the way of its goal.")
         if not cleared:
             return self._move(crane, ends, lift)
         paths = _ways(self.site, crane, begin, ends)
         ways = [(path, _swept(self.site, crane, path)) for path in paths]
-        if not (ways := [way for way in ways if way[1] and all(map(clear, way[1]))]):
+        ways = [way for way in ways if way[1] and all(self.clear(crane, x) for x in way[1])]
+        if not ways:
             raise NoWay("each way that was tried passes another crane wherever that may stand.")
         for path, boxes in ways:
             before = {name: [*x] for name, x in vars(self).items() if isinstance(x, list)}
@@ -425,6 +430,11 @@ class _Schedule:
                 return True
             vars(self).update(before)
         return False
+
+    def clear(self, crane: int, boxes: np.ndarray) -> bool:
+        """Return whether each other crane has a position clear of boxes of one."""
+        others = (i for i in range(len(self.boxes)) if i != crane)
+        return all(any(self._refuges(i, {crane: boxes})) for i in others)
 
     def _make_way(self, crane: int, passing: int, boxes: np.ndarray) -> bool:
         """Return whether a crane stands clear of the boxes of another, and bring it there."""
