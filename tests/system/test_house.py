@@ -1,4 +1,4 @@
-"""Imports go down, and the house does not grow: see `tests.house`."""
+"""Imports go down, without circles: see `tests.house`."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from tests import house, mutations
 
 
 @pytest.mark.slow
-def test_no_number_of_the_house_exceeds_its_bound() -> None:
-    numbers = house.measure()
-    assert numbers.keys() == house.LIMITS.keys()
-    assert {name: n for name, n in numbers.items() if n > house.LIMITS[name][0]} == {}
+def test_imports_go_down_without_circles_and_no_public_name_is_ambiguous() -> None:
+    assert house.problems() == []
 
 
 @pytest.mark.parametrize(
@@ -49,11 +47,10 @@ def test_an_import_of_a_higher_layer_is_found() -> None:
     assert house.upward({down, up}) == [up]
 
 
-def test_names_and_docstrings_are_counted(tmp_path: Path) -> None:
-    path = tmp_path / "a.py"
-    path.write_text('def f(given: int) -> None:\n    """The answer."""\n    found = given\n')
-    assert house.bindings([path]) == ["found", "given"]
-    assert house.first_words([path]) == ["the"]
+def test_a_public_name_of_two_modules_is_found(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.py").write_text("def move() -> None: ...\ndef _own() -> None: ...\n")
+    assert house.ambiguous(sorted(tmp_path.iterdir())) == ["move"]
 
 
 def test_every_mutation_finds_its_code_and_its_test() -> None:
