@@ -19,12 +19,13 @@ from cranedyn.checks import number, whole
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
-from cranedyn.planning.certificate import Certificate, Check, certify
+from cranedyn.planning.certificate import Certificate, certify
 from cranedyn.planning.ground_lift import GroundLift, certify_ground_lift, from_ground
 from cranedyn.planning.lift import Lift, crane_of, plan_lift
 from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, perturb
 from cranedyn.planning.site import Site
 from cranedyn.planning.site_file import EXAMPLES, read_site
+from cranedyn.verdict import Check
 from experiments import harness
 from experiments.scenarios.moves import LIMITS
 
@@ -266,7 +267,7 @@ def _claims(result: SiteResult) -> Iterator[harness.Claim]:
     name, lift = result.name, result.lift
     checks = [*result.certificate.checks, *(result.grounded[2] if result.grounded else ())]
     for check in checks:
-        yield harness.Claim(f"{name}: {check.sentence}", check.holds)
+        yield harness.Claim(f"{name}: {check.sentence}", check.verdict)
     if result.certificate.holds:
         for phrase, duration, ratio in (
             ("along the way the drives need", lift.timed.bound, OF_BOUND),
@@ -280,7 +281,7 @@ def _claims(result: SiteResult) -> Iterator[harness.Claim]:
     if result.least is None:
         return
     for check in result.least.checks:
-        yield harness.Claim(f"{name} in least time: {check.sentence}", check.holds)
+        yield harness.Claim(f"{name} in least time: {check.sentence}", check.verdict)
     shortest = arrival(result.least)
     yield harness.Claim(
         f"{name}: in least time it lasts {shortest / lift.least:.3f} times what drives need "

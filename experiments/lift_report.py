@@ -72,7 +72,7 @@ def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
     run = lift.certificate.run
     return harness.Outcome(
         tables=[harness.ResultTable(*table) for table in judgement.tables(command)],
-        claims=[harness.Claim(*check) for check in judgement.checks],
+        claims=judgement.checks,
         parameters={
             "site": lift.site.name,
             "chart": lift.chart.name,

@@ -34,6 +34,7 @@ from cranedyn.data.files import (
 from cranedyn.errors import DataError, UnknownName
 from cranedyn.interfaces import EngineName
 from cranedyn.plotting.html import IMAGE_TYPES, STYLE, image_address, mark_html, table_html
+from cranedyn.verdict import Check, Verdict, overall
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
 from experiments.harness.document import naming_result
@@ -130,10 +131,9 @@ def _link(result: Mapping[str, Any], text: str, claims: Sequence[Mapping[str, An
     return f'<a href="#{escape(result["experiment"])}">{mark}{escape(text)}</a>'
 
 
-def _verdict(claims: Sequence[Mapping[str, Any]]) -> bool | None:
-    """Return whether all claims hold, None if none fails and some are not judged."""
-    kinds = {claim["holds"] for claim in claims}
-    return False if False in kinds else None if None in kinds else True
+def _verdict(claims: Sequence[Mapping[str, Any]]) -> Verdict:
+    """Return the verdict of claims together."""
+    return overall(Check(claim["sentence"], claim["holds"]) for claim in claims)
 
 
 def _entry(result: Mapping[str, Any]) -> Entry:
@@ -187,7 +187,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     entry, name, claims = _entry(result), escape(result["experiment"]), result["claims"]
     command = escape(result["command"])
     listed = "".join(
-        f"<li>{mark_html(c['holds'])}{escape(c['sentence'])} "
+        f"<li>{mark_html(_verdict([c]))}{escape(c['sentence'])} "
         f'<a href="#{name}-command" title="{command}">command</a></li>'
         for c in claims
     )

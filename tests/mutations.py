@@ -65,6 +65,24 @@ class Mutation(NamedTuple):
 
 
 TABLE = r"""
+cranedyn/verdict.py
+* a claim that was not judged hides one that fails
+? verdict::checks_hold_together_only_if_there_are_some_and_all_hold
+- if Verdict.FAILS in verdicts:
++ if Verdict.FAILS in verdicts and Verdict.NOT_JUDGED not in verdicts:
+* where nothing was checked, everything holds
+? verdict::checks_hold_together_only_if_there_are_some_and_all_hold
+- if verdicts == {Verdict.HOLDS} else Verdict.NOT_JUDGED
++ if verdicts <= {Verdict.HOLDS} else Verdict.NOT_JUDGED
+* a number that is none is a pass by its truth value
+? verdict::what_is_no_condition_is_no_verdict
+- if not isinstance(holds, bool | np.bool_):
++ if False:
+cranedyn/assumptions.py
+* a default is as good as an entered value
+? verdict::a_default_is_never_taken_for_an_entered_value
+- if a.origin is Origin.DEFAULT]
++ if a.origin is None]
 urdf/tower_crane.urdf.xacro
 * the axis of the tangential swing is turned round
 ? crane::the_default_crane_has_the_numbers_of_the_article
@@ -1156,18 +1174,14 @@ cranedyn/__main__.py
 experiments/harness/outcome.py
 * what holds stands before what is not judged
 ? terminal::a_screen_has_24_lines_the_failed_claim_whole_and_says_what_is_left_out
-- others = [claim for claim in outcome.claims if claim.holds is None]
-+ others = [claim for claim in outcome.claims if claim.holds is not False]
+- others = [claim for claim in outcome.claims if claim.verdict is Verdict.NOT_JUDGED]
++ others = [claim for claim in outcome.claims if claim.verdict is not Verdict.FAILS]
 experiments/harness/document.py
 * links and files of tables have units in their names
 ? document::a_block_of_csv_has_links_only_and_the_tables_lie_beside_the_page
 - re.sub(r"(: \(| \[).*", "", title)
 + title
 experiments/report.py
-* a claim that was not judged hides one that fails
-? report::an_experiment_is_marked_by_its_worst_claim_and_a_failing_one_is_on_the_first_screen
-- return False if False in kinds else None if None in kinds else True
-+ return None if None in kinds else False if False in kinds else True
 * the report runs one experiment after the other
 ? report::two_experiments_run_side_by_side_and_one_that_fails_stops_no_other
 - with ThreadPoolExecutor(options.jobs) as pool:

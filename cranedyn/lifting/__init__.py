@@ -23,7 +23,7 @@ Public names:
 * `factors`, `wind`: dynamic factors and wind of the standards, as functions.
 
 To add a check or a load case, write a function that takes the `analysis.LiftAnalysis` and returns a
-`cranedyn.planning.certificate.Check`, and enter it in `checks.CHECKS`, or pass it to `judge`. A
+`cranedyn.verdict.Check`, and enter it in `checks.CHECKS`, or pass it to `judge`. A
 table is a function in `tables.tables`, a figure one in `figures.figures`.
 
 To read: `judgement` (10 minutes), `checks`, `loads`, then `wrench`, which says how loads follow

@@ -9,8 +9,8 @@ import numpy as np
 
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.chart import CUT_OUT, WARNING
-from cranedyn.planning.certificate import Check
 from cranedyn.planning.perturbed import CONFIDENCE, Spread
+from cranedyn.verdict import Check
 
 CheckFunction = Callable[[LiftAnalysis], Check]
 """A check: from what was computed of a lift to a sentence with its numbers, and whether it holds;

@@ -19,11 +19,12 @@ from cranedyn.lifting.loads import loads
 from cranedyn.lifting.tables import Table, tables
 from cranedyn.lifting.wind_limit import wind_limit
 from cranedyn.model.crane import Crane
-from cranedyn.planning.certificate import Check, certify
+from cranedyn.planning.certificate import certify
 from cranedyn.planning.lift import crane_of, plan_lift
 from cranedyn.planning.perturbed import perturb
 from cranedyn.planning.site import Site
 from cranedyn.references.limits import Limits
+from cranedyn.verdict import Check
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,9 @@ from cranedyn.errors import CraneError
 from cranedyn.lifting.figures import LiftFigure
 from cranedyn.lifting.tables import Table
 from cranedyn.model.load import load_crane
-from cranedyn.planning.certificate import Check
 from cranedyn.plotting.html import STYLE, mark_html, svg_address, table_html
 from cranedyn.recording.sketch import sketch
+from cranedyn.verdict import Check
 from cranedyn.version import __version__
 
 STATEMENT = (
@@ -114,7 +114,7 @@ def document(title: str, body: str) -> str:
 def checks_html(checks: Sequence[Check]) -> str:
     """Return checks as HTML, those first that do not hold."""
     ordered = sorted(checks, key=lambda check: check.holds is True)
-    lines = (f"<li>{mark_html(check.holds)}{escape(check.sentence)}</li>" for check in ordered)
+    lines = (f"<li>{mark_html(check.verdict)}{escape(check.sentence)}</li>" for check in ordered)
     return f'<ul class="claims">{"".join(lines)}</ul>'
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from cranedyn.planning.lift import Lift
 from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
 from cranedyn.planning.site import Site
 from cranedyn.simulation.simulate import simulate
+from cranedyn.verdict import Check, Verdict, overall
 
 AFTER = 5.0
 """Time that a lift is watched after its arrival [s]."""
@@ -35,18 +35,6 @@ _MEASURED = 0.2
 
 _TOO_FAST = 1.005
 """Share of a rate that a drive may reach while the controller corrects it."""
-
-
-class Check(NamedTuple):
-    """A requirement on a lift, in a sentence with its numbers.
-
-    Attributes:
-        sentence: The sentence.
-        holds: Whether it holds; None if that cannot be judged, since a value was not entered.
-    """
-
-    sentence: str
-    holds: bool | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +65,8 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """Whether all checks hold."""
-        return all(check.holds for check in self.checks)
+        """Whether all checks hold; one that was not judged does not."""
+        return overall(self.checks) is Verdict.HOLDS
 
 
 def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:

@@ -26,7 +26,6 @@ from cranedyn.interfaces import Controller, EngineName, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import inertial_element, set_placement
-from cranedyn.planning.certificate import Check
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.proof import unproven_row
@@ -34,6 +33,7 @@ from cranedyn.planning.site import Site
 from cranedyn.references.flat import cruise
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.simulate import simulate
+from cranedyn.verdict import Check
 
 SLACK, PAUSE, HOIST_ACCELERATION = 0.05, 2.0, 0.02
 """Slack of the rope of a load that stands [m], pause between phases [s], and mean acceleration of

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cranedyn.plotting.figures import svg
+from cranedyn.verdict import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,16 +20,16 @@ IMAGE_TYPES = {".svg": "image/svg+xml", ".png": "image/png"}
 """Media types of figures by file ending, drawings first."""
 
 _MARKS = {
-    True: ("held", "holds", "✔"),
-    False: ("fails", "FAILS", "✘"),
-    None: ("open", "not judged", "–"),
+    Verdict.HOLDS: ("held", "✔"),
+    Verdict.FAILS: ("fails", "✘"),
+    Verdict.NOT_JUDGED: ("open", "–"),
 }
 
 
-def mark_html(holds: bool | None) -> str:
-    """Return the sign of a claim or check: held, failed or, for None, not judged."""
-    style, title, sign = _MARKS[holds]
-    return f'<span class="mark {style}" title="{title}">{sign}</span>'
+def mark_html(verdict: Verdict) -> str:
+    """Return the sign of a verdict."""
+    style, sign = _MARKS[verdict]
+    return f'<span class="mark {style}" title="{verdict.word}">{sign}</span>'
 
 
 def table_html(

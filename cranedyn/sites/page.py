@@ -11,12 +11,12 @@ from cranedyn.data.files import with_ending
 from cranedyn.lifting.figures import LiftFigure, solid_outlines
 from cranedyn.lifting.page import checks_html, document, figures_html, tables_html, write_html
 from cranedyn.lifting.tables import Row, Table
-from cranedyn.planning.certificate import Check
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import COLOURS, run_colour
 from cranedyn.recording.shapes import CONTACT
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.simulate import SiteRun
+from cranedyn.verdict import Check
 
 _SCALE = 20.0
 """Scale of distances over time, in required ones."""

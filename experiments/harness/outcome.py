@@ -11,6 +11,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.verdict import Check, Verdict
 from experiments.harness.table import ResultTable
 from experiments.harness.terminal import blocks, excerpt
 
@@ -21,19 +22,12 @@ if TYPE_CHECKING:
     from cranedyn.model.crane import Crane
     from cranedyn.recording import Run
 
-MARKS = {True: "holds", False: "FAILS", None: "not judged"}
-"""The word printed before a claim."""
+Claim = Check
+"""What an experiment shows, in a sentence: it holds, fails, or the arguments do not allow to judge
+it."""
 
 _LINES, _MOST_CLAIMS = 19, 5
 """Lines of a screen for its table and claims, and most claims there that do not fail."""
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A sentence that holds or does not; None if the arguments do not allow to judge it."""
-
-    sentence: str
-    holds: bool | None
 
 
 @dataclass(frozen=True)
@@ -88,9 +82,9 @@ def show(outcome: Outcome, *, whole: bool = True) -> str:
             for block in blocks(table, console.width):
                 console.print(block)
             console.print()
-    failed = [claim for claim in outcome.claims if claim.holds is not None and not claim.holds]
-    others = [claim for claim in outcome.claims if claim.holds is None]
-    others += [claim for claim in outcome.claims if claim.holds]
+    failed = [claim for claim in outcome.claims if claim.verdict is Verdict.FAILS]
+    others = [claim for claim in outcome.claims if claim.verdict is Verdict.NOT_JUDGED]
+    others += [claim for claim in outcome.claims if claim.verdict is Verdict.HOLDS]
     claims = outcome.claims if whole else [*failed, *others[:_MOST_CLAIMS]]
     folded = {"table": 0, "column": 0, "row": 0, "claim": len(outcome.claims) - len(claims)}
     if not whole and outcome.tables:
@@ -101,15 +95,15 @@ def show(outcome: Outcome, *, whole: bool = True) -> str:
         console.print()
     for claim in claims:
         if not whole and claim in others:
-            line = Text(f"{MARKS[claim.holds]:11}{claim.sentence}")
+            line = Text(f"{claim.verdict.word:11}{claim.sentence}")
             line.truncate(console.width, overflow="ellipsis")
             console.print(line)
         elif console.is_terminal:
             grid = RichTable.grid(padding=(0, 1, 0, 0))
-            grid.add_row(Text(f"{MARKS[claim.holds]:10}"), Text(claim.sentence))
+            grid.add_row(Text(f"{claim.verdict.word:10}"), Text(claim.sentence))
             console.print(grid)
         else:  # a line each, for searching
-            print(f"{MARKS[claim.holds]:11}{claim.sentence}")
+            print(f"{claim.verdict.word:11}{claim.sentence}")
     if outcome.claims:
         console.print(summary(outcome.claims))
     counts = [f"{n} {noun}{'s' * (n > 1)}" for noun, n in folded.items() if n]
@@ -118,6 +112,6 @@ def show(outcome: Outcome, *, whole: bool = True) -> str:
 
 def summary(claims: Sequence[Claim]) -> str:
     """Return how many claims hold, and how many were not judged, which counts as neither."""
-    count = sum(bool(claim.holds) for claim in claims)
-    unknown = sum(claim.holds is None for claim in claims)
+    verdicts = [claim.verdict for claim in claims]
+    count, unknown = verdicts.count(Verdict.HOLDS), verdicts.count(Verdict.NOT_JUDGED)
     return f"{count} of {len(claims)} claims hold, {unknown} not judged."

@@ -10,7 +10,7 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,11 @@ from cranedyn.data.files import (
     write_text,
 )
 from cranedyn.errors import CraneError, DataError, RunError
+from cranedyn.verdict import Verdict, overall
 from experiments.harness.arguments import command_name, parse_arguments
 from experiments.harness.document import Document, read_document
 from experiments.harness.events import with_events
-from experiments.harness.outcome import MARKS, Outcome, show
+from experiments.harness.outcome import Claim, Outcome, show
 from experiments.harness.progress import reporting
 from experiments.harness.setup import Setup, setup_of
 
@@ -70,8 +71,7 @@ def _run(
     print(_pointers(outcome, options, left_out))
     if outcome.recording and not options.live:  # the demo has shown it already
         _view(options)
-    failed = any(claim.holds is not None and not claim.holds for claim in outcome.claims)
-    return FAILED if failed else 0
+    return FAILED if overall(outcome.claims) is Verdict.FAILS else 0
 
 
 def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
@@ -85,7 +85,7 @@ def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
         outcome = replace(outcome, parameters=parameters)
     # Claims are about the errors of the default stepping rule.
     if setup.integrator != "euler":
-        outcome = replace(outcome, claims=[replace(claim, holds=None) for claim in outcome.claims])
+        outcome = replace(outcome, claims=[Claim(c.sentence, None) for c in outcome.claims])
     _write(outcome, options, document)
     return outcome
 
@@ -143,7 +143,7 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
     from cranedyn.recording import record
     from cranedyn.recording.film import film
 
-    claims = [f"**{MARKS[claim.holds]}**: {claim.sentence}" for claim in outcome.claims]
+    claims = [f"**{claim.verdict.word}**: {claim.sentence}" for claim in outcome.claims]
     text = "\n\n".join([options.about, *claims, *(t.markdown() for t in outcome.tables)])
     title = f"Experiment {options.experiment}"
     record(options.recording, outcome.recording, title=title, text=text)
@@ -194,7 +194,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "experiment": options.experiment,
         "about": options.about,
         "command": " ".join([command_name(options.experiment), *options.argv]),
-        "claims": [asdict(claim) for claim in outcome.claims],
+        "claims": [claim.stored() for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
         "runs": {name: dict(run.record) for name, run in outcome.trajectories.items()},
         "figures": [f"{name}.png" for name in outcome.figures],

@@ -27,9 +27,9 @@ from cranedyn.lifting.loads import loads
 from cranedyn.lifting.page import STATEMENT
 from cranedyn.lifting.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from cranedyn.model.load import load_crane
-from cranedyn.planning.certificate import Check
 from cranedyn.planning.perturbed import _DRAG, Perturbed, _silhouette
 from cranedyn.planning.site import Arm, Base
+from cranedyn.verdict import Check
 from experiments import lift_report
 from tests.planning.sites import certificate, lift
 

@@ -21,13 +21,13 @@ pytest.importorskip("coal", reason="extra planning (coal) is not installed")
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
 from cranedyn.planning import ground_lift
-from cranedyn.planning.certificate import Check
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.ground_lift import GroundLift, certify_ground_lift, from_ground
 from cranedyn.planning.lift import Lift, plan_lift
 from cranedyn.planning.site_file import SITES, read_site
 from cranedyn.planning.solids import box
 from cranedyn.references.flat import smoothstep
+from cranedyn.verdict import Check
 
 pytestmark = pytest.mark.slow
 

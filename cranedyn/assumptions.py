@@ -1,0 +1,66 @@
+"""What a statement about safety rests on, and where each part of it comes from.
+
+A certificate, a lift report and a site page hold only as long as what they assume is so: how far
+the load may swing, how strong the wind is, how heavy the load may be. They list these assumptions,
+each with its origin, and `check_entered` keeps a default from ever making a GO.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from cranedyn.verdict import Check
+
+
+class Origin(Enum):
+    """Where the value of an assumption comes from."""
+
+    ENTERED = "entered"
+    """Somebody entered it for this lift or site."""
+
+    COMPUTED = "computed"
+    """It follows from what was entered."""
+
+    SHIPPED = "shipped"
+    """It belongs to the crane that comes with the package, which is the crane that was chosen."""
+
+    DEFAULT = "default"
+    """Nobody entered it, so that this program's own value was taken."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A value that a statement rests on.
+
+    Attributes:
+        name: The quantity, such as "largest swing of the rope".
+        value: Its value with its unit, as text.
+        origin: Where the value comes from.
+        field: Where to enter it: a field of a file or an option, such as "[lift] swing"; empty
+            where it cannot be entered.
+    """
+
+    name: str
+    value: str
+    origin: Origin
+    field: str = ""
+
+    def __str__(self) -> str:
+        """Return the assumption with its origin in one line."""
+        entered_where = f", {self.field}" if self.field and self.origin is Origin.ENTERED else ""
+        return f"{self.name}: {self.value} ({self.origin.value}{entered_where})"
+
+
+def check_entered(assumptions: Iterable[Assumption]) -> Check:
+    """Return a check that no assumption is a default of this program; otherwise it is not judged,
+    since nobody answers for a value that nobody entered.
+    """
+    defaults = [a for a in assumptions if a.origin is Origin.DEFAULT]
+    if not defaults:
+        return Check("Nothing that the result rests on is a default of this program.", True)
+    listed = "; ".join(
+        f"{a.name}, {a.value}" + (f" (enter it as {a.field})" if a.field else "") for a in defaults
+    )
+    return Check(f"Nobody entered what the result rests on: {listed}.", None)
