@@ -73,6 +73,10 @@ class Check:
         object.__setattr__(self, "sentence", sentence)
         object.__setattr__(self, "verdict", Verdict.of(holds))
 
+    def __str__(self) -> str:
+        """Return the verdict and the sentence in one line."""
+        return f"{self.verdict.word}: {self.sentence}"
+
     @property
     def holds(self) -> bool | None:
         """True if it holds, False if it fails, None if it was not judged; only True is true."""

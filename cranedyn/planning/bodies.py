@@ -17,7 +17,7 @@ import pinocchio as pin
 from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.planning.solids import Solid, convex_hull, hull, rotation_z
+from cranedyn.planning.solids import Solid, convex_hull, rotation_z
 
 Shape = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
 """A shape with its rotation and translation in the frame of the joint that carries it."""
@@ -28,7 +28,7 @@ class CollisionBodies:
     """Bodies of a crane, each in the frame of the joint that carries it.
 
     Attributes:
-        mast: Hulls of the mast.
+        mast: Corners of the hulls of the mast and its foot [m], shape (n, 3) each.
         upper: Shapes that slew, jib and counter-jib among them.
         trolley: The box around the trolley: centre and size [m].
         hook: The box around the hook, above the load: centre and size [m].
@@ -37,7 +37,7 @@ class CollisionBodies:
             width of the hook's block.
     """
 
-    mast: list[coal.Convex]
+    mast: list[np.ndarray]
     upper: list[Shape]
     trolley: tuple[np.ndarray, np.ndarray]
     hook: tuple[np.ndarray, np.ndarray]
@@ -116,9 +116,9 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
     )
 
 
-def _mast(shapes: list[Shape]) -> list[coal.Convex]:
-    """Return two hulls instead of a hundred bars: one around all bars that reach above a quarter of
-    the height, one around the foot.
+def _mast(shapes: list[Shape]) -> list[np.ndarray]:
+    """Return the corners of two hulls instead of a hundred bars: one around all bars that reach
+    above a quarter of the height, one around the foot; shape (n, 3) each.
     """
     corners = [_corners(shape) for shape in shapes]
     quarter = max((float(points[:, 2].max()) for points in corners), default=0.0) / 4.0
@@ -126,7 +126,7 @@ def _mast(shapes: list[Shape]) -> list[coal.Convex]:
         [points for points in corners if bool(points[:, 2].max() > quarter) is high]
         for high in (True, False)
     )
-    return [hull(np.concatenate(half)) for half in halves if half]
+    return [np.concatenate(half) for half in halves if half]
 
 
 def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:

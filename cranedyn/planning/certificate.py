@@ -18,9 +18,12 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import EngineName
 from cranedyn.planning.clearance import Clearance, Nearest
+from cranedyn.planning.coverage import coverage_check, hanging_pairs, slewing_pairs
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
+from cranedyn.planning.remeasure import second_look
 from cranedyn.planning.site import Site
+from cranedyn.planning.standing import standing_check, standing_parts
 from cranedyn.simulation.simulate import simulate
 from cranedyn.verdict import Check, Verdict, overall
 
@@ -32,6 +35,21 @@ ARRIVAL_SWING = 0.05e-3
 
 _MEASURED = 0.2
 """Time between measurements of the distances to all obstacles [s]."""
+
+ARRIVAL_OFFSET = 0.01
+"""Largest distance of the load from its goal at the end [m]."""
+
+_SWUNG = 0.5
+"""Time between the instants of the motion at which the load is swung to all sides [s]."""
+
+_BEYOND = 0.5
+"""Distance beyond the required or claimed one up to which a second look measures [m]."""
+
+_SECOND_TOLERANCE = 2e-3
+"""Tolerance of the comparison with the second look [m]: the motion is proven without its rows'
+deviation from a circle of the swing, a thousandth of the envelope, and distances are less by
+`cranedyn.planning.clearance.ROUNDING`.
+"""
 
 _TOO_FAST = 1.005
 """Share of a rate that a drive may reach while the controller corrects it."""
@@ -119,6 +137,7 @@ def certify(
     pairs = [clearance.distances(run.q[row], jib=False) for row in rows]
     distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
     end, planned = clearance.point(np.array([run.q[-1], goal.q])[:, clearance.drive_joints])
+    offset = float(np.linalg.norm(end - planned))
     peak_swing = float(clearance.tilt(run.q).max())
     residual_swing = _swing_at(lift, run, motion.arrival)
     rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
@@ -127,9 +146,13 @@ def certify(
     row = unproven_row(clearance, run.q, motion.period)
     unproven_t = None if row is None else float(run.t[row])
     free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
+    standing = standing_parts(clearance)
+    covered = hanging_pairs(clearance) | slewing_pairs(clearance) | standing.pairs
     checks = [
         _distance_check(clearance.site, nearest, nearest_t, unproven_t),
+        _second_look_check(clearance, lift, run.q[rows], nearest),
         _slewing_check(clearance.site, slew, free),
+        standing_check(standing),
         Check(
             f"The load swings {1000 * peak_swing:.1f} mrad at most, "
             f"{1000 * clearance.site.swing:.1f} allowed.",
@@ -137,17 +160,53 @@ def certify(
         ),
         Check(
             f"At the arrival it swings {1e3 * residual_swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} "
-            f"allowed; it ends {1000.0 * np.linalg.norm(end - planned):.1f} mm from its goal.",
-            residual_swing <= ARRIVAL_SWING,
+            f"allowed; it ends {1000.0 * offset:.1f} mm from its goal, "
+            f"{1000.0 * ARRIVAL_OFFSET:g} allowed.",
+            residual_swing <= ARRIVAL_SWING and offset <= ARRIVAL_OFFSET,
         ),
         Check(
             f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
             f"{'cut' if cut else 'never cut'}.",
             rate <= _TOO_FAST and not cut,
         ),
+        coverage_check(clearance.site, covered),
     ]
     return Certificate(
         lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
+    )
+
+
+def _second_look_check(
+    clearance: Clearance, lift: Lift, measured_rows: np.ndarray, nearest: Nearest
+) -> Check:
+    """Check that distances measured in another way contradict neither the least distance nor that
+    the load may swing anywhere in its envelope, see `cranedyn.planning.remeasure`.
+
+    Args:
+        clearance: Crane and site.
+        lift: The lift, whose motion is proven with the envelope about it.
+        measured_rows: Coordinates of the simulated run, shape (m, n).
+        nearest: The least distance that is claimed of the run.
+    """
+    site, motion = clearance.site, lift.timed.motion
+    stride = max(1, round(_SWUNG / motion.period))
+    hanging = second_look(site, clearance.crane, measured_rows, nearest.distance + _BEYOND)
+    swung = second_look(
+        site, clearance.crane, motion.q[::stride], site.distance + _BEYOND, swing=site.swing
+    )
+    claimed = nearest.distance - _SECOND_TOLERANCE <= hanging.distance
+    keeps = all(found.distance >= site.distance - _SECOND_TOLERANCE for found in (hanging, swung))
+
+    def shown(found: Nearest) -> str:
+        if not found.body:
+            return f"more than {found.distance:.2f} m"
+        return f"{found.distance:.2f} m ({found.body} and {found.obstacle})"
+
+    return Check(
+        f"Measured a second time, by points of load and rope: {shown(hanging)}, and swung by "
+        f"{math.degrees(site.swing):.2g}° to all sides {shown(swung)}; {site.distance:g} m "
+        "required.",
+        claimed and keeps,
     )
 
 

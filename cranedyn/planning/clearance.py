@@ -61,6 +61,18 @@ class Joints(NamedTuple):
     hoist: int
 
 
+class ObstaclePart(NamedTuple):
+    """A convex part of an obstacle.
+
+    Attributes:
+        obstacle: Name of the solid, or "ground".
+        number: Index of the part among `Solid.parts`; 0 for the ground.
+    """
+
+    obstacle: str
+    number: int
+
+
 class Nearest(NamedTuple):
     """Nearest pair of bodies and their distance.
 
@@ -102,12 +114,13 @@ class Clearance:
     Attributes:
         crane: The crane.
         site: The site.
-        ignored: Names of obstacles that do not count.
+        contacts: Parts of obstacles that the load stands on, which do not count here. Who leaves
+            them out must show otherwise that nothing enters them: `cranedyn.planning.support`.
     """
 
     crane: Crane
     site: Site
-    ignored: frozenset[str] = frozenset()
+    contacts: frozenset[ObstaclePart] = frozenset()
 
     def __post_init__(self) -> None:
         """Check that a place determines the crane.
@@ -131,7 +144,13 @@ class Clearance:
     @cached_property
     def solids(self) -> list[Solid]:
         """The obstacles in the frame of the crane."""
-        return [solid for solid in self.site.seen_by_crane() if solid.name not in self.ignored]
+        kept = (
+            solid.without_parts(
+                part.number for part in self.contacts if part.obstacle == solid.name
+            )
+            for solid in self.site.seen_by_crane()
+        )
+        return [solid for solid in kept if solid is not None]
 
     @cached_property
     def bodies(self) -> CollisionBodies:
@@ -158,9 +177,9 @@ class Clearance:
         """Return the clearance for a required distance that is larger by an extra [m]."""
         return self._changed(site=replace(self.site, distance=self.site.distance + extra))
 
-    def without(self, names: frozenset[str]) -> Clearance:
-        """Return the clearance from all obstacles but those of some names."""
-        return self._changed(ignored=self.ignored | names)
+    def without(self, contacts: frozenset[ObstaclePart]) -> Clearance:
+        """Return the clearance from everything but some parts of obstacles."""
+        return self._changed(contacts=self.contacts | contacts)
 
     def _changed(self, **changes: Any) -> Clearance:
         changed = replace(self, **changes)
@@ -273,7 +292,12 @@ class Clearance:
     # --- what slews with the jib ------------------------------------------------------------------
 
     def slewing_margin(self, gamma: float) -> float:
-        """Return the margin of all that slews with the jib at a slew angle [rad]; in [m]."""
+        """Return the margin of all that slews with the jib at a slew angle [rad]; in [m].
+
+        At an angle that is not finite it is minus infinity, from which nothing is proven.
+        """
+        if not math.isfinite(gamma):
+            return -math.inf
         field = self._fields["solids"]
         return min(field.least(moving) for moving in self._slewing(gamma)) - ROUNDING
 
@@ -319,25 +343,47 @@ class Clearance:
                 if (margin := distance - moving.inflated) < margin_limit:
                     yield Touch(margin, moving.inflated, body, on_body, on_obstacle, normal)
 
+    # --- what is compared with what, see `cranedyn.planning.coverage` -----------------------------
+
+    def hanging_fields(self) -> Iterator[tuple[str, Field]]:
+        """Yield the name of each body that hangs, and of the trolley, with the obstacles that it is
+        compared with.
+        """
+        for name, _, fields in self._hanging:
+            for field in fields:
+                yield name, field
+
+    @property
+    def slewing_field(self) -> Field:
+        """The obstacles that all that slews with the jib is compared with."""
+        return self._fields["solids"]
+
+    @property
+    def trolley_bottom(self) -> float:
+        """Height of the underside of the trolley above the crane's foot [m]."""
+        (_, _, centre), (_, _, height) = self.bodies.trolley
+        return self.height + float(centre - height / 2.0)
+
     # --- inside -----------------------------------------------------------------------------------
 
     @cached_property
     def _fields(self) -> dict[str, Field]:
         level = self.site.ground - float(self.site.foot[2])
         level_ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), level)
+        stands_on_ground = any(part.obstacle == GROUND for part in self.contacts)
         named = [(s.zone, (s.name, shape)) for s in self.solids for shape in s.geometries()]
         solids = [pair for zone, pair in named if not zone]
         zones = [pair for zone, pair in named if zone]
-        (_, _, trolley), (_, _, deep) = self.bodies.trolley
         envelope = self.envelope(float(self.crane.upper[self.joints.hoist]))
-        low = self.height + trolley - deep / 2.0 - self.site.distance - envelope
+        low = self.trolley_bottom - self.site.distance - envelope
         tall = {solid.name for solid in self.solids if solid.vertices[:, 2].max() > low - ROUNDING}
+        mast = [(MAST, hull(corners)) for corners in self.bodies.mast]
         return {
             "solids": Field(solids),
             "tall solids": Field(named for named in solids if named[0] in tall),
-            "solids and mast": Field([*solids, *((MAST, shape) for shape in self.bodies.mast)]),
+            "solids and mast": Field([*solids, *mast]),
             "zones": Field(zones),
-            "ground": Field([] if GROUND in self.ignored else [(GROUND, level_ground)]),
+            "ground": Field([] if stands_on_ground else [(GROUND, level_ground)]),
         }
 
     @cached_property
@@ -374,7 +420,11 @@ class Clearance:
         ]
 
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
-        """Return the margins of all that hangs to everything but zones, and to zones [m]."""
+        """Return the margins of all that hangs to everything but zones, and to zones [m]; minus
+        infinity, which nothing is proven from, at coordinates that are not finite.
+        """
+        if not np.isfinite(q).all():
+            return -math.inf, -math.inf
         margins = [math.inf, math.inf]
         for _, field, moving in self._placed(q):
             zones = moving.inflated == 0.0

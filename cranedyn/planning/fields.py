@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -92,6 +93,11 @@ class Field:
                 for _, shape in objects:
                     manager.registerObject(shape)
                 manager.setup()
+
+    @property
+    def shape_counts(self) -> Counter[str]:
+        """Number of shapes of each obstacle, by name."""
+        return Counter(name for objects in self._objects.values() for name, _ in objects)
 
     def __len__(self) -> int:
         """Return the number of shapes."""

@@ -21,30 +21,49 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import OFF_LEAD, Ground, Hull, box_corners, standing
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import payload_position, point_velocities
+from cranedyn.dynamics.pinocchio import body_points, payload_position, point_velocities
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import inertial_element, set_placement
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.lift import Lift
+from cranedyn.planning.coverage import Pairs, coverage_check, hanging_pairs, slewing_pairs
+from cranedyn.planning.lift import Lift, NoWay
 from cranedyn.planning.proof import unproven_row
 from cranedyn.planning.site import Site
+from cranedyn.planning.standing import standing_check, standing_parts
+from cranedyn.planning.support import (
+    NO_SUPPORT,
+    Support,
+    contact_check,
+    meshes_at,
+    support_of,
+)
 from cranedyn.references.flat import cruise
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.simulate import simulate
 from cranedyn.verdict import Check
 
-SLACK, PAUSE, HOIST_ACCELERATION = 0.05, 2.0, 0.02
-"""Slack of the rope of a load that stands [m], pause between phases [s], and mean acceleration of
-the hoist at lift-off and set-down [m/s²]."""
+SLACK = 0.05
+"""Slack of the rope of a load that stands [m]."""
+
+PAUSE = 2.0
+"""Pause between phases [s]."""
+
+HOIST_ACCELERATION = 0.02
+"""Mean acceleration of the hoist at lift-off and set-down [m/s²]."""
 
 ROPE_DAMPING = 2e4
 """Damping of the rope [N s/m]."""
 
-HANGS, OFF, STILL = 0.9, 0.01, 1e-3
-"""Tension over the weight from which on a load hangs; largest distance from the goal [m] and speed
-of the load [m/s] at the end."""
+HANGING_TENSION_RATIO = 0.9
+"""The load counts as hanging once the rope carries this share of its weight."""
+
+GOAL_TOLERANCE = 0.01
+"""Largest distance from the goal at the end of a lift [m]."""
+
+MAX_FINAL_SPEED = 1e-3
+"""Largest speed of the load at the end of a lift [m/s]."""
 
 _DRUM = 5.0
 """Mass of hoist drum and motor at the rope over that of the load, for a crane that gives none."""
@@ -114,7 +133,7 @@ class GroundLift:
         """Return the efforts of the drives [N m or N], shape (3,)."""
         weight = self.crane.payload_mass * self.crane.gravity
         tension = float(JointForces.of(self.crane).tension(*state))
-        hangs = tension > HANGS * weight
+        hangs = tension > HANGING_TENSION_RATIO * weight
         effort = np.array(self.controller(t, self.seen(state, hangs=hangs), self.motion(t)))
         effort += 0.0 if hangs else (weight - tension) * self.crane.layout.along("l")
         return effort
@@ -155,6 +174,7 @@ def from_ground(
 
     Raises:
         OutOfRange: If a number is not positive.
+        NoWay: If the load would stand on or in a mesh that is not convex.
         ModelError: If joints or links of the crane have names of those of a rope that stretches.
     """
     clearance, planned = lift.clearance, lift.timed.motion
@@ -189,7 +209,29 @@ def from_ground(
     q, v, a = np.concatenate([*pieces.values()], axis=1)
     motion = Motion(planned.period, q, v, a, planned.drives)
     phases = dict(zip(pieces, begins.tolist(), strict=False))
-    return GroundLift(lift, crane, ground, motion, lqr(lift.crane, motion), phases)
+    made = GroundLift(lift, crane, ground, motion, lqr(lift.crane, motion), phases)
+    _refuse_meshes(made, stands)
+    return made
+
+
+def _refuse_meshes(lift: GroundLift, stands: tuple[bool, bool]) -> None:
+    """Refuse a lift whose load would stand on or in a mesh that is not convex.
+
+    Raises:
+        NoWay: With the name of the mesh.
+    """
+    ends = zip(("start", "goal"), stands, (0.0, lift.lift.timed.motion.arrival), strict=True)
+    for name, is_standing, t in ends:
+        if not is_standing:
+            continue
+        drives = lift.lift.timed.motion(t).position
+        corners = load_corners(lift, _standing(lift.crane, lift.ground, drives).q)
+        for mesh in meshes_at(lift.lift.clearance.site, corners):
+            raise NoWay(
+                f"At the {name} the load would stand on or in {mesh}, a mesh that is not convex, "
+                "which cannot be a support: enter what it stands on as boxes or prisms, or the "
+                "mesh with hull = true."
+            )
 
 
 def certify_ground_lift(
@@ -200,7 +242,7 @@ def certify_ground_lift(
     Raises:
         RunError: If the simulation breaks off.
     """
-    crane, clearance, motion = lift.crane, lift.lift.clearance, lift.motion
+    crane, motion = lift.crane, lift.motion
     drives = motion(0.0).position
     hangs = State(crane.hanging(_below(crane, drives).q), np.zeros(crane.layout.n))
     run = simulate(
@@ -213,103 +255,173 @@ def certify_ground_lift(
         engine=engine,
         ground=lift.ground,
     )
-    pull = JointForces.of(crane).tension(run.q.T, run.v.T) / (crane.payload_mass * crane.gravity)
-    seen = lift.seen(State(run.q.T, run.v.T)).q.T
-    begins = {name: round(t / motion.period) for name, t in lift.phases.items()}
-    moving, down = begins["motion"], begins.get("set-down", len(run) - 1)
-    swing, allowed = 1e3 * clearance.tilt(seen), 1e3 * clearance.site.swing
+    phases = _Phases.of(lift, run)
     checks: list[Check] = []
-    if "lift-off" in begins:
-        lifted = int(np.argmax(pull[:moving] >= 1.0))
-        largest = _largest_pull(crane, motion, slice(lifted, moving))
-        bound = f"{largest:.3f} by closed form"
-        if (run["phase"][:moving] == OFF_LEAD).any():
-            largest = math.nan
-            bound = "without a bound: the load slides or leans while the rope pulls"
-        checks.append(
-            Check(
-                f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, "
-                f"{bound}; hanging, the load swings {swing[moving]:.2f} mrad, {allowed:.1f} "
-                "allowed.",
-                bool(pull[:moving].max() <= largest and swing[moving] <= allowed),
-            )
-        )
-    checks += [
-        Check(
-            f"Motion: the load swings {swing[moving:down].max():.1f} mrad at most, {allowed:.1f} "
-            f"allowed; the rope pulls {pull[moving:down].min():.3f} of the weight at least.",
-            bool(swing[moving:down].max() <= allowed and pull[moving:down].min() > 0.0),
-        ),
-        _distance_check(lift, run, seen, (moving, down)),
-    ]
-    if "set-down" in begins:
-        touched = down + int(np.flatnonzero(pull[down:] < HANGS)[0])
-        speed = float(run.v[touched, crane.layout.index("l")])
-        sink_rate = float(motion.v[down:, motion.drives[2]].max())
-        end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
-        apart = float(np.linalg.norm(end[:2]))
-        still = np.linalg.norm(point_velocities(crane, run.state(-1))[0]) < STILL
-        checks.append(
-            Check(
-                f"Set-down: the load touches at {speed:.3f} m/s, {sink_rate:.3f} allowed; it "
-                f"stands {1e3 * apart:.1f} mm from its goal, {1e3 * OFF:g} allowed, below a slack "
-                "rope.",
-                bool(speed <= sink_rate and apart <= OFF and still and pull[-1] == 0.0),
-            )
-        )
+    if "lift-off" in lift.phases:
+        checks.append(_lift_off_check(lift, run, phases))
+    checks.append(_motion_check(lift, phases))
+    checks += _distance_checks(lift, run, phases)
+    if "set-down" in lift.phases:
+        checks.append(_set_down_check(lift, run, phases))
     return run, checks
 
 
-def _distance_check(
-    lift: GroundLift, run: Trajectory, seen: np.ndarray, motion: tuple[int, int]
-) -> Check:
-    """Check that all that hangs keeps its distance, but from the supports that it stands on before
-    or after the rows of the motion.
+@dataclass(frozen=True, eq=False)
+class _Phases:
+    """A run of a ground lift as the crane of the plan would see it, and its phases.
+
+    Attributes:
+        seen: Coordinates of the crane of the plan, shape (rows, n).
+        pull: Tension of the rope over the weight of the load, shape (rows,).
+        swing: Angle of the rope from plumb [rad], shape (rows,).
+        moving: Row in which the motion of the plan begins.
+        down: Row in which it ends.
+    """
+
+    seen: np.ndarray
+    pull: np.ndarray
+    swing: np.ndarray
+    moving: int
+    down: int
+
+    @classmethod
+    def of(cls, lift: GroundLift, run: Trajectory) -> _Phases:
+        """Return the phases of a run."""
+        crane, period = lift.crane, lift.motion.period
+        begins = {name: round(t / period) for name, t in lift.phases.items()}
+        seen = lift.seen(State(run.q.T, run.v.T)).q.T
+        weight = crane.payload_mass * crane.gravity
+        return cls(
+            seen=seen,
+            pull=JointForces.of(crane).tension(run.q.T, run.v.T) / weight,
+            swing=lift.lift.clearance.tilt(seen),
+            moving=begins["motion"],
+            down=begins.get("set-down", len(run) - 1),
+        )
+
+
+def _lift_off_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check:
+    """Check that the rope pulls no more than the closed form, and the load swings little then."""
+    pull, moving = phases.pull, phases.moving
+    allowed = lift.lift.clearance.site.swing
+    lifted = int(np.argmax(pull[:moving] >= 1.0))
+    largest = _largest_pull(lift.crane, lift.motion, slice(lifted, moving))
+    bound = f"{largest:.3f} by closed form"
+    if (run["phase"][:moving] == OFF_LEAD).any():
+        largest = math.nan
+        bound = "without a bound: the load slides or leans while the rope pulls"
+    return Check(
+        f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, {bound}; "
+        f"hanging, the load swings {1e3 * phases.swing[moving]:.2f} mrad, {1e3 * allowed:.1f} "
+        "allowed.",
+        bool(pull[:moving].max() <= largest and phases.swing[moving] <= allowed),
+    )
+
+
+def _motion_check(lift: GroundLift, phases: _Phases) -> Check:
+    """Check that the load swings no more than allowed and the rope stays taut."""
+    rows = slice(phases.moving, phases.down)
+    allowed = lift.lift.clearance.site.swing
+    largest, least_pull = phases.swing[rows].max(), phases.pull[rows].min()
+    return Check(
+        f"Motion: the load swings {1e3 * largest:.1f} mrad at most, {1e3 * allowed:.1f} allowed; "
+        f"the rope pulls {least_pull:.3f} of the weight at least.",
+        bool(largest <= allowed and least_pull > 0.0),
+    )
+
+
+def _set_down_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check:
+    """Check that the load is set down gently, at its goal, and stands there below a slack rope."""
+    crane, clearance, down = lift.crane, lift.lift.clearance, phases.down
+    slackened = np.flatnonzero(phases.pull[down:] < HANGING_TENSION_RATIO)
+    if not len(slackened):
+        return Check("Set-down: the load does not touch what is below it.", False)
+    speed = float(run.v[down + int(slackened[0]), crane.layout.index("l")])
+    sink_rate = float(lift.motion.v[down:, lift.motion.drives[2]].max())
+    end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
+    apart = float(np.linalg.norm(end[:2]))
+    still = np.linalg.norm(point_velocities(crane, run.state(-1))[0]) < MAX_FINAL_SPEED
+    return Check(
+        f"Set-down: the load touches at {speed:.3f} m/s, {sink_rate:.3f} allowed; it stands "
+        f"{1e3 * apart:.1f} mm from its goal, {1e3 * GOAL_TOLERANCE:g} allowed, below a slack "
+        "rope.",
+        bool(speed <= sink_rate and apart <= GOAL_TOLERANCE and still and phases.pull[-1] == 0.0),
+    )
+
+
+def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list[Check]:
+    """Check that all that hangs keeps its distance from everything, in all phases, but for the
+    surfaces that the load stands on before and after the motion; that it does not sink into these;
+    and that nothing is left out.
 
     The load is where the rope has it. Where it turns in its sling, it is off its seen attitude by
     the angles of the sling and, with its centre, by their share in the seen swing.
     """
     clearance, layout, lug = lift.lift.clearance, lift.crane.layout, _lug(lift.crane)
-    q, hoist = seen.copy(), lift.motion.drives[2]
+    q, hoist = phases.seen.copy(), lift.motion.drives[2]
     assert lift.crane.springs.rope is not None
     q[:, hoist] += run.q[:, lift.crane.springs.rope.stretch]
     turned = np.abs(run.q[:, layout.at("sling_radial", "sling_tangential")]).sum(axis=1)
     radius = clearance.bodies.below + float(np.linalg.norm(clearance.bodies.hook[1]))
     aside = (3.0 * lug + 2.0 * radius) * turned
-    moving, down = motion
-    lifted, landed = (_supports(clearance, q[row], hoist) for row in (0, -1))
-    parts = (
-        (slice(moving + 1), lifted),
-        (slice(moving, down + 1), frozenset[str]()),
-        (slice(down, None), landed),
-    )
+    moving, down = phases.moving, phases.down
+    stands: list[tuple[str, Support, np.ndarray]] = []
+    parts = [(slice(moving, down + 1), NO_SUPPORT)]
+    for name, row, rows in (
+        ("start", 0, slice(moving + 1)),
+        ("goal", -1, slice(down, None)),
+    ):
+        if ("lift-off" if name == "start" else "set-down") not in lift.phases:
+            continue
+        support = support_of(clearance, load_corners(lift, run.q[row]))
+        lowest = np.array([load_corners(lift, state)[:, 2].min() for state in run.q[rows]])
+        stands.append((name, support, lowest))
+        parts.append((rows, support))
+
     least, unproven = [], []
-    for rows, supports in parts:
-        beside = clearance.without(supports)
+    standing_result = standing_parts(clearance)
+    covered: Pairs | None = None
+    for rows, support in parts:
+        beside = clearance.without(support.parts)
         least.append(beside.nearest(q[rows][beside.nearest_row(q[rows])]))
-        row = unproven_row(beside, q[rows], lift.motion.period, envelope=aside[rows])
-        unproven += [] if row is None else [float(run.t[rows][row])]
+        failing = unproven_row(beside, q[rows], lift.motion.period, envelope=aside[rows])
+        unproven += [] if failing is None else [float(run.t[rows][failing])]
+        pairs = hanging_pairs(beside) | support.pairs
+        covered = pairs if covered is None else covered & pairs
     nearest, proof = min(least), "proven between all instants"
     if unproven:
         proof = f"not proven at t = {unproven[0]:.2f} s"
-    return Check(
-        "Above its supports nothing that hangs comes nearer to another obstacle than "
-        f"{nearest.distance:.2f} m ({nearest.obstacle}), {clearance.site.distance:g} m required; "
-        f"{proof}.",
-        not unproven and nearest.distance >= clearance.site.distance,
-    )
+    slews = q[:, lift.motion.drives[0]]
+    turns_freely = lift.lift.slews.low <= slews.min() and slews.max() <= lift.lift.slews.high
+    assert covered is not None  # there is always a motion
+    return [
+        Check(
+            "Above its supports nothing that hangs comes nearer to another obstacle than "
+            f"{nearest.distance:.2f} m ({nearest.obstacle}), {clearance.site.distance:g} m "
+            f"required; {proof}.",
+            bool(not unproven and nearest.distance >= clearance.site.distance),
+        ),
+        contact_check(stands),
+        Check(
+            "Slewing: the jib stays in the angles that are proven free."
+            if turns_freely
+            else "Slewing: the jib leaves the angles that are proven free.",
+            bool(turns_freely),
+        ),
+        standing_check(standing_result),
+        coverage_check(clearance.site, covered | slewing_pairs(clearance) | standing_result.pairs),
+    ]
 
 
-def _supports(clearance: Clearance, q: np.ndarray, hoist: int) -> frozenset[str]:
-    """Return the obstacles on which the load stands at coordinates, shape (n,): what it touches a
-    little lower, but not a little higher.
+def load_corners(lift: GroundLift, q: np.ndarray) -> np.ndarray:
+    """Return the corners of the load at coordinates of the lift's crane, shape (n,), in the frame
+    of the crane [m], shape (8, 3).
     """
-    lower, higher = (
-        clearance.distances(q + ds * np.eye(len(q))[hoist], jib=False) for ds in (SLACK, -SLACK)
-    )
-    return frozenset(
-        name for name, pair in lower.items() if pair.distance <= 0.0 < higher[name].distance
-    )
+    crane = lift.crane
+    points = crane.payload.lever + np.array(lift.ground.points)
+    body = crane.payload.body
+    position, _ = body_points(crane.model, crane.data, body, points, q, np.zeros_like(q))
+    return position.T
 
 
 def _on_rope(clearance: Clearance, rope_stiffness: float) -> tuple[Crane, list[float]]:

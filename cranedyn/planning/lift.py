@@ -10,6 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from cranedyn.checks import finite
+from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, DataError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -25,8 +26,10 @@ from cranedyn.planning.curve import (
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, best_on_grid, search
 from cranedyn.planning.site import Site
+from cranedyn.planning.standing import standing_check, standing_parts
 from cranedyn.planning.timing import TimedMotion, timed
 from cranedyn.references.limits import Limits
+from cranedyn.verdict import Verdict
 
 EXTRA = (0.1, 0.2, 0.0)
 """Margins to plan a path with, where there is a way [m]: averaging takes a motion off its curve."""
@@ -160,8 +163,9 @@ def plan_lift(
         period: Time between rows of the motion [s].
 
     Raises:
-        NoWay: If there is no way, with the reason: start or goal too close to an obstacle, an
-            obstacle in the way of the jib, an end that is enclosed, or none found.
+        NoWay: If there is no way, with the reason: the crane stands in an obstacle, the load is too
+            heavy for the hoist, start or goal too close to an obstacle, an obstacle in the way of
+            the jib, an end that is enclosed, or none found.
         OutOfRange: If the crane does not reach start or goal.
         MissingRole: If it is not a tower crane.
         Misshapen: If start or goal is no array of two or three numbers.
@@ -172,6 +176,8 @@ def plan_lift(
     limits = limits.for_crane(crane)
     limits = replace(limits, rates=np.minimum(limits.rates, crane.rate_limit / RESERVE).tolist())
     clearance = Clearance(crane, site)
+    _refuse_unless_it_stands(clearance)
+    _refuse_unless_it_holds(crane)
     first = _end(clearance, "start", site.start if start is None else start)
     last = _end(clearance, "goal", site.goal if goal is None else goal)
     slew = clearance.joints.slew
@@ -191,6 +197,30 @@ def plan_lift(
     return min(lifts, key=lambda lift: lift.timed.motion.arrival)
 
 
+def _refuse_unless_it_stands(clearance: Clearance) -> None:
+    """Refuse a site whose crane stands in an obstacle.
+
+    Raises:
+        NoWay: With the obstacle.
+    """
+    check = standing_check(standing_parts(clearance))
+    if check.verdict is not Verdict.HOLDS:
+        raise NoWay(check.sentence)
+
+
+def _refuse_unless_it_holds(crane: Crane) -> None:
+    """Refuse a load that the hoist cannot hold, before a way is searched for it.
+
+    Raises:
+        NoWay: With both masses.
+    """
+    hoist = crane.layout.drive("l")
+    held = float(crane.effort_limit[hoist]) / crane.gravity
+    load = abs(float(holding_effort(crane, crane.start.q)[hoist])) / crane.gravity
+    if not load <= held:
+        raise NoWay(f"The hoist holds {held:,.0f} kg; the load with rigging is {load:,.0f} kg.")
+
+
 def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarray:
     """Return the place of an end of a lift, if the load may hang there."""
     if point is None:
@@ -202,7 +232,7 @@ def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarra
     for solid in clearance.solids:
         if solid.holds(centre):
             raise NoWay(f"At the {name} the load is inside of {solid.name}.")
-    if clearance.swing_margin(drive_position) < CLOSE:
+    if not clearance.swing_margin(drive_position) >= CLOSE:
         nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
         zones = [solid.name for solid in clearance.solids if solid.zone]
         rule = "kept out of" if nearest.obstacle in zones else f"required are {site.distance:g} m"
@@ -224,7 +254,7 @@ def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
     longest = float(clearance.crane.upper[clearance.joints.hoist])
     for length in np.arange(place[2], longest, _LOWERED):
         lower = np.array([*place[:2], length])
-        if clearance.swing_margin(lower) < max(EXTRA) + CLOSE:
+        if not clearance.swing_margin(lower) >= max(EXTRA) + CLOSE:
             break
         place = lower
     return place

@@ -88,14 +88,15 @@ def unproven_parameter(
         middle = (low + high) / 2.0
         drive_position = curve.at(middle)
         margin, examined = clearance.swing_margin(drive_position), examined + 1
-        if margin < CLOSE or examined > _MOST:
+        # Written so that a margin that is not a number proves nothing.
+        if not margin >= CLOSE or examined > _MOST:
             return middle
         change = clearance.travel(drive_position, curve.reach(low, high))
-        if margin < change:
+        if not margin >= change:
             # The part about the middle that is proven need not be examined again.
             radius = 0.99 * (high - low) / 2.0 * margin / change
             reach = curve.reach(middle - radius, middle + radius)
-            if clearance.travel(drive_position, reach) > margin:
+            if not clearance.travel(drive_position, reach) <= margin:
                 radius = 0.0
             stretches += [(low, middle - radius), (middle + radius, high)]
     return None
@@ -104,8 +105,8 @@ def unproven_parameter(
 def unproven_row(
     clearance: Clearance, q: np.ndarray, period: float, *, envelope: np.ndarray | float = 0.0
 ) -> int | None:
-    """Return a row of a motion about which it is not proven that all that hangs keeps its distance;
-    None if it does at all times.
+    """Return a row of a motion about which it is not proven that all that hangs keeps its distance,
+    such as one with a coordinate that is not finite; None if it does at all times.
 
     Between two rows no point moves farther than the difference of their coordinates says. Stretches
     of rows are halved until the margin in their middle is more than that.
@@ -117,6 +118,9 @@ def unproven_row(
         envelope: How far a point that hangs may be from its place in each row [m], shape (rows,).
     """
     envelope = np.broadcast_to(envelope, len(q))
+    finite = np.isfinite(q).all(axis=1) & np.isfinite(envelope)
+    if not finite.all():
+        return int(np.argmin(finite))
     before, after = (np.delete(q, end, axis=0) for end in (-1, 0))
     steps = clearance.displacement(before, after) + np.abs(np.diff(envelope))
     moved = np.concatenate([[0.0], np.cumsum(steps)])
@@ -124,7 +128,8 @@ def unproven_row(
     while stretches:
         low, high = stretches.pop()
         middle = (low + high) // 2
-        bound = max(moved[middle] - moved[low], moved[high] - moved[middle]) + bend
+        # Not Python's max, which would drop a way that is not a number.
+        bound = np.maximum(moved[middle] - moved[low], moved[high] - moved[middle]) + bend
         if clearance.margin(q[middle]) - envelope[middle] > bound:
             continue
         if high - low <= 1:
@@ -157,7 +162,7 @@ def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> S
         angle, name = gamma, ""
         while (limit - angle) * sign > 0.0 and abs(angle - gamma) <= 2.0 * math.pi:
             margin = clearance.slewing_margin(angle)
-            if margin < CLOSE:
+            if not margin >= CLOSE:
                 q = clearance.q(np.array([angle, 0.0, 1.0]))
                 jib = [pair for pair in clearance.distances(q).values() if pair.body == "jib"]
                 name = min(jib).obstacle

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,17 @@ class Solid(ShortRepr):
         """Return the body, rotated and then translated [m]."""
         parts = tuple(corners @ rotation.T + translation for corners in self.parts)
         return replace(self, parts=parts, vertices=self.vertices @ rotation.T + translation)
+
+    def without_parts(self, indices: Iterable[int]) -> Solid | None:
+        """Return the body without some of its convex parts, None if no part is left. Its surface
+        stays as it is; it is drawn and not measured.
+        """
+        left_out = set(indices)
+        if not left_out:
+            return self
+        kept = tuple(part for i, part in enumerate(self.parts) if i not in left_out)
+        # A solid without parts would be taken for a surface of triangles.
+        return replace(self, parts=kept) if kept else None
 
     def geometries(self) -> list[coal.CollisionGeometry]:
         """Return shapes for `coal`, in the frame of the corners."""

@@ -75,6 +75,15 @@ def test_more_lifts_than_fit_are_refused(count: int) -> None:
         perturb(certificate(), count)
 
 
+def test_a_load_beyond_the_hoist_is_refused_with_both_masses() -> None:
+    """100 kN hold 100,000 / 9.80665 = 10,197 kg."""
+    heavy = load_crane(gravity=9.80665, payload_mass=10_300.0)
+    with pytest.raises(
+        NoWay, match="The hoist holds 10,197 kg; the load with rigging is 10,300 kg"
+    ):
+        plan_lift(site(), LIMITS, crane=heavy)
+
+
 def test_a_lift_that_takes_days_is_refused() -> None:
     with pytest.raises(CraneError, match="more than 100000 s"):
         plan_lift(site(), LIMITS, crane=load_crane(gravity=1e-12))

@@ -1,0 +1,105 @@
+"""Which bodies of the crane a proof compares with which obstacles, and which it should.
+
+A proof that leaves a pair of a body and an obstacle out says nothing about it, however well it goes
+for the others. So a certificate asks twice. `required_pairs` lists all pairs from the site alone.
+`hanging_pairs`, `slewing_pairs` and `cranedyn.planning.standing.Standing.pairs` list the pairs that
+are compared, from the very shapes that distances are measured between. What is in the first list
+and not in the second is missing, and the certificate does not hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from cranedyn.planning.clearance import GROUND, MAST, Clearance
+from cranedyn.planning.site import Site
+from cranedyn.verdict import Check
+
+HANGING = ("hook", "rope", "load")
+"""Bodies that hang from the trolley and swing."""
+
+BODIES = ("mast", "jib", "trolley", *HANGING)
+"""All bodies of a crane; the jib stands for all that slews with it, the counter-jib too."""
+
+
+class BodyAndObstacle(NamedTuple):
+    """A body of the crane and an obstacle by their names, which are to be compared."""
+
+    body: str
+    obstacle: str
+
+
+Pairs = frozenset[BodyAndObstacle]
+
+
+def required_pairs(site: Site) -> Pairs:
+    """Return all pairs of bodies and obstacles that a certificate must compare.
+
+    Every body keeps from every solid, and what hangs keeps out of every zone and from the crane's
+    own mast. The ground is for the load alone: hook and rope hang above it, and the mast stands on
+    it.
+    """
+    pairs = {
+        BodyAndObstacle(body, solid.name)
+        for solid in site.solids
+        for body in (HANGING if solid.zone else BODIES)
+    }
+    pairs |= {BodyAndObstacle(body, MAST) for body in HANGING}
+    pairs.add(BodyAndObstacle("load", GROUND))
+    return frozenset(pairs)
+
+
+def hanging_pairs(clearance: Clearance) -> Pairs:
+    """Return the pairs of trolley, hook, rope and load with obstacles that `Clearance.margin`
+    compares; an obstacle counts only if all of its parts are among the shapes.
+
+    The trolley is also compared with every solid that is too low for it: it rolls at a constant
+    height.
+    """
+    sizes = _shape_counts(clearance)
+    pairs = {
+        BodyAndObstacle(body, obstacle)
+        for body, field in clearance.hanging_fields()
+        for obstacle, count in field.shape_counts.items()
+        if count >= sizes[obstacle]
+    }
+    pairs |= {
+        BodyAndObstacle("trolley", solid.name)
+        for solid in clearance.site.seen_by_crane()
+        if float(solid.vertices[:, 2].max()) + clearance.site.distance < clearance.trolley_bottom
+    }
+    return frozenset(pairs)
+
+
+def slewing_pairs(clearance: Clearance) -> Pairs:
+    """Return the pairs of the jib with obstacles that `Clearance.slewing_margin` compares."""
+    sizes = _shape_counts(clearance)
+    counts = clearance.slewing_field.shape_counts
+    return frozenset(
+        BodyAndObstacle("jib", name) for name, count in counts.items() if count >= sizes[name]
+    )
+
+
+def _shape_counts(clearance: Clearance) -> Mapping[str, int]:
+    """Return the number of shapes that each obstacle of the site consists of, by name."""
+    solids = {solid.name: max(len(solid.parts), 1) for solid in clearance.site.solids}
+    return {**solids, GROUND: 1, MAST: len(clearance.bodies.mast)}
+
+
+def coverage_check(site: Site, covered: Pairs) -> Check:
+    """Return a check that proofs compare every body of the crane with every obstacle; it is not
+    judged, and names the pairs, where they do not.
+    """
+    required = required_pairs(site)
+    missing = sorted(required - covered)
+    if missing:
+        listed = ", ".join(f"{body} and {obstacle}" for body, obstacle in missing[:5])
+        more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+        return Check(f"No proof compares {listed}{more}.", None)
+    obstacles = f"{len(site.solids)} obstacle{'s' * (len(site.solids) != 1)}"
+    return Check(
+        f"The proofs compare the {len(BODIES)} bodies of the crane with {obstacles}, the mast and "
+        f"the ground, and leave none of the {len(required)} pairs out.",
+        True,
+    )

@@ -1,0 +1,86 @@
+"""Where the crane stands: its mast, foot and base do not move, and may be in no obstacle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+
+from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.coverage import BodyAndObstacle, Pairs
+from cranedyn.planning.fields import Body, Field
+from cranedyn.planning.site import Base, Site
+from cranedyn.planning.solids import hull
+from cranedyn.verdict import Check
+
+TOUCHING = 0.01
+"""Depth up to which a part that stands may be in an obstacle [m]. A crane stands on a foundation
+and may be tied to a building, so that it touches them; what is deeper is inside of them.
+"""
+
+BASE_HEIGHT = 0.3
+"""Height of the beams of a base above the foot [m]. A site enters their length, which is the
+spacing of the corners, and no height; that of a usual foundation cross is about this.
+"""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How the parts of a crane that stand are placed among the obstacles.
+
+    Attributes:
+        inside: An obstacle that holds a part, for each such obstacle.
+        pairs: The obstacles that were compared with the mast.
+    """
+
+    inside: tuple[BodyAndObstacle, ...]
+    pairs: Pairs
+
+
+def standing_parts(clearance: Clearance) -> Standing:
+    """Compare mast, foot and base of a crane with all solids of its site, but for zones, which are
+    for what hangs.
+    """
+    site = clearance.site
+    parts = {"mast": clearance.bodies.mast}
+    if site.base is not None:
+        parts["base"] = [_base_corners(site, site.base)]
+    solids = [solid for solid in site.seen_by_crane() if not solid.zone]
+    inside, compared = [], set()
+    for solid in solids:
+        field = Field((solid.name, shape) for shape in solid.geometries())
+        compared.add(BodyAndObstacle("mast", solid.name))
+        for name, hulls in parts.items():
+            for corners in hulls:
+                body = Body(hull(_shrunk(corners)), 0.0).put(coal.Transform3s())
+                # A surface of triangles all around a part is nowhere near it.
+                if field.least(body) <= 0.0 or solid.holds(corners.mean(axis=0)):
+                    inside.append(BodyAndObstacle(name, solid.name))
+    return Standing(tuple(dict.fromkeys(inside)), frozenset(compared))
+
+
+def standing_check(result: Standing) -> Check:
+    """Return a check that nothing of the crane stands in an obstacle."""
+    if not result.inside:
+        return Check("Mast, foot and base of the crane stand in no obstacle.", True)
+    listed = ", ".join(f"the {body} stands in {obstacle}" for body, obstacle in result.inside[:5])
+    return Check(f"The crane cannot stand there: {listed}.", False)
+
+
+def _base_corners(site: Site, base: Base) -> np.ndarray:
+    """Return the corners of the box around a base [m], shape (8, 3), in the crane's frame. The
+    sides of a base lie along the axes of the site.
+    """
+    half = base.spacing / 2.0
+    corners = [[x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, BASE_HEIGHT)]
+    return np.array(corners) @ site.turn
+
+
+def _shrunk(corners: np.ndarray) -> np.ndarray:
+    """Return corners [m], shape (n, 3), moved towards the middle of their box by `TOUCHING` in each
+    direction, and no farther than to the middle.
+    """
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+    offset = corners - middle
+    return middle + np.sign(offset) * np.maximum(np.abs(offset) - TOUCHING, 0.0)
