@@ -1,6 +1,6 @@
-"""A lift judged: go or no go, and every number for a method statement.
+"""A lift judged: GO, NO GO or NOT COMPLETE, and every number for a method statement.
 
-Utilisation, clearances, factors, wind and robustness on a page with GO or NO GO at its beginning.
+Utilisation, clearances, factors, wind and robustness on a page that begins with the verdict.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from cranedyn.checks import number, within
 from cranedyn.command import FAILED, Parser, command
-from cranedyn.lifting.chart import CHARTS, read_chart
+from cranedyn.lifting.chart import read_chart
 from cranedyn.lifting.factors import DriveClass, HoistingClass
+from cranedyn.verdict import Verdict
 from experiments import harness
 from experiments.harness.arguments import command_name
 from experiments.scenarios.moves import LIMITS
@@ -33,12 +34,16 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
 
     requirements = Requirements(
         wind=options.wind,
-        swing=math.radians(within("swing allowed", options.swing, 0.1, 45.0, "degrees")),
-        risk=within("risk allowed", options.risk, 0.0, 100.0, "%") / 100.0,
+        swing=None
+        if options.swing is None
+        else math.radians(within("swing allowed", options.swing, 0.1, 45.0, "degrees")),
+        risk=None
+        if options.risk is None
+        else within("risk allowed", options.risk, 0.0, 100.0, "%") / 100.0,
         lifts=options.lifts,
         gusts=options.gusts,
     )
-    chart = read_chart(options.chart or CHARTS / "laboratory.toml")
+    chart = None if options.chart is None else read_chart(options.chart)
     site = read_site(options.site or "open_yard")
     values: dict[str, Any] = {}
     if options.load is not None:  # instead of the mass in the site's file
@@ -47,7 +52,8 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
         site = replace(site, crane=crane_values, rigging={})
     if options.crane is not None:
         values["urdf"] = Path(options.crane)
-    chart.on(options.falls)
+    if chart is not None:
+        chart.on(options.falls)
     return judge(
         site,
         chart,
@@ -69,14 +75,15 @@ def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
     from cranedyn.recording import Run
 
     lift, required = judgement.analysis, judgement.analysis.requirements
-    run = lift.certificate.run
+    begins = 0.0 if lift.grounded is None else lift.grounded.lift.phases["motion"]
+    shown = scenery(lift.certificate, begins=begins)
     return harness.Outcome(
         tables=[harness.ResultTable(*table) for table in judgement.tables(command)],
         claims=judgement.checks,
         parameters={
             "site": lift.site.name,
-            "chart": lift.chart.name,
-            "falls": lift.falls,
+            "chart": "" if lift.chart is None else lift.chart.name,
+            "falls": lift.assumed.falls or 0,
             "hoisting": lift.hoisting,
             "drive": lift.drive,
             "wind_asked_m_s": required.wind,
@@ -85,9 +92,9 @@ def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
             "lifts": required.lifts,
             "gusts": required.gusts,
         },
-        trajectories={"lift": run, "loads": lift.loads},
+        trajectories={"lift": lift.run, "loads": lift.loads},
         figures={name: figure for name, (figure, _) in judgement.figures.items()},
-        recording=[Run(lift.site.name, lift.crane, run, scenery=scenery(lift.certificate))],
+        recording=[Run(lift.site.name, lift.run_crane, lift.run, scenery=shown)],
     )
 
 
@@ -115,12 +122,14 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
     from cranedyn.lifting.page import NoBrowser, print_pdf
 
     page = judgement.report(folder / "lift.html", command_line)
-    print(f"{'Go' if judgement.go else 'No go'}: {page}.")
+    for sentence in judgement.analysis.unusual:
+        print(f"Unusual: {sentence}")
+    print(f"{judgement.word}: {page}.")
     try:
         print(f"On paper: {print_pdf(page, folder / 'lift.pdf')}.")
     except NoBrowser as error:
         print(f"No PDF: {error}", file=sys.stderr)
-    return 0 if judgement.go else FAILED
+    return 0 if judgement.verdict is Verdict.HOLDS else FAILED
 
 
 def _parser() -> Parser:
@@ -131,16 +140,18 @@ def _parser() -> Parser:
     add("--site", metavar="FILE", help=text)
     add("--crane", metavar="FILE", help="crane as xacro or URDF instead of ours")
     add("--load", type=float, metavar="KG", help="mass that hangs, hook counted [kg]")
-    add("--chart", metavar="FILE", help="chart as TOML, see docs/howto/judge_lift.md")
-    add("--falls", type=int, metavar="N", help="falls of rope; the fewest there are")
+    text = "chart as TOML, see docs/howto/judge_lift.md; that of the site, or for our crane its own"
+    add("--chart", metavar="FILE", help=text)
+    add("--falls", type=int, metavar="N", help="falls of rope; those of the site")
     add("--hoisting", choices=get_args(HoistingClass), default="HC2", help="class of the hoist")
     add("--drive", choices=get_args(DriveClass), default="HD4", help="class of its drive")
-    add("--wind", type=float, default=8.0, metavar="V", help="gust to bear [m/s]")
-    add("--swing", type=float, default=5.0, metavar="DEG", help="swing allowed in wind [degrees]")
-    text = "largest probability that a perturbed lift comes closer than required, in percent"
-    add("--risk", type=float, default=1.0, metavar="P", help=text)
-    add("--lifts", type=int, default=10_000, metavar="N", help="perturbed lifts; 0: none")
-    add("--gusts", type=int, default=32, metavar="N", help="gusts drawn in each wind; 0: none")
+    add("--wind", type=float, metavar="V", help="gust to bear [m/s]; that of the site")
+    text = "swing allowed in wind [degrees]; that of the site"
+    add("--swing", type=float, metavar="DEG", help=text)
+    text = "largest probability that a perturbed lift comes closer than required, in percent; that "
+    add("--risk", type=float, metavar="P", help=f"{text}of the site")
+    add("--lifts", type=int, default=10_000, metavar="N", help="perturbed lifts; 0: not judged")
+    add("--gusts", type=int, default=32, metavar="N", help="gusts in each wind; 0: not judged")
     return parser
 
 

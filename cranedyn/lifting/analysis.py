@@ -2,48 +2,58 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.assumptions import Assumption
 from cranedyn.checks import number, whole
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.lifting.chart import Chart, CutOut, cut_outs
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from cranedyn.lifting.loads import Loads
 from cranedyn.lifting.wind_limit import WindLimit
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import Certificate
-from cranedyn.planning.perturbed import Perturbed
+from cranedyn.planning.ground_lift import GroundLift
+from cranedyn.planning.perturbed import Perturbed, Spread
 from cranedyn.planning.site import Site
+from cranedyn.verdict import Check
 
 
 @dataclass(frozen=True)
 class Requirements:
-    """Requirements on a lift; the defaults are this project's own.
+    """Requirements on a lift.
+
+    A requirement that is None is that of the site. Where the site has none, either, the lift is
+    computed with a default, see `cranedyn.lifting.assumed`, and the judgement is not complete.
 
     Attributes:
         wind: Gust that the lift must bear [m/s].
         swing: Largest angle of the rope from plumb in wind [rad].
         risk: Largest probability that a perturbed lift comes closer than the required distance.
-        lifts: Number of perturbed lifts; 0 for none.
-        gusts: Number of gusts drawn at each wind speed; 0 for none.
+        lifts: Number of perturbed lifts; 0 for none, then the risk is not judged.
+        gusts: Number of gusts drawn at each wind speed; 0 for none, then the wind is not judged.
 
     Raises:
         OutOfRange: If a number is negative, or the risk more than 1.
     """
 
-    wind: float = 8.0
-    swing: float = math.radians(5.0)
-    risk: float = 0.01
+    wind: float | None = None
+    swing: float | None = None
+    risk: float | None = None
     lifts: int = 10_000
     gusts: int = 32
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        number("wind asked for", self.wind, "m/s", ">= 0")
-        number("swing allowed", self.swing, "rad", "> 0")
-        number("risk allowed", self.risk, "", "0 to 1")
+        if self.wind is not None:
+            number("wind asked for", self.wind, "m/s", ">= 0")
+        if self.swing is not None:
+            number("swing allowed", self.swing, "rad", "> 0")
+        if self.risk is not None:
+            number("risk allowed", self.risk, "", "0 to 1")
         whole("lifts", self.lifts, 0)
         whole("gusts", self.gusts, 0)
 
@@ -52,37 +62,102 @@ DEFAULT_REQUIREMENTS = Requirements()
 
 
 @dataclass(frozen=True, eq=False)
+class GroundedLift:
+    """A lift with lift-off and set-down.
+
+    Attributes:
+        lift: The lift from the ground or to it.
+        run: Its simulated run.
+        checks: The checks of its phases.
+    """
+
+    lift: GroundLift
+    run: Trajectory
+    checks: Sequence[Check]
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """Values that a lift is judged with, see `cranedyn.lifting.assumed.assume`.
+
+    Attributes:
+        requirements: Requirements with a number for each.
+        spread: How far lifts may differ from the plan.
+        chart: Load chart; None if none of this crane was entered.
+        falls: Number of falls that carry the hook; None without a chart.
+        assumptions: All that the judgement rests on, each with its origin.
+    """
+
+    requirements: Requirements
+    spread: Spread
+    chart: Chart | None
+    falls: int | None
+    assumptions: tuple[Assumption, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class LiftAnalysis:
     """A lift with everything that was computed of it.
 
     Attributes:
         site: The site of the lift.
-        chart: Load chart of the crane.
-        falls: Number of falls that carry the hook.
-        requirements: Requirements on the lift.
+        assumed: What the lift is judged with: requirements, tolerances, chart, falls.
         certificate: The planned lift, simulated and checked against the site.
-        loads: Loads of the simulated run.
-        utilisation: Utilisation of the chart in each row; None where the chart does not reach.
+        loads: Loads of the simulated run, from lift-off to set-down where these are in it.
+        utilisation: Utilisation of the chart in each row; None without a chart or where it does not
+            reach.
         chart_error: Why the chart does not reach; empty where it does.
-        wind: Wind limit; None if the chart does not reach, the plan does not hold, or no gusts were
-            required.
-        perturbed: Perturbed lifts; None if the plan does not hold or none were required.
+        wind: Wind limit; None if there is no chart or it does not reach, the plan does not hold, or
+            no gusts were asked for.
+        perturbed: Perturbed lifts; None if the plan does not hold or none were asked for.
+        grounded: The lift with lift-off and set-down; None if the load hangs at both ends.
+        unusual: Sentences about entered values that are unusual.
         hoisting: Hoisting class of the crane.
         drive: Class of its hoist drive.
     """
 
     site: Site
-    chart: Chart
-    falls: int
-    requirements: Requirements
+    assumed: Assumed
     certificate: Certificate
     loads: Loads
     utilisation: np.ndarray | None
     chart_error: str
     wind: WindLimit | None
     perturbed: Perturbed | None
+    grounded: GroundedLift | None = None
+    unusual: tuple[str, ...] = ()
     hoisting: HoistingClass = "HC2"
     drive: DriveClass = "HD4"
+
+    @property
+    def requirements(self) -> Requirements:
+        """The requirements, each with a number."""
+        return self.assumed.requirements
+
+    @property
+    def chart(self) -> Chart | None:
+        """Load chart of the crane; None if there is none."""
+        return self.assumed.chart
+
+    @property
+    def run(self) -> Trajectory:
+        """The simulated run, from lift-off to set-down where these are in it."""
+        return self.certificate.run if self.grounded is None else self.grounded.run
+
+    @property
+    def run_crane(self) -> Crane:
+        """The crane of that run; its rope stretches where the load stands on the ground."""
+        return self.crane if self.grounded is None else self.grounded.lift.crane
+
+    @property
+    def hangs(self) -> slice:
+        """The rows of that run in which the load hangs: those of the planned motion."""
+        if self.grounded is None:
+            return slice(None)
+        period, phases = self.grounded.lift.motion.period, self.grounded.lift.phases
+        ends = phases.get("set-down")
+        last = None if ends is None else round(ends / period)
+        return slice(round(phases["motion"] / period), last)
 
     @property
     def crane(self) -> Crane:

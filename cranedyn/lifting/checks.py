@@ -7,22 +7,41 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from cranedyn.assumptions import check_entered
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.chart import CUT_OUT, WARNING
-from cranedyn.planning.perturbed import CONFIDENCE, Spread
+from cranedyn.planning.perturbed import CONFIDENCE
 from cranedyn.verdict import Check
 
 CheckFunction = Callable[[LiftAnalysis], Check]
-"""A check: from what was computed of a lift to a sentence with its numbers, and whether it holds;
-None where what decides it was not entered."""
+"""A check: from what was computed of a lift to a sentence with its numbers and a verdict. It is not
+judged where what decides it was not entered or not computed."""
 
 
 def run_checks(
     analysis: LiftAnalysis, functions: Sequence[CheckFunction] | None = None
 ) -> list[Check]:
-    """Return the checks of the certificate, then those of functions, by default `CHECKS`."""
+    """Return the checks of the certificate, of lift-off and set-down, then those of functions, by
+    default `CHECKS`.
+    """
     functions = CHECKS if functions is None else functions
-    return [*analysis.certificate.checks, *(function(analysis) for function in functions)]
+    checks = [*analysis.certificate.checks, *_ground_checks(analysis)]
+    return checks + [function(analysis) for function in functions]
+
+
+def _ground_checks(analysis: LiftAnalysis) -> Sequence[Check]:
+    """Return the checks of lift-off and set-down, none where the load hangs at both ends."""
+    site = analysis.site
+    if analysis.grounded is not None:
+        return analysis.grounded.checks
+    if all(end is None or len(end) == 3 for end in (site.start, site.goal)):
+        return ()
+    return [Check("Lift-off and set-down were not simulated: the plan has no certificate.", None)]
+
+
+def assumptions_entered(analysis: LiftAnalysis) -> Check:
+    """Check that nothing that the judgement rests on is a default of this program."""
+    return check_entered(analysis.assumed.assumptions)
 
 
 def drives_entered(analysis: LiftAnalysis) -> Check:
@@ -48,6 +67,12 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
 
 def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
     """Check that a load moment limiter gives no warning."""
+    if analysis.chart is None:
+        return Check(
+            "Utilisation: no load chart of this crane was entered, and another crane's says "
+            "nothing of it.",
+            None,
+        )
     if analysis.utilisation is None:
         return Check(f"The chart does not reach: {analysis.chart_error}", False)
     highest = float(analysis.utilisation.max())
@@ -62,21 +87,22 @@ def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
 
 
 def heavier_load(analysis: LiftAnalysis) -> Check:
-    """Check that the chart bears a load heavier by the spread of the perturbed lifts."""
-    spread = Spread().load
+    """Check that the chart bears a load heavier by the tolerance of its mass."""
+    spread = analysis.assumed.spread.load
     if analysis.utilisation is None:
         return Check("The utilisation by a heavier load is not known.", None)
     utilisation = (1.0 + spread) * float(analysis.utilisation.max())
     return Check(
-        f"A load {100.0 * spread:.0f} % heavier than entered uses {100.0 * utilisation:.1f} % of "
+        f"A load {100.0 * spread:.3g} % heavier than entered uses {100.0 * utilisation:.1f} % of "
         f"the chart; a limiter cuts out at {100.0 * CUT_OUT:g} %.",
         utilisation < CUT_OUT,
     )
 
 
 def taut_rope(analysis: LiftAnalysis) -> Check:
-    """Check that the rope stays taut and the hoist strong enough."""
-    slack, snag = (float(analysis.loads[f"{name}_margin"].min()) for name in ("slack", "snag"))
+    """Check that the rope stays taut while the load hangs, and the hoist strong enough."""
+    slack = float(analysis.loads["slack_margin"][analysis.hangs].min())
+    snag = float(analysis.loads["snag_margin"].min())
     return Check(
         f"The rope stays taut: it carries {100.0 * slack:.0f} % of the weight at least; the hoist "
         f"has {100.0 * snag:.0f} % of its force left.",
@@ -96,11 +122,17 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
         )
     forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
     smallest, largest, permitted = float(forces.min()), float(forces.max()), site.base.permitted
-    bears = "" if permitted is None else f"; the ground may bear {permitted / 1e3:.0f} kN"
-    return Check(
+    presses = (
         f"All corners of the base press on the ground, by {smallest / 1e3:.0f} kN at least and "
-        f"{largest / 1e3:.0f} kN at most{bears}.",
-        smallest > 0.0 and (permitted is None or largest <= permitted),
+        f"{largest / 1e3:.0f} kN at most"
+    )
+    if permitted is None:
+        # Pressing is not enough: whether the ground bears it is not known.
+        unknown = "; [base] permitted is missing, what the ground may bear"
+        return Check(f"{presses}{unknown}.", None if smallest > 0.0 else False)
+    return Check(
+        f"{presses}; the ground may bear {permitted / 1e3:.0f} kN.",
+        0.0 < smallest and largest <= permitted,
     )
 
 
@@ -108,13 +140,23 @@ def wind_borne(analysis: LiftAnalysis) -> Check:
     """Check that the lift bears the required gust."""
     required = analysis.requirements
     if analysis.wind is None:
-        return Check("The wind limit was not computed.", required.gusts == 0)
+        if not required.gusts:
+            reason = "no gusts were asked for"
+        elif not analysis.certificate.holds:
+            reason = "the plan has no certificate"
+        else:
+            reason = "it needs a load chart that reaches"
+        return Check(f"The wind limit was not computed: {reason}.", None)
+    assert required.wind is not None  # see `cranedyn.lifting.assumed`
     limit, broken = analysis.wind.interval()
     beyond = f"not {broken:g} m/s" if broken < math.inf else "none stronger was tried"
+    holds: bool | None = limit >= required.wind
+    if not holds and broken == math.inf:
+        holds = None  # the strongest gust that was tried is weaker than the one required
     return Check(
         f"The lift bears gusts up to {limit:g} m/s, {beyond}; {required.wind:g} m/s required. The "
         f"first limit is {analysis.wind.binding}.",
-        limit >= required.wind,
+        holds,
     )
 
 
@@ -122,7 +164,9 @@ def perturbed_lifts(analysis: LiftAnalysis) -> Check:
     """Check the probability that a perturbed lift comes too close or breaks off."""
     required, perturbed = analysis.requirements, analysis.perturbed
     if perturbed is None:
-        return Check("No perturbed lifts were simulated.", required.lifts == 0)
+        reason = "the plan has no certificate" if required.lifts else "none were asked for"
+        return Check(f"No perturbed lifts were simulated: {reason}.", None)
+    assert required.risk is not None  # see `cranedyn.lifting.assumed`
     _, high = perturbed.interval()
     return Check(
         f"Of {len(perturbed.least)} perturbed lifts {perturbed.failures - perturbed.broken_off} "
@@ -134,6 +178,7 @@ def perturbed_lifts(analysis: LiftAnalysis) -> Check:
 
 
 CHECKS: tuple[CheckFunction, ...] = (
+    assumptions_entered,
     drives_entered,
     counter_jib_entered,
     utilisation_below_warning,

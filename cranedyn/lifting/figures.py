@@ -64,12 +64,14 @@ def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
         ),
         "chart": (
             draw_chart(analysis),
-            "Chart with the way of the load, and the jib's largest moments.",
+            "Chart with the way of the load, and the jib's largest moments."
+            if analysis.chart is not None
+            else "The load over the radius, without a chart, and the jib's largest moments.",
         ),
     }
     if analysis.wind is not None:
         captioned["wind"] = (
-            draw_wind(analysis.wind, analysis.requirements.wind),
+            draw_wind(analysis.wind, analysis.requirements.wind or 0.0),
             "Utilisation, swing and clearance over the speed of a gust.",
         )
     return {name: LiftFigure(*figure) for name, figure in captioned.items()}
@@ -98,9 +100,9 @@ def draw_loads(analysis: LiftAnalysis) -> Figure:
 def draw_chart(analysis: LiftAnalysis) -> Figure:
     """Draw the rated load over the radius with the pull of the load, and the moment of the jib."""
     figure, (rated, jib) = panels(1, 2, height=3.4, width=11.0)
-    for reeving in analysis.chart.reevings:
+    for reeving in () if analysis.chart is None else analysis.chart.reevings:
         radius = np.linspace(max(reeving.least, 0.5), reeving.radii[-1], 200)
-        style = "-" if reeving.count == analysis.falls else ":"
+        style = "-" if reeving.count == analysis.assumed.falls else ":"
         label = f"{reeving.count} falls"
         rated.plot(radius, reeving.at(radius) / 1e3, style, color=COLOURS["limit"], label=label)
         rated.plot(reeving.radii, reeving.rated / 1e3, ".", color=COLOURS["limit"])
@@ -110,7 +112,7 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     rated.set(xlabel="radius [m]", ylabel="load [t]", ylim=(0.0, None))
     rated.legend(fontsize=9)
     stations = np.linspace(0.0, float(analysis.loads["radius_m"].max()), _STATIONS)
-    envelope = jib_moment(analysis.crane, analysis.certificate.run, stations).max(axis=0)
+    envelope = jib_moment(analysis.run_crane, analysis.run, stations).max(axis=0)
     jib.fill_between(stations, 1e-3 * envelope, color=COLOURS["x"], alpha=0.3)
     jib.plot(stations, 1e-3 * envelope, color=COLOURS["x"])
     jib.set(xlabel="along the jib [m]", ylabel="largest moment [kN m]")

@@ -1,4 +1,9 @@
-"""Judge a lift: plan, certify and simulate it, check all that is required, report GO or NO GO."""
+"""Judge a lift: plan, certify and simulate it, check all that is required, report what follows.
+
+The outcome is GO, NO GO or NOT COMPLETE. NO GO means that a check fails. NOT COMPLETE means that
+none fails and something was not judged: it was not computed, or rests on a value that nobody
+entered.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +12,33 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.interfaces import EngineName
 from cranedyn.lifting import page
-from cranedyn.lifting.analysis import DEFAULT_REQUIREMENTS, LiftAnalysis, Requirements
+from cranedyn.lifting.analysis import (
+    DEFAULT_REQUIREMENTS,
+    GroundedLift,
+    LiftAnalysis,
+    Requirements,
+)
+from cranedyn.lifting.assumed import assume
 from cranedyn.lifting.chart import Chart, utilisation
 from cranedyn.lifting.checks import CheckFunction, run_checks
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from cranedyn.lifting.figures import LiftFigure, figures
 from cranedyn.lifting.loads import loads
+from cranedyn.lifting.plausible_chart import chart_findings
 from cranedyn.lifting.tables import Table, tables
 from cranedyn.lifting.wind_limit import wind_limit
 from cranedyn.model.crane import Crane
-from cranedyn.planning.certificate import certify
+from cranedyn.planning.certificate import Certificate, certify
+from cranedyn.planning.ground_lift import certify_ground_lift, from_ground
 from cranedyn.planning.lift import crane_of, plan_lift
 from cranedyn.planning.perturbed import perturb
+from cranedyn.planning.plausibility import WIND, findings, judge_value
 from cranedyn.planning.site import Site
 from cranedyn.references.limits import Limits
-from cranedyn.verdict import Check
+from cranedyn.verdict import Check, Verdict, overall
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,22 +47,31 @@ class Judgement:
 
     Attributes:
         analysis: Everything that was computed of the lift.
-        checks: Sentences with their numbers, each with whether it holds, or None where it could not
-            be judged.
+        checks: Sentences with their numbers, each with its verdict.
     """
 
     analysis: LiftAnalysis
     checks: Sequence[Check]
 
     @property
+    def verdict(self) -> Verdict:
+        """The verdict of all checks together."""
+        return overall(self.checks)
+
+    @property
+    def word(self) -> str:
+        """GO, NO GO or NOT COMPLETE."""
+        return page.WORDS[self.verdict]
+
+    @property
     def go(self) -> bool:
-        """Whether every check holds; one that could not be judged does not."""
-        return not self.reasons
+        """Whether every check holds; one that was not judged does not."""
+        return self.verdict is Verdict.HOLDS
 
     @property
     def reasons(self) -> list[str]:
-        """Sentences of the checks that do not hold or could not be judged: why it is NO GO."""
-        return [check.sentence for check in self.checks if check.holds is not True]
+        """Sentences of the checks that do not hold or were not judged: why it is no GO."""
+        return [c.sentence for c in self.checks if c.verdict is not Verdict.HOLDS]
 
     @cached_property
     def figures(self) -> dict[str, LiftFigure]:
@@ -63,8 +86,8 @@ class Judgement:
         """Return the report as one HTML document that needs no other file and names the command
         that makes it again.
         """
-        figures, title = [*self.figures.values()], f"Lift: {self.analysis.site.name}"
-        return page.lift_html(title, self.checks, self.tables(command), figures, command)
+        figures = [*self.figures.values()]
+        return page.lift_html(self.analysis, self.checks, self.tables(command), figures, command)
 
     def report(self, path: str | Path, command: str = "") -> Path:
         """Write `html` as a ``.html`` or ``.pdf`` file, see `cranedyn.lifting.page.write_html`."""
@@ -73,7 +96,7 @@ class Judgement:
 
 def judge(
     site: Site,
-    chart: Chart,
+    chart: Chart | None = None,
     requirements: Requirements = DEFAULT_REQUIREMENTS,
     *,
     falls: int | None = None,
@@ -89,14 +112,19 @@ def judge(
 ) -> Judgement:
     """Plan a lift, certify it, and check all that is required of it.
 
+    A lift whose start or goal has two coordinates stands there; its lift-off and set-down are
+    simulated and checked too.
+
     Args:
         site: The site with the start and goal of the lift.
-        chart: Load chart of the crane.
+        chart: Load chart of the crane; None for that of the site or, for the crane of this project,
+            the one that is shipped with it. Without any, the utilisation is not judged.
         requirements: Requirements on the lift.
-        falls: Number of falls that carry the hook; None for the fewest of the chart.
+        falls: Number of falls that carry the hook; None for that of the site, or the fewest of the
+            chart, which is a default.
         crane: The crane; None for that of the site.
-        limits: Rates and accelerations of the drives where the site enters none; the lift is then
-            NO GO, since a go rests on what was entered.
+        limits: Rates and accelerations of the drives where the site enters none; the judgement is
+            then not complete, since a GO rests on what was entered.
         hoisting: Hoisting class of the crane.
         drive: Class of its hoist drive.
         checks: Checks beside those of the certificate; None for `cranedyn.lifting.checks.CHECKS`.
@@ -106,7 +134,9 @@ def judge(
         progress: Called after each of three stages: plan, perturbed lifts, wind.
 
     Raises:
-        NoWay: If no way is found for the lift.
+        NoWay: If no way is found for the lift, with the reason.
+        DataError: If an entered value cannot be meant, see `cranedyn.planning.plausibility`, or the
+            chart of the site cannot be read.
         UnknownName: If the chart has no such number of falls.
         RunError: If the simulation breaks off.
         CraneError: If neither the site nor `limits` gives limits of the drives, as
@@ -115,36 +145,79 @@ def judge(
     limits = site.limits or limits
     if limits is None:
         raise CraneError("The site does not say what its drives can do ([drives]); give limits.")
-    reeving = chart.on(falls)
     crane = crane_of(site) if crane is None else crane
+    assumed = assume(site, crane, limits, requirements, chart, falls)
+    unusual = _plausible(site, crane, assumed.chart, assumed.requirements)
+
     certificate = certify(plan_lift(site, limits, crane=crane, period=period), dt=dt, engine=engine)
+    grounded = _grounded(certificate, engine)
     progress(1)
-    run_loads = loads(crane, certificate.run, base=site.base, arms=site.arms)
+
+    run_crane = crane if grounded is None else grounded.lift.crane
+    run = certificate.run if grounded is None else grounded.run
+    run_loads = loads(run_crane, run, base=site.base, arms=site.arms)
     used, chart_error = None, ""
-    try:
-        used = utilisation(run_loads, chart, falls, gravity=crane.gravity)
-    except OutOfRange as error:
-        chart_error = str(error)
+    if assumed.chart is not None:
+        try:
+            used = utilisation(run_loads, assumed.chart, assumed.falls, gravity=crane.gravity)
+        except OutOfRange as error:
+            chart_error = str(error)
     wind = perturbed = None
     if certificate.holds and requirements.lifts:
-        perturbed = perturb(certificate, requirements.lifts, dt=2.0 * dt)
+        perturbed = perturb(certificate, requirements.lifts, spread=assumed.spread, dt=2.0 * dt)
     progress(2)
     if certificate.holds and used is not None and requirements.gusts:
-        swing, count = requirements.swing, requirements.gusts
-        wind = wind_limit(certificate, chart, falls, swing=swing, count=count, dt=2.0 * dt)
+        assert assumed.chart is not None and assumed.requirements.swing is not None
+        swing, count = assumed.requirements.swing, requirements.gusts
+        wind = wind_limit(
+            certificate, assumed.chart, assumed.falls, swing=swing, count=count, dt=2.0 * dt
+        )
     progress(3)
     analysis = LiftAnalysis(
         site=site,
-        chart=chart,
-        falls=reeving.count,
-        requirements=requirements,
+        assumed=assumed,
         certificate=certificate,
         loads=run_loads,
         utilisation=used,
         chart_error=chart_error,
         wind=wind,
         perturbed=perturbed,
+        grounded=grounded,
+        unusual=unusual,
         hoisting=hoisting,
         drive=drive,
     )
     return Judgement(analysis, run_checks(analysis, checks))
+
+
+def _plausible(
+    site: Site, crane: Crane, chart: Chart | None, requirements: Requirements
+) -> tuple[str, ...]:
+    """Return sentences about values that are unusual.
+
+    Raises:
+        DataError: If a value cannot be meant.
+    """
+    trolley = crane.layout.tower("A judged lift")[1]
+    reach = float(crane.lower[trolley]), float(crane.upper[trolley])
+    found = findings(site, reach)
+    if requirements.wind is not None:
+        found += judge_value(WIND, requirements.wind, "wind", "gust")
+    if chart is not None:
+        found += chart_findings(chart, reach[1])
+    for finding in found:
+        if finding.refused:
+            raise DataError(f"[{finding.table}] {finding.field}: {finding.sentence}")
+    return tuple(dict.fromkeys(f"[{one.table}] {one.field}: {one.sentence}" for one in found))
+
+
+def _grounded(certificate: Certificate, engine: EngineName) -> GroundedLift | None:
+    """Return the lift with lift-off and set-down; None if its load hangs at both ends, or the plan
+    does not hold and there is nothing to lift off for.
+    """
+    site = certificate.lift.clearance.site
+    start, goal = (end is not None and len(end) == 2 for end in (site.start, site.goal))
+    if not (start or goal) or not certificate.holds:
+        return None
+    lift = from_ground(certificate.lift, stands=(start, goal))
+    return GroundedLift(lift, *certify_ground_lift(lift, engine=engine))

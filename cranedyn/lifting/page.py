@@ -1,5 +1,8 @@
-"""The report of a lift as one HTML document: GO or NO GO and why, then every number; and as PDF,
+"""The report of a lift as one HTML document: the verdict and why, then every number; and as PDF,
 printed by a browser.
+
+Every sentence and picture on it is made from the lift that it reports. A sentence that is the same
+for every lift states what the method does, and never a fact about what was entered.
 """
 
 from __future__ import annotations
@@ -9,39 +12,39 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
 from datetime import date
 from html import escape
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
+
 from cranedyn.data.files import atomic_write, write_text
 from cranedyn.errors import CraneError
+from cranedyn.interfaces import State
+from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.figures import LiftFigure
 from cranedyn.lifting.tables import Table
-from cranedyn.model.load import load_crane
+from cranedyn.planning.perturbed import DRAG_COEFFICIENT
 from cranedyn.plotting.html import STYLE, mark_html, svg_address, table_html
 from cranedyn.recording.sketch import sketch
-from cranedyn.verdict import Check
+from cranedyn.verdict import Check, Verdict, overall
 from cranedyn.version import __version__
+
+WORDS = {
+    Verdict.HOLDS: "GO",
+    Verdict.FAILS: "NO GO",
+    Verdict.NOT_JUDGED: "NOT COMPLETE",
+}
+"""What a report says by its verdict."""
 
 STATEMENT = (
     "This page is an appendix to a method statement. It is made by a program from a model of a "
     "crane, and no substitute for a competent person, who answers for the lift, knows the ground, "
     "the rigging, the weather and the people, and has read what is said here of its limits."
 )
-
-LIMITS = (
-    "The model's rope has no mass and its crane no play; structure, ropes, slings and lifting "
-    "points are not checked for strength.",
-    "The lift begins and ends with the load hanging free. Picking up and setting down are not in "
-    "it.",
-    "Wind acts on the load alone, as a box of drag coefficient 1.2; what it does to the crane's "
-    "structure is not in it.",
-    "Standards were read second hand; where a clause is named, read it there.",
-    "The chart of this project's own crane is chosen here, no maker stands behind it.",
-)
-"""Limits of the model that a reader must know."""
 
 _SHEET = """
 .verdict { font-size: 3.2rem; font-weight: 800; line-height: 1; margin: 1rem 0 0.4rem; }
@@ -73,30 +76,108 @@ _TIMEOUT = 120.0
 
 
 def lift_html(
-    title: str,
+    analysis: LiftAnalysis,
     checks: Sequence[Check],
     tables: Sequence[Table],
     figures: Sequence[LiftFigure],
-    command: str,
+    command: str = "",
 ) -> str:
-    """Return the report of a lift, see `Judgement.html`; its first table is on the first screen."""
-    crane, held = load_crane(), [check.holds is True for check in checks]
-    reason = f"All {len(checks)} checks hold."
-    if not all(held):
-        failed = sum(check.holds is False for check in checks)
-        does, unknown = "does" if failed == 1 else "do", held.count(False) - failed
-        reason = f"{failed} of {len(held)} checks {does} not hold, {unknown} could not be judged:"
-    style, verdict = ("held", "GO") if all(held) else ("fails", "NO GO")
+    """Return the report of a lift; its first table is on the first screen.
+
+    Args:
+        analysis: The lift.
+        checks: Its checks, whose verdict together is that of the report.
+        tables: Its tables.
+        figures: Its figures.
+        command: The command that makes its numbers again; empty if there is none.
+    """
+    verdict = overall(checks)
+    style = {Verdict.HOLDS: "held", Verdict.FAILS: "fails", Verdict.NOT_JUDGED: "open"}
     return document(
-        title,
-        f'<div class="first"><div><p class="verdict {style}">{verdict}</p><p>{reason}</p></div>'
-        '<figure><img alt="The crane from the side" '
-        f'src="{svg_address(sketch(crane, crane.state(phi=0.06)))}">'
-        "<figcaption>The kind of crane, from the side.</figcaption></figure></div>"
-        f'{checks_html(checks)}<p class="statement">{STATEMENT}</p>{tables_html(tables)}'
+        f"Lift: {analysis.site.name}",
+        f'<div class="first"><div><p class="verdict {style[verdict]}">'
+        f"{WORDS[verdict]}</p><p>{_reason(checks)}</p></div>{_picture(analysis)}</div>"
+        f'{checks_html(checks)}{_unusual_html(analysis)}<p class="statement">{STATEMENT}</p>'
+        f"{tables_html(tables)}"
         f'<section class="pages"><h2>Figures</h2>{figures_html(figures)}</section>'
-        f"{_limits_and_command(command)}",
+        f"{_limits_html(analysis)}{_again_html(command)}",
     )
+
+
+def _reason(checks: Sequence[Check]) -> str:
+    """Return how many checks hold, fail and were not judged, in a sentence."""
+    counts = Counter(check.verdict for check in checks)
+    if counts[Verdict.HOLDS] == len(checks):
+        return f"All {len(checks)} checks hold."
+    failed, unknown = counts[Verdict.FAILS], counts[Verdict.NOT_JUDGED]
+    does, was = ("does" if failed == 1 else "do"), ("was" if unknown == 1 else "were")
+    return (
+        f"Of {len(checks)} checks {failed} {does} not hold and {unknown} {was} not judged; "
+        f"{counts[Verdict.HOLDS]} hold."
+    )
+
+
+def _picture(analysis: LiftAnalysis) -> str:
+    """Return a picture of the lift's own crane from the side, where the load is farthest out."""
+    crane, run = analysis.crane, analysis.certificate.run
+    trolley = crane.layout.role("trolley", "A picture of a lift")
+    row = int(run.q[:, trolley].argmax())
+    shown = State(np.where(np.arange(crane.layout.n) == 0, 0.0, run.q[row]), 0.0 * run.v[row])
+    caption = (
+        f"The crane of this lift from the side, its trolley at {run.q[row, trolley]:.1f} m, where "
+        "the load is farthest out."
+    )
+    return (
+        f'<figure><img alt="{escape(caption)}" src="{svg_address(sketch(crane, shown))}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
+
+
+def _unusual_html(analysis: LiftAnalysis) -> str:
+    """Return entered values that are unusual, as HTML; empty if there are none."""
+    if not analysis.unusual:
+        return ""
+    lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in analysis.unusual)
+    return f"<h2>Unusual values, to be looked at</h2><ul>{lines}</ul>"
+
+
+def limits_of(analysis: LiftAnalysis) -> list[str]:
+    """Return what the numbers of a lift do not say, in sentences."""
+    sentences = []
+    if analysis.grounded is None:
+        sentences.append(
+            "The model's rope has no mass and does not stretch, and the crane has no play."
+        )
+    else:
+        rope = analysis.grounded.lift.crane.springs.rope
+        assert rope is not None  # see `cranedyn.planning.ground_lift`
+        sentences.append(
+            f"The model's rope has no mass; it stretches by its stiffness EA of "
+            f"{float(rope.stiffness):.3g} N. The crane has no play."
+        )
+    sentences.append("Structure, ropes, slings and lifting points are not checked for strength.")
+    phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
+    missing = [
+        what
+        for what, phase in (("picking up", "lift-off"), ("setting down", "set-down"))
+        if phase not in phases
+    ]
+    if missing:
+        sentences.append(
+            f"The load hangs where {' and '.join(missing)} would be; that is not in this lift."
+        )
+    if analysis.perturbed is not None or analysis.wind is not None:
+        sentences.append(
+            "Perturbed lifts and gusts are of the load that hangs. Wind acts on the load alone, as "
+            f"a box of drag coefficient {DRAG_COEFFICIENT:g}; what it does to the crane's "
+            "structure is not in it."
+        )
+    else:
+        sentences.append("Nothing was computed in wind.")
+    sentences.append("Standards were read second hand; where a clause is named, read it there.")
+    if analysis.chart is not None:
+        sentences.append(f"The chart is {analysis.chart.name}. Source: {analysis.chart.source}.")
+    return sentences
 
 
 def document(title: str, body: str) -> str:
@@ -112,8 +193,9 @@ def document(title: str, body: str) -> str:
 
 
 def checks_html(checks: Sequence[Check]) -> str:
-    """Return checks as HTML, those first that do not hold."""
-    ordered = sorted(checks, key=lambda check: check.holds is True)
+    """Return checks as HTML, those first that fail, then those that were not judged."""
+    order = [Verdict.FAILS, Verdict.NOT_JUDGED, Verdict.HOLDS]
+    ordered = sorted(checks, key=lambda check: order.index(check.verdict))
     lines = (f"<li>{mark_html(check.verdict)}{escape(check.sentence)}</li>" for check in ordered)
     return f'<ul class="claims">{"".join(lines)}</ul>'
 
@@ -136,22 +218,25 @@ def tables_html(tables: Sequence[Table]) -> str:
     return first + "".join(f"<section>{text}</section>" for text in further)
 
 
-def _limits_and_command(command: str) -> str:
-    """Return the limits of the model, and how to make the numbers again."""
-    limits = "".join(f"<li>{escape(sentence)}</li>" for sentence in LIMITS)
+def _limits_html(analysis: LiftAnalysis) -> str:
+    """Return the limits of the model as HTML."""
+    limits = "".join(f"<li>{escape(sentence)}</li>" for sentence in limits_of(analysis))
+    return f"<section><h2>What these numbers do not say</h2><ul>{limits}</ul></section>"
+
+
+def _again_html(command: str) -> str:
+    """Return how to make the numbers again, and with which versions they were made."""
     packages = ("cranedyn", "pin", "numpy", "scipy")
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
-    source_note = (
-        f"Every number of this page: <code>{escape(command)}</code>; derivations"
-        if command
-        else "Derivations"
-    )
+    again = ""
+    if command:
+        again = (
+            f"<p>Every number of this page: <code>{escape(command)}</code>. The folder of this "
+            "page has the run and its loads as Parquet.</p>"
+        )
     return (
-        f"<section><h2>What these numbers do not say</h2><ul>{limits}</ul></section>"
-        f"<section><h2>Again</h2><p>{source_note} of the factors: <code>cranedyn "
-        "run factors</code>. The experiment keeps the run and its loads beside the page "
-        "as CSV and Parquet."
-        f'</p><p class="note">python {platform.python_version()}, {versions}; '
+        f"<section><h2>Again</h2>{again}<p>Derivations of the factors: <code>cranedyn run factors"
+        f'</code>.</p><p class="note">python {platform.python_version()}, {versions}; '
         f"{platform.system()} {platform.machine()}</p></section>"
     )
 

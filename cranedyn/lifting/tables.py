@@ -50,17 +50,17 @@ class Table(NamedTuple):
 def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
     """Return all tables of a lift, whose notes name the command that makes them again."""
     source_note = f" Again: {command}." if command else ""
-    result = [_lift(analysis), _loads(analysis, source_note)]
+    result = [_lift(analysis), _assumptions(analysis), _loads(analysis, source_note)]
     result += [_clearances(analysis, source_note), _factors(analysis)]
     if analysis.wind is not None:
         result += [_wind(analysis.wind, source_note), _limits(analysis.wind)]
     if analysis.perturbed is not None:
-        result.append(_robustness(analysis.perturbed, source_note))
+        result.append(_robustness(analysis, analysis.perturbed, source_note))
     return result
 
 
 def _lift(analysis: LiftAnalysis) -> Table:
-    lift, run = analysis.certificate.lift, analysis.certificate.run
+    lift, run = analysis.certificate.lift, analysis.run
     site, crane = analysis.site, analysis.crane
     size = np.ptp(lift.clearance.bodies.load, axis=0)
     ends = site.to_site(lift.clearance.point(lift.ends))
@@ -68,12 +68,11 @@ def _lift(analysis: LiftAnalysis) -> Table:
     rows: list[Row] = [
         ["site", site.name, "the site's file"],
         ["from, to [m]", " to ".join(_point(end) for end in ends), "the site's file"],
+        ["begins and ends", _begins_and_ends(analysis), "the site's file"],
         ["gross load", _gross(analysis), "the site's file"],
         ["its size [m]", " x ".join(f"{side:.1f}" for side in size), "the site's file"],
         ["crane", crane.model.name, "its URDF"],
-        ["chart", analysis.chart.name, "the chart's file"],
-        ["its source", analysis.chart.source, "the chart's file"],
-        ["rigging", f"{analysis.falls} falls", "--falls"],
+        *_chart_rows(analysis),
         ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
         ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
         ["time of the lift", f"{lift.timed.motion.arrival:.0f} s", "the plan"],
@@ -82,6 +81,35 @@ def _lift(analysis: LiftAnalysis) -> Table:
         ["required distance", f"{site.distance:g} m", "the site's file"],
     ]
     return Table("The lift", [("", ""), ("value", ""), ("from", "")], rows)
+
+
+def _begins_and_ends(analysis: LiftAnalysis) -> str:
+    """Return whether the load stands or hangs at the start and at the end."""
+    phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
+    start = "lifted off" if "lift-off" in phases else "hanging"
+    end = "set down" if "set-down" in phases else "hanging"
+    return f"{start}, {end}"
+
+
+def _chart_rows(analysis: LiftAnalysis) -> list[Row]:
+    chart = analysis.chart
+    if chart is None:
+        return [["chart", "none of this crane was entered", None]]
+    return [
+        ["chart", chart.name, "the chart's file"],
+        ["its source", chart.source, "the chart's file"],
+        ["falls", f"{analysis.assumed.falls}", "the table below"],
+    ]
+
+
+def _assumptions(analysis: LiftAnalysis) -> Table:
+    """Return what the judgement rests on, with where each value is from."""
+    rows: list[Row] = [
+        [a.name, a.value, a.origin.value, a.field or None] for a in analysis.assumed.assumptions
+    ]
+    columns = [("", ""), ("value", ""), ("origin", ""), ("field or option", "")]
+    note = "The result holds as long as these do. A default is a value that nobody entered."
+    return Table("What the result rests on", columns, rows, note)
 
 
 def _gross(analysis: LiftAnalysis) -> str:
@@ -108,9 +136,11 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
 
     if analysis.utilisation is not None:
         add("utilisation", analysis.utilisation, 100.0, "%", "90, 100")
-    add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", "the chart")
+    of_chart = "-" if analysis.chart is None else "the chart"
+    add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", of_chart)
     add("rope", carried["rope_N"], 1e-3, "kN")
     lead = [np.degrees(carried[f"{side}_lead_rad"]) for side in ("off", "side")]
+    assert analysis.requirements.swing is not None  # see `cranedyn.lifting.assumed`
     allowed = f"{math.degrees(analysis.requirements.swing):g}"
     add("off-lead", lead[0], 1.0, "°", allowed)
     add("side-lead", lead[1], 1.0, "°", allowed)
@@ -173,11 +203,13 @@ def _factors(analysis: LiftAnalysis) -> Table:
         ["ψ_h of the slew", psi, aside / (mass * about * radius), "FEM 1.001, A.2.2.3"],
     ]
     columns = [("factor", ""), ("allowed", ""), ("needed here", ".3f"), ("clause", "")]
+    picked_up = "Picking up is not in it: the load hangs at the start."
+    if analysis.grounded is not None and "lift-off" in analysis.grounded.lift.phases:
+        picked_up = "Picking up is in it."
     note = (
         f"Clauses were read {_SECOND}. Needed: largest pull of the rope over the weight, along "
-        "and across the jib over mass times the limits of acceleration of trolley and slew. The "
-        "lift begins and ends with the load hanging free; picking up is not in it. Again: python "
-        "-m experiments.factors."
+        "and across the jib over mass times the limits of acceleration of trolley and slew. "
+        f"{picked_up} Again: python -m experiments.factors."
     )
     return Table("Dynamic factors", columns, rows, note)
 
@@ -229,8 +261,9 @@ def _limits(limit: WindLimit) -> Table:
     return Table("Wind limits", columns, rows, note)
 
 
-def _robustness(perturbed: Perturbed, source_note: str) -> Table:
+def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) -> Table:
     low, high = perturbed.interval()
+    spread = analysis.assumed.spread
     distances = perturbed.least[np.isfinite(perturbed.least)]
     rows: list[Row] = [
         ["lifts", f"{len(perturbed.least)}"],
@@ -241,7 +274,9 @@ def _robustness(perturbed: Perturbed, source_note: str) -> Table:
         ["swing after, at most [mrad]", f"{1e3 * float(perturbed.swing.max()):.1f}"],
     ]
     note = (
-        "Load ±30 %, cable ±0.5 m, mean wind to 4 m/s with gusts of 6 m/s more, sensors to 20 ms "
-        f"late; interval by Clopper and Pearson (docs/concepts/planning.md).{source_note}"
+        f"Load ±{100.0 * spread.load:.3g} %, cable ±{spread.cable:g} m, mean wind to "
+        f"{spread.wind:g} m/s with gusts of {spread.gust:g} m/s more, sensors to "
+        f"{1e3 * max(spread.late):g} ms late, the load hanging at both ends; "
+        f"interval by Clopper and Pearson (docs/concepts/planning.md).{source_note}"
     )
     return Table("Perturbed lifts", [("", ""), ("value", "")], rows, note)

@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.assumptions import Assumption
 from cranedyn.controllers.integral import HOIST_INTEGRAL, HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import EngineName
+from cranedyn.planning.assumed import plan_assumptions
 from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.coverage import coverage_check, hanging_pairs, slewing_pairs
 from cranedyn.planning.lift import Lift
@@ -85,6 +87,12 @@ class Certificate:
     def holds(self) -> bool:
         """Whether all checks hold; one that was not judged does not."""
         return overall(self.checks) is Verdict.HOLDS
+
+    @property
+    def assumptions(self) -> list[Assumption]:
+        """What the certificate rests on, with where each value is from."""
+        lift = self.lift
+        return plan_assumptions(lift.clearance.site, lift.crane, lift.limits)
 
 
 def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:

@@ -10,11 +10,11 @@ from functools import cached_property, partial
 import numpy as np
 
 from cranedyn.checks import finite
-from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, DataError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.planning.assumed import held_mass
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import (
     Path,
@@ -215,8 +215,7 @@ def _refuse_unless_it_holds(crane: Crane) -> None:
         NoWay: With both masses.
     """
     hoist = crane.layout.drive("l")
-    held = float(crane.effort_limit[hoist]) / crane.gravity
-    load = abs(float(holding_effort(crane, crane.start.q)[hoist])) / crane.gravity
+    held, load = float(crane.effort_limit[hoist]) / crane.gravity, held_mass(crane)
     if not load <= held:
         raise NoWay(f"The hoist holds {held:,.0f} kg; the load with rigging is {load:,.0f} kg.")
 

@@ -33,7 +33,7 @@ CONFIDENCE = 0.95
 _RECORDED = 0.1
 """Time between rows that are kept [s]."""
 
-_DRAG = 1.2
+DRAG_COEFFICIENT = 1.2
 """Drag coefficient of the box around a load."""
 
 _LEVELS = 13
@@ -320,7 +320,7 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:
     """
     rows = np.arange(0, _periods(lift) + 1, _every(lift))
     times = lift.timed.motion.period * (rows + _every(lift) / 2.0)
-    area = _DRAG * _silhouette(lift.clearance.bodies.load)
+    area = DRAG_COEFFICIENT * _silhouette(lift.clearance.bodies.load)
     points = lift.clearance.point(lift.timed.places)
     step = lift.timed.motion.arrival / (len(points) - 1)
     load_rates = np.gradient(points, step, axis=0)

@@ -8,6 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -94,6 +95,16 @@ class Site(ShortRepr):
         base: Base of the crane; None if unknown.
         arms: Jib and counter-jib as weights; empty if unknown.
         rigging: Masses of hook and slings [kg], by name, part of the mass of the crane's load.
+        gust: Gust that the lift must bear [m/s]; None if unknown.
+        gust_swing: Largest angle of the rope from plumb in gusts [rad]; None if unknown.
+        risk: Largest probability that a perturbed lift comes closer than required; None if unknown.
+        spread: How far lifts may differ from the plan, by the names of the attributes of
+            `cranedyn.planning.perturbed.Spread`; empty for its defaults.
+        chart: File of the crane's load chart, or the name of one that is shipped; None if unknown.
+        falls: Number of falls that carry the hook; None if unknown.
+        entered: Fields that somebody entered, such as "[lift] swing". A value that equals the
+            default of this program counts as entered only if it is listed here.
+        unusual: Sentences about values that are unusual, see `cranedyn.planning.plausibility`.
     """
 
     name: str
@@ -111,6 +122,14 @@ class Site(ShortRepr):
     base: Base | None = None
     arms: tuple[Arm, ...] = ()
     rigging: Mapping[str, float] = field(default_factory=dict)
+    gust: float | None = None
+    gust_swing: float | None = None
+    risk: float | None = None
+    spread: Mapping[str, float] = field(default_factory=dict)
+    chart: Path | str | None = None
+    falls: int | None = None
+    entered: frozenset[str] = frozenset()
+    unusual: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the numbers and names.

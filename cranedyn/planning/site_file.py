@@ -7,17 +7,20 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
-from cranedyn.checks import number
+from cranedyn.checks import number, whole
 from cranedyn.data.files import read_text
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, quoted
+from cranedyn.model.description import arguments
 from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.bodies import neighbour
+from cranedyn.planning.plausibility import findings
 from cranedyn.planning.site import DISTANCE, SWING, Arm, Base, Site
 from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
 from cranedyn.references.limits import Limits
@@ -136,14 +139,16 @@ def read_site(path: str | Path) -> Site:
     crane, load, lift, drives = (tables[name] for name in ("crane", "load", "lift", "drives"))
     rigging = tables["rigging"]
     masses = {
-        name: rigging.number(name, unit="kg", allowed=">= 0") for name in sorted(rigging.values)
+        name: rigging.number(name, unit="kg", allowed=">= 0")
+        for name in sorted(rigging.values.keys() - {"falls"})
     }
     values = crane.take("values", crane_values, {})
     for entry, name, argument, value in _arguments(load, drives, tables["counter_jib"], masses):
         if argument in values:
             entry.fail(name, f"{argument} is among the values of [crane], too; leave one out.")
         values = {**values, argument: value}
-    return Site(
+    wind = tables["wind"]
+    site = Site(
         name=top.text("name", path.stem),
         solids=tuple(solids),
         ground=ground,
@@ -159,7 +164,64 @@ def read_site(path: str | Path) -> Site:
         base=_base(tables["base"]),
         arms=_arms(tables["jib"], tables["counter_jib"]),
         rigging=masses,
+        gust=wind.number("gust", unit="m/s", allowed=">= 0") if "gust" in wind.values else None,
+        gust_swing=wind.angle("swing", allowed="0.1 to 45") if "swing" in wind.values else None,
+        risk=lift.number("risk", unit="%", allowed="0 to 100") / 100.0
+        if "risk" in lift.values
+        else None,
+        spread=_spread(tables["uncertainty"]),
+        chart=_chart(crane),
+        falls=rigging.take("falls", _whole) if "falls" in rigging.values else None,
+        entered=frozenset(
+            f"[{name}] {field}" for name, table in tables.items() for field in table.values
+        ),
     )
+    return _plausible(site, tables)
+
+
+def _plausible(site: Site, tables: Mapping[str, SiteTable]) -> Site:
+    """Return the site with sentences about its unusual values.
+
+    Raises:
+        DataError: If a value cannot be meant.
+    """
+    defaults = arguments()
+    least, largest = (
+        float(site.crane.get(name, defaults[name].default))
+        for name in ("trolley_min", "trolley_max")
+    )
+    unusual = []
+    for finding in findings(site, (least, largest)):
+        table = tables[finding.table]
+        if finding.refused:
+            table.fail(finding.field, finding.sentence)
+        unusual.append(f"[{finding.table}] {finding.field}: {finding.sentence}")
+    return replace(site, unusual=tuple(unusual))
+
+
+def _spread(uncertainty: SiteTable) -> dict[str, float]:
+    """Return how far lifts may differ from the plan, by the names of `Spread`, as far as it is
+    entered.
+    """
+    spread = {}
+    if "mass" in uncertainty.values:
+        spread["load"] = uncertainty.number("mass", unit="%", allowed="0 to 99") / 100.0
+    for name, unit in (("cable", "m"), ("wind", "m/s"), ("gust", "m/s")):
+        if name in uncertainty.values:
+            spread[name] = uncertainty.number(name, unit=unit, allowed="0 to 100")
+    if "delay" in uncertainty.values:
+        spread["late"] = uncertainty.number("delay", unit="s", allowed="0 to 10")
+    return spread
+
+
+def _chart(crane: SiteTable) -> Path | str | None:
+    """Return the file of a chart, which must lie in the folder of the site, or the name of one that
+    is shipped.
+    """
+    if "chart" not in crane.values:
+        return None
+    name = crane.text("chart")
+    return name if name.isidentifier() else crane.file("chart")
 
 
 def site_path(path: str | Path, folder: Path, examples: Sequence[str]) -> Path:
@@ -194,14 +256,16 @@ def read_fields(
 
 _FIELDS = {
     "ground": ["height"],
-    "crane": ["position", "heading", "values"],
+    "crane": ["position", "heading", "values", "chart"],
     "load": ["size", "file", "mass"],
-    "lift": ["from", "to", "distance", "swing"],
+    "lift": ["from", "to", "distance", "swing", "risk"],
+    "wind": ["gust", "swing"],
+    "uncertainty": ["mass", "cable", "wind", "gust", "delay"],
     "drives": ["rates", "accelerations", "efforts"],
     "base": ["spacing", "mass", "permitted"],
     "jib": ["mass", "centre"],
     "counter_jib": ["length", "mass", "centre"],
-    "rigging": ["hook", "slings"],
+    "rigging": ["hook", "slings", "falls"],
 }
 """Tables of a site beside its obstacles, with their fields."""
 
@@ -357,6 +421,10 @@ def _number(name: str, value: Any, unit: str = "m", allowed: str = "any") -> flo
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise OutOfRange(name, quoted(value), "a number", unit)
     return number(name, value, unit, allowed)
+
+
+def _whole(name: str, value: Any) -> int:
+    return whole(name, value, 1)
 
 
 def _numbers(name: str, value: Any, count: int, allowed: str = "any") -> list[float]:

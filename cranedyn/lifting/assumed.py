@@ -1,0 +1,196 @@
+"""What the judgement of a lift rests on: values from the site, from the caller, or by default.
+
+`assume` takes each value from where it was entered and notes its origin. A value that nobody
+entered is a default of this program: the lift is computed with it, so that its numbers can be seen,
+and the judgement is incomplete.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from cranedyn.assumptions import Assumption, Origin
+from cranedyn.lifting.analysis import Assumed, Requirements
+from cranedyn.lifting.chart import CHARTS, Chart, read_chart
+from cranedyn.model.crane import Crane
+from cranedyn.planning.assumed import plan_assumptions
+from cranedyn.planning.perturbed import Spread
+from cranedyn.planning.site import Site
+from cranedyn.references.limits import Limits
+
+DEFAULT_WIND = 8.0
+"""Gust that a lift is tried in where nobody entered one [m/s]."""
+
+DEFAULT_GUST_SWING = math.radians(5.0)
+"""Largest angle of the rope in gusts where nobody entered one [rad]."""
+
+DEFAULT_RISK = 0.01
+"""Largest probability that a perturbed lift comes too close where nobody entered one."""
+
+SHIPPED_CHART = CHARTS / "laboratory.toml"
+"""The chart of the tower crane that comes with the package."""
+
+CHART_COVERS = frozenset(
+    "payload_mass payload_inertia payload_ixx payload_iyy payload_izz lug_height "
+    "mast_height pivot_height total_height hoist_min hoist_max "
+    "counter_jib slew_init trolley_init hoist_init slew_limit "
+    "damp_slew damp_trolley damp_swing damp_hoist".split()
+)
+"""Arguments of the shipped crane that its chart is valid for whatever they are: the load, the
+height of its mast, where its drives start, and the length of the counter-jib, which is drawn and
+weighs nothing. Another jib, trolley or hoist is another crane to a chart."""
+
+
+def is_shipped_crane(crane: Crane) -> bool:
+    """Return whether a crane is that of the package, as far as a load chart is concerned."""
+    arguments = crane.record.get("arguments")
+    return isinstance(arguments, dict) and arguments.keys() <= CHART_COVERS
+
+
+def assume(
+    site: Site,
+    crane: Crane,
+    limits: Limits,
+    requirements: Requirements,
+    chart: Chart | None = None,
+    falls: int | None = None,
+) -> Assumed:
+    """Return the values that a lift is judged with; what the caller gives comes before what the
+    site enters, and that before a default.
+
+    Args:
+        site: The site.
+        crane: The crane.
+        limits: Limits of the drives.
+        requirements: Requirements, with None where they are those of the site.
+        chart: Load chart; None for that of the site or, for the shipped crane, the shipped one.
+        falls: Number of falls; None for that of the site or the fewest of the chart.
+
+    Raises:
+        UnknownName: If the chart has no such number of falls.
+        DataError: If the chart that the site names cannot be read.
+    """
+    made = plan_assumptions(site, crane, limits)
+
+    gust = _number_of(
+        made,
+        "gust to bear",
+        "m/s",
+        requirements.wind,
+        "--wind",
+        site.gust,
+        "[wind] gust",
+        DEFAULT_WIND,
+    )
+    swing = _number_of(
+        made,
+        "largest angle of the rope in gusts",
+        "°",
+        requirements.swing,
+        "--swing",
+        site.gust_swing,
+        "[wind] swing",
+        DEFAULT_GUST_SWING,
+        scale=math.degrees(1.0),
+    )
+    risk = _number_of(
+        made,
+        "largest probability of coming too close",
+        "%",
+        requirements.risk,
+        "--risk",
+        site.risk,
+        "[lift] risk",
+        DEFAULT_RISK,
+        scale=100.0,
+    )
+    requirements = replace(requirements, wind=gust, swing=swing, risk=risk)
+
+    spread = _spread(made, site)
+    chart, falls = _chart(made, site, crane, chart, falls)
+    return Assumed(requirements, spread, chart, falls, tuple(made))
+
+
+def _number_of(
+    made: list[Assumption],
+    name: str,
+    unit: str,
+    given: float | None,
+    option: str,
+    of_site: float | None,
+    field: str,
+    default: float,
+    scale: float = 1.0,
+) -> float:
+    """Return a number, and append it to the assumptions that are made.
+
+    Args:
+        made: The assumptions.
+        name: Name of the quantity.
+        unit: Its unit in the assumption.
+        given: The caller's value; None for none.
+        option: Where a caller gives it.
+        of_site: The site's value; None for none.
+        field: Where a site enters it.
+        default: The value of this program.
+        scale: The number in its unit over the number as it is used.
+    """
+    value, origin, where = default, Origin.DEFAULT, field
+    if of_site is not None:
+        value, origin = of_site, Origin.ENTERED
+    if given is not None:
+        value, origin, where = given, Origin.ENTERED, option
+    made.append(Assumption(name, f"{scale * value:.4g} {unit}", origin, where))
+    return value
+
+
+def _spread(made: list[Assumption], site: Site) -> Spread:
+    """Return how far lifts may differ from the plan, and append it to the assumptions."""
+    default = Spread()
+    largest_delay = site.spread.get("late", max(default.late))
+    delays = tuple(largest_delay * share for share in (0.0, 0.25, 0.5, 1.0))
+    spread = replace(
+        default,
+        load=site.spread.get("load", default.load),
+        cable=site.spread.get("cable", default.cable),
+        wind=site.spread.get("wind", default.wind),
+        gust=site.spread.get("gust", default.gust),
+        late=delays,
+    )
+    for key, name, value, field in (
+        ("load", "tolerance of the load's mass", f"±{100.0 * spread.load:.3g} %", "mass"),
+        ("cable", "error of the measured cable length", f"±{spread.cable:g} m", "cable"),
+        ("wind", "steady wind during the lift, up to", f"{spread.wind:g} m/s", "wind"),
+        ("gust", "gust above it, up to", f"{spread.gust:g} m/s", "gust"),
+        ("late", "delay of the sensors, up to", f"{1e3 * largest_delay:g} ms", "delay"),
+    ):
+        origin = Origin.ENTERED if key in site.spread else Origin.DEFAULT
+        made.append(Assumption(name, value, origin, f"[uncertainty] {field}"))
+    return spread
+
+
+def _chart(
+    made: list[Assumption], site: Site, crane: Crane, chart: Chart | None, falls: int | None
+) -> tuple[Chart | None, int | None]:
+    """Return the chart and the number of falls, and append both to the assumptions."""
+    origin, where = Origin.ENTERED, "--chart"
+    if chart is None and site.chart is not None:
+        named = site.chart if isinstance(site.chart, Path) else CHARTS / f"{site.chart}.toml"
+        chart, where = read_chart(named), "[crane] chart"
+    elif chart is None and is_shipped_crane(crane):
+        chart, origin = read_chart(SHIPPED_CHART), Origin.SHIPPED
+    if chart is None:
+        made.append(Assumption("load chart", "none of this crane", Origin.DEFAULT, "[crane] chart"))
+        return None, None
+    made.append(Assumption("load chart", chart.name, origin, where))
+    origin, where = Origin.ENTERED, "--falls"
+    if falls is None and site.falls is not None:
+        falls, where = site.falls, "[rigging] falls"
+    elif falls is None:
+        only_one = len(chart.reevings) == 1
+        origin, where = Origin.COMPUTED if only_one else Origin.DEFAULT, "[rigging] falls"
+    count = chart.on(falls).count
+    made.append(Assumption("falls of the rope", f"{count}", origin, where))
+    return chart, count
