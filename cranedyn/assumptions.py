@@ -60,7 +60,8 @@ def check_entered(assumptions: Iterable[Assumption]) -> Check:
     defaults = [a for a in assumptions if a.origin is Origin.DEFAULT]
     if not defaults:
         return Check("Nothing that the result rests on is a default of this program.", True)
-    listed = "; ".join(
-        f"{a.name}, {a.value}" + (f" (enter it as {a.field})" if a.field else "") for a in defaults
+    listed = ", ".join(a.field or a.name for a in defaults)
+    values = "value" if len(defaults) == 1 else "values"
+    return Check(
+        f"Nobody entered {len(defaults)} {values} that the result rests on: {listed}.", None
     )
-    return Check(f"Nobody entered what the result rests on: {listed}.", None)

@@ -926,7 +926,57 @@ cranedyn/lifting/wrench.py
 ? chart::a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more
 - transmitted = rigid_body.transmitted(tree, frames, rows(v), caused, forces)
 + transmitted = rigid_body.transmitted(tree, frames, rows(v), 0.0 * caused, forces)
+cranedyn/planning/plausibility.py
+* what cannot be meant is only unusual
+? plausibility::a_value_is_usual_unusual_or_refused_and_never_none_of_these
+- refused = not possible[0] <= value <= possible[1]
++ refused = False and not possible[0] <= value <= possible[1]
+* a number that is none is usual
+? plausibility::a_value_is_usual_unusual_or_refused_and_never_none_of_these
+- if low <= value <= high: return
++ if not (value < low or value > high): return
+* the volume of a load is one of its sides
+? plausibility::no_value_of_an_example_is_unusual
+- volume = float(sides.prod())
++ volume = 1e-3 * float(sides.max())
+* places are judged in the frame of the site
+? plausibility::a_place_is_as_far_as_it_is_from_the_foot_of_the_crane
+- radius = float(np.hypot(*(point[:2] - site.foot[:2])))
++ radius = float(np.hypot(*point[:2]))
+cranedyn/lifting/assumed.py
+* every tower crane is judged by the shipped chart
+? judgement::the_shipped_chart_is_of_the_shipped_crane
+- and arguments.keys() <= CHART_COVERS
++
+* a gust that nobody entered counts as entered
+? judgement::each_value_that_nobody_entered_is_a_default
+- value, origin, where = default, Origin.DEFAULT, field
++ value, origin, where = default, Origin.ENTERED, field
+* the site's value comes before the caller's
+? judgement::each_value_that_nobody_entered_is_a_default
+- if given is not None:
++ if given is not None and of_site is None:
 cranedyn/lifting/checks.py
+* a wind that was not computed is borne
+? judgement::what_was_not_computed_or_entered_is_not_judged_and_no_go
+- return Check(f"The wind limit was not computed: {reason}.", None)
++ return Check(f"The wind limit was not computed: {reason}.", True)
+* perturbed lifts that were not simulated are harmless
+? judgement::what_was_not_computed_or_entered_is_not_judged_and_no_go
+- return Check(f"No perturbed lifts were simulated: {reason}.", None)
++ return Check(f"No perturbed lifts were simulated: {reason}.", True)
+* ground bears what nobody entered
+? judgement::what_was_not_computed_or_entered_is_not_judged_and_no_go
+- None if smallest > 0.0 else False
++ smallest > 0.0
+* a wind beyond the strongest that was tried is not borne
+? judgement::what_was_not_computed_or_entered_is_not_judged_and_no_go
+- if not holds and broken == math.inf:
++ if False:
+* a lift from the ground is judged as one that hangs
+? judgement::what_was_not_computed_or_entered_is_not_judged_and_no_go
+- if all(end is None or len(end) == 3 for end in (site.start, site.goal)):
++ if True:
 * a lift may go with drives that nobody entered
 ? judgement::what_nobody_entered_is_not_judged_and_no_go
 - missing; assumed: {rates}.", None)

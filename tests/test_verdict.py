@@ -64,4 +64,4 @@ def test_a_default_is_never_taken_for_an_entered_value() -> None:
     assert check_entered([entered]).verdict is Verdict.HOLDS
     check = check_entered([entered, default])
     assert check.verdict is Verdict.NOT_JUDGED
-    assert "gust to bear, 8 m/s (enter it as --wind)" in check.sentence
+    assert "Nobody entered 1 value that the result rests on: --wind." in check.sentence

@@ -107,7 +107,7 @@ def _assumptions(analysis: LiftAnalysis) -> Table:
     rows: list[Row] = [
         [a.name, a.value, a.origin.value, a.field or None] for a in analysis.assumed.assumptions
     ]
-    columns = [("", ""), ("value", ""), ("origin", ""), ("field or option", "")]
+    columns = [("", ""), ("value", ""), ("from", ""), ("field or option", "")]
     note = "The result holds as long as these do. A default is a value that nobody entered."
     return Table("What the result rests on", columns, rows, note)
 

@@ -7,6 +7,7 @@ import math
 import re
 import shutil
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,13 @@ import pytest
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
 
+from cranedyn.assumptions import Assumption, Origin
 from cranedyn.data.trajectory import read
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.lifting import page, wind
 from cranedyn.lifting import wind_limit as wind_limit_module
-from cranedyn.lifting.analysis import LiftAnalysis, Requirements
+from cranedyn.lifting.analysis import Assumed, LiftAnalysis, Requirements
+from cranedyn.lifting.assumed import assume, is_shipped_crane
 from cranedyn.lifting.chart import CHARTS, assess_run, read_chart
 from cranedyn.lifting.checks import CHECKS, run_checks
 from cranedyn.lifting.judgement import Judgement, judge
@@ -27,9 +30,9 @@ from cranedyn.lifting.loads import loads
 from cranedyn.lifting.page import STATEMENT
 from cranedyn.lifting.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from cranedyn.model.load import load_crane
-from cranedyn.planning.perturbed import DRAG_COEFFICIENT, Perturbed, _silhouette
+from cranedyn.planning.perturbed import DRAG_COEFFICIENT, Perturbed, Spread, _silhouette
 from cranedyn.planning.site import Arm, Base
-from cranedyn.verdict import Check
+from cranedyn.verdict import Check, Verdict
 from experiments import lift_report
 from tests.planning.sites import certificate, lift
 
@@ -63,7 +66,7 @@ def test_the_page_begins_with_go_and_needs_no_other_file(folder: Path) -> None:
     assert ">GO<" in text and "NO GO" not in text and STATEMENT in text
     first = text[: text.index("<section")]
     for claim in result(folder)["claims"]:
-        assert claim["holds"] is True and claim["sentence"] in first
+        assert claim["holds"] is True and escape(claim["sentence"]) in first
     assert not re.search(r"""(src|href)=["'](?!data:)""", text) and "<script" not in text
     assert result(folder)["command"] in text
     for one in result(folder)["tables"]:
@@ -100,6 +103,7 @@ def test_without_a_browser_there_is_a_sentence_and_the_page(
 ) -> None:
     monkeypatch.setattr(page, "BROWSERS", ("no such browser",))
     undecided = Judgement(small(), [Check("Nobody entered it.", None)])
+    assert undecided.word == "NOT COMPLETE"
     assert lift_report.write_pages(undecided, tmp_path, "") == 1
     assert (tmp_path / "lift.html").exists() and not (tmp_path / "lift.pdf").exists()
     assert "install Chromium, or print the page from any browser" in capsys.readouterr().err
@@ -109,12 +113,21 @@ def test_what_does_not_hold_is_no_go_and_comes_first() -> None:
     analysis = small()
     checks = run_checks(analysis)
     assert Judgement(analysis, checks).go
-    checks[4] = Check(checks[4].sentence, False)
-    judgement = Judgement(analysis, checks)
-    assert not judgement.go and judgement.reasons == [checks[4].sentence]
-    text = judgement.html()
-    assert ">NO GO<" in text and "1 of 13 checks does not hold, 0 could not be judged" in text
-    assert re.findall(r"</span>([^<]*)</li>", text)[0] == checks[4].sentence
+    sentence = checks[4].sentence
+    for verdict, word, counted in (
+        (Verdict.FAILS, "NO GO", "Of 17 checks 1 does not hold and 0 were not judged; 16 hold."),
+        (
+            Verdict.NOT_JUDGED,
+            "NOT COMPLETE",
+            "Of 17 checks 0 do not hold and 1 was not judged; 16 hold.",
+        ),
+    ):
+        changed = [*checks[:4], Check(sentence, verdict), *checks[5:]]
+        judgement = Judgement(analysis, changed)
+        assert not judgement.go and judgement.reasons == [sentence] and judgement.word == word
+        text = judgement.html()
+        assert f">{word}<" in text and counted in text
+        assert re.findall(r"</span>([^<]*)</li>", text)[0] == escape(sentence, quote=False)
 
 
 def small(**changes: object) -> LiftAnalysis:
@@ -129,9 +142,31 @@ def small(**changes: object) -> LiftAnalysis:
     )
     carried = loads(made.lift.crane, made.run, base=site.base, arms=site.arms)
     used, _ = assess_run(made.lift.crane, made.run, CHART)
-    required = Requirements(lifts=0, gusts=0)
-    case = LiftAnalysis(site, CHART, 2, required, made, carried, used, "", None, None)
+    entered = tuple(
+        replace(a, origin=Origin.ENTERED)
+        for a in assume(site, made.lift.crane, made.lift.limits, Requirements()).assumptions
+    )
+    required = Requirements(wind=8.0, swing=0.09, risk=0.01)
+    assumed = Assumed(required, Spread(), CHART, 2, entered)
+    mild = WindLimit(
+        np.array([4.0, 8.0]),
+        {
+            "utilisation": np.array([0.3, 0.4]),
+            "swing": np.array([0.01, 0.02]),
+            "clearance": np.array([2.0, 1.5]),
+        },
+        {"utilisation": 1.0, "swing": 0.09, "clearance": 0.5},
+        2,
+    )
+    harmless = Perturbed(np.ones(400), 0.5, {}, np.zeros(400))
+    case = LiftAnalysis(site, assumed, made, carried, used, "", mild, harmless)
     return replace(case, **changes)  # type: ignore[arg-type]
+
+
+def requiring(**changes: object) -> Assumed:
+    """The values of `small` with other requirements."""
+    assumed = small().assumed
+    return replace(assumed, requirements=replace(assumed.requirements, **changes))  # type: ignore[arg-type]
 
 
 def red(made: LiftAnalysis) -> list[str]:
@@ -153,7 +188,6 @@ def test_a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it() -> None:
     for changes, words in (
         ({"utilisation": 0.8 * used}, "30 % heavier than entered uses 104.0 %"),
         ({"utilisation": None, "chart_error": "radius is 23 m."}, "does not reach: radius is 23"),
-        ({"requirements": replace(case.requirements, gusts=4)}, "limit was not computed."),
         ({"loads": lifted}, "corners"),
         ({"loads": slack}, "taut"),
     ):
@@ -178,12 +212,51 @@ def test_too_few_lifts_prove_no_risk_though_none_came_too_near(
     assert len(found) == (not goes)
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"wind": None}, "The wind limit was not computed: it needs a load chart"),
+        ({"wind": None, "assumed": "no gusts"}, "The wind limit was not computed: no gusts"),
+        ({"perturbed": None, "assumed": "no lifts"}, "No perturbed lifts were simulated: none"),
+        ({"assumed": "strong wind"}, "none stronger was tried; 30 m/s required"),
+        ({"assumed": "no chart", "utilisation": None}, "no load chart of this crane was entered"),
+        ({"assumed": "default swing"}, "Nobody entered 1 value that the result rests on: [lift]"),
+        ({"site": "no permitted"}, "[base] permitted is missing"),
+        ({"site": "on the ground"}, "Lift-off and set-down were not simulated"),
+    ],
+)
+def test_what_was_not_computed_or_entered_is_not_judged_and_no_go(
+    changes: dict[str, object], words: str
+) -> None:
+    case = small()
+    base = case.site.base
+    assert base is not None
+    swing = Assumption("swing", "2°", Origin.DEFAULT, "[lift] swing")
+    made = {
+        "no gusts": requiring(gusts=0),
+        "no lifts": requiring(lifts=0),
+        "strong wind": requiring(wind=30.0),
+        "no chart": replace(case.assumed, chart=None, falls=None),
+        "default swing": replace(case.assumed, assumptions=(swing,)),
+        "no permitted": replace(case.site, base=replace(base, permitted=None)),
+        "on the ground": replace(case.site, start=np.array([6.0, -12.0])),
+    }
+    analysis = small(**{key: made.get(str(value), value) for key, value in changes.items()})
+    checks = run_checks(analysis)
+    unjudged = [check.sentence for check in checks if check.verdict is Verdict.NOT_JUDGED]
+    assert any(words in sentence for sentence in unjudged), unjudged
+    judgement = Judgement(analysis, checks)
+    assert not judgement.go and judgement.word == "NOT COMPLETE"
+    for sentence in unjudged:  # never with the sign of a check that holds
+        assert f'"not judged">–</span>{escape(sentence)}' in judgement.html()
+
+
 def test_a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further() -> None:
     speeds, swing = np.array([4.0, 8.0, 9.0]), np.array([0.01, 0.05, 0.2])
     blown = WindLimit(speeds, {"swing": swing}, {"swing": 0.1}, 3)
     case = small(wind=blown)
     assert case.requirements.wind == 8.0 and red(case) == []
-    (wind_,) = red(small(wind=blown, requirements=replace(case.requirements, wind=8.5)))
+    (wind_,) = red(small(wind=blown, assumed=requiring(wind=8.5)))
     assert "The lift bears gusts up to 8 m/s, not 9 m/s" in wind_
     most = max(float(case.loads[f"corner_{i}_N"].max()) for i in range(1, 5))
     for share, stops in ((1.001, 0), (0.999, 1)):
@@ -206,8 +279,9 @@ def test_what_nobody_entered_is_not_judged_and_no_go(
     case = small()
     made = replace(case, site=replace(case.site, **missing))  # type: ignore[arg-type]
     checks = run_checks(made)
-    (open_,) = [check for check in checks if check.holds is not True]
-    assert open_.holds is None and words in open_.sentence
+    unjudged = [check for check in checks if check.verdict is not Verdict.HOLDS]
+    assert {check.verdict for check in unjudged} == {Verdict.NOT_JUDGED}
+    assert any(words in check.sentence for check in unjudged)
     assert not Judgement(made, checks).go
 
 
@@ -221,7 +295,8 @@ def test_a_check_of_ones_own_is_one_function() -> None:
     analysis = small()
     assert run_checks(analysis, [*CHECKS, short_enough])[-1].holds is False
     site, lifted = analysis.site, lift()
-    judgement = judge(site, CHART, analysis.requirements, crane=lifted.crane, checks=[short_enough])
+    few = Requirements(lifts=0, gusts=0)
+    judgement = judge(site, CHART, few, crane=lifted.crane, checks=[short_enough])
     assert not judgement.go and judgement.reasons[0].endswith("1 s allowed.")
     assert judgement.checks[:-1] == certificate().checks
 
@@ -316,3 +391,152 @@ def test_what_cannot_be_judged_is_refused_in_a_sentence(
     monkeypatch.chdir(tmp_path)
     assert lift_report.main(words.split()) == 2
     assert sentence in capsys.readouterr().err and list(tmp_path.iterdir()) == []
+
+
+def test_each_value_that_nobody_entered_is_a_default() -> None:
+    """The caller's value comes before the site's, and that before the default."""
+    limits, bare = lift().limits, lift().clearance.site
+    entered = replace(
+        bare,
+        gust=9.0,
+        gust_swing=0.1,
+        risk=0.02,
+        spread={"load": 0.1, "cable": 0.2, "wind": 3.0, "gust": 4.0, "late": 0.04},
+        falls=4,
+        entered=frozenset({"[lift] swing", "[lift] distance"}),
+        limits=limits,
+        crane={"payload_mass": 1000.0},
+    )
+    crane = lift().crane
+    unknown = assume(bare, crane, limits, Requirements())
+    known = assume(entered, crane, limits, Requirements())
+    given = assume(entered, crane, limits, Requirements(wind=12.0, swing=0.2, risk=0.03), falls=2)
+    defaults = [a.name for a in unknown.assumptions if a.origin is Origin.DEFAULT]
+    assert len(unknown.assumptions) == 15
+    assert {a.name for a in unknown.assumptions} - {*defaults} == {"size of the load", "load chart"}
+    assert [a.name for a in known.assumptions if a.origin is Origin.DEFAULT] == []
+    required = [
+        (made.requirements.wind, made.requirements.swing, made.requirements.risk, made.falls)
+        for made in (unknown, known, given)
+    ]
+    assert required == [
+        (8.0, pytest.approx(math.radians(5.0)), 0.01, 2),
+        (9.0, 0.1, 0.02, 4),
+        (12.0, 0.2, 0.03, 2),
+    ]
+    assert known.spread == Spread(0.1, 0.2, 3.0, 4.0, late=(0.0, 0.01, 0.02, 0.04))
+
+
+# --- whole commands ------------------------------------------------------------------------------
+
+GROUND_SITE = """
+name = "from ground to ground"
+[ground]
+height = 0.0
+[crane]
+{crane}
+[load]
+size = [1.5, 3.0, 1.2]
+mass = 870.0
+[rigging]
+hook = 100.0
+slings = 30.0
+falls = 2
+[drives]
+rates = [4.8, 1.583, 1.0]
+accelerations = [1.15, 0.4, 0.4]
+[lift]
+from = [6.0, -14.0{z}]
+to = [8.0, -13.0{z}]
+distance = 0.5
+swing = 2.0
+risk = 1.0
+[wind]
+gust = 8.0
+swing = 5.0
+[uncertainty]
+mass = 30.0
+cable = 0.5
+wind = 4.0
+gust = 6.0
+delay = 0.02
+"""
+
+LONG_JIB = "values = {trolley_max = 60.0}"
+
+
+def test_without_gusts_and_perturbed_lifts_a_report_is_not_complete(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--lifts", "0", "--gusts", "0", "--wind", "60", "--out", str(tmp_path)]
+    assert lift_report.main(words) == 1
+    printed = capsys.readouterr().out
+    assert "NOT COMPLETE: " in printed and "15 of 17 claims hold, 2 not judged." in printed
+    assert "Is 60 in kilometres per hour?" in printed
+    text = (tmp_path / "lift.html").read_text(encoding="utf-8")
+    assert ">NOT COMPLETE<" in text and ">GO<" not in text
+    for sentence in ("The wind limit was not computed", "No perturbed lifts were simulated"):
+        assert f'title="not judged">–</span>{sentence}' in text
+
+
+def test_another_crane_is_not_judged_by_the_chart_of_the_shipped_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "site.toml").write_text(GROUND_SITE.format(crane=LONG_JIB, z=", 3.0"))
+    words = ["--site", str(tmp_path / "site.toml"), "--lifts", "0", "--gusts", "0"]
+    assert lift_report.main([*words, "--out", str(tmp_path / "out")]) == 1
+    made = result(tmp_path / "out")
+    sentences = {claim["sentence"]: claim["holds"] for claim in made["claims"]}
+    (of_chart,) = [s for s in sentences if s.startswith("Utilisation: no load chart")]
+    assert sentences[of_chart] is None
+    assert not any("% of the chart at most" in sentence for sentence in sentences)
+    text = (tmp_path / "out" / "lift.html").read_text(encoding="utf-8")
+    assert "tower crane of this project, 22 m jib" not in text and ">NOT COMPLETE<" in text
+    assert "The load hangs where picking up and setting down would be" in text
+
+
+def test_a_chart_is_entered_in_the_site_and_read_from_its_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chart = (CHARTS / "mct88.toml").read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(chart, encoding="utf-8")
+    crane = f'chart = "mine.toml"\n{LONG_JIB}'
+    (tmp_path / "site.toml").write_text(GROUND_SITE.format(crane=crane, z=", 3.0"))
+    words = ["--site", str(tmp_path / "site.toml"), "--lifts", "0", "--gusts", "0"]
+    assert lift_report.main([*words, "--out", str(tmp_path / "out")]) == 1
+    text = (tmp_path / "out" / "lift.html").read_text(encoding="utf-8")
+    assert "The chart is Potain MCT 88, 30 m jib. Source: the maker" in text
+    assert "chosen for this project" not in text
+    assert "ends at 29.9 m and the crane&#x27;s trolley reaches 60 m" in text
+
+
+def test_lift_off_and_set_down_are_part_of_the_report(tmp_path: Path) -> None:
+    (tmp_path / "site.toml").write_text(GROUND_SITE.format(crane="", z=""))
+    words = ["--site", str(tmp_path / "site.toml"), "--lifts", "0", "--gusts", "0"]
+    assert lift_report.main([*words, "--out", str(tmp_path / "out")]) == 1
+    made = result(tmp_path / "out")
+    sentences = {claim["sentence"]: claim["holds"] for claim in made["claims"]}
+    for phase in ("Lift-off: the rope pulls", "Motion: the load", "Set-down: the load touches"):
+        (sentence,) = [s for s in sentences if s.startswith(phase)]
+        assert sentences[sentence] is True
+    run = read(tmp_path / "out" / "lift.parquet")
+    assert run["phase"][[0, -1]].tolist() == [2.0, 2.0]  # it stands at both ends
+    # At up to 15.3 m the chart rates 2,500 kg; a lift-off pulls more than the weight of a tonne.
+    used = next(s for s in sentences if s.startswith("Utilisation is"))
+    percent = float(re.findall(r"[\d.]+", used)[0])
+    assert run["x_m"].max() < 20.0 and 40.0 < percent < 48.0
+    assert table(tmp_path / "out", "The lift")["begins and ends"][0] == "lifted off, set down"
+
+
+@pytest.mark.parametrize(
+    ("values", "shipped"),
+    [
+        ({}, True),
+        ({"payload_mass": 2000.0, "mast_height": 33.0, "pivot_height": 35.0}, True),
+        ({"trolley_max": 60.0}, False),
+        ({"hoist_effort": 2e5}, False),
+    ],
+)
+def test_the_shipped_chart_is_of_the_shipped_crane(values: dict[str, float], shipped: bool) -> None:
+    assert is_shipped_crane(load_crane(values=values)) is shipped
+    assert not is_shipped_crane(load_crane("urdf/overhead_crane.urdf.xacro"))
