@@ -23,6 +23,7 @@ from cranedyn.planning.curve import (
     rounded_path,
     straight_time,
 )
+from cranedyn.planning.plausibility import findings
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, best_on_grid, search
 from cranedyn.planning.site import Site
@@ -167,6 +168,8 @@ def plan_lift(
             heavy for the hoist, start or goal too close to an obstacle, an obstacle in the way of
             the jib, an end that is enclosed, or none found.
         OutOfRange: If the crane does not reach start or goal.
+        DataError: If a value of the site, the start or the goal cannot be meant, see
+            `cranedyn.planning.plausibility`.
         MissingRole: If it is not a tower crane.
         Misshapen: If start or goal is no array of two or three numbers.
         CraneError: If there is no start or goal, the crane is none, or the extra `planning` is not
@@ -176,10 +179,13 @@ def plan_lift(
     limits = limits.for_crane(crane)
     limits = replace(limits, rates=np.minimum(limits.rates, crane.rate_limit / RESERVE).tolist())
     clearance = Clearance(crane, site)
+    start = site.start if start is None else start
+    goal = site.goal if goal is None else goal
+    _refuse_implausible(clearance, start, goal)
     _refuse_unless_it_stands(clearance)
     _refuse_unless_it_holds(crane)
-    first = _end(clearance, "start", site.start if start is None else start)
-    last = _end(clearance, "goal", site.goal if goal is None else goal)
+    first = _end(clearance, "start", start)
+    last = _end(clearance, "goal", goal)
     slew = clearance.joints.slew
     slews = slew_range(
         clearance, float(first[0]), float(crane.lower[slew]), float(crane.upper[slew])
@@ -195,6 +201,24 @@ def plan_lift(
     if not lifts:
         raise NoWay(_reason(clearance, first, last, slews, np.array(limits.rates)))
     return min(lifts, key=lambda lift: lift.timed.motion.arrival)
+
+
+def _refuse_implausible(
+    clearance: Clearance, start: np.ndarray | None, goal: np.ndarray | None
+) -> None:
+    """Refuse values of a site, and ends of a lift, that cannot be meant.
+
+    Raises:
+        DataError: With the value and the mistake that is likely.
+    """
+    # What has another shape is refused with its shape, see `_end`.
+    start, goal = (point if np.shape(point) in ((2,), (3,)) else None for point in (start, goal))
+    site = replace(clearance.site, start=start, goal=goal)
+    trolley = clearance.joints.trolley
+    reach = float(clearance.crane.lower[trolley]), float(clearance.crane.upper[trolley])
+    for finding in findings(site, reach):
+        if finding.refused:
+            raise DataError(finding.sentence)
 
 
 def _refuse_unless_it_stands(clearance: Clearance) -> None:
