@@ -211,9 +211,12 @@ def _refuse_implausible(
     Raises:
         DataError: With the value and the mistake that is likely.
     """
-    # What has another shape is refused with its shape, see `_end`.
-    start, goal = (point if np.shape(point) in ((2,), (3,)) else None for point in (start, goal))
-    site = replace(clearance.site, start=start, goal=goal)
+
+    def judged(point: np.ndarray | None) -> np.ndarray | None:
+        # What has another shape is refused with its shape, see `_end`.
+        return None if point is None or np.shape(point) not in ((2,), (3,)) else point
+
+    site = replace(clearance.site, start=judged(start), goal=judged(goal))
     trolley = clearance.joints.trolley
     reach = float(clearance.crane.lower[trolley]), float(clearance.crane.upper[trolley])
     for finding in findings(site, reach):

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import Certificate, certify
-from cranedyn.planning.clearance import GROUND, MAST, Clearance
+from cranedyn.planning.clearance import GROUND, MAST, Clearance, ObstaclePart
 from cranedyn.planning.coverage import (
     BODIES,
     HANGING,
@@ -34,7 +34,13 @@ from cranedyn.planning.remeasure import point_distances, second_look
 from cranedyn.planning.site import Base
 from cranedyn.planning.solids import Solid, body, box, prism
 from cranedyn.planning.standing import standing_check, standing_parts
-from cranedyn.planning.support import meshes_at, support_of
+from cranedyn.planning.support import (
+    NO_SUPPORT,
+    Support,
+    contact_check,
+    meshes_at,
+    support_of,
+)
 from cranedyn.verdict import Verdict
 from tests.planning.sites import LIMITS, WALL, certificate, clearance, corners, crane, lift, site
 
@@ -96,8 +102,12 @@ def made(kind: str, centre: tuple[float, ...], size: tuple[float, ...]) -> Solid
 @every_kind
 @pytest.mark.parametrize(
     ("centre", "size"),
-    [((0.0, 0.0, 5.0), (6.0, 6.0, 10.0)), ((1.0, 0.0, 9.0), (2.0, 3.0, 0.2))],
-    ids=["around the mast", "a plate through it"],
+    [
+        ((0.0, 0.0, 5.0), (6.0, 6.0, 10.0)),
+        ((1.0, 0.0, 9.0), (2.0, 3.0, 0.2)),
+        ((0.0, 0.0, 20.0), (80.0, 80.0, 100.0)),
+    ],
+    ids=["around the mast", "a plate through it", "around the whole crane"],
 )
 def test_the_mast_stands_in_no_solid(
     kind: str, centre: tuple[float, ...], size: tuple[float, ...]
@@ -211,6 +221,40 @@ def test_a_load_that_hangs_or_is_inside_of_a_box_stands_on_nothing() -> None:
         assert not support_of(where, standing_load(where, np.array([5.0, -9.0, height]))).parts
     on_ground = standing_load(where, np.array([12.0, 0.0, 0.0]))
     assert {part.obstacle for part in support_of(where, on_ground).parts} == {GROUND}
+
+
+def test_a_load_that_stands_on_nothing_is_on_no_support() -> None:
+    for support, lowest, verdict in (
+        (NO_SUPPORT, 0.0, Verdict.FAILS),
+        (Support(2.0, frozenset({ObstaclePart("pad", 0)})), 1.995, Verdict.HOLDS),
+        (Support(2.0, frozenset({ObstaclePart("pad", 0)})), 1.985, Verdict.FAILS),
+        (Support(2.0, frozenset({ObstaclePart("pad", 0)})), math.nan, Verdict.FAILS),
+    ):
+        check = contact_check([("start", support, np.array([2.5, lowest, 2.1]))])
+        assert check.verdict is verdict, check
+
+
+@pytest.mark.parametrize("foot", [0.0, 3.0])
+def test_the_ground_lies_below_a_foot_that_stands_higher(foot: float) -> None:
+    here = Clearance(crane(), site(foot=np.array([0.0, 0.0, foot])))
+    stands = standing_load(here, np.array([12.0, 0.0, 0.0]))
+    support = support_of(here, stands)
+    assert {part.obstacle for part in support.parts} == {GROUND}
+    assert support.height == pytest.approx(-foot)
+    q = here.q(here.place(np.array([6.0, -12.0, 6.0])))[None]
+    lowest = second_look(here.site, crane(), q, 10.0)
+    assert lowest.obstacle == GROUND and lowest.distance == pytest.approx(5.5, abs=1e-9)
+
+
+def test_a_solid_just_below_the_trolley_is_too_low_for_it_by_the_distance_to_keep(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bottom = clearance().trolley_bottom
+    monkeypatch.setattr(Clearance, "hanging_fields", lambda _: iter(()))
+    for gap, is_too_low in ((0.4, False), (0.6, True)):
+        post = box(NAME, (0.0, 15.0), (1.0, 1.0, bottom - gap), 0.0)
+        pairs = hanging_pairs(Clearance(crane(), site(post)))
+        assert (BodyAndObstacle("trolley", NAME) in pairs) is is_too_low
 
 
 def test_the_pairs_of_all_bodies_and_obstacles_are_counted_by_hand() -> None:
