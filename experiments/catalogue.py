@@ -169,7 +169,7 @@ EXPERIMENTS = {
     ),
     "lift_report": Entry(
         "A lift, judged",
-        "Go or no go: utilisation, clearance, wind, robustness.",
+        "GO, NO GO or NOT COMPLETE: utilisation, clearance, wind, robustness.",
         (),
         ("--lifts", "20", "--gusts", "1"),
         {

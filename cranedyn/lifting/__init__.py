@@ -1,4 +1,4 @@
-"""Judge a lift: what it does to the crane, up to which wind it can be made, GO or NO GO.
+"""Judge a lift: what it does to the crane, up to which wind it can be made, and whether it may go.
 
 Begin with `judgement.judge`: it plans the lift of a site, certifies it, simulates it with
 perturbations and in gusts, and checks all that is required.
@@ -9,13 +9,15 @@ perturbations and in gusts, and checks all that is required.
 
     site = read_site(SITES / "open_yard.toml")
     judgement = judge(site, read_chart(CHARTS / "laboratory.toml"))
-    print(judgement.go, judgement.reasons)
+    print(judgement.word, judgement.reasons)
     judgement.report("lift.html")
 
 Public names:
 
-* `judgement.judge` returns a `Judgement`: `go`, `reasons`, `checks`, `analysis` with every number,
-  `tables()`, `figures`, `report(path)`. It needs the extra `planning`.
+* `judgement.judge` returns a `Judgement`: `word` (GO, NO GO or NOT COMPLETE), `reasons`, `checks`,
+  `analysis` with every number, `tables()`, `figures`, `report(path)`. It needs the extra
+  `planning`.
+* `assumed.assume`: the values that a lift is judged with, each with where it is from.
 * `analysis.Requirements`: wind, swing, risk, number of perturbed lifts and gusts.
 * `loads.loads`: rope, load moment, slewing ring, foot and corners of any recorded run. It needs the
   core only, as do charts and formulas.
