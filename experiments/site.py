@@ -113,7 +113,8 @@ class LiftOperator:
         self.station = self.site.stations[self.index]
         layout = self.station.crane.layout
         self._rng = np.random.default_rng(self.seed)
-        self._ramp = 0.75 * gentle(self.station, self.site.swing).decelerations
+        brakes = gentle(self.station, self.site.swing, self.site.working_wind)
+        self._ramp = 0.75 * brakes.decelerations
         self._base, self._waits_until = np.zeros(layout.m), 0.0
         self.tolerances = np.array([AT[joint.unit] for joint in layout.driven])
         self._legs: list[np.ndarray] = []
@@ -198,7 +199,7 @@ def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
             crane, tower = np.full(len(rows), index), towers[rows[:, 1]]
             moving = place_capsules(bodies, crane, rows[:, 0], places, places, site.swing)
             still = place_capsules(bodies, tower[:, 0], tower[:, 1], 0 * places, 0 * places, 0.0)
-            if least_distances(moving, still).min() < 1.5 * site.distance:
+            if not least_distances(moving, still).min() >= 1.5 * site.distance:
                 return False
         return True
 

@@ -733,8 +733,8 @@ cranedyn/sites/site.py
 cranedyn/sites/obstacles.py
 * the middle of a box is taken for all of it
 ? plan::a_supervised_crane_stops_before_an_obstacle_or_zone
-- near = margin < placed.motion.sum(axis=1)
-+ near = margin < 0.0
+- near = ~(margin >= placed.motion.sum(axis=1))
++ near = ~(margin >= 0.0)
 cranedyn/sites/site_file.py
 * weak gears leave the drives as they are
 ? plan::drives_with_weak_gears_ramp_no_faster_than_their_brakes_stop

@@ -23,6 +23,12 @@ from cranedyn.sites.capsules import CAPSULE, JOINT, Capsule
 ROUNDING = 1e-6
 """Deduction from every distance [m]: a thousand times the rounding errors of a site of 1e5 m."""
 
+MAX_POSITION = 1e9
+"""Largest magnitude of a position of a drive about which anything is proven [rad or m]."""
+
+MAX_SWING = math.pi / 2.0
+"""Largest swing of a rope about which anything is proven [rad]."""
+
 MOST = 100
 """Pairs of capsules with halved intervals that are examined before a proof fails."""
 
@@ -59,6 +65,8 @@ def proven_apart(
         distance: Required distance [m].
         swing: Largest angle of the ropes from plumb [rad].
     """
+    if not (distance >= 0.0 and 0.0 <= swing <= MAX_SWING):
+        return np.zeros(len(first), dtype=bool)
     numbers = np.array([[distance + ROUNDING, 2.0 * math.sin(swing / 2.0)]]).repeat(len(first), 0)
     sides = [(first, first_box), (second, second_box)]
     blocks = [
@@ -68,17 +76,17 @@ def proven_apart(
     ]
     prove = _compiled(bodies.axis.shape[1], bodies.radius.shape[1])
     proven = prove(np.hstack([numbers, *blocks]))[:, 0] > 0.0
-    asked = (distance >= 0.0) & (swing >= 0.0)
-    return proven & is_box(first_box) & is_box(second_box) & asked
+    return proven & is_box(first_box) & is_box(second_box)
 
 
 def is_box(ends: np.ndarray) -> np.ndarray:
-    """Return whether the ends of intervals, shape (..., 2, k), are finite and ordered, shape (...).
+    """Return whether the ends of intervals, shape (..., 2, k), are ordered and no farther from zero
+    than `MAX_POSITION`, shape (...).
     """
     # Each comparison is false for NaN.
     low = ends[..., 0, :]
     high = ends[..., 1, :]
-    return ((-math.inf < low) & (low <= high) & (high < math.inf)).all(axis=-1)
+    return ((-MAX_POSITION <= low) & (low <= high) & (high <= MAX_POSITION)).all(axis=-1)
 
 
 def least_distances(a: PlacedCapsules, b: PlacedCapsules) -> np.ndarray:

@@ -23,7 +23,7 @@ from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, rop
 from cranedyn.sites.brakes import CYCLE, Brakes
 from cranedyn.sites.obstacles import Obstacles
 from cranedyn.sites.proof import is_box, least_distances, proven_apart
-from cranedyn.sites.start import first_collision
+from cranedyn.sites.start import StartPart, first_collision, parts_at_start
 from cranedyn.sites.working_wind import CALM, WorkingWind
 
 DISTANCE = 1.0
@@ -48,8 +48,8 @@ class Station:
         converters: Frequency converters of its drives.
         brakes: Its brakes at their weakest.
         chart: Its load chart; None if unknown.
-        entered: Which of its values somebody entered: "brakes", "reaction", "drives" and "crane",
-            the last for its shapes and its load. All others are defaults.
+        entered: Which of its values somebody entered: "brakes", "reaction", "tolerances", "drives",
+            "crane" (its shapes) and "load" (its mass). All others are defaults.
     """
 
     name: str
@@ -83,6 +83,11 @@ class Station:
     def bodies(self) -> CraneBodies:
         """Capsules around its shapes, in the frame of the site."""
         return crane_bodies(self.crane, np.asarray(self.foot, dtype=float), self.heading)
+
+    @cached_property
+    def parts_at_start(self) -> list[StartPart]:
+        """Its convex parts at the start, in the frame of the site."""
+        return parts_at_start(self.crane, self.bodies.foot)
 
     @cached_property
     def ranges(self) -> np.ndarray:
@@ -216,9 +221,8 @@ class CraneSite:
                     f"{max(gap, 0.0):.2f} m apart; required is {self.distance:g} m."
                 )
         for station in self.stations if self.solids else ():
-            collision = first_collision(
-                station.crane, station.bodies.foot, [x for x in self.solids if not x.zone]
-            )
+            bodies = [solid for solid in self.solids if not solid.zone]
+            collision = first_collision(station.parts_at_start, bodies)
             if collision is not None:
                 part, solid = collision
                 raise DataError(

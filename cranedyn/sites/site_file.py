@@ -42,6 +42,7 @@ _ENTERED_BY = {
     "reaction": ["reaction"],
     "drives": ["drives", "machine"],
     "crane": ["machine", "urdf", "values"],
+    "load": ["urdf"],
 }
 """Fields of a crane by which somebody enters what it assumes."""
 
@@ -115,14 +116,19 @@ def _station(entry: SiteTable, ground: float) -> Station:
         jerks = {symbol: value / ROUNDING for symbol, value in slopes}
         drives = converters(crane, **limits, jerks=jerks)  # type: ignore[arg-type]
         field = "brakes"
+        own_brakes = isinstance(entry.values.get("brakes"), dict)
         brake, drives = _brakes(entry, crane, drives)
         field = "chart"
         chart = read_chart(entry.file(field)) if field in entry.values else None
         field = "reaction"
-        entered = frozenset(
+        entered = {
             value for value, fields in _ENTERED_BY.items() if entry.values.keys() & set(fields)
-        )
-        station = Station(name, crane, foot, heading, drives, brake, chart, entered)
+        }
+        if "payload_mass" in entry.values.get("values", {}):
+            entered.add("load")
+        if own_brakes and "tolerances" in entry.values["brakes"]:
+            entered.add("tolerances")
+        station = Station(name, crane, foot, heading, drives, brake, chart, frozenset(entered))
         field = own
         _ = station.bodies
     except CraneError as error:
@@ -162,8 +168,12 @@ def _brakes(entry: SiteTable, crane: Crane, drives: Converters) -> tuple[Brakes,
     kind: Any = "converters" if own else entry.text("brakes", "converters")
     brake = brakes(crane, kind, reaction=entry.number("reaction", REACTION, "s", "> 0"))
     if own:
-        slow = _of_drives(entry, "brakes", crane, ["decelerations"])["decelerations"]
-        brake = replace(brake, decelerations=np.array([*slow.values()]))
+        given = _of_drives(entry, "brakes", crane, ["decelerations", "tolerances"])
+        if "decelerations" not in given:
+            entry.fail("brakes", "decelerations is missing.")
+        brake = replace(brake, decelerations=np.array([*given["decelerations"].values()]))
+        if "tolerances" in given:
+            brake = replace(brake, tolerances=np.array([*given["tolerances"].values()]))
         if (brake.decelerations > drives.accelerations).any():
             entry.fail("brakes", "decelerations are more than the drives accelerate.")
     elif kind == "converters":
@@ -188,5 +198,5 @@ def _of_drives(
             zip(symbols, np.multiply(scale, table.numbers(key, len(scale), "> 0")), strict=True)
         )
         for key in keys
-        if key in values or field == "brakes"
+        if key in values
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -17,11 +18,22 @@ TOUCHES = 1e-3
 """Way by which the corners of a shape are drawn in before they count [m]."""
 
 
-def first_collision(
-    crane: Crane, foot: np.ndarray, solids: Sequence[Solid]
-) -> tuple[str, str] | None:
-    """Return the first part of a crane at its start that has a point in common with a solid, and
-    the name of the solid; None if there is none.
+class StartPart(NamedTuple):
+    """A convex part of a crane at its start.
+
+    Attributes:
+        name: Its name, such as "tower".
+        corners: Its corners in the frame of the site [m], shape (n, 3).
+        shape: The part as a shape of `coal`.
+    """
+
+    name: str
+    corners: np.ndarray
+    shape: coal.Convex
+
+
+def parts_at_start(crane: Crane, foot: np.ndarray) -> list[StartPart]:
+    """Return the convex parts of a crane at its start.
 
     All shapes of the description count, those that stand still, those that turn, and the load, and
     the rope. Shapes that one capsule covers count as their convex hull: what is between the chords
@@ -29,22 +41,32 @@ def first_collision(
 
     Args:
         crane: The crane.
-        foot: Rotation and translation of its foot in the frame of the solids [R, p], shape (3, 4).
-        solids: Obstacles.
+        foot: Rotation and translation of its foot in the frame of the site [R, p], shape (3, 4).
     """
-    for part, corners in _parts(crane, foot):
+    parts = []
+    for name, corners in _named_corners(crane, foot):
         # A foot that stands on a slab touches it, and is not in it.
         inward = corners.mean(axis=0) - corners
         lengths = np.linalg.norm(inward, axis=1, keepdims=True)
         corners = corners + TOUCHES * inward / np.maximum(lengths, TOUCHES)
-        shape = hull(corners)
+        parts.append(StartPart(name, corners, hull(corners)))
+    return parts
+
+
+def first_collision(
+    parts: Sequence[StartPart], solids: Sequence[Solid]
+) -> tuple[str, str] | None:
+    """Return the names of the first part that has a point in common with a solid, and of this
+    solid; None if there is none.
+    """
+    for part in parts:
         for solid in solids:
-            if _have_a_point_in_common(shape, corners, solid):
-                return part, solid.name
+            if _have_a_point_in_common(part.shape, part.corners, solid):
+                return part.name, solid.name
     return None
 
 
-def _parts(crane: Crane, foot: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+def _named_corners(crane: Crane, foot: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Yield each convex part of a crane at its start: name, and corners on the site [m], shape
     (n, 3).
     """
