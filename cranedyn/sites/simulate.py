@@ -117,6 +117,10 @@ class SiteRun:
     wind_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
     wind_area: float = 0.0
 
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.t)
+
     def __repr__(self) -> str:
         violation, waits = self.violation, self.waits
         return (
@@ -321,18 +325,13 @@ class SiteRunError(RunError):
 
     Attributes:
         crane: Name of the crane whose turn it was when the run ended; empty if it was none's.
-        run: Everything recorded up to then, of all cranes; None if no cycle had ended.
-        trajectory: That of the crane whose turn it was, else of the first; None if no cycle had
-            ended.
+        trajectory: Everything recorded up to then, of all cranes, as a `SiteRun`; None if no cycle
+            had ended.
     """
 
     def __init__(self, sentence: str, *, t: float, crane: str, run: SiteRun | None) -> None:
-        super().__init__(sentence, t=t)
+        super().__init__(sentence, t=t, trajectory=run)
         self.crane = crane
-        self.run = run
-        if run is not None:
-            names = [station.name for station in run.site.stations]
-            self.trajectory = run.trajectories[names.index(crane) if crane else 0]
 
 
 class _SiteRecording:

@@ -17,7 +17,7 @@ from cranedyn.interfaces import State
 from cranedyn.planning.solids import box
 from cranedyn.sites import simulate as simulation
 from cranedyn.sites.plan import plan_site
-from cranedyn.sites.simulate import MessageChannel, SiteRunError, simulate_site
+from cranedyn.sites.simulate import MessageChannel, SiteRun, SiteRunError, simulate_site
 from cranedyn.sites.site import SiteWind
 from tests.sites.cases import site_of
 
@@ -70,9 +70,8 @@ def test_a_run_that_ends_early_keeps_all_rows_of_all_cranes(
     error = caught.value
     assert isinstance(error, RunError) and error.t == pytest.approx(2.0) and error.crane == "south"
     assert (error.__cause__ is None) if cause is None else isinstance(error.__cause__, cause)
-    run = error.run
-    assert run is not None
-    assert error.trajectory is run.trajectories[1]
+    run = error.trajectory
+    assert isinstance(run, SiteRun) and len(run) == 20
     whole = simulate_site(site, [good, good], duration=2.0, supervised=supervised)
     assert len(run.t) == 20 and (run.t == whole.t).all()
     for mine, other in zip(run.trajectories, whole.trajectories, strict=True):
@@ -81,7 +80,7 @@ def test_a_run_that_ends_early_keeps_all_rows_of_all_cranes(
     columns = read_columns(run.write(tmp_path / "early.parquet"), ["north_x_m", "south_l_m"])
     assert len(columns["north_x_m"]) == len(columns["south_l_m"]) == 20
     again = pickle.loads(pickle.dumps(SiteRunError("text", t=1.0, crane="north", run=None)))
-    assert (again.crane, again.t, again.run, str(again)) == ("north", 1.0, None, "text")
+    assert (again.crane, again.t, again.trajectory, str(again)) == ("north", 1.0, None, "text")
 
 
 def test_a_crane_that_was_ahead_of_one_that_ends_a_run_is_cut_to_whole_cycles(
@@ -97,7 +96,7 @@ def test_a_crane_that_was_ahead_of_one_that_ends_a_run_is_cut_to_whole_cycles(
     monkeypatch.setattr(simulation._SiteCrane, "step", step)
     with pytest.raises(SiteRunError, match="The run of south ended at t = 1 s: diverged") as caught:
         simulate_site(site_of(), [good, good], duration=5.0)
-    run = caught.value.run
+    run = caught.value.trajectory
     assert (caught.value.joint, caught.value.value) == ("slew_joint", 9.0)
     assert run is not None
     assert [len(path.t) for path in run.trajectories] == [10, 10] and len(run.t) == 10
@@ -110,7 +109,7 @@ def test_a_run_that_ends_before_its_first_row_says_so() -> None:
     operators = [good, lambda t, states: 1 / 0]
     with pytest.raises(SiteRunError, match="The run of south ended at t = 0 s") as caught:
         simulate_site(site_of(), operators, duration=1.0)
-    assert caught.value.run is None and caught.value.trajectory is None
+    assert caught.value.trajectory is None
     assert isinstance(caught.value.__cause__, ZeroDivisionError)
 
 
@@ -118,7 +117,7 @@ def test_an_error_of_the_wind_ends_a_run_with_its_rows() -> None:
     wind = SiteWind(lambda t: 1 / 0 if t > 0.95 else 0.0)
     with pytest.raises(SiteRunError, match="ended at t = 1 s: ZeroDivisionError") as caught:
         simulate_site(site_of(), [good, good], duration=2.0, wind=wind)
-    assert caught.value.run is not None and len(caught.value.run.t) == 10
+    assert len(caught.value.trajectory) == 10
 
 
 @pytest.mark.parametrize(("latency", "row"), [(0.0, 1), (0.1, 2), (0.2, 4)])
