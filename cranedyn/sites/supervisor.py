@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.checks import as_array, within
+from cranedyn.checks import as_array, whole, within
 from cranedyn.errors import DataError, quoted
 from cranedyn.sites.guard import BoxGrant, BoxRequest, is_index, is_request_number
 from cranedyn.sites.site import CraneSite
@@ -109,7 +109,7 @@ class Supervisor:
             OutOfRange: If there is no such crane.
             Misshapen: If a field has another shape.
         """
-        within("index of a crane", station, 0, len(self.boxes) - 1)
+        within("index of a crane", whole("index of a crane", station, 0), 0, len(self.boxes) - 1)
         copies, number, reported, wanted = self._sound_requests(station, request)
         self._numbers[copies, station] = number
         neighbours = self._others(station, copies)

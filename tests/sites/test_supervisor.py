@@ -142,7 +142,7 @@ def test_of_two_rows_of_a_message_for_one_copy_the_first_counts() -> None:
 
 def test_there_is_no_crane_of_another_index() -> None:
     supervisor = supervisor_of()
-    for station in (-1, 2, math.nan):
+    for station in (-1, 2, 0.5, math.nan):
         with pytest.raises(OutOfRange, match="index of a crane"):
             supervisor.receive(station, honest(supervisor))  # type: ignore[arg-type]
 
