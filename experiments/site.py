@@ -617,8 +617,8 @@ def _claims(
             runs.least >= 0.0 and runs.swing <= 1.0 and runs.outside <= 0.0,
         ),
         Claim(
-            f"Without protection they touch (contacts: {touches}): a contact was counted before each "
-            f"of {overlaps} instants in which real shapes overlap.",
+            f"Without protection they touch (contacts: {touches}): a contact was counted before "
+            f"each of {overlaps} instants in which real shapes overlap.",
             (touches > 0 and not uncounted) if touches or overlaps else None,
         ),
         Claim(

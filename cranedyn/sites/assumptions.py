@@ -14,8 +14,8 @@ from cranedyn.sites.guard import working_swing
 from cranedyn.sites.site import CraneSite, Station
 
 Source = Literal["entered", "computed", "default", "assumed"]
-"""Where a value comes from: somebody entered it; it follows from other values; nobody entered it, so
-that a typical one stands for it; or it holds for all sites, and nobody can enter another."""
+"""Where a value comes from: somebody entered it; it follows from other values; nobody entered it,
+so that a typical one stands for it; or it holds for all sites, and nobody can enter another."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Assumption:
     name: str
     value: str
     source: Source
+
 
 _OfCrane = Callable[[CraneSite, Station], tuple[str, Source]]
 """Returns what is assumed of a crane of a site, and where it comes from."""

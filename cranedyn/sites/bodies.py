@@ -232,8 +232,9 @@ def _hanging(crane: Crane, shapes: list[np.ndarray]) -> list[tuple[str, np.ndarr
 
 
 def group_shapes(shapes: list[np.ndarray]) -> list[np.ndarray]:
-    """Partition the corners of shapes, shape (n, 3) each, into at most `_MOST` groups, each of which
-    one capsule covers.
+    """Partition the corners of shapes, shape (n, 3) each, into at most `_MOST` groups.
+
+    One capsule covers a group.
 
     Repeatedly split the largest group in two where that saves most volume of capsules; stop where a
     split saves less than `_GAIN`.

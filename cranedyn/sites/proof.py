@@ -86,7 +86,8 @@ def is_box(ends: np.ndarray) -> np.ndarray:
     # Each comparison is false for NaN.
     low = ends[..., 0, :]
     high = ends[..., 1, :]
-    return ((-MAX_POSITION <= low) & (low <= high) & (high <= MAX_POSITION)).all(axis=-1)
+    are_ends = (-MAX_POSITION <= low) & (low <= high) & (high <= MAX_POSITION)
+    return np.all(are_ends, axis=-1)
 
 
 def least_distances(a: PlacedCapsules, b: PlacedCapsules) -> np.ndarray:

@@ -123,12 +123,15 @@ class SiteRun:
 
     def __repr__(self) -> str:
         violation, waits = self.violation, self.waits
+        broken = [
+            f"; outside of what the site assumes: {words}" for words in self.broken_assumptions
+        ]
         return (
             f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m, "
             f"largest swing {100.0 * self.swing.max() / self.site.swing:.0f} % of the envelope"
             f"{f'; waits in a circle: {len(waits)}, first {waits[0][2]}' if waits else ''}"
             f"{violation and '; the model '}{violation}"
-            f"{''.join(f'; outside of what the site assumes: {x}' for x in self.broken_assumptions)}"
+            f"{''.join(broken)}"
         )
 
     @property
@@ -150,7 +153,8 @@ class SiteRun:
             )
         elif np.any(self.wind_speed) and not self.wind_area <= limit.area:
             broken.append(
-                f"loads with a drag area of {self.wind_area:g} m²; the site states {limit.area:g} m²"
+                f"loads with a drag area of {self.wind_area:g} m²; the site states {limit.area:g} "
+                "m²"
             )
         return broken
 

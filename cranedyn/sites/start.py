@@ -53,9 +53,7 @@ def parts_at_start(crane: Crane, foot: np.ndarray) -> list[StartPart]:
     return parts
 
 
-def first_collision(
-    parts: Sequence[StartPart], solids: Sequence[Solid]
-) -> tuple[str, str] | None:
+def first_collision(parts: Sequence[StartPart], solids: Sequence[Solid]) -> tuple[str, str] | None:
     """Return the names of the first part that has a point in common with a solid, and of this
     solid; None if there is none.
     """

@@ -24,7 +24,9 @@ def test_walls_of_two_wall_cranes_are_as_far_apart_as_their_description_says() -
     # Each stands on a wall of 6 m along x; their feet are 30 m apart, and the jibs are parallel.
     crane = load_crane(Path("examples/wall_crane.urdf"), driven=["bracket", "carriage", "winch"])
     stations = [
-        Station(name, crane, np.array([x, 0.0, 0.0]), -np.pi / 2.0, converters(crane), brakes(crane))
+        Station(
+            name, crane, np.array([x, 0.0, 0.0]), -np.pi / 2.0, converters(crane), brakes(crane)
+        )
         for name, x in (("a", 0.0), ("b", 30.0))
     ]
     site = CraneSite("walls", tuple(stations))

@@ -35,7 +35,7 @@ def at_rest(station: Station) -> State:
 
 @cache
 def travelling_station() -> Station:
-    """Return a crane whose bracket slides along the wall, and its carriage along a jib beside it."""
+    """Return a crane whose bracket and carriage slide in one direction."""
     text = Path("examples/wall_crane.urdf").read_text("utf-8")
     turning = 'name="bracket" type="revolute"'
     upright = '<axis xyz="0 0 1"/>'

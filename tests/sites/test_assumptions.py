@@ -83,10 +83,12 @@ def test_a_site_for_which_all_is_entered_rests_on_no_default(tmp_path: Path) -> 
         ("values = {payload_mass = 1000.0}\n", "lightest load in the wind of a"),
         ("values = {payload_mass = 1000.0}\n", "shapes of the crane of a"),
         ("reaction = 1.0\n\n", "reaction time of brakes of a"),
-        (", tolerances = [0.2, 0.1, 0.04]}\nreaction = 1.0\n\n", "error of measured positions of a"),
+        (", tolerances = [0.2, 0.1, 0.04]}\nreaction = 1.0\n\n",
+         "error of measured positions of a"),
         ("drives = {rates = [4.0, 1.0, 0.8], accelerations = [1.0, 0.4, 0.5]}\nbrakes",
          "fastest drives of a"),
-        ("brakes = {decelerations = [0.5, 0.3, 0.4], tolerances = [0.2, 0.1, 0.04]}\nreaction = 1.0\n\n",
+        ("brakes = {decelerations = [0.5, 0.3, 0.4], tolerances = [0.2, 0.1, 0.04]}\n"
+         "reaction = 1.0\n\n",
          "weakest brakes of a"),
     ],
 )  # fmt: skip
@@ -125,7 +127,9 @@ def test_the_page_prints_all_assumptions_and_judges_no_run_that_breaks_one(
             assert f">{word}<" in text
     broken = "Outside of what the site assumes: wind of up to 9.5 m/s, from 0.0 s on"
     assert (broken in text) == (wind is not None)
-    assert "Nobody entered: lightest load in the wind; reaction time of brakes; fastest drives" in text
+    assert (
+        "Nobody entered: lightest load in the wind; reaction time of brakes; fastest drives" in text
+    )
 
 
 def test_the_page_says_that_no_wind_is_assumed_where_none_is_entered() -> None:

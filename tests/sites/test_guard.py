@@ -47,7 +47,7 @@ def answer(request: BoxRequest, **changes: np.ndarray) -> BoxGrant:
 
 
 def box_after(guard: Guard, grant: BoxGrant) -> np.ndarray:
-    """Return the box of a guard that has received a grant, after a step in which it asks nothing."""
+    """Return the box of a guard that has received a grant, after a step without a request."""
     guard.receive(grant)
     guard.step(math.nan, at_rest(guard.station), np.zeros((1, 3)))
     return guard.box
@@ -288,7 +288,7 @@ def test_a_guard_brakes_by_the_rates_that_the_box_was_planned_for_in_a_fault() -
     rates, _ = guard.step(0.0, broken, np.zeros((1, 3)))
     change = guard.rates - np.array([[0.05, 0.5, -0.5]])
     assert (rates == guard.rates).all()
-    # 0.095/(4 √2) of gravity at the trolley, over its 30.05 m for the slew; the winch is not limited.
+    # 0.095/(4 √2) of gravity at the trolley, over its 30.05 m for the slew, and all of the winch.
     inclined = 0.095 / (4.0 * math.sqrt(2.0)) * guard.station.crane.gravity
     expected = [inclined / 30.05, inclined, guard.station.brakes.decelerations[2]]
     assert np.abs(change[0]) == pytest.approx(np.multiply(expected, CYCLE), rel=1e-3)

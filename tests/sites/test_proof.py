@@ -112,9 +112,7 @@ PILLAR = box("pillar", [30.0, 30.0], [1.0, 1.0, 60.0], 0.0)
 
 
 def clear(site: CraneSite, ends: np.ndarray, distance: float = 1.0, swing: float = 0.1) -> bool:
-    return site.obstacles.proven_clear(
-        site.bodies, 0, site.positions(0, ends), distance, swing
-    )
+    return site.obstacles.proven_clear(site.bodies, 0, site.positions(0, ends), distance, swing)
 
 
 @given(value=st.sampled_from(BAD), end=st.integers(0, 1), drive=st.integers(0, 2))

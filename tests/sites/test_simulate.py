@@ -122,9 +122,7 @@ def test_an_error_of_the_wind_ends_a_run_with_its_rows() -> None:
 
 @pytest.mark.parametrize(("latency", "row"), [(0.0, 1), (0.1, 2), (0.2, 4)])
 def test_a_box_grows_once_a_request_and_its_answer_have_arrived(latency: float, row: int) -> None:
-    run = simulate_site(
-        site_of(), [good, good], duration=1.0, channel=MessageChannel(latency, 0.0)
-    )
+    run = simulate_site(site_of(), [good, good], duration=1.0, channel=MessageChannel(latency, 0.0))
     changed = np.flatnonzero((run.boxes[0] != run.boxes[0][0]).any(axis=(1, 2)))
     assert changed[0] == row
 
@@ -156,7 +154,9 @@ def test_states_that_are_no_numbers_count_as_a_contact(copy: int) -> None:
     assert [index for index, _ in watch.contacts] == [copy]
 
 
-def test_the_operator_of_a_plan_leads_its_drives_by_their_delay_their_lag_and_half_a_cycle() -> None:
+def test_the_operator_of_a_plan_leads_its_drives_by_their_delay_their_lag_and_half_a_cycle() -> (
+    None
+):
     site = site_of()
     plan = plan_site(site, [("north", [-8.9, -6.7, 15.9])])
     motion = plan.lifts[0].motion

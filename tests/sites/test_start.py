@@ -20,7 +20,8 @@ pytestmark = pytest.mark.slow
 def shell(radius: float) -> Solid:
     """Return a hollow tube around the first tower, which is no convex body."""
     mesh = trimesh.creation.annulus(r_min=radius - 1.0, r_max=radius, height=100.0)
-    return body("solid", np.array(mesh.vertices) + [0.0, 0.0, 50.0], np.array(mesh.faces))
+    mesh.apply_translation([0.0, 0.0, 50.0])
+    return body("solid", np.array(mesh.vertices), np.array(mesh.faces))
 
 
 def dented_ball(radius: float) -> Solid:
@@ -33,8 +34,8 @@ def dented_ball(radius: float) -> Solid:
     return ball
 
 
-# The first crane stands at the origin. Its mast is 2 m wide and 38 m high; its jib points along y at
-# the start, at a height of 40 m; its load hangs from 30 m of it by a rope of 20 m.
+# The first crane stands at the origin. Its mast is 2 m wide and 38 m high; its jib points along y
+# at the start, at a height of 40 m; its load hangs from 30 m of it by a rope of 20 m.
 IN_THE_WAY = {
     "around its foot": ("tower", box("solid", [0.0, 0.0], [4.0, 4.0, 9.0], 0.0)),
     "between the chords of its mast": ("tower", box("solid", [0.0, 0.0], [0.5, 0.5, 2.0], 15.0)),

@@ -30,7 +30,7 @@ def honest(supervisor: Supervisor, number: int = 1) -> BoxRequest:
 
 
 def assert_is_ignored(supervisor: Supervisor, request: BoxRequest) -> None:
-    """Check that a request changes nothing that is reserved, and that an honest one still counts."""
+    """Check that a request changes nothing that is reserved, for any crane."""
     before = [box.copy() for box in supervisor.boxes]
     grant = supervisor.receive(0, request)
     assert not len(grant.copies) and not len(grant.box)

@@ -72,7 +72,9 @@ def test_no_gust_that_rises_and_falls_once_swings_farther_than_twice_the_lean(
 
 @slow
 def test_a_wind_that_rises_at_once_and_stays_swings_to_twice_the_lean() -> None:
-    assert largest_response([0.0, 1e-3, 9.0, 9.1], [0.0, 1.0, 1.0, 1.0]) == pytest.approx(2, abs=1e-3)
+    assert largest_response([0.0, 1e-3, 9.0, 9.1], [0.0, 1.0, 1.0, 1.0]) == pytest.approx(
+        2, abs=1e-3
+    )
 
 
 def operators_at_rest(count: int = 2) -> list:
@@ -97,13 +99,13 @@ def test_wind_blows_loads_in_its_direction_on_a_site_whose_cranes_are_turned() -
     wind = SiteWind(steady(12.0), direction=0.7)
     run = simulate_site(site, operators_at_rest(3), duration=2.0, supervised=False, wind=wind)
     for i, station in enumerate(site.stations):
-        pivot, rope, _ = station.rope(run.trajectories[i].q)
+        _, rope, _ = station.rope(run.trajectories[i].q)
         moved = (rope[-1] - rope[0])[:2]
         assert math.atan2(moved[1], moved[0]) == pytest.approx(0.7, abs=0.02)
 
 
 def gusty(t: float) -> float:
-    """Return a wind in gusts that rise at once and fall at once, each after the last has decayed."""
+    """Return a wind that rises at once and falls at once, and stays for 20 s each time."""
     return 9.0 if t % 40.0 > 20.0 else 0.0
 
 
@@ -152,7 +154,8 @@ def test_an_anemometer_that_no_guard_reads_is_refused() -> None:
         (CALM, SiteWind(steady(0.5)), "wind of up to 0.5 m/s, from 0.0 s on; the site states no"),
         (GUST, SiteWind(steady(9.0)), ""),
         (GUST, SiteWind(steady(-9.0)), ""),
-        (GUST, SiteWind(lambda t: 9.0 + 0.1 * (t > 0.45)), "of up to 9.1 m/s, from 0.5 s on; the site states 9"),
+        (GUST, SiteWind(lambda t: 9.0 + 0.1 * (t > 0.45)),
+         "wind of up to 9.1 m/s, from 0.5 s on; the site states 9 m/s"),
         (GUST, SiteWind(steady(-9.1)), "of up to 9.1 m/s, from 0.0 s on; the site states 9 m/s"),
         (GUST, SiteWind(steady(3.0), area=5.0), "a drag area of 5 m²; the site states 4 m²"),
     ],
@@ -247,7 +250,9 @@ def test_a_load_parked_beside_a_tower_is_not_blown_against_it_by_the_entered_win
 
 
 @slow
-def test_where_no_wind_is_entered_a_gust_that_brings_cranes_together_breaks_the_assumption() -> None:
+def test_where_no_wind_is_entered_a_gust_that_brings_cranes_together_breaks_the_assumption() -> (
+    None
+):
     run = gust_at_the_tower(CALM, 28.0, 0.1)
     assert run.least_distance < run.site.distance
     assert run.broken_assumptions == [
