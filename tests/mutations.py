@@ -770,8 +770,8 @@ cranedyn/sites/simulate.py
 + queue.append((t, station, sent))
 * states that are no numbers touch nothing
 ? simulate::states_that_are_no_numbers_count_as_a_contact
-- np.moveaxis(~(distances >= within), 2, 0)
-+ np.moveaxis(distances < within, 2, 0)
+- np.argwhere(~(spare > 4.0 * _BEND))
++ np.argwhere(spare <= 4.0 * _BEND)
 * a crane that was ahead of the others keeps its last row
 ? simulate::a_crane_that_was_ahead_of_one_that_ends_a_run_is_cut_to_whole_cycles
 - trajectories.append(trajectory if len(trajectory.t) == rows else trajectory.before(end))
