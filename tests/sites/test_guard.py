@@ -16,6 +16,8 @@ from cranedyn.sites.guard import MAX_INPUT, NO_TARGET, BoxGrant, BoxRequest, Gua
 from cranedyn.sites.working_wind import WorkingWind
 from tests.sites.cases import BAD, ODD, at_rest, site_of, travelling_station
 
+pytestmark = pytest.mark.slow
+
 SWING = 0.1
 GUST = WorkingWind(gust=9.0, area=4.0)
 
@@ -59,7 +61,8 @@ def test_a_grant_of_all_that_was_asked_for_is_taken() -> None:
     assert (box_after(guard, answer(request)) == request.wanted).all()
 
 
-@given(value=st.sampled_from(BAD), end=st.integers(0, 1), drive=st.integers(0, 2))
+@pytest.mark.parametrize("value", BAD)
+@pytest.mark.parametrize(("end", "drive"), [*np.ndindex(2, 3)])
 def test_a_grant_with_a_number_that_is_none_is_ignored_and_the_next_is_taken(
     value: float, end: int, drive: int
 ) -> None:
@@ -76,7 +79,7 @@ def test_a_grant_with_a_number_that_is_none_is_ignored_and_the_next_is_taken(
     assert (box_after(guard, answer(request)) == request.wanted).all()
 
 
-@given(value=st.sampled_from([*BAD, -1.0, 1.0, 0.5, 7.0]))
+@pytest.mark.parametrize("value", [*BAD, -1.0, 1.0, 0.5, 7.0])
 def test_a_grant_for_a_copy_or_a_request_that_there_is_not_is_ignored(value: float) -> None:
     guard = guard_of()
     request = asked(guard)
@@ -114,34 +117,45 @@ def test_a_crane_withdraws_to_no_place_out_of_its_ranges() -> None:
     assert (guard.target == lowest).all()
 
 
-@given(
-    value=st.sampled_from([*BAD, *ODD]),
-    where=st.sampled_from(["q", "v", "command"]),
-    column=st.integers(0, 4),
-)
-def test_no_input_makes_a_guard_command_what_is_no_number(
-    value: float, where: str, column: int
-) -> None:
+def step_with(value: float, where: str, column: int) -> None:
+    """Check what a guard does with a number at one place of what it measures or is commanded."""
     guard = guard_of()
     full = guard.station.converters.rates
     state = at_rest(guard.station)
     command = full[None].copy()
-    inputs = {"q": state.q, "v": state.v, "command": command}
-    target = inputs[where]
+    inputs = {"q": state.q, "v": state.v, "command": command}[where]
     guard.rates = 0.1 * full[None]
     before = guard.box.copy()
-    target[0, column % target.shape[1]] = value
+    inputs[0, column % inputs.shape[1]] = value
     rates, request = guard.step(0.0, state, command)
     assert np.isfinite(rates).all() and np.isfinite(guard.box).all()
     if not abs(value) <= MAX_INPUT:
         assert guard.fault.all() and not len(request.copies)
         assert (guard.box == before).all()
         assert (np.abs(rates) < 0.1 * full).all() and (rates >= 0.0).all()
+    lowest, highest = guard.station.ranges
+    tolerances = guard.station.brakes.tolerances
     for wanted in request.wanted:
-        lowest, highest = guard.station.ranges
-        tolerances = guard.station.brakes.tolerances
         assert (wanted[0] >= lowest - tolerances).all()
         assert (wanted[1] <= highest + tolerances).all()
+
+
+@pytest.mark.parametrize("where", ["q", "v", "command"])
+def test_no_input_makes_a_guard_command_what_is_no_number(where: str) -> None:
+    for value in (*BAD, *ODD):
+        for column in range(5):
+            step_with(value, where, column)
+
+
+@given(
+    value=st.floats(),
+    where=st.sampled_from(["q", "v", "command"]),
+    column=st.integers(0, 4),
+)
+def test_no_double_makes_a_guard_command_what_is_no_number(
+    value: float, where: str, column: int
+) -> None:
+    step_with(value, where, column)
 
 
 @pytest.mark.parametrize("t", [math.nan, math.inf, -math.inf])

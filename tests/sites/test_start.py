@@ -74,6 +74,18 @@ def test_a_slab_below_a_foot_what_is_beside_a_crane_and_a_zone_are_allowed(solid
     assert replace(site_of(), solids=(solid,)).solids
 
 
+def test_parts_of_a_crane_are_where_its_heading_points() -> None:
+    # The jib of this one points along -x at the start, and its counter-jib along x.
+    site = site_of("luffing_between")
+    behind, ahead = (box("solid", [x, 0.0], [1.0, 1.0, 60.0], 0.0) for x in (-37.0, -85.0))
+    low = replace(site, stations=site.stations[:1])
+    for solid in (behind, ahead):
+        with pytest.raises(DataError, match="slewing part of west is in solid"):
+            replace(low, solids=(solid,))
+    beyond = box("solid", [-50.0 + 35.0, 0.0], [1.0, 1.0, 60.0], 0.0)
+    assert replace(low, solids=(beyond,)).solids
+
+
 def test_a_site_file_with_a_box_over_a_tower_is_refused_with_the_line_of_the_crane(
     tmp_path: Path,
 ) -> None:

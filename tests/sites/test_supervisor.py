@@ -51,28 +51,36 @@ def test_an_honest_request_is_granted_as_a_whole() -> None:
     assert (grant.box == request.wanted).all() and (supervisor.boxes[0] == request.wanted).all()
 
 
+@pytest.mark.parametrize("field", ["held", "wanted"])
+@pytest.mark.parametrize("value", BAD)
+def test_a_request_with_a_number_that_is_none_is_ignored(value: float, field: str) -> None:
+    for end, drive in np.ndindex(2, 3):
+        supervisor = supervisor_of()
+        request = honest(supervisor)
+        getattr(request, field)[0, end, drive] = value
+        assert_is_ignored(supervisor, request)
+
+
 @given(
-    value=st.sampled_from(BAD),
-    field=st.sampled_from(["held", "wanted"]),
-    end=st.integers(0, 1),
-    drive=st.integers(0, 2),
+    held=st.lists(st.floats(), min_size=6, max_size=6),
+    wanted=st.lists(st.floats(), min_size=6, max_size=6),
 )
-def test_a_request_with_a_number_that_is_none_is_ignored(
-    value: float, field: str, end: int, drive: int
+def test_boxes_of_any_doubles_leave_what_is_reserved_proven_apart(
+    held: list[float], wanted: list[float]
 ) -> None:
     supervisor = supervisor_of()
-    request = honest(supervisor)
-    getattr(request, field)[0, end, drive] = value
-    assert_is_ignored(supervisor, request)
+    boxes = [np.reshape(values, (1, 2, 3)) for values in (held, wanted)]
+    supervisor.receive(0, BoxRequest(np.array([0]), np.array([1]), *boxes))
+    assert site_of().pair_apart(0, supervisor.boxes[0], 1, supervisor.boxes[1]).all()
 
 
-@given(value=st.sampled_from([*BAD, -1.0, 1.0, 0.5, 1e15]))
+@pytest.mark.parametrize("value", [*BAD, -1.0, 1.0, 0.5, 1e15])
 def test_a_request_of_a_copy_that_there_is_not_is_ignored(value: float) -> None:
     supervisor = supervisor_of()
     assert_is_ignored(supervisor, honest(supervisor)._replace(copies=np.array([value])))
 
 
-@given(value=st.sampled_from([*BAD, *ODD, 0.0, -1.0, 1.5, 2.0**54]))
+@pytest.mark.parametrize("value", [*BAD, *ODD, 0.0, -1.0, 1.5, 2.0**54])
 def test_a_request_whose_number_is_none_is_ignored(value: float) -> None:
     supervisor = supervisor_of()
     assert_is_ignored(supervisor, honest(supervisor)._replace(number=np.array([value])))

@@ -139,6 +139,15 @@ def test_guards_stop_the_work_above_the_entered_wind_and_go_on_below() -> None:
     assert rates[-1] == pytest.approx(0.3)
 
 
+@slow
+def test_wind_above_the_entered_stops_guards_that_read_it() -> None:
+    site = replace(site_of(), working_wind=GUST, swing=0.12)
+    operators = [lambda t, states: np.array([0.0, 0.0, 0.3])] * 2
+    wind = SiteWind(lambda t: 9.1 if t >= 2.0 else 8.9)
+    run = simulate_site(site, operators, duration=4.0, wind=wind)
+    assert run.passed[0][15, 2] == pytest.approx(0.3) and (run.passed[0][30:, 2] == 0.0).all()
+
+
 def test_an_anemometer_that_no_guard_reads_is_refused() -> None:
     with pytest.raises(OutOfRange, match="anemometer is given; allowed is none"):
         simulate_site(
