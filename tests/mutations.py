@@ -798,6 +798,10 @@ cranedyn/sites/start.py
 ? start::an_obstacle_where_a_part_of_a_crane_is_at_the_start_is_refused_by_name
 - for corners in group_shapes(placed):
 + for corners in placed:
+* a crane is turned the wrong way at its start
+? start::parts_of_a_crane_are_where_its_heading_points
+- append(points @ foot[:, :3].T + foot[:, 3])
++ append(points @ foot[:, :3] + foot[:, 3])
 * inside of a hollow mesh a crane touches nothing
 ? start::an_obstacle_where_a_part_of_a_crane_is_at_the_start_is_refused_by_name
 - return any(solid.holds(corner) for corner in corners[:1])
