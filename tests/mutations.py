@@ -747,6 +747,10 @@ cranedyn/sites/plan.py
 ? simulate::the_operator_of_a_plan_leads_its_drives_by_their_delay_their_lag_and_half_a_cycle
 - CYCLE / 2.0 + station.converters.lags
 + CYCLE / 2.0 - station.converters.lags
+* a plan travels against gusts as if they blew on a load at rest
+? working_wind::a_planned_load_travels_no_faster_than_gusts_against_it_allow
+- against = (wind.gust + speed) ** 2 - wind.gust**2
++ against = 0.0 * speed
 * a plan uses the swing that gusts need
 ? working_wind::the_wind_of_a_site_file_is_that_of_its_guards_and_plans
 - return working_swing(site.stations[i], site.swing, site.working_wind)

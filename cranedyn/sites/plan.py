@@ -35,6 +35,7 @@ from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import HORIZON, gentle, working_swing
 from cranedyn.sites.simulate import SiteOperator
 from cranedyn.sites.site import CraneSite, Station
+from cranedyn.sites.working_wind import GUST_RESPONSE, WorkingWind
 
 SLICE, _ROWS = 0.5, 10
 """Length of a slice of time, by which a motion may be early or late [s], and its rows."""
@@ -272,7 +273,7 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
     """
     station, crane = site.stations[i], site.stations[i].crane
     try:
-        motion = _leg(station, _swing(site, i), np.array(points))
+        motion = _leg(station, _swing(site, i), site.working_wind, np.array(points))
         load = station.plumb(motion.q[:, motion.drives])[1]
         low = _height(site, i, load)
         if low < site.distance:
@@ -331,7 +332,7 @@ def _positions(station: Station, begin: _Position, goal: _Position) -> list[_Pos
     return [tuple(x.tolist()) for x in (reached[0], *reached[other_turn][:1])]
 
 
-def _leg(station: Station, swing: float, points: np.ndarray) -> Motion:
+def _leg(station: Station, swing: float, wind: WorkingWind, points: np.ndarray) -> Motion:
     """Return the motion through positions of the drives, shape (k, m), at rest at both ends.
 
     The load moves as if it hung plumb from drives that move in straight lines; the drives go where
@@ -362,7 +363,12 @@ def _leg(station: Station, swing: float, points: np.ndarray) -> Motion:
         curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)
         q, v, a = (curve.derivative(order)(t) for order in range(3))
         motion = Motion(_PERIOD, q, v, a, layout.drives)
-        tilt = float(np.linalg.norm(lean, axis=1).max())
+        # A gust that blows against a load that travels swings it farther, see `WorkingWind`; what
+        # it does to a load at rest is not in the swing that the drives may use.
+        speed = np.linalg.norm(make_interp_spline(t, load, k=5).derivative()(t), axis=1)
+        against = (wind.gust + speed) ** 2 - wind.gust**2
+        by_gust = GUST_RESPONSE * wind.drag_ratio(crane) * against
+        tilt = float((np.linalg.norm(lean, axis=1) + by_gust).max())
         if (used := max(tilt / swing, *use(crane, motion, limits).values())) <= 1.0:
             if (np.clip(q, crane.lower, crane.upper) != q)[:, layout.drives].any():
                 raise NoWay("a drive would leave its range.")
