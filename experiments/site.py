@@ -43,7 +43,7 @@ from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
 from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, make_table
 from experiments.harness.processes import processes
-from experiments.real_shapes import RealDistances, real_distances
+from experiments.oracles.real_shapes import RealDistances, real_distances
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,7 +15,7 @@ from cranedyn.sites.brakes import brakes
 from cranedyn.sites.simulate import SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, Station
 from cranedyn.sites.site_file import read_crane_site
-from experiments.real_shapes import real_distances
+from experiments.oracles.real_shapes import real_distances
 
 pytestmark = pytest.mark.slow
 
