@@ -878,7 +878,7 @@ cranedyn/sites/guard.py
 - / (EXTRAPOLATION_STEP * crane.gravity)
 + / (1e9 * crane.gravity)
 * a late grant is taken for the last
-? sites::a_grant_for_an_older_request_is_ignored_and_a_fault_brakes
+? guard::a_grant_that_answers_an_older_request_is_ignored_though_its_box_would_do
 - answers_last = (number == last_number)
 + answers_last = (number >= 0)
 * what a drive does before it follows is left out

@@ -89,6 +89,19 @@ def test_a_grant_for_a_copy_or_a_request_that_there_is_not_is_ignored(value: flo
         assert (box_after(guard, answer(request, number=np.array([value]))) == held).all()
 
 
+def test_a_grant_that_answers_an_older_request_is_ignored_though_its_box_would_do() -> None:
+    guard = guard_of()
+    asked(guard, 0.0)
+    second = asked(guard, 1.0)
+    held = guard.box.copy()
+    late = answer(second, number=np.array([1]))
+    assert (box_after(guard, late) == held).all()
+    # The guard waits twice as long for answers from then on: 1 s.
+    full = guard.station.converters.rates[None]
+    assert not len(guard.step(1.9, at_rest(guard.station), full)[1].copies)
+    assert guard.step(2.0, at_rest(guard.station), full)[1].number == [3]
+
+
 @pytest.mark.parametrize("end", [0, 1])
 @pytest.mark.parametrize("way", ["beyond what was asked for", "short of what is held", "swapped"])
 def test_a_grant_that_no_sound_supervisor_gives_is_ignored(end: int, way: str) -> None:
