@@ -14,8 +14,10 @@ Public names:
 * `site_file.read_crane_site` reads a `site.CraneSite` from TOML: cranes, each a `site.Station`.
 * `bodies.crane_bodies` covers a crane with capsules; `proof.proven_apart` proves a distance for all
   positions in two boxes.
-* `brakes.Brakes` says where a crane may pass before it stands.
-* `supervisor.Supervisor` and `supervisor.Guard` reserve boxes and keep to them.
+* `brakes.Brakes` says where a crane may pass before it stands; `working_wind.WorkingWind` up to
+  which wind the cranes of a site work.
+* `assumptions.site_assumptions` lists all that the promise of a site rests on.
+* `supervisor.Supervisor` and `guard.Guard` reserve boxes and keep to them.
 * `plan.plan_site` plans lifts in space and time; `plan.SitePlan` is proven slice by slice.
 * `simulate.simulate_site` steps all cranes by one clock, with late and lost messages; its run is
   written as a table, as a recording and, by `page.write_page`, as a page.

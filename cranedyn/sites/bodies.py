@@ -156,7 +156,7 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     if np.abs(offsets).max() > 1e-9 or rope[2] > 0.0 or crane.lower[supports[-1] - 1] < 0.0:
         raise ModelError("Swing joints and hoist must have one origin, and the hoist lower from 0.")
     for index, joint in enumerate([0, *chain]):
-        for points in _groups(shapes.get(joint, [])):
+        for points in group_shapes(shapes.get(joint, [])):
             ends, radius = _capsule(points)
             middle = data.oMi[joint].act(ends.mean(axis=0))[:2]
             name = "jib" if middle @ outward >= 0.0 else "counter-jib"
@@ -231,8 +231,14 @@ def _hanging(crane: Crane, shapes: list[np.ndarray]) -> list[tuple[str, np.ndarr
     return [*rope, ("load", load, width)]
 
 
-def _groups(shapes: list[np.ndarray]) -> list[np.ndarray]:
-    """Return corners of shapes in groups: the cut that saves most volume of capsules, again."""
+def group_shapes(shapes: list[np.ndarray]) -> list[np.ndarray]:
+    """Partition the corners of shapes, shape (n, 3) each, into at most `_MOST` groups.
+
+    One capsule covers a group.
+
+    Repeatedly split the largest group in two where that saves most volume of capsules; stop where a
+    split saves less than `_GAIN`.
+    """
     if not shapes:
         return []
     groups = [shapes]

@@ -15,6 +15,7 @@ from cranedyn.planning.clearance import ROUNDING
 from cranedyn.planning.fields import Field, Placed
 from cranedyn.planning.solids import Solid
 from cranedyn.sites.bodies import CraneBodies, place_capsules
+from cranedyn.sites.proof import MAX_SWING, is_box
 
 _MOST = 30
 """Boxes that a proof examines before it fails."""
@@ -39,8 +40,10 @@ class Obstacles:
 
     def margins(self, ends: np.ndarray, radius: float, *, hangs: bool) -> tuple[float, float]:
         """Return the distances of a capsule about a segment [m], shape (2, 3), from solids and, if
-        it hangs, from zones [m]; inf where there is none.
+        it hangs, from zones [m]; inf where there is none, NaN for a capsule that is none.
         """
+        if not (np.isfinite(ends).all() and math.isfinite(radius)):
+            return math.nan, math.nan
         capsule = _capsule(ends, radius)
         solids, zones = (
             field.least(capsule) - ROUNDING if needed else math.inf
@@ -69,6 +72,8 @@ class Obstacles:
             distance: Required distance [m].
             swing: Largest angle of the rope from plumb [rad].
         """
+        if not (is_box(box) and distance >= 0.0 and 0.0 <= swing <= MAX_SWING):
+            return False
         work, examined = [(box, np.arange(bodies.radius.shape[1]))], 0
         while work:
             box, capsules = work.pop()
@@ -80,9 +85,10 @@ class Obstacles:
             margins = np.array([self.margins(ends, r, hangs=hangs[c]) for ends, r, c in rows])
             margin = np.minimum(margins[:, 0] - distance, margins[:, 1])
             examined += 1
-            if margin.min() < 0.0 or examined > _MOST:
+            # Each comparison is true for NaN.
+            if not (margin >= 0.0).all() or examined > _MOST:
                 return False
-            near = margin < placed.motion.sum(axis=1)
+            near = ~(margin >= placed.motion.sum(axis=1))
             if near.any():
                 widest = int(placed.motion.max(axis=0).argmax())
                 for side in (0, 1):

@@ -14,6 +14,7 @@ from cranedyn.lifting.tables import Row, Table
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import COLOURS, run_colour
 from cranedyn.recording.shapes import CONTACT
+from cranedyn.sites.assumptions import not_entered, site_assumptions
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.simulate import SiteRun
 from cranedyn.verdict import Check
@@ -60,6 +61,8 @@ def lost_time(run: SiteRun) -> list[np.ndarray]:
 
 def _checks(run: SiteRun) -> list[Check]:
     site, violation = run.site, run.violation
+    defaults = not_entered(site_assumptions(site))
+    broken = run.broken_assumptions
     swing, allowed = np.degrees([run.swing.max(), site.swing]).tolist()
     distance = f"{max(run.least_distance, 0.0):.2f} m, required {site.distance:g} m"
     return [
@@ -67,6 +70,9 @@ def _checks(run: SiteRun) -> list[Check]:
         Check(f"Least distance of two cranes {distance}.", run.least_distance >= site.distance),
         Check(f"Largest swing of a rope {swing:.1f}°, allowed {allowed:.1f}°.", swing <= allowed),
         Check(f"The model {violation or 'holds'}.", not violation),
+        # Neither can be a pass: what rests on a default, or was never promised, is not judged.
+        *(Check(f"Outside of what the site assumes: {words}.", None) for words in broken),
+        *([Check(f"Nobody entered: {'; '.join(defaults)}.", None)] if defaults else []),
     ]
 
 
@@ -82,12 +88,15 @@ def _tables(run: SiteRun, lost: list[np.ndarray]) -> list[Table]:
     crane, t = ("crane", ""), ("time [s]", ".1f")
     numbers = [(name, ".1f") for name in ("commanded [s]", "passed on [s]", "lost [s]")]
     bodies = [(name, "") for name in ("crane or obstacle", "body", "of the second")]
+    assumed: list[Row] = [[x.name, x.value, x.source] for x in site_assumptions(run.site)]
+    about = [("what the promise rests on", ""), ("assumed", ""), ("source", "")]
     waits, chain = run.waits, [t, ("for [s]", ".1f"), ("cranes", "")]
     tables = [
         Table("Ways of drives at full rate", [crane, ("drive", ""), *numbers], drives),
         Table("Least distances", [("pair", ""), ("distance [m]", ".2f"), t], gaps),
         Table(f"{len(run.contacts)} contacts", [t, crane, *bodies], [[*c] for c in run.contacts]),
         Table(f"{len(waits)} waits in a circle", chain, [[*wait] for wait in waits]),
+        Table("Assumptions", about, assumed),
     ]
     return [table for table in tables if table.rows]
 

@@ -32,9 +32,10 @@ from cranedyn.planning.lift import RESERVE, NoWay
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from cranedyn.sites.brakes import CYCLE
-from cranedyn.sites.guard import HORIZON, gentle
+from cranedyn.sites.guard import HORIZON, gentle, working_swing
 from cranedyn.sites.simulate import SiteOperator
 from cranedyn.sites.site import CraneSite, Station
+from cranedyn.sites.working_wind import GUST_RESPONSE, WorkingWind
 
 SLICE, _ROWS = 0.5, 10
 """Length of a slice of time, by which a motion may be early or late [s], and its rows."""
@@ -142,7 +143,7 @@ class SitePlan:
             courses = np.diff([station.crane.start.q, *ends], axis=0)[:, layout.drives]
             if slew is not None:
                 courses[:, slew] = (courses[:, slew] + math.pi) % (2.0 * math.pi) - math.pi
-            limits = _limits(station, self.site.swing)
+            limits = _limits(station, _swing(self.site, i))
             needs = rest_to_rest_time(abs(courses), *np.array([limits.rates, limits.accelerations]))
             times.append(needs.max(axis=1).sum() + self.stay * (len(ends) - 1))
         return max(times)
@@ -272,7 +273,7 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
     """
     station, crane = site.stations[i], site.stations[i].crane
     try:
-        motion = _leg(station, site.swing, np.array(points))
+        motion = _leg(station, _swing(site, i), site.working_wind, np.array(points))
         load = station.plumb(motion.q[:, motion.drives])[1]
         low = _height(site, i, load)
         if low < site.distance:
@@ -281,7 +282,7 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
             radii = np.linalg.norm((load - station.foot)[:, :2], axis=1)
             rated = float(station.chart.on().at(radii).min())
             number(f"load of {quoted(station.name)}", crane.payload_mass, "kg", f"0 to {rated:g}")
-        for box in _boxes(station, site.swing, motion) if site.solids else ():
+        for box in _boxes(station, _swing(site, i), motion) if site.solids else ():
             ends = site.positions(i, box)
             if not site.obstacles.proven_clear(site.bodies, i, ends, site.distance, site.swing):
                 raise NoWay("each way that was tried is too near to an obstacle.")
@@ -293,13 +294,18 @@ def _motion(site: CraneSite, i: int, points: _Points) -> Motion | CraneError:
 def _swept(site: CraneSite, i: int, path: list[_Points]) -> list[np.ndarray]:
     """Return the boxes of the motions of a crane through a path; none if one of them has none."""
     motions = [x for x in (_motion(site, i, points) for points in path) if isinstance(x, Motion)]
-    boxes = [_boxes(site.stations[i], site.swing, motion) for motion in motions]
+    boxes = [_boxes(site.stations[i], _swing(site, i), motion) for motion in motions]
     return boxes if len(boxes) == len(path) else []
 
 
 def _height(site: CraneSite, i: int, load: np.ndarray) -> float:
     """Return the least height above ground [m] of a load hung at points, shape (rows, 3)."""
     return float(load[:, 2].min()) - site.stations[i].bodies.depth[-1, 1, 2] - site.ground
+
+
+def _swing(site: CraneSite, i: int) -> float:
+    """Return the swing that the wind of a site leaves to the drives of a crane [rad]."""
+    return working_swing(site.stations[i], site.swing, site.working_wind)
 
 
 def _limits(station: Station, swing: float) -> Limits:
@@ -326,7 +332,7 @@ def _positions(station: Station, begin: _Position, goal: _Position) -> list[_Pos
     return [tuple(x.tolist()) for x in (reached[0], *reached[other_turn][:1])]
 
 
-def _leg(station: Station, swing: float, points: np.ndarray) -> Motion:
+def _leg(station: Station, swing: float, wind: WorkingWind, points: np.ndarray) -> Motion:
     """Return the motion through positions of the drives, shape (k, m), at rest at both ends.
 
     The load moves as if it hung plumb from drives that move in straight lines; the drives go where
@@ -357,7 +363,12 @@ def _leg(station: Station, swing: float, points: np.ndarray) -> Motion:
         curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)
         q, v, a = (curve.derivative(order)(t) for order in range(3))
         motion = Motion(_PERIOD, q, v, a, layout.drives)
-        tilt = float(np.linalg.norm(lean, axis=1).max())
+        # A gust that blows against a load that travels swings it farther, see `WorkingWind`; what
+        # it does to a load at rest is not in the swing that the drives may use.
+        speed = np.linalg.norm(make_interp_spline(t, load, k=5).derivative()(t), axis=1)
+        against = (wind.gust + speed) ** 2 - wind.gust**2
+        by_gust = GUST_RESPONSE * wind.drag_ratio(crane) * against
+        tilt = float((np.linalg.norm(lean, axis=1) + by_gust).max())
         if (used := max(tilt / swing, *use(crane, motion, limits).values())) <= 1.0:
             if (np.clip(q, crane.lower, crane.upper) != q)[:, layout.drives].any():
                 raise NoWay("a drive would leave its range.")
@@ -472,7 +483,7 @@ class _Schedule:
         """Put in the motions by which a crane arrives first at one of the ends, where nothing comes
         near it later; return whether there are any.
         """
-        station, swing = self.site.stations[crane], self.site.swing
+        station, swing = self.site.stations[crane], _swing(self.site, crane)
         paths, refusals = _ways(self.site, crane, self.positions[crane], ends), list[CraneError]()
         arrival, earliest = math.inf, list[tuple[Motion, int]]()
         for path in paths:
@@ -522,7 +533,8 @@ class _Schedule:
         Raises:
             OutOfRange: If it is no multiple of `SLICE`, or the crane's last motion is not done.
         """
-        mine, boxes = self.boxes[crane], _boxes(self.site.stations[crane], self.site.swing, motion)
+        mine, swing = self.boxes[crane], _swing(self.site, crane)
+        boxes = _boxes(self.site.stations[crane], swing, motion)
         within("begin of a lift after another", begin, (len(mine) - 1) * SLICE, math.inf, "s")
         if (k := round(begin / SLICE)) * SLICE != begin:
             raise OutOfRange("begin of a lift", begin, f"multiples of {SLICE:g}", "s")
@@ -554,7 +566,7 @@ def _around(site: CraneSite, i: int, begin: _Position, end: _Position) -> _Point
     point if there is no way.
     """
     station = site.stations[i]
-    limits = _limits(station, site.swing)
+    limits = _limits(station, _swing(site, i))
     rates, slopes = np.array([limits.rates, limits.accelerations])
     low, high = _once_around(station, begin, end)
     ranges = zip(low, high, _CELL * rates, begin, end, strict=True)

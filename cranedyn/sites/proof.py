@@ -23,6 +23,12 @@ from cranedyn.sites.capsules import CAPSULE, JOINT, Capsule
 ROUNDING = 1e-6
 """Deduction from every distance [m]: a thousand times the rounding errors of a site of 1e5 m."""
 
+MAX_POSITION = 1e9
+"""Largest magnitude of a position of a drive about which anything is proven [rad or m]."""
+
+MAX_SWING = math.pi / 2.0
+"""Largest swing of a rope about which anything is proven [rad]."""
+
 MOST = 100
 """Pairs of capsules with halved intervals that are examined before a proof fails."""
 
@@ -47,6 +53,9 @@ def proven_apart(
     of the box is apart. Otherwise the interval with the largest shift is halved. Rope and load move
     with their pivot. False says nothing about the pair.
 
+    Comparisons are written so that a number that is not finite fails them, and intervals whose ends
+    are swapped prove nothing: such a box is never apart from anything.
+
     Args:
         bodies: The cranes, `stacked`.
         first: Indices of the cranes, shape (N,).
@@ -56,6 +65,8 @@ def proven_apart(
         distance: Required distance [m].
         swing: Largest angle of the ropes from plumb [rad].
     """
+    if not (distance >= 0.0 and 0.0 <= swing <= MAX_SWING):
+        return np.zeros(len(first), dtype=bool)
     numbers = np.array([[distance + ROUNDING, 2.0 * math.sin(swing / 2.0)]]).repeat(len(first), 0)
     sides = [(first, first_box), (second, second_box)]
     blocks = [
@@ -64,19 +75,35 @@ def proven_apart(
         for block in (box.reshape(len(which), -1), bodies.numbers[which])
     ]
     prove = _compiled(bodies.axis.shape[1], bodies.radius.shape[1])
-    return prove(np.hstack([numbers, *blocks]))[:, 0] > 0.0
+    proven = prove(np.hstack([numbers, *blocks]))[:, 0] > 0.0
+    return proven & is_box(first_box) & is_box(second_box)
+
+
+def is_box(ends: np.ndarray) -> np.ndarray:
+    """Return whether the ends of intervals, shape (..., 2, k), are ordered and no farther from zero
+    than `MAX_POSITION`, shape (...).
+    """
+    # Each comparison is false for NaN.
+    low = ends[..., 0, :]
+    high = ends[..., 1, :]
+    are_ends = (-MAX_POSITION <= low) & (low <= high) & (high <= MAX_POSITION)
+    return np.all(are_ends, axis=-1)
 
 
 def least_distances(a: PlacedCapsules, b: PlacedCapsules) -> np.ndarray:
     """Return the least distance [m] of N pairs of capsules, shape (N,), or of N pairs of groups of
     n capsules each, with ends of shape (N, n, 2, 3) and radii of shape (N, n).
+
+    Where a number is not finite, the distance is NaN: compare so that NaN counts as too near.
     """
     count = len(a.ends)
     blocks = [
         np.dstack([x.ends.reshape(count, -1, 6), x.radius.reshape(count, -1)]).reshape(count, -1)
         for x in (a, b)
     ]
-    return _least_separating(*(block.shape[1] // 7 for block in blocks))(np.hstack(blocks))[:, 0]
+    rows = np.hstack(blocks)
+    least = _least_separating(*(block.shape[1] // 7 for block in blocks))(rows)[:, 0]
+    return np.where(np.isfinite(rows).all(axis=1), least, math.nan)
 
 
 @cache
@@ -163,7 +190,7 @@ def _emit(code: Code, joints: int, count: int) -> None:
         with code.loop(0, count) as a, code.loop(0, count) as b:
             one, other = (numbers(balls, code.product(i, 4), 4) for i in (a, code.plus(b, count)))
             delta, near = one[:3] - other[:3], one[3] + other[3] + required
-            with code.when(delta @ delta < near * near):
+            with code.when(build.not_(delta @ delta >= near * near)):
                 crane_ends = [x for offset in offsets for x in numbers(inputs, offset, ends)]
                 put(
                     queue,
@@ -188,9 +215,9 @@ def _emit(code: Code, joints: int, count: int) -> None:
                 for move in capsules.shifts(capsule, box[0], box[1], normal)[0]
             ]
             total = sum(moves[1:], moves[0])
-            with code.when(apart - total < required):
+            with code.when(build.not_(apart - total >= required)):
                 late = build.icmp_signed(">=", head, limit)
-                fails = code.either(gap < required, late)
+                fails = code.either(build.not_(gap >= required), late)
                 largest = reduce(larger, moves)
                 for upper in (0, 1):
                     half, free = boxes.copy(), 1.0

@@ -6,9 +6,9 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 import pyarrow as pa
@@ -17,8 +17,9 @@ from cranedyn.checks import as_array, number, whole
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.data.tables import arrow, write_table
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.disturbances.wind import Speed
 from cranedyn.dynamics.validity import events
-from cranedyn.errors import OutOfRange, RunError
+from cranedyn.errors import CraneError, OutOfRange, RunError, format_error, quoted
 from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.recording import Obstacle, Run, Scenery, record
 from cranedyn.simulation.log import Log
@@ -30,6 +31,7 @@ from cranedyn.sites.guard import BoxGrant, BoxRequest, Guard
 from cranedyn.sites.proof import least_distances
 from cranedyn.sites.site import CraneSite, SiteWind, Station
 from cranedyn.sites.supervisor import Supervisor
+from cranedyn.sites.working_wind import CALM
 
 SiteOperator = Callable[[float, Sequence[State]], np.ndarray]
 """Rates of the drives of one crane [rad/s or m/s], shape (m,), at a time [s] and states of all."""
@@ -96,6 +98,8 @@ class SiteRun:
             cranes that withdrew let another pass: positions of drives [rad or m].
         boxes: Box in which each crane was kept [rad or m], shape (rows, 2, m) each; none without a
             supervisor.
+        wind_speed: Wind on the loads [m/s], shape (rows,).
+        wind_area: Drag coefficient times area of each load in this wind [m²].
     """
 
     site: CraneSite
@@ -110,15 +114,49 @@ class SiteRun:
     outside: np.ndarray
     deadlocks: tuple[tuple[float, tuple[int, ...], dict[int, np.ndarray]], ...]
     boxes: tuple[np.ndarray, ...] = ()
+    wind_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    wind_area: float = 0.0
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.t)
 
     def __repr__(self) -> str:
         violation, waits = self.violation, self.waits
+        broken = [
+            f"; outside of what the site assumes: {words}" for words in self.broken_assumptions
+        ]
         return (
             f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m, "
             f"largest swing {100.0 * self.swing.max() / self.site.swing:.0f} % of the envelope"
             f"{f'; waits in a circle: {len(waits)}, first {waits[0][2]}' if waits else ''}"
             f"{violation and '; the model '}{violation}"
+            f"{''.join(broken)}"
         )
+
+    @property
+    def broken_assumptions(self) -> list[str]:
+        """What in this run was outside of what the site assumes, in words; empty if nothing was.
+
+        Contacts of such a run say nothing about what the site promises, and neither does their
+        absence.
+        """
+        limit = self.site.working_wind
+        stated = f"the site states {limit.gust:g} m/s" if limit.gust else "the site states no wind"
+        # True also for NaN.
+        rows = np.flatnonzero(~(np.abs(self.wind_speed) <= limit.gust))
+        broken = []
+        if len(rows):
+            largest = float(np.abs(self.wind_speed[rows]).max())
+            broken.append(
+                f"wind of up to {largest:.1f} m/s, from {self.t[rows[0]]:.1f} s on; {stated}"
+            )
+        elif np.any(self.wind_speed) and not self.wind_area <= limit.area:
+            broken.append(
+                f"loads with a drag area of {self.wind_area:g} m²; the site states {limit.area:g} "
+                "m²"
+            )
+        return broken
 
     @property
     def states(self) -> list[np.ndarray]:
@@ -239,6 +277,7 @@ def simulate_site(
     supervised: bool = True,
     channel: MessageChannel = MessageChannel(),  # noqa: B008
     wind: SiteWind | None = None,
+    anemometer: Speed | None = None,
     seed: int = 0,
     dt: float = 2e-3,
     engine: EngineName = "compiled",
@@ -251,70 +290,179 @@ def simulate_site(
         duration: Simulated time [s], rounded to cycles.
         supervised: Whether guards and supervisor stand between operators and drives.
         channel: Network between them.
-        wind: Wind on all loads; None for none.
+        wind: Wind on all loads; None for none. Above the wind that the site states the run is
+            outside of what the site assumes, see `SiteRun.broken_assumptions`.
+        anemometer: What all guards read as the wind speed over time [m/s]; they stop the work above
+            the wind that the site states. None reads the wind itself, if the site states one.
         seed: Seed of the losses of messages.
         dt: Physics step [s].
         engine: Engine of each crane, see `cranedyn.simulation.stepper.Stepper`.
 
     Raises:
-        OutOfRange: If there is not one operator for each crane, or a number is out of its range.
+        OutOfRange: If there is not one operator for each crane, or a number is out of its range; or
+            if there is an anemometer, but no guard to read it.
         DataError: If cranes are not proven apart at the start.
-        RunError: If an operator commands a rate that is not finite without a supervisor.
+        SiteRunError: If the run ends early, since an operator commands a rate that is not finite
+            without a supervisor, an operator or the wind raises an error, which is then its cause,
+            a crane diverges, or the run is interrupted. It carries all that was recorded.
     """
     rows = _checked(site, operators, channel, duration)
+    if anemometer is not None and not supervised:
+        raise OutOfRange("anemometer", "given", "none, unless guards read it: supervised=True")
     cranes = [
         _SiteCrane(station, operator, wind, engine, dt, rows)
         for station, operator in zip(site.stations, operators, strict=True)
     ]
     rng = np.random.default_rng(whole("seed", seed, 0))
     network = _Network(site, channel, rng) if supervised else None
-    boxes: list[list[np.ndarray]] = []
-    commands: list[list[np.ndarray]] = []
-    passed: list[list[np.ndarray]] = []
-    deadlocks: list[tuple[float, tuple[int, ...], dict[int, np.ndarray]]] = []
-    for row in range(rows):
-        t, states = row * CYCLE, [crane.engine.state for crane in cranes]
-        commands.append([crane.command(t, states) for crane in cranes])
-        passed.append(commands[-1])
-        if network is not None:
+    recording = _SiteRecording(site, cranes, network, wind, anemometer)
+    try:
+        for row in range(rows):
+            recording.run_cycle(row * CYCLE)
+    except (Exception, KeyboardInterrupt) as error:
+        recording.end_early(error)
+    return recording.result()
+
+
+class SiteRunError(RunError):
+    """A run of a site that ended early.
+
+    Attributes:
+        crane: Name of the crane whose turn it was when the run ended; empty if it was none's.
+        trajectory: Everything recorded up to then, of all cranes, as a `SiteRun`; None if no cycle
+            had ended.
+    """
+
+    def __init__(self, sentence: str, *, t: float, crane: str, run: SiteRun | None) -> None:
+        super().__init__(sentence, t=t, trajectory=run)
+        self.crane = crane
+
+
+class _SiteRecording:
+    """The cycles of a run of a site, and all that is recorded in them."""
+
+    def __init__(
+        self,
+        site: CraneSite,
+        cranes: Sequence[_SiteCrane],
+        network: _Network | None,
+        wind: SiteWind | None,
+        anemometer: Speed | None,
+    ) -> None:
+        self._site = site
+        self._cranes = cranes
+        self._network = network
+        self._wind = wind
+        self._anemometer = anemometer
+        self._t = 0.0
+        self._in_turn = ""
+        self._commands: list[list[np.ndarray]] = []
+        self._passed: list[list[np.ndarray]] = []
+        self._boxes: list[list[np.ndarray]] = []
+        self._wind_speeds: list[float] = []
+        self._deadlocks: list[tuple[float, tuple[int, ...], dict[int, np.ndarray]]] = []
+
+    def run_cycle(self, t: float) -> None:
+        """Run all cranes for a cycle from a time on [s]."""
+        self._t = t
+        states = [crane.engine.state for crane in self._cranes]
+        commands = []
+        for crane in self._cranes:
+            self._in_turn = crane.name
+            commands.append(crane.command(t, states))
+        self._in_turn = ""
+        wind_speed = 0.0 if self._wind is None else float(self._wind.speed(t))
+
+        passed = commands
+        boxes = []
+        if self._network is not None:
             measured = [State(q[None], v[None]) for q, v in states]
-            requested = [command[None] for command in commands[-1]]
-            passed[-1] = [rates[0] for rates in network.step(t, measured, requested)]
-            boxes.append([guard.box[0] for guard in network.guards])
-            if circle := network.supervisor.deadlock():
-                deadlocks.append((t, circle, network.supervisor.refuges()))
-        for crane, rates in zip(cranes, passed[-1], strict=True):
+            requested = [command[None] for command in commands]
+            reading = self._reading(t, wind_speed)
+            passed = [rates[0] for rates in self._network.step(t, measured, requested, reading)]
+            boxes = [guard.box[0] for guard in self._network.guards]
+            if circle := self._network.supervisor.deadlock():
+                self._deadlocks.append((t, circle, self._network.supervisor.refuges()))
+
+        for crane, rates in zip(self._cranes, passed, strict=True):
+            self._in_turn = crane.name
             crane.step(rates, crane.force())
-    trajectories = tuple(crane.record.trajectory(crane.log, crane.engine) for crane in cranes)
-    swings = [
-        np.linalg.norm(crane.crane.swing_angles(run.q), axis=1).max()
-        for crane, run in zip(cranes, trajectories, strict=True)
-    ]
-    outside = [-math.inf] * len(cranes)
-    for i, column in enumerate(zip(*boxes, strict=True)):
-        box, q = np.array(column), trajectories[i].q[:, cranes[i].crane.layout.drives]
-        outside[i] = float(np.maximum(box[:, 0] - q, q - box[:, 1]).max())
-    watch, measured_rows = _Watch(site), []
-    for first in range(0, rows, _CHUNK):
-        chunk = [run.q[first : first + _CHUNK, None] for run in trajectories]
-        measured_rows.append(watch.measure(chunk)[:, 0])
-    distances, clear = np.split(np.concatenate(measured_rows), [math.comb(len(cranes), 2)], axis=1)
-    return SiteRun(
-        site,
-        CYCLE * np.arange(rows),
-        trajectories,
-        [np.array(column) for column in zip(*commands, strict=True)],
-        [np.array(column) for column in zip(*passed, strict=True)],
-        distances,
-        np.minimum(*np.split(clear, 2, axis=1))
-        if site.solids
-        else np.full((rows, len(cranes)), np.inf),
-        tuple(contact for _, contact in watch.contacts),
-        np.array(swings),
-        np.array(outside),
-        tuple(deadlocks),
-        tuple(np.array(column) for column in zip(*boxes, strict=True)),
-    )
+        self._in_turn = ""
+
+        # A cycle counts once all cranes have gone through it, see `result`.
+        self._commands.append(commands)
+        self._passed.append(passed)
+        self._wind_speeds.append(wind_speed)
+        if self._network is not None:
+            self._boxes.append(boxes)
+
+    def _reading(self, t: float, wind_speed: float) -> float | None:
+        """Return what guards read as the wind speed [m/s]; None if nobody reads any."""
+        if self._anemometer is not None:
+            return float(self._anemometer(t))
+        return None if self._site.working_wind == CALM else wind_speed
+
+    def result(self) -> SiteRun:
+        """Return the run up to the last cycle that all cranes have gone through."""
+        site = self._site
+        cranes = self._cranes
+        rows = len(self._commands)
+        end = (rows - 0.5) * CYCLE
+        trajectories = []
+        for crane in cranes:
+            trajectory = crane.record.trajectory(crane.log, crane.engine)
+            trajectories.append(trajectory if len(trajectory.t) == rows else trajectory.before(end))
+        swings = [
+            np.linalg.norm(crane.crane.swing_angles(run.q), axis=1).max()
+            for crane, run in zip(cranes, trajectories, strict=True)
+        ]
+        outside = [-math.inf] * len(cranes)
+        for i, column in enumerate(zip(*self._boxes, strict=True)):
+            box = np.array(column)
+            position = trajectories[i].q[:, cranes[i].crane.layout.drives]
+            outside[i] = float(np.maximum(box[:, 0] - position, position - box[:, 1]).max())
+        watch = _Watch(site)
+        measured_rows = []
+        for first in range(0, rows, _CHUNK):
+            chunk = [run.q[first : first + _CHUNK, None] for run in trajectories]
+            measured_rows.append(watch.measure(chunk)[:, 0])
+        pairs = math.comb(len(cranes), 2)
+        distances, clear = np.split(np.concatenate(measured_rows), [pairs], axis=1)
+        clearances = np.full((rows, len(cranes)), np.inf)
+        if site.solids:
+            clearances = np.minimum(*np.split(clear, 2, axis=1))
+        return SiteRun(
+            site,
+            CYCLE * np.arange(rows),
+            tuple(trajectories),
+            [np.array(column) for column in zip(*self._commands, strict=True)],
+            [np.array(column) for column in zip(*self._passed, strict=True)],
+            distances,
+            clearances,
+            tuple(contact for _, contact in watch.contacts),
+            np.array(swings),
+            np.array(outside),
+            tuple(self._deadlocks),
+            tuple(np.array(column) for column in zip(*self._boxes, strict=True)),
+            np.array(self._wind_speeds),
+            0.0 if self._wind is None else self._wind.area,
+        )
+
+    def end_early(self, error: BaseException) -> NoReturn:
+        """Raise the error of a run that ends in this cycle by another error."""
+        if not self._commands and isinstance(error, CraneError) and not isinstance(error, RunError):
+            raise error
+        run = self.result() if self._commands else None
+        whose = f"of {quoted(self._in_turn)} " if self._in_turn else ""
+        if isinstance(error, KeyboardInterrupt):
+            message = f"The run {whose}was interrupted at t = {self._t:.3f} s."
+            raise SiteRunError(message, t=self._t, crane=self._in_turn, run=run) from None
+        message = f"The run {whose}ended at t = {self._t:.4g} s: {format_error(error)}"  # type: ignore[arg-type]
+        ended = SiteRunError(message, t=self._t, crane=self._in_turn, run=run)
+        if isinstance(error, RunError):
+            ended.joint = error.joint
+            ended.value = error.value
+        raise ended from error
 
 
 def _checked(
@@ -405,17 +553,23 @@ class _Network:
     def __init__(
         self, site: CraneSite, channel: MessageChannel, rng: np.random.Generator, copies: int = 1
     ) -> None:
-        self.guards = [Guard(station, site.swing, copies) for station in site.stations]
+        self.guards = [
+            Guard(station, site.swing, copies, site.working_wind) for station in site.stations
+        ]
         self.supervisor = Supervisor(site, [guard.box for guard in self.guards])
         self._channel, self._rng = channel, rng
         self._up: list[tuple[float, int, BoxRequest]] = []
         self._down: list[tuple[float, int, BoxGrant]] = []
 
     def step(
-        self, t: float, states: Sequence[State], commands: Sequence[np.ndarray]
+        self,
+        t: float,
+        states: Sequence[State],
+        commands: Sequence[np.ndarray],
+        wind_speed: float | None = None,
     ) -> list[np.ndarray]:
         """Exchange messages that arrive by a time [s], and return the rates for the drives, shape
-        (N, m) each, from states and commands of all copies.
+        (N, m) each, from states and commands of all copies, and a wind speed [m/s] that all read.
         """
         for i, grant in self._arrived(self._down, t):
             self.guards[i].receive(grant)
@@ -423,7 +577,7 @@ class _Network:
         for i, (guard, state, command) in enumerate(
             zip(self.guards, states, commands, strict=True)
         ):
-            rates, request = guard.step(t, state, command)
+            rates, request = guard.step(t, state, command, wind_speed)
             passed.append(rates)
             self._send(self._up, t, i, request)
         for i, request in self._arrived(self._up, t):
@@ -460,7 +614,8 @@ class _SiteCrane(Stepper):
         super().__init__(
             station.crane, dt=dt, control_period=CYCLE, drive=drives, forces=forces, engine=engine
         )
-        self.operator, self._wind = operator, None if wind is None else wind.on(station)
+        self.name, self.operator = station.name, operator
+        self._wind = None if wind is None else wind.on(station)
         self.log = Log(self.setting, "mark", 0.0, rows)
         self.record = RunRecord(self.setting, engine, "mark", operator, disturbance=self._wind)
 
@@ -518,13 +673,14 @@ class _Watch:
         for k, (i, j) in enumerate(self._groups):
             motion[..., k] = moved[i] + moved[max(j, -1)]
         distances = last - np.cumsum(motion, axis=0)
-        for k, near in enumerate(np.moveaxis(distances < within, 2, 0)):
+        # NaN counts as near, here and below.
+        for k, near in enumerate(np.moveaxis(~(distances >= within), 2, 0)):
             if near.any():
                 distances[near, k] = self._least(*self._groups[k], [x[near] for x in after])
         both = np.concatenate([last if self._last else distances[:1], distances])
         self._last = [x[-1:] for x in (*after, distances)]
         spare = both[1:] + both[:-1] - motion
-        for row, copy, k in np.argwhere(spare <= 4.0 * _BEND).tolist():
+        for row, copy, k in np.argwhere(~(spare > 4.0 * _BEND)).tolist():
             states = ([x[row + later, copy] for x in ends] for later in (0, 1))
             now = self._row + row
             contact = self._contact(CYCLE * now, *self._groups[k], *states)

@@ -22,11 +22,15 @@ from cranedyn.planning.solids import FARTHEST, Solid
 from cranedyn.sites.bodies import CraneBodies, PlacedCapsules, crane_bodies, rope_poses, stacked
 from cranedyn.sites.brakes import CYCLE, Brakes
 from cranedyn.sites.obstacles import Obstacles
-from cranedyn.sites.proof import least_distances, proven_apart
+from cranedyn.sites.proof import is_box, least_distances, proven_apart
+from cranedyn.sites.start import StartPart, first_collision, parts_at_start
+from cranedyn.sites.working_wind import CALM, WorkingWind
 
-DISTANCE, SWING = 1.0, 0.1
-"""Required distance between cranes [m] and largest swing of their ropes from plumb [rad] of a site
-that does not give them."""
+DISTANCE = 1.0
+"""Required distance between cranes of a site that does not enter it [m]."""
+
+SWING = 0.1
+"""Largest swing of the ropes from plumb of a site that does not enter it [rad]."""
 
 _ARC = 13
 """Points of an arc that a jib sweeps."""
@@ -44,6 +48,8 @@ class Station:
         converters: Frequency converters of its drives.
         brakes: Its brakes at their weakest.
         chart: Its load chart; None if unknown.
+        entered: Which of its values somebody entered: "brakes", "reaction", "tolerances", "drives",
+            "crane" (its shapes) and "load" (its mass). All others are defaults.
     """
 
     name: str
@@ -53,6 +59,7 @@ class Station:
     converters: Converters
     brakes: Brakes
     chart: Chart | None = None
+    entered: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check that all drives have converters and brakes.
@@ -76,6 +83,11 @@ class Station:
     def bodies(self) -> CraneBodies:
         """Capsules around its shapes, in the frame of the site."""
         return crane_bodies(self.crane, np.asarray(self.foot, dtype=float), self.heading)
+
+    @cached_property
+    def parts_at_start(self) -> list[StartPart]:
+        """Its convex parts at the start, in the frame of the site."""
+        return parts_at_start(self.crane, self.bodies.foot)
 
     @cached_property
     def ranges(self) -> np.ndarray:
@@ -172,6 +184,8 @@ class CraneSite:
         swing: Largest angle of a rope from plumb [rad].
         solids: Obstacles that all parts of cranes keep from, and zones that ropes and loads keep
             out of.
+        working_wind: Wind up to which the cranes work; by default none at all.
+        entered: Which of "distance", "swing" and "wind" somebody entered. All others are defaults.
     """
 
     name: str
@@ -180,13 +194,16 @@ class CraneSite:
     distance: float = DISTANCE
     swing: float = SWING
     solids: tuple[Solid, ...] = ()
+    working_wind: WorkingWind = CALM
+    entered: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check names and towers.
 
         Raises:
             DataError: If there is no crane, two cranes or pairs have one name, towers are nearer
-                than the required distance, or a tower or a load at the start is in an obstacle.
+                than the required distance, or a part of a crane, its rope or its load is in an
+                obstacle at the start.
             OutOfRange: If the distance is not positive, or the swing not from 0.001 to 0.5.
         """
         number("height of the ground", self.ground, "m")
@@ -198,16 +215,20 @@ class CraneSite:
         check_names(names)
         for a, b in itertools.combinations(range(len(self.stations)), 2):
             gap = self._tower_gap(a, b)
-            if gap < self.distance:
+            if not gap >= self.distance:
                 raise DataError(
                     f"The towers of {quoted(names[a])} and {quoted(names[b])} are "
                     f"{max(gap, 0.0):.2f} m apart; required is {self.distance:g} m."
                 )
         for station in self.stations if self.solids else ():
-            pivot = station.rope(station.crane.start.q[None])[0][0]
-            for solid in self.solids:
-                if any(solid.holds(point) for point in (np.asarray(station.foot), pivot)):
-                    raise DataError(f"{quoted(station.name)} stands in {quoted(solid.name)}.")
+            bodies = [solid for solid in self.solids if not solid.zone]
+            collision = first_collision(station.parts_at_start, bodies)
+            if collision is not None:
+                part, solid = collision
+                raise DataError(
+                    f"At the start the {part} of {quoted(station.name)} is in {quoted(solid)}: no "
+                    "obstacle can be where a crane stands."
+                )
 
     @cached_property
     def bodies(self) -> CraneBodies:
@@ -239,6 +260,7 @@ class CraneSite:
         from all obstacles, shape (..., cranes); True wherever there is no doubt, in the same shape.
         """
         cranes, shape = len(self.stations), box.shape[:-2]
+        sound = is_box(box).reshape(-1)
         doubts = np.broadcast_to(doubtful, (*shape, cranes)).reshape(-1, cranes).copy()
         doubts[:, station] &= len(self.solids) > 0
         ends = np.zeros((*shape, cranes, 2, self.bodies.axis.shape[1] + 1))
@@ -261,6 +283,8 @@ class CraneSite:
                 self.distance,
                 self.swing,
             )
+        # Where there is no doubt, a box that is none is proven nothing either.
+        proven[~sound] = False
         return proven.reshape(*shape, cranes)
 
     def pair_apart(

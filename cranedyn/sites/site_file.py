@@ -25,7 +25,9 @@ from cranedyn.planning.site_file import (
     solids_of,
 )
 from cranedyn.sites.brakes import REACTION, Brakes, brakes
+from cranedyn.sites.guard import gentle
 from cranedyn.sites.site import DISTANCE, SWING, CraneSite, Station, check_names
+from cranedyn.sites.working_wind import CALM, WorkingWind
 
 SITES = Path(__file__).parent / "examples"
 """Folder of the example sites."""
@@ -35,6 +37,14 @@ EXAMPLES = ("two_towers", "four_towers", "luffing_between")
 
 _FIELDS = "name position heading model machine urdf values drives brakes reaction chart".split()
 _MODELS = ("tower_crane", "luffing_crane")
+_ENTERED_BY = {
+    "brakes": ["brakes"],
+    "reaction": ["reaction"],
+    "drives": ["drives", "machine"],
+    "crane": ["machine", "urdf", "values"],
+    "load": ["urdf"],
+}
+"""Fields of a crane by which somebody enters what it assumes."""
 
 
 def read_crane_site(path: str | Path) -> CraneSite:
@@ -46,7 +56,7 @@ def read_crane_site(path: str | Path) -> CraneSite:
         UnknownName: If there is no file and no example of that name.
     """
     path = site_path(path, SITES, EXAMPLES)
-    top, lines = read_fields(path, ["ground", "distance", "swing", "crane", *SOLIDS])
+    top, lines = read_fields(path, ["ground", "distance", "swing", "wind", "crane", *SOLIDS])
     ground = top.number("ground", 0.0)
     solids = tuple(solids_of(top, lines, ground))
     entries = top.tables("crane", _FIELDS, lines)
@@ -61,13 +71,37 @@ def read_crane_site(path: str | Path) -> CraneSite:
         top.fail("crane", "there is none; write each as [[crane]].")
     distance = top.number("distance", DISTANCE, "m", "> 0")
     swing = top.angle("swing", SWING, "0.1 to 28")
+    wind = _working_wind(top, lines)
+    entered = frozenset({"distance", "swing", "wind"} & top.values.keys())
     name = top.text("name", path.stem)
     for count in range(1, len(stations) + 1):
         try:
-            site = CraneSite(name, tuple(stations[:count]), ground, distance, swing, solids)
+            site = CraneSite(
+                name, tuple(stations[:count]), ground, distance, swing, solids, wind, entered
+            )
         except CraneError as error:
             entries[count - 1].fail("position", error)
+    for station in stations:
+        try:
+            gentle(station, swing, wind)
+        except CraneError as error:
+            top.fail("wind", error)
     return site
+
+
+def _working_wind(top: SiteTable, lines: dict[tuple[str, int], dict[str, int]]) -> WorkingWind:
+    """Return the wind that the file enters, or none at all."""
+    if "wind" not in top.values:
+        return CALM
+    values = top.values["wind"]
+    if not isinstance(values, dict):
+        top.fail("wind", "it must be a table with gust [m/s] and area [m²].")
+    places = lines.get(("wind", 0), {"": top.lines.get("wind", 1)})
+    table = SiteTable(top.path, "wind", values, places, ["gust", "area"])
+    return WorkingWind(
+        gust=table.number("gust", unit="m/s", allowed=">= 0"),
+        area=table.number("area", unit="m²", allowed="> 0"),
+    )
 
 
 def _station(entry: SiteTable, ground: float) -> Station:
@@ -82,11 +116,19 @@ def _station(entry: SiteTable, ground: float) -> Station:
         jerks = {symbol: value / ROUNDING for symbol, value in slopes}
         drives = converters(crane, **limits, jerks=jerks)  # type: ignore[arg-type]
         field = "brakes"
+        own_brakes = isinstance(entry.values.get("brakes"), dict)
         brake, drives = _brakes(entry, crane, drives)
         field = "chart"
         chart = read_chart(entry.file(field)) if field in entry.values else None
         field = "reaction"
-        station = Station(name, crane, foot, heading, drives, brake, chart)
+        entered = {
+            value for value, fields in _ENTERED_BY.items() if entry.values.keys() & set(fields)
+        }
+        if "payload_mass" in entry.values.get("values", {}):
+            entered.add("load")
+        if own_brakes and "tolerances" in entry.values["brakes"]:
+            entered.add("tolerances")
+        station = Station(name, crane, foot, heading, drives, brake, chart, frozenset(entered))
         field = own
         _ = station.bodies
     except CraneError as error:
@@ -126,8 +168,12 @@ def _brakes(entry: SiteTable, crane: Crane, drives: Converters) -> tuple[Brakes,
     kind: Any = "converters" if own else entry.text("brakes", "converters")
     brake = brakes(crane, kind, reaction=entry.number("reaction", REACTION, "s", "> 0"))
     if own:
-        slow = _of_drives(entry, "brakes", crane, ["decelerations"])["decelerations"]
-        brake = replace(brake, decelerations=np.array([*slow.values()]))
+        given = _of_drives(entry, "brakes", crane, ["decelerations", "tolerances"])
+        if "decelerations" not in given:
+            entry.fail("brakes", "decelerations is missing.")
+        brake = replace(brake, decelerations=np.array([*given["decelerations"].values()]))
+        if "tolerances" in given:
+            brake = replace(brake, tolerances=np.array([*given["tolerances"].values()]))
         if (brake.decelerations > drives.accelerations).any():
             entry.fail("brakes", "decelerations are more than the drives accelerate.")
     elif kind == "converters":
@@ -152,5 +198,5 @@ def _of_drives(
             zip(symbols, np.multiply(scale, table.numbers(key, len(scale), "> 0")), strict=True)
         )
         for key in keys
-        if key in values or field == "brakes"
+        if key in values
     }

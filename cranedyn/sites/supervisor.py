@@ -8,8 +8,9 @@ the other: a grant answers one numbered request, and a guard accepts none but th
 Invariant: each crane can stop in its box (guard), its box lies in what the supervisor has reserved
 for it (a guard gives back before it asks, and the supervisor enlarges before it answers), and
 reserved boxes are proven the required distance apart, with the load of each anywhere in its cone.
-So nothing meets, as long as brakes are no weaker and ropes swing no farther than entered. Messages
-that are late or lost only make cranes wait.
+So nothing meets, as long as what `cranedyn.sites.assumptions` lists holds: brakes no weaker, ropes
+that swing no farther and a wind no stronger than entered, among others. Messages that are late or
+lost only make cranes wait, and so do messages that are not sound: each end checks what it receives.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from cranedyn.checks import as_array, whole, within
 from cranedyn.errors import DataError, quoted
-from cranedyn.sites.guard import BoxGrant, BoxRequest
+from cranedyn.sites.guard import BoxGrant, BoxRequest, is_index, is_request_number
 from cranedyn.sites.site import CraneSite
 
 STUCK, PASSING = 20, 100
@@ -31,6 +33,9 @@ requests of a crane without waiting after which the one that withdrew no longer 
 AHEAD, FARTHEST, DRAWN = (20.0, 5.0, 1.0, 0.2), 60.0, 16
 """Ways that a crane is let pass, the first that can be, and the longest way out, at full rate [s];
 ways out that are drawn in a trial."""
+
+RANGE_ROUNDING = 1e-9
+"""Rounding error of the ends of ranges [rad or m]."""
 
 _MOST = 1 << 40
 """More requests than are ever refused in a row."""
@@ -91,15 +96,21 @@ class Supervisor:
                 )
 
     def receive(self, station: int, request: BoxRequest) -> BoxGrant:
-        """Return the grants for requests, but for old ones and those that report a box outside of
-        what is reserved.
+        """Return the grants for the requests of one crane that are sound; ignore all others.
 
-        All of the extension is tried first, then shares of it drive by drive.
+        Where a request is not sound, see `_sound_requests`, nothing is granted and reserved boxes
+        stay. All of the extension is tried first, then shares of it drive by drive.
+
+        Args:
+            station: Index of the crane.
+            request: Its requests.
+
+        Raises:
+            OutOfRange: If there is no such crane.
+            Misshapen: If a field has another shape.
         """
-        reserved = self.boxes[station][request.copies]
-        inside = (request.held[:, 0] >= reserved[:, 0]) & (request.held[:, 1] <= reserved[:, 1])
-        valid = inside.all(axis=1) & (request.number > self._numbers[request.copies, station])
-        copies, number, reported, wanted = (values[valid] for values in request)
+        within("index of a crane", whole("index of a crane", station, 0), 0, len(self.boxes) - 1)
+        copies, number, reported, wanted = self._sound_requests(station, request)
         self._numbers[copies, station] = number
         neighbours = self._others(station, copies)
         apart = self.site.apart(station, wanted, neighbours)
@@ -118,6 +129,43 @@ class Supervisor:
         waiting = blocking.any(axis=1) | (self.passing[copies, station] >= 0)
         self._refused[copies, station] = np.where(waiting, self._refused[copies, station] + 1, 0)
         return BoxGrant(copies, number, box, blocking, self.targets[station][copies])
+
+    def _sound_requests(self, station: int, request: BoxRequest) -> BoxRequest:
+        """Return the requests of a crane that count.
+
+        A request counts if its copy and its number are whole numbers, the copy is one of the site
+        that no earlier row names, and the number is above the last one; if the box that is held
+        lies in the reserved one; and if the wanted box contains the held one and lies in the ranges
+        of the drives, up to the tolerances of their sensors. So all ends are finite and ordered.
+        """
+        reserved_boxes = self.boxes[station]
+        limits = self.site.stations[station]
+        count = len(np.atleast_1d(request.copies))
+        boxes = count, *reserved_boxes.shape[1:]
+        given_copies = as_array("copies of a request", request.copies, (count,))
+        given_numbers = as_array("numbers of a request", request.number, (count,))
+        held = as_array("box held in a request", request.held, boxes)
+        wanted = as_array("box wanted in a request", request.wanted, boxes)
+
+        known = is_index(given_copies, len(reserved_boxes)) & is_request_number(given_numbers)
+        copies = np.where(known, given_copies, 0.0).astype(int)
+        number = np.where(known, given_numbers, 0.0).astype(int)
+        first_rows = np.zeros(count, dtype=bool)
+        first_rows[np.unique(np.where(known, copies, -1), return_index=True)[1]] = True
+
+        # Each comparison is false for NaN. Both ends of each drive count.
+        reserved = reserved_boxes[copies]
+        lowest = limits.ranges[0] - limits.brakes.tolerances - RANGE_ROUNDING
+        highest = limits.ranges[1] + limits.brakes.tolerances + RANGE_ROUNDING
+        is_ordered = held[:, 0] <= held[:, 1]
+        is_reserved = (reserved[:, 0] <= held[:, 0]) & (held[:, 1] <= reserved[:, 1])
+        is_extended = (wanted[:, 0] <= held[:, 0]) & (held[:, 1] <= wanted[:, 1])
+        in_range = (lowest <= wanted[:, 0]) & (wanted[:, 1] <= highest)
+
+        sound = (is_ordered & is_reserved & is_extended & in_range).all(axis=1)
+        is_new = number > self._numbers[copies, station]
+        counts = known & first_rows & sound & is_new
+        return BoxRequest(copies[counts], number[counts], held[counts], wanted[counts])
 
     def _others(self, station: int, copies: np.ndarray) -> list[np.ndarray]:
         """Return for each crane what another must keep apart from, shape (copies, 2, m) each."""

@@ -364,6 +364,7 @@ def test_of_cranes_in_two_circles_at_the_required_distance_one_of_each_withdraws
     supervisor.boxes = [np.array([[q, q + np.array([0.004, 0.1, 0.1])]]) for q in position]
     for number, (i, box) in itertools.product(range(1, 300), enumerate(supervisor.boxes)):
         wanted = box + np.array([np.minimum(ahead[i], 0.0), np.maximum(ahead[i], 0.0)])
+        wanted = np.clip(wanted, *site.stations[i].ranges)
         supervisor.receive(i, asking(number, box, wanted))
     assert {*np.flatnonzero(supervisor.passing[0] >= 0)} == {2, 3}
 
@@ -378,6 +379,7 @@ def test_a_crane_has_the_right_of_way_that_has_waited_longer() -> None:
     held = supervisor.boxes[3]
     while True:
         wanted = held + rng.uniform(0.0, [2.0, 10.0, 45.0]) * [[-1.0], [1.0]]
+        wanted = np.clip(wanted, *site.stations[3].ranges)
         beside = [wide, *supervisor.boxes[1:]]
         free = site.apart(3, wanted, supervisor.boxes)
         if free.all() and not site.apart(3, wanted, beside)[0, 0]:

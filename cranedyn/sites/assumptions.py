@@ -1,0 +1,138 @@
+"""What the promise of a site rests on, in one list: nothing meets as long as all of it holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cranedyn.sites.brakes import CYCLE
+from cranedyn.sites.guard import working_swing
+from cranedyn.sites.site import CraneSite, Station
+
+Source = Literal["entered", "computed", "default", "assumed"]
+"""Where a value comes from: somebody entered it; it follows from other values; nobody entered it,
+so that a typical one stands for it; or it holds for all sites, and nobody can enter another."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """Something that the promise of a site rests on.
+
+    Attributes:
+        name: What it is about.
+        value: What is assumed, with its unit.
+        source: Where that comes from.
+    """
+
+    name: str
+    value: str
+    source: Source
+
+
+_OfCrane = Callable[[CraneSite, Station], tuple[str, Source]]
+"""Returns what is assumed of a crane of a site, and where it comes from."""
+
+
+def site_assumptions(site: CraneSite) -> list[Assumption]:
+    """Return all that the promise of a site rests on.
+
+    Cranes of which the same is assumed share an entry.
+    """
+
+    def source(value: str) -> Source:
+        return "entered" if value in site.entered else "default"
+
+    assumptions = [
+        Assumption("required distance", f"{site.distance:g} m", source("distance")),
+        Assumption("largest swing of a rope", f"{math.degrees(site.swing):.3g}°", source("swing")),
+        _wind(site),
+    ]
+    if site.working_wind.gust:
+        gusts = "each rises and falls once, and the swing has decayed before the next"
+        assumptions.append(Assumption("gusts", gusts, "assumed"))
+        assumptions += _of_cranes(site, "lightest load in the wind", _load)
+        assumptions += _of_cranes(site, "swing by a gust", _swing_by_wind)
+    assumptions += _of_cranes(site, "weakest brakes", _brakes)
+    assumptions += _of_cranes(site, "reaction time of brakes", _reaction)
+    assumptions += _of_cranes(site, "fastest drives", _drives)
+    assumptions += _of_cranes(site, "error of measured positions", _tolerances)
+    assumptions += _of_cranes(site, "shapes of the crane", _shapes)
+    assumptions += [
+        Assumption("swing of ropes", "measured without an error, with its rate", "assumed"),
+        Assumption("cycle of guards", f"{CYCLE:g} s, and none is missed", "assumed"),
+        Assumption("messages", "as late or lost as they may be, but not forged", "assumed"),
+        Assumption("clocks", "none in common; each runs forward", "assumed"),
+    ]
+    return assumptions
+
+
+def not_entered(assumptions: Sequence[Assumption]) -> list[str]:
+    """Return the names of what nobody entered: on a default nothing is promised."""
+    return [assumption.name for assumption in assumptions if assumption.source == "default"]
+
+
+def _wind(site: CraneSite) -> Assumption:
+    wind = site.working_wind
+    if "wind" not in site.entered and not wind.gust:
+        return Assumption("wind", "no wind", "default")
+    return Assumption("wind", f"{wind.gust:g} m/s in gusts, drag area {wind.area:g} m²", "entered")
+
+
+def _of_cranes(site: CraneSite, name: str, of: _OfCrane) -> list[Assumption]:
+    """Return what is assumed of each crane, those that share a value and its source in one."""
+    names: dict[tuple[str, Source], list[str]] = {}
+    for station in site.stations:
+        names.setdefault(of(site, station), []).append(station.name)
+    assumptions = []
+    for (value, source), cranes in names.items():
+        whose = "" if len(cranes) == len(site.stations) else f" of {', '.join(cranes)}"
+        assumptions.append(Assumption(f"{name}{whose}", value, source))
+    return assumptions
+
+
+def _source(station: Station, value: str) -> Source:
+    return "entered" if value in station.entered else "default"
+
+
+def _per_drive(station: Station, values: np.ndarray, per: str) -> str:
+    """Return a number for each drive with its unit, angles in degrees."""
+    texts = []
+    for joint, value in zip(station.crane.layout.driven, values, strict=True):
+        turns = joint.unit == "rad"
+        shown = math.degrees(value) if turns else value
+        texts.append(f"{joint.role or joint.name} {shown:.3g} {'°' if turns else 'm'}{per}")
+    return ", ".join(texts)
+
+
+def _swing_by_wind(site: CraneSite, station: Station) -> tuple[str, Source]:
+    by_gust = math.degrees(site.working_wind.swing(station.crane))
+    left = math.degrees(working_swing(station, site.swing, site.working_wind))
+    return f"{by_gust:.2g}°; {left:.2g}° are left to the drives", "computed"
+
+
+def _brakes(site: CraneSite, station: Station) -> tuple[str, Source]:
+    return _per_drive(station, station.brakes.decelerations, "/s²"), _source(station, "brakes")
+
+
+def _reaction(site: CraneSite, station: Station) -> tuple[str, Source]:
+    return f"{station.brakes.reaction:.3g} s", _source(station, "reaction")
+
+
+def _drives(site: CraneSite, station: Station) -> tuple[str, Source]:
+    return _per_drive(station, station.converters.rates, "/s"), _source(station, "drives")
+
+
+def _tolerances(site: CraneSite, station: Station) -> tuple[str, Source]:
+    return _per_drive(station, station.brakes.tolerances, ""), _source(station, "tolerances")
+
+
+def _shapes(site: CraneSite, station: Station) -> tuple[str, Source]:
+    return "those of its description, with the load", _source(station, "crane")
+
+
+def _load(site: CraneSite, station: Station) -> tuple[str, Source]:
+    return f"{station.crane.payload_mass:g} kg", _source(station, "load")

@@ -1,0 +1,105 @@
+"""Whether a crane stands in an obstacle at its start, by its real shapes and not by capsules."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.model.crane import Crane
+from cranedyn.planning.bodies import shape_corners
+from cranedyn.planning.solids import Solid, hull
+from cranedyn.sites.bodies import group_shapes
+
+TOUCHES = 1e-3
+"""Way by which the corners of a shape are drawn in before they count [m]."""
+
+
+class StartPart(NamedTuple):
+    """A convex part of a crane at its start.
+
+    Attributes:
+        name: Its name, such as "tower".
+        corners: Its corners in the frame of the site [m], shape (n, 3).
+        shape: The part as a shape of `coal`.
+    """
+
+    name: str
+    corners: np.ndarray
+    shape: coal.Convex
+
+
+def parts_at_start(crane: Crane, foot: np.ndarray) -> list[StartPart]:
+    """Return the convex parts of a crane at its start.
+
+    All shapes of the description count, those that stand still, those that turn, and the load, and
+    the rope. Shapes that one capsule covers count as their convex hull: what is between the chords
+    of a mast is in the mast.
+
+    Args:
+        crane: The crane.
+        foot: Rotation and translation of its foot in the frame of the site [R, p], shape (3, 4).
+    """
+    parts = []
+    for name, corners in _named_corners(crane, foot):
+        # A foot that stands on a slab touches it, and is not in it.
+        inward = corners.mean(axis=0) - corners
+        lengths = np.linalg.norm(inward, axis=1, keepdims=True)
+        corners = corners + TOUCHES * inward / np.maximum(lengths, TOUCHES)
+        parts.append(StartPart(name, corners, hull(corners)))
+    return parts
+
+
+def first_collision(parts: Sequence[StartPart], solids: Sequence[Solid]) -> tuple[str, str] | None:
+    """Return the names of the first part that has a point in common with a solid, and of this
+    solid; None if there is none.
+    """
+    for part in parts:
+        for solid in solids:
+            if _have_a_point_in_common(part.shape, part.corners, solid):
+                return part.name, solid.name
+    return None
+
+
+def _named_corners(crane: Crane, foot: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield each convex part of a crane at its start: name, and corners on the site [m], shape
+    (n, 3).
+    """
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, crane.start.q)
+    pivot = int(crane.swings[0]) + 1
+    load = int(crane.layout.drives[crane.winch]) + 1
+    rope = np.array([data.oMi[pivot].translation, data.oMi[load].translation])
+    shapes: dict[int, list[np.ndarray]] = {}
+    for joint, corners in shape_corners(crane):
+        points = np.array([data.oMi[joint].act(corner) for corner in corners])
+        shapes.setdefault(joint, []).append(points @ foot[:, :3].T + foot[:, 3])
+    for joint, placed in shapes.items():
+        for corners in group_shapes(placed):
+            yield _part_name(crane, joint, load), corners
+    yield "rope", rope @ foot[:, :3].T + foot[:, 3]
+
+
+def _part_name(crane: Crane, joint: int, load: int) -> str:
+    """Return what a shape behind a joint is called."""
+    if joint == 0:
+        return "tower"
+    if joint == load:
+        return "load"
+    role = crane.layout.joints[joint - 1].role
+    return {"slew": "slewing part", "trolley": "trolley"}.get(role, "moving part")
+
+
+def _have_a_point_in_common(shape: coal.Convex, corners: np.ndarray, solid: Solid) -> bool:
+    """Return whether a convex shape with its corners [m], shape (n, 3), and a solid meet."""
+    # Convex parts are full, so that one inside the other is found. A surface of triangles is
+    # hollow: a shape inside of it meets none of them, but has its corners inside.
+    here = coal.Transform3s()
+    request = coal.CollisionRequest()
+    for geometry in solid.geometries():
+        if coal.collide(shape, here, geometry, here, request, coal.CollisionResult()):
+            return True
+    return any(solid.holds(corner) for corner in corners[:1])
