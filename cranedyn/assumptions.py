@@ -26,6 +26,9 @@ class Origin(Enum):
     SHIPPED = "shipped"
     """It belongs to the crane that comes with the package, which is the crane that was chosen."""
 
+    ASSUMED = "assumed"
+    """It holds for every lift or site, and nobody can enter another."""
+
     DEFAULT = "default"
     """Nobody entered it, so that this program's own value was taken."""
 

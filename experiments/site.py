@@ -581,7 +581,7 @@ def _assumption_table(shifts: Sequence[Shift]) -> ResultTable:
         ("site", "", lambda row: row[0]),
         ("the promise rests on", "", lambda row: row[1].name),
         ("assumed", "", lambda row: row[1].value),
-        ("source", "", lambda row: row[1].source),
+        ("from", "", lambda row: row[1].origin.value),
         note="Supervised cranes do not meet as long as all of it holds. Enter what is a default.",
     )
 

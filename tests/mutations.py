@@ -892,8 +892,8 @@ cranedyn/sites/start.py
 cranedyn/sites/assumptions.py
 * what nobody entered counts as entered
 ? assumptions::what_is_left_out_of_a_site_file_is_a_default_in_the_list
-- return "entered" if value in station.entered else "default"
-+ return "entered"
+- return Origin.ENTERED if value in station.entered else Origin.DEFAULT
++ return Origin.ENTERED
 cranedyn/sites/page.py
 * all that is commanded counts as lost
 ? plan::a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cranedyn.assumptions import Assumption, Origin, check_entered
 from cranedyn.disturbances.wind import steady
-from cranedyn.sites.assumptions import Assumption, not_entered, site_assumptions
+from cranedyn.sites.assumptions import site_assumptions
 from cranedyn.sites.page import site_html
 from cranedyn.sites.simulate import simulate_site
 from cranedyn.sites.site import CraneSite, SiteWind
@@ -48,10 +49,15 @@ def site_from(tmp_path: Path, text: str) -> CraneSite:
     return read_crane_site(file)
 
 
+def defaults(site: CraneSite) -> set[str]:
+    """Return the names of what nobody entered."""
+    return {x.name for x in site_assumptions(site) if x.origin is Origin.DEFAULT}
+
+
 def test_a_site_for_which_all_is_entered_rests_on_no_default(tmp_path: Path) -> None:
     assumptions = site_assumptions(site_from(tmp_path, ALL_ENTERED))
-    assert not not_entered(assumptions)
-    entered = {x.name: x.value for x in assumptions if x.source == "entered"}
+    assert check_entered(assumptions).holds
+    entered = {x.name: x.value for x in assumptions if x.origin is Origin.ENTERED}
     assert entered == {
         "required distance": "1.5 m",
         "largest swing of a rope": "6°",
@@ -65,12 +71,12 @@ def test_a_site_for_which_all_is_entered_rests_on_no_default(tmp_path: Path) -> 
         "shapes of the crane": "those of its description, with the load",
     }
     # 202.5 N on the weight of 1000 and 500 kg: 1.18° and 2.37° of lean, of which 95 % count.
-    computed = {x.name: x.value for x in assumptions if x.source == "computed"}
+    computed = {x.name: x.value for x in assumptions if x.origin is Origin.COMPUTED}
     assert computed == {
         "swing by a gust of a": "2.4°; 3.5° are left to the drives",
         "swing by a gust of b": "4.7°; 1° are left to the drives",
     }
-    assumed = {x.name for x in assumptions if x.source == "assumed"}
+    assumed = {x.name for x in assumptions if x.origin is Origin.ASSUMED}
     assert assumed == {"gusts", "swing of ropes", "cycle of guards", "messages", "clocks"}
 
 
@@ -99,15 +105,13 @@ def test_what_is_left_out_of_a_site_file_is_a_default_in_the_list(
     rest = next((text for start, text in kept.items() if field.startswith(start)), "")
     assert field in ALL_ENTERED
     site = site_from(tmp_path, ALL_ENTERED.replace(field, rest, 1))
-    assert name in not_entered(site_assumptions(site))
+    assert name in defaults(site)
 
 
 def test_a_site_made_by_code_rests_on_defaults_until_somebody_says_that_they_are_entered() -> None:
     site = replace(site_of(), entered=frozenset())
-    assert {"required distance", "largest swing of a rope", "wind"} <= {
-        *not_entered(site_assumptions(site))
-    }
-    assert Assumption("wind", "no wind", "default") in site_assumptions(site)
+    assert {"required distance", "largest swing of a rope", "wind"} <= defaults(site)
+    assert Assumption("wind", "no wind", Origin.DEFAULT) in site_assumptions(site)
 
 
 def test_tolerances_of_a_site_file_are_those_of_its_brakes(tmp_path: Path) -> None:
@@ -127,9 +131,7 @@ def test_the_page_prints_all_assumptions_and_judges_no_run_that_breaks_one(
             assert f">{word}<" in text
     broken = "Outside of what the site assumes: wind of up to 9.5 m/s, from 0.0 s on"
     assert (broken in text) == (wind is not None)
-    assert (
-        "Nobody entered: lightest load in the wind; reaction time of brakes; fastest drives" in text
-    )
+    assert "rests on: lightest load in the wind, reaction time of brakes, fastest drives" in text
 
 
 def test_the_page_says_that_no_wind_is_assumed_where_none_is_entered() -> None:
@@ -137,4 +139,4 @@ def test_the_page_says_that_no_wind_is_assumed_where_none_is_entered() -> None:
     assert site.working_wind == CALM
     run = simulate_site(site, [lambda t, states: np.zeros(3)] * 2, duration=1.0)
     text = html.unescape(site_html(run))
-    assert ">no wind<" in text and ">default<" in text and "Nobody entered: wind;" in text
+    assert ">no wind<" in text and ">default<" in text and "rests on: wind, reaction" in text
