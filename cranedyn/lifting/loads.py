@@ -193,10 +193,9 @@ def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
     finite("force on the foot", foot.force, ("rows", 3), unit="N")
     finite("moment on the foot", foot.moment, ("rows", 3), unit="N m")
     vertical = -foot.force[:, 2] + base.mass * gravity
-    half = base.spacing / 2.0
-    positions = [(half, half), (-half, half), (-half, -half), (half, -half)]
+    signs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]  # of x and y
     m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
-    tilting = [(m_y * x - m_x * y) / base.spacing**2 for x, y in positions]
+    tilting = [(m_y * x - m_x * y) / (2.0 * base.spacing) for x, y in signs]
     corners = np.stack([vertical / 4.0 + force for force in tilting], axis=1)
     return finite("force of a corner", corners, ("rows", 4), unit="N")
 

@@ -125,7 +125,7 @@ PROFILES: dict[str, tuple[float, Profile, float, float]] = {
 
 
 @pytest.mark.parametrize("name", PROFILES)
-def test_no_bounce_of_an_undamped_rope_is_above_the_bound_of_the_pull_and_some_come_near(
+def test_no_bounce_of_an_undamped_rope_is_above_the_bound_and_some_come_near(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ground_lift, "ROPE_DAMPING", 1.0)
@@ -235,7 +235,7 @@ def test_rates_are_seen_as_the_angles_are() -> None:
 
 
 @pytest.mark.parametrize("tight", [0.0, 0.5, 0.89, 0.91, 1.1])
-def test_a_hoist_pulls_by_the_tension_alone_until_the_load_hangs_and_its_swing_is_hidden(
+def test_a_hoist_pulls_by_the_tension_until_the_load_hangs_and_its_swing_is_hidden(
     tight: float,
 ) -> None:
     of = on_rope()
