@@ -50,8 +50,10 @@ def test_efforts_are_mass_times_acceleration_and_weight_whichever_way_a_drive_go
         (accelerated(trolley=0.4 * sign), "trolley", (MASS + TROLLEY + LINKS) * 0.4, 1e6),
         (accelerated(hoist=0.5 * sign), "hoist", MASS * (G - 0.5 * sign), 1e5),
     ):
-        share = use(of, motion, WIDE)[f"effort of the {name}"]
-        assert share == pytest.approx(effort / largest, rel=1e-12)
+        shares = use(of, motion, WIDE)
+        assert shares[f"effort of the {name}"] == pytest.approx(effort / largest, rel=1e-12)
+        asked = {"slew": 0.02, "trolley": 0.4, "hoist": 0.5}[name] / 10.0
+        assert shares[f"acceleration of the {name}"] == pytest.approx(asked, rel=1e-12)
 
 
 def test_efforts_overcome_the_friction_of_the_drives() -> None:
@@ -232,6 +234,11 @@ def test_a_limit_that_is_not_finite_and_above_zero_is_refused(value: float, driv
 def test_limits_are_one_number_for_each_drive(rates: object, accelerations: object) -> None:
     with pytest.raises(OutOfRange):
         use(crane(), accelerated(), Limits(rates, accelerations))  # type: ignore[arg-type]
+
+
+def test_limits_of_one_length_for_rates_and_another_for_accelerations_are_refused_at_once() -> None:
+    with pytest.raises(OutOfRange, match="acceleration limits"):
+        Limits((1.0, 1.0, 1.0), (1.0, 1.0))
 
 
 ANY = st.floats(allow_nan=True, allow_infinity=True, allow_subnormal=True) | st.sampled_from(
