@@ -191,6 +191,28 @@ def test_between_rows_is_where_a_straight_line_says(t: float, period: float) -> 
         assert there == pytest.approx(expected, abs=2e-5)
 
 
+def test_a_motion_moves_from_its_first_row_to_its_last_and_stands_still_beyond() -> None:
+    """Both ends are counted, though it moves there."""
+    v = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    motion = Motion(0.5, 0.1 * v, v, -v, np.array([1, 0]))
+    for t, row in ((0.0, 0), (0.5, 1), (1.0, 2)):
+        for answer in (motion(t), Setpoint(*(part[0] for part in motion.at(np.array([t]))))):
+            assert answer.velocity.tolist() == v[row, ::-1].tolist()
+            assert answer.acceleration.tolist() == (-v[row, ::-1]).tolist()
+    for t, row in ((-1e-3, 0), (1.001, 2)):
+        for answer in (motion(t), Setpoint(*(part[0] for part in motion.at(np.array([t]))))):
+            assert not answer.velocity.any() and not answer.acceleration.any()
+            assert answer.position == pytest.approx(0.1 * v[row, ::-1])
+    assert motion.arrival == 1.0
+
+
+def test_nobody_moves_a_reference_that_holds_by_writing_to_its_answer() -> None:
+    reference = hold(crane(), crane().start)
+    for part in reference(0.0):
+        with pytest.raises(ValueError, match="read-only"):
+            part[0] = 7.0
+
+
 @pytest.mark.parametrize("drives", [[0, 1, 1], [0, 1, 5], [-1, 0, 1], [0.5, 1, 2], [], [np.nan]])
 def test_drives_of_a_motion_are_different_columns_of_it(drives: list[float]) -> None:
     rows = np.zeros((2, 5))
