@@ -296,6 +296,14 @@ cranedyn/references/tabulated.py
 - return value + share * (table[row + 1] - value) if share else value
 + return value
 cranedyn/references/shaped.py
+* a damped swing decays by its ratio alone
+? shapers::a_shaper_leaves_nothing_of_a_damped_swing_and_the_whole_of_the_way
+- return math.exp(-math.pi * ratio / math.sqrt(1.0 - ratio**2))
++ return math.exp(-math.pi * ratio)
+* parts for several periods come at the times of others
+? shapers::a_step_comes_in_the_parts_of_one_shaper_after_the_other
+- delays = np.add.outer(delays, later).ravel()
++ delays = np.add.outer(later, delays).ravel()
 * a shaped motion keeps its last velocity after its end
 ? references::a_reference_rests_before_it_begins_and_after_its_end
 - (times >= 0.0) & (times < self.end)
@@ -886,6 +894,22 @@ cranedyn/planning/perturbed.py
 - start[:, joints.tangential_swing] = -np.arctan2(
 + start[:, joints.tangential_swing] = np.arctan2(
 cranedyn/lifting/wind_limit.py
+* a lift that left the chart is as good as at its end
+? wind_limit::a_lift_that_left_the_chart_uses_a_million_times_of_it
+- np.where(inside == radius, used, _FAILED).max(axis=1)
++ used.max(axis=1)
+* a lift whose model ended early counts as one that held
+? wind_limit::a_lift_that_failed_stays_as_it_was_and_the_others_are_counted
+- & ~np.isfinite(batch.valid_until)
++ & True
+* a load may come as near as it will in a gust
+? wind_limit::gusts_are_drawn_over_the_whole_lift_from_every_side_and_limits_are_the_sites
+- "clearance": certificate.lift.clearance.site.distance
++ "clearance": 0.0
+* a lift that is no number keeps a limit
+? wind_limit::at_each_speed_the_worst_of_all_lifts_counts
+- np.min if name == "clearance" else np.max
++ np.nanmin if name == "clearance" else np.nanmax
 * the mean wind is as strong as the gust
 ? judgement::the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn
 - "wind_m_s": speed / GUST_FACTOR
