@@ -300,10 +300,6 @@ cranedyn/references/shaped.py
 ? shapers::a_shaper_leaves_nothing_of_a_damped_swing_and_the_whole_of_the_way
 - return math.exp(-math.pi * ratio / math.sqrt(1.0 - ratio**2))
 + return math.exp(-math.pi * ratio)
-* parts for several periods come at the times of others
-? shapers::a_step_comes_in_the_parts_of_one_shaper_after_the_other
-- delays = np.add.outer(delays, later).ravel()
-+ delays = np.add.outer(later, delays).ravel()
 * a shaped motion keeps its last velocity after its end
 ? references::a_reference_rests_before_it_begins_and_after_its_end
 - (times >= 0.0) & (times < self.end)
