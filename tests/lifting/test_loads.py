@@ -18,7 +18,7 @@ from cranedyn.controllers import Hold, hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import full, payload_position, pivot_position
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifting.loads import (
     Loads,
@@ -331,6 +331,18 @@ def test_loads_of_a_run_count_the_buffers_that_it_was_made_with() -> None:
     # The buffer of the hoist holds the load of a drive that gives way, by its spring.
     assert loads(of, met)["rope_N"][0] > 1e3 > loads(of, free)["rope_N"][0]
     assert jib_moment(of, met, at)[0, 0] > jib_moment(of, free, at)[0, 0] + 1e3
+
+
+@pytest.mark.parametrize("name", ["q", "v", "effort", "force"])
+def test_rows_of_another_width_or_of_no_numbers_are_refused_by_name(name: str) -> None:
+    of = crane()
+    q, v = of.state(x=12.0)
+    rows = {"q": q[None], "v": v[None], "effort": np.zeros((1, 3)), "force": np.zeros((1, 6))}
+    with pytest.raises(OutOfRange, match=f"^{name} is nan"):
+        loads_of_rows(of, **{**rows, name: rows[name] * np.nan})
+    for wrong in (np.repeat(rows[name], 2, axis=1), rows[name][:, 1:]):
+        with pytest.raises(CraneError, match=f"^{name} "):
+            loads_of_rows(of, **{**rows, name: wrong})
 
 
 def test_a_run_of_another_crane_is_refused() -> None:

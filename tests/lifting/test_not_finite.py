@@ -166,6 +166,21 @@ def test_what_a_site_weighs_is_finite_and_not_negative(value: float) -> None:
         Arm(1.0, value)
 
 
+@pytest.mark.parametrize("name", ["wind", "swing", "risk", "lifts", "gusts"])
+@pytest.mark.parametrize("value", WORST)
+def test_no_lift_is_required_to_bear_what_is_no_number(name: str, value: float) -> None:
+    pytest.importorskip("coal", reason="extra planning (coal) is not installed")
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    from cranedyn.lifting.analysis import Requirements
+
+    try:
+        made = Requirements(**{name: value})  # type: ignore[arg-type]
+    except CraneError:
+        return
+    assert name in ("wind", "swing", "risk")  # a number of lifts is a whole one
+    assert math.isfinite(getattr(made, name)) and getattr(made, name) >= 0.0
+
+
 Function = Callable[..., Any]
 
 SAFE: dict[str, tuple[Function, int, float]] = {
