@@ -299,6 +299,16 @@ def test_forces_from_outside_are_numbers_of_a_run_that_has_them(
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_crane_that_stands_nowhere_or_is_turned_by_no_angle_is_refused(
+    crane: Crane, moving: Trajectory, bad: float
+) -> None:
+    with pytest.raises(OutOfRange, match="heading of a run"):
+        Run("one", crane, moving, heading=bad)
+    with pytest.raises(OutOfRange, match="offset of a run"):
+        Run("one", crane, moving, (0.0, bad, 0.0))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_number_that_is_not_finite_is_recorded_by_nobody(
     crane: Crane, moving: Trajectory, tmp_path: Path, bad: float
 ) -> None:
