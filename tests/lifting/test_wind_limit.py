@@ -181,7 +181,10 @@ def test_gusts_are_drawn_over_the_whole_lift_from_every_side_and_limits_are_the_
         drawn.append(gusts)
         return [gusts]
 
-    def note(values: dict[str, np.ndarray], gusts: dict[str, np.ndarray], *_: object) -> None:
+    def note(
+        values: dict[str, np.ndarray], gusts: dict[str, np.ndarray], chart: Chart, falls: int
+    ) -> None:
+        assert chart is CHART and falls == 4
         values["clearance"][:], values["utilisation"][:], values["swing"][:] = 0.7, 0.5, 0.01
 
     monkeypatch.setattr(wind_limit_module, "simulate_perturbed", simulated)
@@ -191,7 +194,7 @@ def test_gusts_are_drawn_over_the_whole_lift_from_every_side_and_limits_are_the_
         timed=SimpleNamespace(motion=SimpleNamespace(arrival=40.0)),
     )
     certificate: Any = SimpleNamespace(lift=planned)
-    found = wind_limit(certificate, CHART, swing=0.07, count=400)
+    found = wind_limit(certificate, CHART, 4, swing=0.07, count=400)
     assert found.allowed == {"utilisation": 1.0, "swing": 0.07, "clearance": 0.65}
     first = drawn[0]
     assert {*first["gust_m_s"] + first["wind_m_s"]} == {4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0}
