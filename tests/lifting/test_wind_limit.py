@@ -22,6 +22,7 @@ from cranedyn.lifting.chart import Chart, Falls
 from cranedyn.lifting.wind_limit import _FAILED, WindLimit, _limits, _note, wind_limit
 from cranedyn.model.crane import Crane
 from tests.helpers import crane
+from tests.lifting.test_loads import pinocchio_wrench
 
 CHART = Chart(
     "by hand",
@@ -79,17 +80,23 @@ def test_a_lift_takes_of_the_chart_and_swings_as_in_its_worst_row(
     assert found["clearance"].tolist() == [3.0, 1.0]
 
 
-def test_a_gust_that_pulls_down_counts_against_the_chart() -> None:
-    """With its drives free, a load that hangs plumb is carried by the hoist alone."""
-    of = crane(payload_mass=2000.0, **POINT)
+def test_what_the_wind_does_to_the_pull_of_a_load_with_inertia_counts_against_the_chart() -> None:
+    """It turns a load that leans, by a force across the rope, as Pinocchio has it."""
+    of = crane(payload_mass=2000.0, payload_inertia=8000.0)
+    leaning = of.state(x=16.0, l=10.0, phi=0.3)
     force = np.zeros((1, 1, 6))
-    force[0, 0, 2] = -1000.0
-    still = lifts(of, [of.state(x=16.0, l=10.0)], force=force)
-    moving = lifts(of, [of.state(x=16.0, l=10.0)])
-    moving.batch.effort[0, 0, 2] = -1.1 * of.payload_mass * of.gravity
-    # The rope pulls as the hoist does, whatever else pulls at the load.
-    assert noted(still, 1)["utilisation"][0] == pytest.approx(0.8, rel=1e-9)
-    assert noted(moving, 1)["utilisation"][0] == pytest.approx(0.88, rel=1e-9)
+    force[0, 0, 0:2] = 3e3, 6e3
+    made = lifts(of, [leaning], force=force)
+    hoist = of.layout.index("l")
+    pulls = [
+        -pinocchio_wrench(of, leaning, made.batch.effort[0, 0], wind, hoist)[0][2]
+        for wind in (force[0, 0], 0.0 * force[0, 0])
+    ]
+    assert abs(pulls[0] / pulls[1] - 1.0) > 2e-3
+    used = noted(made, 1)["utilisation"][0]
+    assert used == pytest.approx(pulls[0] / (of.gravity * 2500.0), rel=1e-9)
+    made.batch.effort[0, 0, 2] *= 1.1
+    assert noted(made, 1)["utilisation"][0] > 1.05 * used
 
 
 def test_a_lift_that_left_the_chart_uses_a_million_times_of_it() -> None:
