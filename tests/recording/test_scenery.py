@@ -19,7 +19,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import wind
 from cranedyn.dynamics.pinocchio import payload_position, pivot_position
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run, record
@@ -27,7 +27,7 @@ from cranedyn.recording.record import Live, describe_runs
 from cranedyn.recording.run import Obstacle, Scenery, clock, rows_every
 from cranedyn.recording.scene import looks, payload_entity
 from cranedyn.recording.series import plots, series_table, time_range
-from cranedyn.recording.snapshot import _frame_times
+from cranedyn.recording.snapshot import _frame_times, snapshot
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.rrd import chunks, numbers, poses, rows
@@ -255,6 +255,21 @@ def test_only_later_cranes_of_a_place_are_transparent_and_arrows_are_of_one_scal
     assert payload_entity(runs[0]).startswith("/a/scene/hook_link/")
 
 
+def test_of_two_cranes_in_one_place_the_first_is_opaque_and_the_second_is_not(
+    crane: Crane, tmp_path: Path
+) -> None:
+    run = simulate(crane, hold_controller(crane), duration=0.04)
+    path = record(tmp_path / "both.rrd", [Run("a", crane, run), Run("b", crane, run)], title="Both")
+    alphas: dict[str, set[int]] = {"a": set(), "b": set()}
+    for entity, batch in chunks(path):
+        name, _, rest = entity[1:].partition("/scene/")
+        link, _, kind = rest.partition("_link/")
+        if link in ("upper", "trolley", "base") and kind in ("box", "cylinder"):
+            colours = batch[f"{'Boxes' if kind == 'box' else 'Cylinders'}3D:colors"]
+            alphas[name] |= {rgba & 255 for rgba in colours.flatten().to_pylist()}
+    assert alphas["a"] and max(alphas["b"]) <= 64 < max(alphas["a"]) == 255
+
+
 def test_a_joint_is_drawn_from_the_frame_on_in_which_it_moves(crane: Crane, tmp_path: Path) -> None:
     still = simulate(crane, hold_controller(crane), duration=0.4)
     q = np.tile(still.q[0], (len(still), 1))
@@ -478,3 +493,14 @@ def test_pictures_of_a_gif_come_at_their_rate_and_stay_as_long() -> None:
             _frame_times(span, 10.0, (640, 480))
     with pytest.raises(OutOfRange, match="number of pictures"):
         _frame_times((0.0, 1000.0), 50.0, (640, 480))
+
+
+def test_pictures_are_named_by_six_digits_of_their_times(tmp_path: Path) -> None:
+    with pytest.raises(OutOfRange, match="each time once"):
+        snapshot(tmp_path / "none.rrd", [1.0000001, 1.0000002], tmp_path)
+    # These differ, so that only the recording is missing.
+    with pytest.raises(DataError, match=r"none\.rrd"):
+        snapshot(tmp_path / "none.rrd", [1.2, 1.4, 1.00001], tmp_path)
+    for size in ((199, 300), (300, 4001), (np.nan, 300), (np.inf, 300)):
+        with pytest.raises(OutOfRange, match="of the picture"):
+            snapshot(tmp_path / "none.rrd", [1.0], tmp_path, size=size)  # type: ignore[arg-type]
