@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from scipy.spatial.transform import Rotation
 
 
 def chunks(path: Path) -> Iterator[tuple[str, pa.RecordBatch]]:
@@ -41,3 +42,40 @@ def numbers(path: Path, run: str = "") -> tuple[np.ndarray, dict[str, np.ndarray
     return batch["sim_time"].cast(pa.int64()).to_numpy(), {
         field.name: table.field(field.name).to_numpy() for field in table.type
     }
+
+
+def poses(path: Path, time: int) -> dict[str, np.ndarray]:
+    """Return the pose of every frame in the scene at a time [ns], 4 x 4."""
+    steps = {}
+    for _, batch in chunks(path):
+        if "Transform3D:child_frame" not in batch.schema.names:
+            continue
+        row = 0
+        if "sim_time" in batch.schema.names:
+            row = int(np.searchsorted(batch["sim_time"].cast("int64"), time, side="right")) - 1
+        values = {
+            name: batch[f"Transform3D:{name}"][row].as_py()[0]
+            for name in (
+                "child_frame",
+                "parent_frame",
+                "translation",
+                "quaternion",
+                "rotation_axis_angle",
+            )
+            if f"Transform3D:{name}" in batch.schema.names
+        }
+        step = np.eye(4)
+        if "quaternion" in values:
+            step[:3, :3] = Rotation.from_quat(values["quaternion"]).as_matrix()
+        if "rotation_axis_angle" in values:
+            turn = values["rotation_axis_angle"]
+            step[:3, :3] = Rotation.from_rotvec(
+                np.multiply(turn["angle"], turn["axis"])
+            ).as_matrix()
+        step[:3, 3] = values["translation"]
+        steps[values["child_frame"]] = values["parent_frame"], step
+
+    def pose(frame: str) -> np.ndarray:
+        return np.eye(4) if frame == "tf#/" else pose(steps[frame][0]) @ steps[frame][1]
+
+    return {frame: pose(frame) for frame in steps}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from cranedyn.assumptions import Assumption
-from cranedyn.checks import number, whole
+from cranedyn.checks import number, whole, within
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.lifting.chart import Chart, CutOut, cut_outs
 from cranedyn.lifting.factors import DriveClass, HoistingClass
@@ -18,6 +19,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import Certificate
 from cranedyn.planning.ground_lift import GroundLift
 from cranedyn.planning.perturbed import Perturbed, Spread
+from cranedyn.planning.plausibility import WIND
 from cranedyn.planning.site import Site
 from cranedyn.verdict import Check
 
@@ -49,9 +51,9 @@ class Requirements:
     def __post_init__(self) -> None:
         """Check the numbers."""
         if self.wind is not None:
-            number("wind asked for", self.wind, "m/s", ">= 0")
+            within("wind asked for", self.wind, *WIND.possible, "m/s")
         if self.swing is not None:
-            number("swing allowed", self.swing, "rad", "> 0")
+            within("swing allowed", self.swing, 1e-6, math.pi / 2.0, "rad")
         if self.risk is not None:
             number("risk allowed", self.risk, "", "0 to 1")
         whole("lifts", self.lifts, 0)

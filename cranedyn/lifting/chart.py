@@ -27,6 +27,10 @@ from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 CHARTS = Path(__file__).parent / "charts"
 """Example charts: laboratory (of this project's crane), mct88 (points of a maker's sheet)."""
 
+GRAVITY = (1e-3, 1e3)
+"""Least and largest gravity that a chart is read for [m/s²]: that of a moon, and of a star; beyond
+them a utilisation would be without a meaning."""
+
 WARNING, CUT_OUT = 0.9, 1.0
 """Utilisations at which a load moment limiter warns, and at which it stops what makes it worse."""
 
@@ -79,7 +83,17 @@ class Reeving:
         return {"line_N": line, "drum_Nm": self.drum_radius * line, "line_m_s": -self.falls * rate}
 
     def capacity(self, line_pull: float, gravity: float) -> float:
-        """Return the load that a largest pull of the line hoists [kg], by which a chart ends."""
+        """Return the load that a largest pull of the line hoists [kg], by which a chart ends.
+
+        Args:
+            line_pull: Largest pull of the line [N].
+            gravity: Gravity [m/s²].
+
+        Raises:
+            OutOfRange: If a number is not finite or not positive, or gravity is none of `GRAVITY`.
+        """
+        number("pull of the line", line_pull, "N", "> 0")
+        within("gravity", gravity, *GRAVITY, "m/s²")
         efficiency = theory.reeving_efficiency(self.falls, self.efficiency)
         return line_pull * self.falls * efficiency / gravity
 
@@ -204,11 +218,13 @@ def utilisation(
 
     Raises:
         UnknownName: If the chart has no such number of falls.
-        OutOfRange: If the trolley leaves the radii of the chart.
+        OutOfRange: If the trolley leaves the radii of the chart, the pull is not finite, or gravity
+            is none of `GRAVITY`.
         UnknownColumn: If the loads are not those of a tower crane.
     """
-    number("gravity", gravity, "m/s²", "> 0")
-    return loads["pull_N"] / (gravity * chart.on(falls).at(loads["radius_m"]))
+    within("gravity", gravity, *GRAVITY, "m/s²")
+    pull = finite("pull of what hangs", loads["pull_N"], ("rows",), unit="N")
+    return pull / (gravity * chart.on(falls).at(loads["radius_m"]))
 
 
 def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.checks import finite
+from cranedyn.checks import finite, number
 from cranedyn.data.time_series import TimeSeries
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
@@ -94,7 +94,7 @@ def loads(
             trolley and a slew.
 
     Raises:
-        OutOfRange: If the run is of another crane.
+        OutOfRange: If the run is of another crane, or a number or a load is not finite.
     """
     if run.columns["q"] != crane.layout.columns()["q"]:
         given, allowed = (", ".join(of.symbols) for of in (run, crane.layout))
@@ -138,7 +138,7 @@ def loads_of_rows(
         Columns by name, shape (...) each.
 
     Raises:
-        OutOfRange: If an array has another shape, or a number is not finite.
+        OutOfRange: If an array has another shape, or a number or a load is not finite.
     """
     shape = np.shape(q)[:-1]
     n, m, points = crane.layout.n, crane.layout.m, len(crane.points)
@@ -169,7 +169,10 @@ def loads_of_rows(
     if base is not None:
         corners = corner_forces(base, foot, crane.gravity).T
         columns |= {f"corner_{i}_N": force for i, force in enumerate(corners, start=1)}
-    return {name: values.reshape(shape) for name, values in columns.items()}
+    # An overflow would pass for a small load: infinity over infinity, or minus infinity.
+    return {
+        name: finite(name, values, ("rows",)).reshape(shape) for name, values in columns.items()
+    }
 
 
 def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
@@ -182,13 +185,19 @@ def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
         base: The base.
         foot: What passes through the foot of the tower, about the world's origin.
         gravity: Gravity [m/s²].
+
+    Raises:
+        OutOfRange: If a number is not finite, or gravity not positive.
     """
+    number("gravity", gravity, "m/s²", "> 0")
+    finite("force on the foot", foot.force, ("rows", 3), unit="N")
+    finite("moment on the foot", foot.moment, ("rows", 3), unit="N m")
     vertical = -foot.force[:, 2] + base.mass * gravity
-    half = base.spacing / 2.0
-    positions = [(half, half), (-half, half), (-half, -half), (half, -half)]
+    signs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]  # of x and y
     m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
-    tilting = [(m_y * x - m_x * y) / base.spacing**2 for x, y in positions]
-    return np.stack([vertical / 4.0 + force for force in tilting], axis=1)
+    tilting = [(m_y * x - m_x * y) / (2.0 * base.spacing) for x, y in signs]
+    corners = np.stack([vertical / 4.0 + force for force in tilting], axis=1)
+    return finite("force of a corner", corners, ("rows", 4), unit="N")
 
 
 def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarray:
@@ -208,7 +217,7 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
 
     Raises:
         MissingRole: If no joint is a trolley.
-        OutOfRange: If a station is not finite.
+        OutOfRange: If a station or a moment is not finite.
     """
     stations = finite("stations", stations, ("k",), unit="m")
     trolley = crane.layout.role("trolley", "The moment along the jib")
@@ -218,7 +227,8 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
     root = moving.through(trolley)
     tilting, down = _along(root.moment, aside), -root.force[:, 2]
     ahead = run.q[:, trolley, None] - stations
-    return np.where(ahead >= 0.0, tilting[:, None] + down[:, None] * ahead, 0.0)
+    moment = np.where(ahead >= 0.0, tilting[:, None] + down[:, None] * ahead, 0.0)
+    return finite("moment of the jib", moment, ("rows", "stations"), unit="N m")
 
 
 def hanging_mass(crane: Crane) -> float:

@@ -83,9 +83,12 @@ def wind_force(pressure: float, drag_area: float) -> float:
 def wind_lean(force: float, mass: float, gravity: float) -> float:
     """Return the angle [rad] at which a load of a mass [kg] hangs in a steady horizontal force [N]:
     atan(F/(m g)).
+
+    Raises:
+        OutOfRange: If a number is not finite, or mass, gravity or weight not positive.
     """
     weight = number("mass", mass, "kg", "> 0") * number("gravity", gravity, "m/s²", "> 0")
-    return math.atan(number("force", force, "N") / weight)
+    return math.atan(number("force", force, "N") / number("weight", weight, "N", "> 0"))
 
 
 def gust_lean(force: float, mass: float, gravity: float) -> float:

@@ -304,7 +304,10 @@ def _lift_off_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check
     """Check that the rope pulls no more than the closed form, and the load swings little then."""
     pull, moving = phases.pull, phases.moving
     allowed = lift.lift.clearance.site.swing
-    lifted = int(np.argmax(pull[:moving] >= 1.0))
+    carries = pull[:moving] >= 1.0
+    if not carries.any():
+        return Check("Lift-off: the rope never carries the weight of the load.", False)
+    lifted = int(np.argmax(carries))
     largest = _largest_pull(lift.crane, lift.motion, slice(lifted, moving))
     bound = f"{largest:.3f} by closed form"
     if (run["phase"][:moving] == OFF_LEAD).any():

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from cranedyn.checks import number
 from cranedyn.command import uninterrupted_import
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.planning.clearance import Clearance
@@ -306,13 +307,20 @@ def load_motion(clearance: Clearance, drive_positions: np.ndarray, period: float
 
 
 def limit_shares(clearance: Clearance, motion: Motion, limits: Limits) -> dict[str, float]:
-    """Return the share of each limit that a motion uses, by name."""
+    """Return the share of each limit that a motion uses, by name.
+
+    Raises:
+        OutOfRange: If a share is not a number; a maximum would pass over it.
+    """
     shares = use(clearance.crane, motion, limits)
     jerk = np.abs(np.diff(motion.a[:, clearance.drive_joints], axis=0)).max(axis=0) / motion.period
     jerk_shares = (jerk * RAMP / np.array(limits.accelerations)).tolist()
     for name, share in zip(("slew", "trolley", "hoist"), jerk_shares, strict=True):
         shares[f"jerk of the {name}"] = share
-    return shares | {"swing": float(clearance.tilt(motion.q).max()) / clearance.site.swing}
+    shares["swing"] = float(clearance.tilt(motion.q).max()) / clearance.site.swing
+    for name, share in shares.items():
+        number(f"share of the {name}", share, "", ">= 0")
+    return shares
 
 
 def _toppra() -> tuple[Any, Any, Any]:

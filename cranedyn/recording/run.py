@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from cranedyn.checks import finite
+from cranedyn.checks import finite, number
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.style import run_colour
@@ -89,8 +89,13 @@ class Run:
     heading: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the offset and escape what UTF-8 cannot encode in the name."""
+        """Check offset and heading, and escape what UTF-8 cannot encode in the name.
+
+        Raises:
+            OutOfRange: If a number is not finite.
+        """
         finite("offset of a run", self.offset, (3,), unit="m")
+        number("heading of a run", self.heading, "rad")
         object.__setattr__(self, "name", utf8(self.name))
 
     def to_scene(self, points: np.ndarray) -> np.ndarray:

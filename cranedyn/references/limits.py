@@ -4,6 +4,7 @@ them fully.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -63,20 +64,26 @@ LARGE_CRANE = Limits((*RATES.values(),), (0.02, 0.4, 0.4))
 def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     """Return the largest share of each limit that a motion uses, by the name of the limit; 1 is
     all of it.
+
+    Raises:
+        OutOfRange: If the motion is of another crane, there is not one limit for each drive, or a
+            share is not a number: a maximum of shares would pass over it.
     """
     layout, bounds = crane.layout, limits.for_crane(crane)
     motion.check_fits("motion", layout)
-    shares = {
+    largest_shares = {
         "rate": np.abs(motion.v[:, layout.drives]).max(axis=0) / bounds.rates,
         "acceleration": np.abs(motion.a[:, layout.drives]).max(axis=0) / bounds.accelerations,
         "effort": np.abs(motion_efforts(crane, motion)).max(axis=0) / crane.effort_limit,
     }
-    names = [joint.role or joint.symbol for joint in layout.driven]
-    return {
-        f"{kind} of the {name}": float(share)
-        for kind, of_kind in shares.items()
-        for name, share in zip(names, of_kind, strict=True)
-    }
+    shares = {}
+    for kind, of_kind in largest_shares.items():
+        for joint, share in zip(layout.driven, of_kind.tolist(), strict=True):
+            name = f"{kind} of the {joint.role or joint.symbol}"
+            if math.isnan(share):
+                raise OutOfRange(name, share, "a number")
+            shares[name] = share
+    return shares
 
 
 def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> float:

@@ -9,8 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.errors import CraneError, DataError
-from cranedyn.lifting.chart import CHARTS, CutOut, Falls, assess_run, cut_outs, read_chart
+from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.lifting.chart import (
+    CHARTS,
+    Chart,
+    CutOut,
+    Falls,
+    assess_run,
+    cut_outs,
+    read_chart,
+    utilisation,
+)
+from cranedyn.lifting.loads import loads
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane, locked
 
@@ -71,6 +81,70 @@ def test_a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more() -> 
     np.testing.assert_allclose(used[0], 0.8 * (1.0 + 1.5 / of.gravity), rtol=1e-11)
     assert [one.kind for one in stops] == ["warning", "cut-out"]
     assert stops[1].t == pytest.approx(0.025) and stops[1].most == pytest.approx(used[-1])
+
+
+BY_HAND = Chart(
+    "by hand",
+    "moments of 40 t m and 60 t m",
+    (
+        Falls(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), 2.0),
+        Falls(4, np.array([10.0, 20.0]), np.array([6000.0, 3000.0]), 2.0),
+    ),
+)
+
+
+@pytest.mark.parametrize(("falls", "rated"), [(None, 2500.0), (2, 2500.0), (4, 3750.0)])
+def test_utilisation_is_that_of_a_chart_by_hand(falls: int | None, rated: float) -> None:
+    """At 16 m a moment of 40 t m leaves 2500 kg, and one of 60 t m 3750 kg."""
+    of = crane(payload_mass=2000.0)
+    run = simulate(of, locked, start=of.state(x=16.0), duration=0.02, drive="motion")
+    used, stops = assess_run(of, run, BY_HAND, falls)
+    # Of masses, whatever gravity: that of the crane counts on both sides.
+    np.testing.assert_allclose(used, 2000.0 / rated, rtol=1e-11)
+    assert stops == []
+    carried = loads(of, run)
+    for gravity, expected in ((of.gravity, 2000.0 / rated), (5.0, 2000.0 * of.gravity / 5 / rated)):
+        found = utilisation(carried, BY_HAND, falls, gravity=gravity)
+        np.testing.assert_allclose(found, expected, rtol=1e-11)
+    np.testing.assert_allclose(
+        utilisation(carried, BY_HAND, falls), 2000.0 * of.gravity / (9.80665 * rated), rtol=1e-11
+    )
+
+
+def test_a_load_that_swings_takes_of_the_chart_what_pulls_down() -> None:
+    """Let go at φ a point load pulls m g cos φ along the rope, and m g cos² φ down."""
+    point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
+    of = crane(payload_mass=2000.0, **point)
+    start = of.state(x=16.0, l=10.0, phi=0.5)
+    run = simulate(of, locked, start=start, duration=0.005, drive="motion")
+    used, _ = assess_run(of, run, BY_HAND)
+    assert used[0] == pytest.approx(2000.0 / 2500.0 * np.cos(0.5) ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("radius", [1.99, 20.01, 23.0, -12.0])
+def test_outside_of_its_radii_a_chart_says_nothing(radius: float) -> None:
+    with pytest.raises(OutOfRange, match=r"radius on 4 falls is .* allowed is 2 to 20, where the"):
+        BY_HAND.on(4).at(np.array([12.0, radius]))
+    assert BY_HAND.on(4).at(np.array([2.0, 20.0])).tolist() == [6000.0, 3000.0]
+
+
+def test_the_fewest_falls_come_first_whatever_the_order_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "chart.toml"
+    more = "[[falls]]\ncount = {}\nradii = [10.0]\nloads = [{}]\n"
+    text = 'name = "a"\nsource = "b"\n'
+    file.write_text(text + more.format(4, 9e3) + more.format(1, 1e3) + more.format(2, 5e3))
+    chart = read_chart(file)
+    assert [falls.count for falls in chart.reevings] == [1, 2, 4]
+    assert chart.on().at(10.0) == 1000.0 and chart.on(4).at(10.0) == 9000.0
+    file.write_text(text + more.format(2, 9e3) + more.format(2, 5e3))
+    with pytest.raises(DataError, match="two tables have the same count"):
+        read_chart(file)
+
+
+@pytest.mark.parametrize("least", [10.1, -0.1, np.nan, np.inf])
+def test_the_smallest_radius_is_from_none_to_that_of_the_first_point(least: float) -> None:
+    with pytest.raises(OutOfRange, match="smallest radius"):
+        Falls(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), least)
 
 
 def test_cut_outs_are_stretches_of_time() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,20 @@ from cranedyn import theory
 from cranedyn.controllers import Hold, hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import full
+from cranedyn.dynamics.pinocchio import full, payload_position, pivot_position
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.lifting.loads import Loads, hanging_mass, jib_moment, loads, loads_of_rows
-from cranedyn.lifting.wrench import Moving
+from cranedyn.lifting.loads import (
+    Loads,
+    corner_forces,
+    hanging_mass,
+    jib_moment,
+    loads,
+    loads_of_rows,
+)
+from cranedyn.lifting.wrench import Moving, Wrench
 from cranedyn.model.crane import Crane
+from cranedyn.model.layout import ROLES
 from cranedyn.model.load import load_crane
 from cranedyn.planning.site import Arm, Base
 from cranedyn.references import hold, pulse
@@ -155,6 +165,190 @@ def test_corners_carry_the_whole_and_turn_with_the_jib() -> None:
         arm = BASE.spacing / np.sqrt(2.0)
         pair = corners.max() - corners.min()
         assert pair * arm * 2.0 == pytest.approx(2.0 * found["overturning_Nm"][0], rel=ROUND_OFF)
+
+
+def reactions(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
+    """Forces of four equal supports: those of a stiff base are the smallest of all that balance
+    force and moment, which NumPy's pseudo-inverse finds.
+    """
+    half = base.spacing / 2.0
+    places = np.array([[half, half], [-half, half], [-half, -half], [half, -half]])
+    # Each presses down at its place: a moment of (-y F, x F) about the middle.
+    balance = np.stack([np.ones(4), -places[:, 1], places[:, 0]])
+    weight = -foot.force[:, 2] + base.mass * gravity
+    wanted = np.stack([weight, foot.moment[:, 0], foot.moment[:, 1]])
+    return (np.linalg.pinv(balance) @ wanted).T
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_corners_balance_force_and_moment_of_any_direction(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    force, moment = 1e5 * rng.normal(size=(2, 6, 3))
+    foot = Wrench(force, moment, np.zeros((6, 3)))
+    base = Base(float(rng.uniform(1.0, 12.0)), float(rng.uniform(0.0, 1e5)))
+    expected = reactions(base, foot, G)
+    np.testing.assert_allclose(
+        corner_forces(base, foot, G), expected, rtol=0.0, atol=1e-9 * np.abs(expected).max()
+    )
+
+
+def test_each_corner_presses_as_by_hand() -> None:
+    """The jib at 0.4 rad from -Y towards +X; load, trolley and links, 1600 kg, at 12 m of it.
+
+    They weigh 15 696.00 N at x = 4.67302 m, y = -11.05273 m; all weighs 633 726 N, 158 431.50 N a
+    corner. A weight at x, y adds W x/2b = 8 149.75 N to the corners of +X and takes it from the
+    others, and W y/2b = -19 275.96 N to those of +Y.
+    """
+    _, found = still(crane(), gamma=0.4, x=12.0, l=10.0)
+    by_hand = [147305.28, 131005.79, 169557.72, 185857.21]
+    for i, force in enumerate(by_hand, start=1):
+        np.testing.assert_allclose(found[f"corner_{i}_N"], force, rtol=0.0, atol=0.02)
+
+
+ARMS = (Arm(2000.0, 10.0), Arm(3500.0, -6.0))
+"""Jib and counter-jib: 5500 kg, whose moment about the slew axis is that of -1000 kg at 1 m."""
+
+
+def one_row(of: Crane, state: State, effort: np.ndarray, force: np.ndarray) -> Trajectory:
+    """A run of one row, whatever its other columns say."""
+    run = simulate(of, locked, duration=0.005, drive="motion").since(0.005)
+    return replace(run, q=state.q[None], v=state.v[None], effort=effort[None], force=force[None])
+
+
+@pytest.mark.slow
+@settings(max_examples=15, deadline=None)
+@given(states, efforts, st.integers(0, 2**32 - 1))
+def test_all_loads_of_a_crane_that_moves_in_the_wind_are_what_pinocchio_says(
+    state: State, effort: np.ndarray, seed: int
+) -> None:
+    of = crane(damp_swing=2e3, damp_hoist=50.0)  # dampers of the swing turn the trolley
+    force = np.random.default_rng(seed).uniform(-2e3, 2e3, 6)
+    run = one_row(of, state, effort, force)
+    found = loads(of, run, base=BASE, arms=ARMS)
+    outward = np.array([np.sin(state.q[0]), -np.cos(state.q[0]), 0.0])
+    aside = np.array([np.cos(state.q[0]), np.sin(state.q[0]), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    slew, trolley, hoist = (of.layout.index(symbol) for symbol in ("gamma", "x", "l"))
+    ring, twist, point = pinocchio_wrench(of, state, effort, force, slew)
+    pull, _, _ = pinocchio_wrench(of, state, effort, force, hoist)
+    # 5500 kg more, and -1000 kg at 1 m of the jib.
+    foot = twist + np.cross(point, ring) + np.cross(outward, 1000.0 * G * up)
+    vertical = -ring[2] + 5500.0 * G
+    rope = payload_position(of, state.q) - pivot_position(of, state.q)
+    expected = {
+        "pull_N": -pull[2],
+        "side_force_percent": 100.0 * pull @ aside / (of.payload_mass * G),
+        "off_lead_rad": np.arctan2(rope @ outward, -rope[2]),
+        "side_lead_rad": np.arctan2(rope @ aside, -rope[2]),
+        "radius_m": state.q[1],
+        "load_moment_Nm": -pull[2] * state.q[1],
+        "ring_vertical_N": vertical,
+        "ring_tilting_Nm": twist @ aside - 1000.0 * G,
+        "ring_lateral_Nm": twist @ outward,
+        "ring_torsion_Nm": twist[2],
+        "foot_vertical_N": vertical + BASE.mass * G,
+        "foot_x_Nm": foot[0],
+        "foot_y_Nm": foot[1],
+        "overturning_Nm": np.sqrt(foot[0] ** 2 + foot[1] ** 2),
+        "torsion_Nm": foot[2],
+    }
+    size = max(np.linalg.norm(ring), np.linalg.norm(twist), np.linalg.norm(foot), vertical)
+    for name, value in expected.items():
+        scale = size if name.endswith(("_N", "_Nm")) else 1e3
+        np.testing.assert_allclose(
+            found[name][0], value, rtol=0.0, atol=ROUND_OFF * scale, err_msg=name
+        )
+    # What passes from the trolley into the jib bends it, and its force by the lever ahead.
+    held, bend, _ = pinocchio_wrench(of, state, effort, force, trolley)
+    for ahead in (0.0, 1e-3, 0.4 * state.q[1], state.q[1]):
+        moment = (bend + np.cross(ahead * outward, held)) @ aside
+        at = np.array([state.q[1] - ahead])
+        np.testing.assert_allclose(
+            jib_moment(of, run, at)[0, 0], moment, rtol=0.0, atol=ROUND_OFF * size
+        )
+
+
+@pytest.mark.parametrize("rope", [{}, {"rope_stiffness": np.inf}], ids=["taut", "may be slack"])
+def test_a_load_let_go_at_an_angle_is_carried_by_the_cosine(rope: dict[str, float]) -> None:
+    """At rest for an instant the rope of a point load pulls m g cos φ along itself, and so m g
+    cos² φ down.
+    """
+    of = crane(damp_swing=0.0, payload_inertia=0.0, dummy_mass=0.0, dummy_inertia=0.0, **rope)
+    angle = 0.5
+    state = of.state(x=12.0, l=10.0, phi=angle)
+    weight = of.payload_mass * G
+    # Fixed drives: none of trolley and slew moves, whatever it takes; the hoist holds.
+    run = simulate(of, locked, start=state, duration=0.005, drive="motion")
+    found = loads(of, run)
+    tension = weight * np.cos(angle)
+    expected = {
+        "rope_N": tension,
+        "pull_N": tension * np.cos(angle),
+        "slack_margin": np.cos(angle),
+        "snag_margin": 1.0 - tension / 1e5,
+        "load_moment_Nm": tension * np.cos(angle) * 12.0,
+    }
+    for name, value in expected.items():
+        assert found[name][0] == pytest.approx(value, rel=1e-9), name
+    assert abs(found["off_lead_rad"][0]) == pytest.approx(angle, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_tower_that_stands_elsewhere_has_the_same_radius_and_ring(tmp_path: Path) -> None:
+    text = crane().urdf
+    assert text.count('<origin xyz="0 0 25.99"/>') == 1
+    file = tmp_path / "aside.urdf"
+    file.write_text(text.replace('"0 0 25.99"', '"30 -20 25.99"'), encoding="utf-8")
+    names = {role: part.joint for role, part in ROLES.items()}
+    aside = load_crane(file, joints=names, gravity=G)
+    near, far = (
+        loads_of_rows(of, *(one[None] for one in of.state(gamma=0.4, x=12.0)), np.zeros((1, 3)))
+        for of in (crane(), aside)
+    )
+    for name in ("radius_m", "load_moment_Nm", "ring_vertical_N", "ring_tilting_Nm"):
+        np.testing.assert_allclose(far[name], near[name], rtol=ROUND_OFF, err_msg=name)
+    # About the origin of the world its weight has a lever of (30, -20): (-y W, x W) down.
+    moved = far["foot_x_Nm"] - near["foot_x_Nm"], far["foot_y_Nm"] - near["foot_y_Nm"]
+    vertical = near["foot_vertical_N"]
+    np.testing.assert_allclose(moved, (20.0 * vertical, 30.0 * vertical), rtol=1e-9)
+
+
+def test_loads_of_a_run_count_the_buffers_that_it_was_made_with() -> None:
+    of = crane()
+    q, v = of.state(x=12.0)
+    hoist = of.layout.index("l")
+    q[hoist] = of.upper[hoist] + 0.02
+    q[of.layout.index("x")] = of.upper[of.layout.index("x")] + 0.02
+    run = one_row(of, State(q, v), np.zeros(3), np.zeros(6))
+    free, met = (
+        replace(run, parameters={**run.parameters, "validity": validity})
+        for validity in ("mark", "buffers")
+    )
+    at = np.array([5.0])
+    for one, buffers in ((free, False), (met, True)):
+        expected = loads_of_rows(of, one.q, one.v, one.effort, one.force, buffers=buffers)
+        np.testing.assert_array_equal(loads(of, one)["rope_N"], expected["rope_N"])
+    # The buffer of the hoist holds the load of a drive that gives way, by its spring.
+    assert loads(of, met)["rope_N"][0] > 1e3 > loads(of, free)["rope_N"][0]
+    assert jib_moment(of, met, at)[0, 0] > jib_moment(of, free, at)[0, 0] + 1e3
+
+
+@pytest.mark.parametrize("name", ["q", "v", "effort", "force"])
+def test_rows_of_another_width_or_of_no_numbers_are_refused_by_name(name: str) -> None:
+    of = crane()
+    q, v = of.state(x=12.0)
+    rows = {"q": q[None], "v": v[None], "effort": np.zeros((1, 3)), "force": np.zeros((1, 6))}
+    with pytest.raises(OutOfRange, match=f"^{name} is nan"):
+        loads_of_rows(of, **{**rows, name: rows[name] * np.nan})
+    for wrong in (np.repeat(rows[name], 2, axis=1), rows[name][:, 1:]):
+        with pytest.raises(CraneError, match=f"^{name} "):
+            loads_of_rows(of, **{**rows, name: wrong})
+
+
+def test_a_run_of_another_crane_is_refused() -> None:
+    run = simulate(crane(), locked, duration=0.005, drive="motion")
+    with pytest.raises(OutOfRange, match="run is of joints"):
+        loads(relative_crane(BRIDGE), run)
 
 
 def test_a_crane_that_slews_steadily_carries_what_its_closed_form_says() -> None:

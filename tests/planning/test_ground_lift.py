@@ -12,6 +12,7 @@ import pytest
 
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.model.layout import ROLES
@@ -122,6 +123,46 @@ def test_a_load_that_turns_in_its_sling_is_where_no_proof_was(
     turned[row, lift.crane.layout.index("sling_radial")] += 0.5
     monkeypatch.setattr(ground_lift, "simulate", lambda *_, **__: replace(run, q=turned))
     assert "not proven" in str(certify_ground_lift(lift)[1])
+
+
+def certified_as(
+    lift: GroundLift, run: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, Check]:
+    """The checks of a run that was not simulated, by their first words."""
+    monkeypatch.setattr(ground_lift, "simulate", lambda *_, **__: run)
+    _, checks = certify_ground_lift(lift)
+    return {check.sentence.partition(":")[0]: check for check in checks}
+
+
+def test_a_load_that_swings_in_its_motion_has_no_certificate(
+    lift: GroundLift, certified: tuple[Trajectory, list[Check]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, _ = certified
+    layout, allowed = lift.crane.layout, lift.lift.clearance.site.swing
+    row = round(lift.phases["motion"] / lift.motion.period) + 500
+    for swing, holds in ((0.8 * allowed, True), (1.2 * allowed, False)):
+        q = run.q.copy()
+        q[row, layout.at("phi", "theta", "sling_radial", "sling_tangential")] = swing, 0, 0, 0
+        checks = certified_as(lift, replace(run, q=q), monkeypatch)
+        assert checks["Motion"].holds is holds, checks["Motion"].sentence
+
+
+def test_a_load_is_set_down_at_the_speed_of_the_rope_that_first_slackens_and_leaves_it_slack(
+    lift: GroundLift, certified: tuple[Trajectory, list[Check]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, checks = certified
+    weight = lift.crane.payload_mass * lift.crane.gravity
+    tension = JointForces.of(lift.crane).tension(run.q.T, run.v.T)
+    down = round(lift.phases["set-down"] / lift.motion.period)
+    touched = next(row for row in range(down, len(run)) if tension[row] < 0.9 * weight)
+    hoist = lift.crane.layout.index("l")
+    assert 0.05 < run.v[touched, hoist] <= 0.2  # the sink rate of this lift
+    assert f"touches at {run.v[touched, hoist]:.3f} m/s" in checks[-1].sentence
+    fast, tight = run.v.copy(), run.q.copy()
+    fast[touched, hoist] = 0.25
+    tight[-1, lift.crane.layout.index("rope_stretch")] = 1e-4
+    for changed in (replace(run, v=fast), replace(run, q=tight)):
+        assert not certified_as(lift, changed, monkeypatch)["Set-down"].holds
 
 
 def test_a_crane_of_a_strange_urdf_lifts_off_as_the_crane_of_this_project_does(

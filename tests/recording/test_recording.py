@@ -29,7 +29,7 @@ from cranedyn.recording.sketch import Projection
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import ROOT, files, python
-from tests.rrd import chunks, numbers, rows
+from tests.rrd import chunks, numbers, poses, rows
 
 pytestmark = pytest.mark.filterwarnings("error:::rerun")
 
@@ -190,32 +190,6 @@ def test_the_text_has_title_description_parameters_and_the_scale_of_the_arrows(
 
 
 # --- the scene ------------------------------------------------------------------------------------
-
-
-def poses(path: Path, time: int) -> dict[str, np.ndarray]:
-    """Return the pose of every frame in the scene at a time [ns], 4 x 4."""
-    steps = {}
-    for _, batch in chunks(path):
-        if "Transform3D:child_frame" not in batch.schema.names:
-            continue
-        row = 0
-        if "sim_time" in batch.schema.names:
-            row = int(np.searchsorted(batch["sim_time"].cast("int64"), time, side="right")) - 1
-        values = {
-            name: batch[f"Transform3D:{name}"][row].as_py()[0]
-            for name in ("child_frame", "parent_frame", "translation", "quaternion")
-            if f"Transform3D:{name}" in batch.schema.names
-        }
-        step = np.eye(4)
-        if "quaternion" in values:
-            step[:3, :3] = Rotation.from_quat(values["quaternion"]).as_matrix()
-        step[:3, 3] = values["translation"]
-        steps[values["child_frame"]] = values["parent_frame"], step
-
-    def pose(frame: str) -> np.ndarray:
-        return np.eye(4) if frame == "tf#/" else pose(steps[frame][0]) @ steps[frame][1]
-
-    return {frame: pose(frame) for frame in steps}
 
 
 @pytest.mark.parametrize("row", [0, 38, 100])
