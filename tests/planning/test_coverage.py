@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 
 from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import Certificate, certify
-from cranedyn.planning.clearance import GROUND, MAST, Clearance, ObstaclePart
+from cranedyn.planning.clearance import GROUND, MAST, Clearance, Nearest, ObstaclePart
 from cranedyn.planning.coverage import (
     BODIES,
     HANGING,
@@ -327,6 +328,56 @@ def test_a_plan_without_its_envelope_of_swing_is_contradicted(
     certified = certify(plan_lift(site(WALL), LIMITS, crane=crane()))
     assert certified.checks[0].holds, "the proof does not see its own fault"
     assert any(sentence.startswith("Measured a second time") for sentence in red(certified))
+
+
+def looked_at(*solids: Solid, swing: float = 0.0, **changes: Any) -> Nearest:
+    """Return what a second look finds of a cable of 20 m at a radius of 15 m along +X."""
+    here = site(*solids, **changes)
+    q = Clearance(crane(), here).q(np.array([math.pi / 2.0, 15.0, 20.0]))[None]
+    return second_look(here, crane(), q, 5.0, swing=swing)
+
+
+@pytest.mark.parametrize(
+    ("centre", "size"),
+    [
+        ((18.0, 0.0), (2.0, 9.0, 12.0)),  # outward
+        ((12.0, 0.0), (2.0, 9.0, 12.0)),
+        ((15.0, 3.0), (9.0, 2.0, 12.0)),  # along the arc
+        ((15.0, -3.0), (9.0, 2.0, 12.0)),
+    ],
+)
+def test_a_load_is_swung_to_all_sides(centre: tuple[float, ...], size: tuple[float, ...]) -> None:
+    """The load of a cubic metre is 1.5 m from a wall; its centre, 20 m below the pivot, goes 20 sin
+    s to the side, and its corners 0.5 m below and beside that turn with the rope.
+    """
+    swing = 0.05
+    still = looked_at(box(NAME, centre, size, 0.0))
+    assert still.obstacle == NAME and still.distance == pytest.approx(1.5, abs=1e-9)
+    swung = looked_at(box(NAME, centre, size, 0.0), swing=swing)
+    aside = 20.0 * math.sin(swing) + 0.5 * math.sin(swing) - 0.5 * (1.0 - math.cos(swing))
+    assert swung.distance == pytest.approx(1.5 - aside, abs=2e-3)
+
+
+def test_a_second_look_sees_rope_and_turned_load_and_no_zone() -> None:
+    shelf = box(NAME, (15.0, 2.0), (1.0, 2.0, 1.0), 15.0)  # its edge is 1 m beside the rope
+    rope = looked_at(shelf)
+    assert rope.body == "rope" and 1.0 <= rope.distance < 1.2
+    wall = box(NAME, (15.0, 5.0), (9.0, 2.0, 12.0), 0.0)  # 4 m from the centre of the load
+    for size, gap in (((5.0, 1.0, 1.0), 1.5), ((1.0, 5.0, 1.0), 3.5)):
+        # At a quarter turn of the slew, X of the load, across the jib, is along Y of the site.
+        assert looked_at(wall, load=corners(*size)).distance == pytest.approx(gap, abs=1e-9)
+    around = np.array([[14.0, -1.0], [16.0, -1.0], [16.0, 1.0], [14.0, 1.0]])
+    assert looked_at(prism(NAME, around, 0.0, 12.0, zone=True)).obstacle == ""
+
+
+@pytest.mark.slow
+def test_a_certificate_is_red_where_the_crane_stands_in_a_box_or_the_load_ends_elsewhere() -> None:
+    office = box("office", (0.0, 0.0), (4.0, 4.0, 3.0), 0.0)
+    stands = certify(lift(), Clearance(crane(), site(WALL, office)))
+    assert "the mast stands in office" in str(red(stands))
+    ends = lift().ends + np.array([[0.0, 0.0, 0.0], [0.0, 0.02, 0.0]])
+    (sentence,) = red(certify(replace(lift(), ends=ends)))
+    assert "it ends 20.0 mm from its goal, 10 allowed" in sentence
 
 
 # --- numbers that are none -----------------------------------------------------------------------

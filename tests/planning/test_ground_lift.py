@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
@@ -20,13 +21,16 @@ from cranedyn.model.load import load_crane
 
 pytest.importorskip("coal", reason="extra planning (coal) is not installed")
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+shapely = pytest.importorskip("shapely", reason="extra planning (shapely) is not installed")
 
 from cranedyn.planning import ground_lift
 from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.coverage import Pairs, hanging_pairs
 from cranedyn.planning.ground_lift import GroundLift, certify_ground_lift, from_ground
-from cranedyn.planning.lift import Lift, plan_lift
+from cranedyn.planning.lift import Lift, NoWay, plan_lift
+from cranedyn.planning.proof import SlewRange
 from cranedyn.planning.site_file import SITES, read_site
-from cranedyn.planning.solids import box
+from cranedyn.planning.solids import body, box
 from cranedyn.references.flat import smoothstep
 from cranedyn.verdict import Check, Verdict
 
@@ -112,6 +116,47 @@ def test_a_load_that_sinks_into_its_support_has_no_certificate(
         contact = next(check for check in certificate if "stays on what it stands" in str(check))
         assert contact.verdict is verdict
         assert "into ground" in contact.sentence and "into pad" in contact.sentence
+
+
+def test_a_load_is_set_down_on_no_mesh_that_is_not_convex(planned: Lift) -> None:
+    """A channel, open at its top, stands where the load is set down, its floor on the pad."""
+    x, y, _ = planned.clearance.site.to_site(planned.clearance.point(planned.ends[1]))
+    profile = [(-4, 0), (4, 0), (4, 2), (3, 2), (3, 0.1), (-3, 0.1), (-3, 2), (-4, 2)]
+    channel = trimesh.creation.extrude_polygon(shapely.Polygon(profile), 6.0)
+    upright = trimesh.transformations.rotation_matrix(np.pi / 2.0, [1, 0, 0])
+    channel.apply_transform(upright)
+    channel.apply_translation([x, y + 3.0, 0.5])
+    obstacle = body("channel", np.array(channel.vertices), np.array(channel.faces))
+    assert not obstacle.parts
+    site = planned.clearance.site
+    solids = (*site.solids, obstacle)
+    crowded = Clearance(planned.crane, replace(site, solids=solids))
+    with pytest.raises(NoWay, match="At the goal the load would stand on or in channel, a mesh"):
+        from_ground(replace(planned, clearance=crowded))
+    from_ground(replace(planned, clearance=crowded), stands=(True, False))
+
+
+def test_a_jib_that_leaves_the_angles_that_are_free_and_a_pair_left_out_are_told(
+    lift: GroundLift, certified: tuple[Trajectory, list[Check]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, checks = certified
+    assert all(check.holds for check in checks)
+    monkeypatch.setattr(ground_lift, "simulate", lambda *_, **__: run)
+    slew = run.q[:, lift.motion.drives[0]]
+    narrow = SlewRange(float(slew.min()) + 1e-3, float(slew.max()), "", "")
+    (sentence,) = red(certify_ground_lift(replace(lift, lift=replace(lift.lift, slews=narrow))))
+    assert sentence == "Slewing: the jib leaves the angles that are proven free."
+
+    def in_motion_none(clearance: Clearance) -> Pairs:
+        return hanging_pairs(clearance) if clearance.contacts else frozenset()
+
+    monkeypatch.setattr(ground_lift, "hanging_pairs", in_motion_none)
+    (sentence,) = red(certify_ground_lift(lift))
+    assert sentence.startswith("No proof compares hook and own mast")
+
+
+def red(certificate: tuple[Trajectory, list[Check]]) -> list[str]:
+    return [check.sentence for check in certificate[1] if not check.holds]
 
 
 def test_a_load_that_turns_in_its_sling_is_where_no_proof_was(
