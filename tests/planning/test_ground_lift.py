@@ -21,7 +21,6 @@ from cranedyn.model.load import load_crane
 
 pytest.importorskip("coal", reason="extra planning (coal) is not installed")
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
-shapely = pytest.importorskip("shapely", reason="extra planning (shapely) is not installed")
 
 from cranedyn.planning import ground_lift
 from cranedyn.planning.clearance import Clearance
@@ -120,6 +119,8 @@ def test_a_load_that_sinks_into_its_support_has_no_certificate(
 
 def test_a_load_is_set_down_on_no_mesh_that_is_not_convex(planned: Lift) -> None:
     """A channel, open at its top, stands where the load is set down, its floor on the pad."""
+    import shapely
+
     x, y, _ = planned.clearance.site.to_site(planned.clearance.point(planned.ends[1]))
     profile = [(-4, 0), (4, 0), (4, 2), (3, 2), (3, 0.1), (-3, 0.1), (-3, 2), (-4, 2)]
     channel = trimesh.creation.extrude_polygon(shapely.Polygon(profile), 6.0)
