@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.dynamics.contact import Ground, box_corners
 from cranedyn.dynamics.converters import converters
+from cranedyn.dynamics.pinocchio import body_points
 from cranedyn.dynamics.scalars import array
 from cranedyn.model.crane import Crane
-from cranedyn.plant.plant import Topology, numbers, plant
+from cranedyn.plant.plant import Plant, Topology, numbers, plant
 from tests.helpers import crane
 
 DT = 1e-3
@@ -70,3 +74,146 @@ def test_work_and_force_have_one_unit() -> None:
     assert units.time == DT
     assert units.force == pytest.approx(DT**2 / crane().payload_mass)
     assert units.work == pytest.approx(1.0 / units.force)
+
+
+def _plant_of(c: Crane, drive: str = "effort", buffers: bool = False) -> Plant:
+    return plant(Topology.of(c), numbers(c).tolist(), drive, buffers)
+
+
+def _state(c: Crane, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Return coordinates and rates that are not small, in their ranges."""
+    rng = np.random.default_rng(seed)
+    return c.start.q + 0.2 * rng.normal(size=c.layout.n), rng.normal(size=c.layout.n)
+
+
+def test_drag_in_still_air_holds_a_load_back_and_wind_takes_it_along() -> None:
+    """Half of the density of air times area times the square of the speed through it."""
+    c = crane()
+    made, (q, v) = _plant_of(c), _state(c)
+    area = 3.0
+    areas = [area, *[0.0] * (len(c.points) - 1)]
+    body, lever = c.points[0].body, c.points[0].lever
+    _, velocity = body_points(c.model, c.data, body, lever[None], q, v)
+    speed = velocity[:, 0]
+    for wind in (np.zeros(3), speed, np.array([9.0, -4.0, 0.0])):
+        air = np.concatenate([wind, np.zeros(3 * len(areas) - 3)])
+        through = wind - speed
+        expected = 0.5 * 1.25 * area * np.linalg.norm(through) * through
+        force = np.array(made.drag(q, v, air, areas), dtype=float)
+        assert_allclose(force[:3], expected, rtol=1e-12, atol=1e-9)
+        assert not force[3:].any()
+    still = np.array(made.drag(q, v, np.zeros(3 * len(areas)), areas), dtype=float)
+    assert still[:3] @ speed < 0.0
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_an_impact_takes_the_energy_that_rates_before_and_after_differ_by(drive: str) -> None:
+    """Rates by Pinocchio's mass matrix: what is free keeps its momentum where the rope stops."""
+    c = crane(rope_stiffness=np.inf, payload_inertia=300.0, dummy_mass=20.0)
+    stretch = c.layout.index("rope_stretch")
+    q, v = _state(c)
+    v[stretch] = 1.7
+    after, gained = _plant_of(c, drive).impact(q, v)
+    data = c.model.createData()
+    mass = np.triu(pin.crba(c.model, data, q))
+    mass = mass + np.triu(mass, 1).T
+    held = [stretch] if drive == "effort" else [stretch, *c.layout.drives.tolist()]
+    free = np.delete(np.arange(c.layout.n), held)
+    change = np.zeros(c.layout.n)
+    change[stretch] = -v[stretch]
+    change[free] = np.linalg.solve(mass[np.ix_(free, free)], -mass[free, stretch] * -v[stretch])
+    assert_allclose(after.astype(float), v + change, rtol=1e-9, atol=1e-9)
+    before, later = (pin.computeKineticEnergy(c.model, data, q, r) for r in (v, v + change))
+    assert float(gained) == pytest.approx(later - before, rel=1e-9)
+    if drive == "effort":
+        assert gained < 0.0  # a drive that keeps its rate may put energy in
+
+
+def test_energy_is_that_of_pinocchio_and_of_springs() -> None:
+    c = crane(rope_stiffness=4e7)
+    q, v = _state(c)
+    q[c.layout.index("rope_stretch")] = 0.013
+    data = c.model.createData()
+    rigid = pin.computeKineticEnergy(c.model, data, q, v) + pin.computePotentialEnergy(
+        c.model, data, q
+    )
+    rope = c.springs.rope
+    assert rope is not None
+    spring = 0.5 * rope.stiffness / q[rope.length] * 0.013**2
+    assert float(_plant_of(c).energy(q, v)) == pytest.approx(rigid + spring, rel=1e-12)
+
+
+def test_the_swing_of_a_pendulum_is_its_amplitude_by_energy() -> None:
+    """Small angles: A² = φ² + φ̇² L / g, with L from the joint to the load."""
+    c = crane()
+    made, layout = _plant_of(c), c.layout
+    q, v = c.start.q.copy(), np.zeros(layout.n)
+    phi, theta, cable = (layout.index(name) for name in ("phi", "theta", "l"))
+    q[phi], q[theta], q[cable], v[phi], v[theta] = 0.03, -0.02, 11.0, 0.05, 0.01
+    square, amplitude = made.swing(q, v)
+    assert square == pytest.approx(0.03**2 + 0.02**2)
+    data = c.model.createData()
+    pin.forwardKinematics(c.model, data, np.where(np.arange(layout.n) == cable, 11.0, 0.0))
+    load = data.oMi[c.payload.body + 1].act(c.payload.lever)
+    lengths = {i: np.linalg.norm(load - data.oMi[i + 1].translation) for i in (phi, theta)}
+    kinetic = (0.05**2 * lengths[phi] + 0.01**2 * lengths[theta]) / c.gravity
+    assert amplitude == pytest.approx(square + kinetic)
+    assert made.plumb_at_zero
+
+
+def test_the_ground_pushes_where_the_load_touches_and_its_power_is_force_times_speed() -> None:
+    c = crane(hoist_max=40.0)
+    contacts = Ground(box_corners(1.5, 3.0, 1.2), friction=0.3).contacts(c)
+    made = replace(_plant_of(c), contacts=contacts)
+    q, v = c.start.q.copy(), 0.05 * np.random.default_rng(4).normal(size=c.layout.n)
+    points = np.array(contacts.points)
+    place, _ = body_points(c.model, c.data, contacts.body, points, q, v)
+    q[c.layout.index("l")] += place[2].min() + 0.004  # the lowest corner is 4 mm in the ground
+    place, speed = body_points(c.model, c.data, contacts.body, points, q, v)
+    assert made.touching(q) == (place[2] < 0.0).tolist()
+    assert any(made.touching(q)) and not all(made.touching(q))
+    reactions, anchors = made.ground_reactions(q, v, place.T.ravel())
+    power = 0.0
+    for i, reaction in enumerate(reactions):
+        force, moved = contacts.reaction(place[:, i], speed[:, i], place[:, i])
+        assert_allclose(reaction.force.astype(float), force, atol=1e-6)
+        assert_allclose(anchors[3 * i : 3 * i + 3].astype(float), moved, atol=1e-9)
+        power += float(np.dot(force, speed[:, i]))
+    assert float(made.power(q, v, reactions)) == pytest.approx(power, rel=1e-9)
+    assert power != 0.0
+    # What the forces do to the accelerations, by Pinocchio.
+    found = made.answer(q, v, array([0.0] * c.layout.m), None, reactions).acceleration
+    wrenches = pin.StdVec_Force()
+    pin.forwardKinematics(c.model, c.data, q)
+    rotation = c.data.oMi[contacts.body + 1].rotation
+    total = pin.Force.Zero()
+    for point, reaction in zip(points, reactions, strict=True):
+        local = rotation.T @ reaction.force.astype(float)
+        total = total + pin.Force(local, np.cross(point, local))
+    pushes = [pin.Force.Zero() for _ in range(c.layout.n + 1)]
+    pushes[contacts.body + 1] = total
+    wrenches.extend(pushes)
+    effort = -c.damping * v
+    expected = pin.aba(c.model, c.model.createData(), q, v, effort, wrenches)
+    assert_allclose(found.astype(float), expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+def test_efforts_are_cut_to_the_limits_and_other_commands_are_not() -> None:
+    c = crane()
+    command = array((3.0 * c.effort_limit * [1.0, -1.0, 0.1]).tolist())
+    cut = [c.effort_limit[0], -c.effort_limit[1], 0.3 * c.effort_limit[2]]
+    assert_allclose(_plant_of(c).within(command).astype(float), cut)
+    assert _plant_of(c, "motion").within(command) is command
+
+
+def test_a_prescribed_motion_costs_what_inverse_dynamics_says() -> None:
+    c = crane()
+    q, v = _state(c)
+    command = np.array([0.02, -0.4, 0.3])
+    solved = _plant_of(c, "motion").answer(q, v, array(command.tolist()), None)
+    a = solved.acceleration.astype(float)
+    assert_allclose(a[c.layout.drives], command)
+    needed = pin.rnea(c.model, c.model.createData(), q, v, a) + c.damping * v
+    assert_allclose(solved.effort.astype(float), needed[c.layout.drives], rtol=1e-9, atol=1e-6)
+    assert_allclose(needed[c.layout.passive], 0.0, atol=1e-8 * np.abs(needed).max())
+    assert solved.pull is None
