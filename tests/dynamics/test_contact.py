@@ -26,9 +26,10 @@ from cranedyn.dynamics.contact import (
 )
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.joint_forces import SLACK, TAUT, JointForces
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.pinocchio import body_points, payload_position
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError
+from cranedyn.interfaces import State
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import MASS, Bench, check_oracle, locked, point_crane
 from experiments.oracles.bench import G as GRAVITY
@@ -286,6 +287,7 @@ def test_a_taut_rope_that_leans_lifts_off_lead_and_so_does_a_load_that_slides() 
     tower = crane(**box_load(MASS, *SIDES), rope_stiffness=2e7, hoist_max=30.0)
     ground = Ground(box_corners(*SIDES))
     contacts, layout = ground.contacts(tower), tower.layout
+    points = np.array(contacts.points)
     q, v = [], []
     for lean, speed in ((0.5, 0.0), (1.5, 0.0), (-1.5, 0.0), (0.5, 0.02), (0.5, 0.005)):
         angle = math.radians(lean)
@@ -293,15 +295,21 @@ def test_a_taut_rope_that_leans_lifts_off_lead_and_so_does_a_load_that_slides() 
         q.append(state.q)
         v.append(0.0 * state.v)
         v[-1][layout.index("x")] = speed
+    # It tips about its lower edges, which stand: the corners in the air do not slide.
+    q.append(q[0])
+    v.append(0.0 * v[0])
+    v[-1][layout.at("x", "sling_radial")] = 0.02, 0.02 / SIDES[2]
+    bottom = body_points(tower.model, tower.data, contacts.body, points[:1], q[-1], v[-1])[1]
+    assert np.abs(bottom[:2]).max() < 1e-3
     raised = q[1].copy()
     raised[layout.index("l")] -= 1.0
     q.append(raised)
     v.append(0.0 * v[0])
     rows = np.array(q), np.array(v)
     taut, slack = np.full(len(q), TAUT), np.full(len(q), SLACK)
-    expected = [ON_GROUND, OFF_LEAD, OFF_LEAD, OFF_LEAD, ON_GROUND, TAUT]
+    expected = [ON_GROUND, *[OFF_LEAD] * 3, ON_GROUND, ON_GROUND, TAUT]
     assert ground_phases(tower, contacts, *rows, taut).tolist() == expected
-    assert ground_phases(tower, contacts, *rows, slack).tolist() == [ON_GROUND] * 5 + [SLACK]
+    assert ground_phases(tower, contacts, *rows, slack).tolist() == [ON_GROUND] * 6 + [SLACK]
 
 
 def test_a_platform_is_turned_from_x_towards_y() -> None:
@@ -331,3 +339,28 @@ def test_a_point_rebounds_without_gravity_at_its_share_of_the_speed(restitution:
     impact = solve_ivp(lambda t, s: [s[1], -push_off(t, s)], (0.0, 50.0), [0.0, 1.0],
                        events=push_off, rtol=1e-10, atol=1e-12)  # fmt: skip
     assert -impact.y[1, -1] == pytest.approx(restitution, abs=1e-8)
+
+
+def test_a_box_of_a_crane_has_the_moments_of_its_sides_and_hangs_amid_its_top() -> None:
+    """Those of twelve kilograms are the sums of squares of two sides."""
+    values = box_load(12.0, 1.0, 2.0, 3.0)
+    assert values == pytest.approx({"payload_mass": 12.0, "lug_height": 1.5, "payload_ixx": 13.0,
+                                    "payload_iyy": 10.0, "payload_izz": 5.0})  # fmt: skip
+
+
+def test_a_body_above_the_ground_has_an_underside_and_one_on_the_ground_has_none() -> None:
+    square = [(x, y) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
+    beam = Hull([[x, y, z] for x, y in square for z in (2.0, 3.0)])
+    plinth = Hull([[4.0 + x, y, z] for x, y in square for z in (0.0, 1.0)])
+    contacts = Ground(CORNERS, (beam, plinth)).contacts(free_box())
+    depth, normal = contacts.depth([0.0, 0.0, 2.01])
+    assert (depth, *normal) == pytest.approx((0.01, 0.0, 0.0, -1.0))
+    depth, normal = contacts.depth([4.9, 0.0, 0.01])
+    assert (depth, *normal) == pytest.approx((0.1, 1.0, 0.0, 0.0))
+
+
+def test_a_load_that_is_put_on_the_ground_keeps_its_rates() -> None:
+    tower = crane(**box_load(MASS, *SIDES), rope_stiffness=2e7, hoist_max=30.0)
+    state = tower.state(l=26.0, phi=0.0)
+    moving = State(state.q, np.arange(tower.layout.n) + 0.5)
+    assert standing(tower, Ground(box_corners(*SIDES)), moving).v.tolist() == moving.v.tolist()
