@@ -239,7 +239,7 @@ def _resample(crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) ->
             f"{len(rows)} of {len(t)} rows bring a fresh swing, every "
             f"{1e3 * sampled_swings[0].interval:.0f} ms; the others are left out."
         )
-    t = t - t[rows[0]]
+    t = t - t[0]  # the first row is fresh
     fresh = {key: values[rows] for key, values in columns.items()}
     curves, unsmoothed = dict[str, SmoothCurve](), dict[str, np.ndarray]()
     for joint in crane.layout.driven:

@@ -217,13 +217,13 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
     bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
     claims = []
     for name, hits, *_ in rows:
-        sentence = (
-            f"{name}: {hits} of {count} intervals hold the truth; 95 % of as many would be {low} "
-            f"to {high}"
-        )
+        sentence = f"{name}: {hits} of {count} intervals hold the truth; "
         # Errors of a rounded motion have a memory, for which intervals are widened.
         exact = resolution == 0.0
-        sentence += "." if exact else ", and wider intervals hold it more often."
+        if exact:
+            sentence += f"95 % of as many would be {low} to {high}."
+        else:
+            sentence += f"at least {low} of such as hold it in 95 % do."
         claims.append(Claim(sentence, low <= hits and (hits <= high or not exact)))
     if resolution == 0.0:
         claims.append(

@@ -184,6 +184,29 @@ def test_a_smoothed_motion_follows_up_to_its_cutoff() -> None:
         assert passed == pytest.approx(share, abs=0.03), ratio
 
 
+def test_noise_is_left_in_an_acceleration_as_its_spectrum_says() -> None:
+    position, _, _ = moved(T)
+    noise = 3e-3 * np.random.default_rng(5).standard_normal(len(T))
+    curve = smooth(T, position + noise, samples(T, position + noise))
+    left = smooth_at(T, noise, curve)(T[200:-200], 2)
+    # Some 40 s times the cutoff over pi, 60 independent numbers, tell it within 10 %.
+    assert np.std(left) == pytest.approx(curve.acceleration_noise, rel=0.3)
+
+
+def test_a_curve_creeps_ahead_of_a_drive_that_starts_at_once() -> None:
+    """Where an acceleration of 0.3 m/s² begins, at 10 s, the curve moves already."""
+    rate = np.interp(T, [10.0, 12.0, 25.0, 27.0], [0.0, 0.6, 0.6, 0.0])
+    position = 5.0 + np.concatenate([[0.0], np.cumsum(0.02 * (rate[1:] + rate[:-1]) / 2.0)])
+    noise = 3e-3 * np.random.default_rng(3).standard_normal(len(T))
+    noisy = position + noise
+    curve = smooth(T, noisy, samples(T, noisy))
+    exact = smooth_at(T, position, curve)  # without what is left of the noise
+    peak = np.abs(curve.spline(T, 2)).max()
+    assert exact(10.0, 1) == pytest.approx(0.3 / (3.0 * curve.cutoff), rel=0.05)
+    assert curve.creep == pytest.approx(peak / (3.0 * curve.cutoff))
+    assert 0.3 < peak < 0.4
+
+
 def smooth_at(t: np.ndarray, values: np.ndarray, curve: SmoothCurve) -> BSpline:
     """Return the curve through other values with the stiffness of one that is there."""
     penalised = _PenalisedSpline(t, values, curve.deviations, curve.sampled.interval)
@@ -202,6 +225,9 @@ def test_setpoints_that_jump_and_coarse_rates_beside_exact_positions(prior: Prio
     np.testing.assert_array_equal(record.columns["trolley_setpoint_m"], jumps)
     np.testing.assert_array_equal(record.measured("trolley_m"), coarse)
     assert np.abs(record.columns["trolley_m"] - trolley).max() < 1e-3
+    stale = {**swing, "trolley_m": coarse, "trolley_dot_m_s": np.full(len(T), 0.3)}
+    both = Record.of(prior.crane, stale)  # the rate of a smoothed motion is its derivative
+    assert np.abs(both.columns["trolley_dot_m_s"] - 0.1 * rate).max() < 5e-3
     assert "r: trolley_m brings a fresh value every 20 ms in steps of 0.001 m" in record.notes[0]
     aimed = Record.of(prior.crane, {**swing, "trolley_setpoint_m": coarse}, name="r")
     assert np.abs(np.diff(aimed.columns["trolley_setpoint_m"], 2)).max() < 1e-4

@@ -77,7 +77,10 @@ def test_work_and_force_have_one_unit() -> None:
 
 
 def _plant_of(c: Crane, drive: str = "effort", buffers: bool = False) -> Plant:
-    return plant(Topology.of(c), numbers(c).tolist(), drive, buffers)
+    values = numbers(c).tolist()
+    if drive == "velocity":
+        values += np.concatenate(converters(c).response).tolist()
+    return plant(Topology.of(c), values, drive, buffers)
 
 
 def _state(c: Crane, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -168,10 +171,12 @@ def test_the_ground_pushes_where_the_load_touches_and_its_power_is_force_times_s
     q, v = c.start.q.copy(), 0.05 * np.random.default_rng(4).normal(size=c.layout.n)
     points = np.array(contacts.points)
     place, _ = body_points(c.model, c.data, contacts.body, points, q, v)
-    q[c.layout.index("l")] += place[2].min() + 0.004  # the lowest corner is 4 mm in the ground
+    q[c.layout.index("phi")] = 0.05  # so that two of them are in it, and two just above
+    place, _ = body_points(c.model, c.data, contacts.body, points, q, v)
+    q[c.layout.index("l")] += (place[2].min() + 0.004) / np.cos(0.05)  # the lowest corner is 4 mm in the ground
     place, speed = body_points(c.model, c.data, contacts.body, points, q, v)
     assert made.touching(q) == (place[2] < 0.0).tolist()
-    assert any(made.touching(q)) and not all(made.touching(q))
+    assert sum(made.touching(q)) == 2
     reactions, anchors = made.ground_reactions(q, v, place.T.ravel())
     power = 0.0
     for i, reaction in enumerate(reactions):
@@ -217,3 +222,127 @@ def test_a_prescribed_motion_costs_what_inverse_dynamics_says() -> None:
     assert_allclose(solved.effort.astype(float), needed[c.layout.drives], rtol=1e-9, atol=1e-6)
     assert_allclose(needed[c.layout.passive], 0.0, atol=1e-8 * np.abs(needed).max())
     assert solved.pull is None
+
+
+def test_buffers_push_a_drive_back_into_its_range() -> None:
+    """Springs and dampers at 20 rad/s, half critical: by hand 400 M and 20 M for a drive of M."""
+    c = crane()
+    layout, (q, v) = c.layout, _state(c, 6)
+    trolley, hoist = layout.index("x"), layout.index("l")
+    start = c.start.q.copy()
+    start[layout.passive] = 0.0
+    inertia = np.diag(pin.crba(c.model, c.data, start))
+    q[trolley], v[trolley] = c.upper[trolley] + 0.03, 0.2
+    q[hoist], v[hoist] = c.lower[hoist] - 0.02, -0.1
+    push = np.zeros(layout.n)
+    push[trolley] = -inertia[trolley] * (400.0 * 0.03 + 20.0 * 0.2)
+    push[hoist] = inertia[hoist] * (400.0 * 0.02 + 20.0 * 0.1)
+    made = _plant_of(c, buffers=True)
+    found = made.answer(q, v, array([0.0] * layout.m), None).acceleration
+    expected = pin.aba(c.model, c.model.createData(), q, v, push - c.damping * v)
+    assert_allclose(found.astype(float), expected, rtol=1e-9)
+    assert float(made.stop_force(q, v)) == pytest.approx(push[hoist])
+    assert _plant_of(c).stop_force(q, v) == 0.0
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_an_inextensible_rope_holds_while_it_pulls_and_falls_free_while_it_does_not(
+    drive: str,
+) -> None:
+    """By Pinocchio's mass matrix and forces, with the stretch as one more prescribed joint."""
+    c = crane(rope_stiffness=np.inf, payload_inertia=300.0, dummy_mass=20.0)
+    layout, stretch = c.layout, c.layout.index("rope_stretch")
+    made = _plant_of(c, drive)
+    data, command = c.model.createData(), np.zeros(layout.m)
+    hanging = 0 if drive == "motion" else -c.payload_mass * c.gravity  # nearly
+    if drive == "effort":
+        command[-1] = hanging
+    q, v = c.start.q.copy(), np.zeros(layout.n)
+    q[layout.index("phi")], v[layout.index("phi")], v[layout.index("theta")] = 0.2, 0.1, -0.1
+    mass = np.triu(pin.crba(c.model, data, q))
+    mass = mass + np.triu(mass, 1).T
+    resisting = pin.rnea(c.model, data, q, v, np.zeros(layout.n)) + c.damping * v
+    resisting[layout.drives] -= command
+    for lifted in (0.0, 0.1):
+        q[stretch] = -lifted
+        held = [stretch] if lifted == 0.0 else []
+        if drive == "motion":
+            held += layout.drives.tolist()
+        free = np.delete(np.arange(layout.n), held)
+        if lifted > 0.0:
+            mass = np.triu(pin.crba(c.model, data, q))
+            mass = mass + np.triu(mass, 1).T
+            resisting = pin.rnea(c.model, data, q, v, np.zeros(layout.n)) + c.damping * v
+            resisting[layout.drives] -= command
+        a = np.zeros(layout.n)
+        a[free] = np.linalg.solve(mass[np.ix_(free, free)], -resisting[free])
+        solved = made.answer(q, v, array(command.tolist()), None)
+        scale = np.abs(a).max()
+        assert_allclose(solved.acceleration.astype(float), a, rtol=1e-8, atol=1e-9 * scale)
+        if lifted == 0.0:
+            tension = -(mass[stretch] @ a + resisting[stretch])
+            assert float(solved.pull) == pytest.approx(tension)
+            assert 0.7 < tension / (c.payload_mass * c.gravity) < 1.1
+        else:
+            assert float(solved.pull) < 0.0
+
+
+def test_conditions_tell_what_the_model_does_not_hold_for() -> None:
+    c = crane()
+    layout, hoist_force = c.layout, -c.payload_mass * c.gravity
+    trolley, hoist = layout.index("x"), layout.index("l")
+
+    def broken(drive: str = "effort", needed: float = 0.0, level: float = 0.0, **at: float) -> int:
+        made = _plant_of(c, drive)
+        if level:
+            contacts = Ground(box_corners(1.0, 1.0, 1.0), height=level).contacts(c)
+            made = replace(made, contacts=contacts)
+        q, v = c.start.q.copy(), np.zeros(layout.n)
+        q[hoist] = at.get("l", q[hoist])
+        v[trolley] = at.get("x_dot", 0.0)
+        efforts = np.array([0.0, needed * c.effort_limit[1], hoist_force])
+        conditions = made.conditions(q, v, hoist_force, efforts)
+        return sum(not bool(condition) for condition in conditions)
+
+    fast = 1.1 * c.rate_limit[1]
+    assert broken() == broken("motion") == broken("velocity") == 0
+    assert broken(x_dot=0.9 * c.rate_limit[1]) == 0
+    assert broken(x_dot=fast) == broken("motion", x_dot=fast) == broken("motion", x_dot=-fast) == 1
+    assert broken("velocity", x_dot=1.01 * c.rate_limit[1]) == 0
+    assert broken("motion", needed=1.1) == broken("motion", needed=-1.1) == 1
+    assert broken("motion", needed=0.9) == broken("effort", needed=1.1) == 0
+    # The load hangs at a height of its own: a ground above it is broken through.
+    data = c.model.createData()
+    pin.forwardKinematics(c.model, data, c.start.q)
+    height = float(data.oMi[c.payload.body + 1].act(c.payload.lever)[2])
+    assert broken(level=height - 0.01) == 0
+    assert broken(level=height + 0.01) == 1
+
+
+def test_a_load_that_hangs_askew_swings_about_where_it_hangs() -> None:
+    c = crane()
+    made = _plant_of(c)
+    angle, slope = np.array([0.02, -0.03]), np.array([[0.0, 1e-3, 2e-3], [4e-3, 0.0, -1e-3]])
+    askew = replace(made, rest=(angle, slope))
+    q = c.start.q.copy()
+    q[c.layout.drives] = 0.5, 8.0, 12.0
+    hanging = [0.02 + 8e-3 + 24e-3, -0.03 + 2e-3 - 12e-3]
+    assert_allclose(askew.hanging_angles(q[c.layout.drives]), hanging)
+    phi, theta = c.swings.tolist()
+    q[phi], q[theta] = 0.1, 0.2
+    assert askew.swing_angles(q) == pytest.approx({phi: 0.1 - hanging[0], theta: 0.2 - hanging[1]})
+    assert made.plumb_at_zero and not askew.plumb_at_zero
+
+
+def test_arms_reach_from_the_joint_of_each_swing_to_the_load() -> None:
+    c = crane(hook_mass=300.0, sling_length=4.0)
+    made = _plant_of(c)
+    arms = dict(zip(c.swings.tolist(), made.arms.tolist(), strict=True))
+    data = c.model.createData()
+    pin.forwardKinematics(c.model, data, np.zeros(c.layout.n))
+    load = data.oMi[c.payload.body + 1].act(c.payload.lever)
+    for joint, arm in arms.items():
+        name = c.layout.joints[joint].name
+        pivot = data.oMi[c.model.getJointId(name)].translation
+        assert arm == pytest.approx(np.linalg.norm(load - pivot)), name
+    assert min(arms.values()) == pytest.approx(4.0)
