@@ -316,13 +316,14 @@ def test_a_platform_is_turned_from_x_towards_y() -> None:
     """Its corners by the library of rotations, a little inside and a little outside."""
     platform = Platform((2.0, 1.0), (4.0, 1.0), 3.0, yaw=math.radians(30.0))
     contacts = Ground(CORNERS, (platform,)).contacts(free_box())
-    turn = Rotation.from_euler("z", 30.0, degrees=True)
+    turn, centre = Rotation.from_euler("z", 30.0, degrees=True), np.array([2.0, 1.0, 0.0])
     for x, y in ((2.0, 0.5), (-2.0, 0.5), (2.0, -0.5), (-2.0, -0.5)):
-        inside, outside = (turn.apply([share * x, share * y, 2.9]) + [2.0, 1.0, 0.0]
-                           for share in (0.99, 1.01))  # fmt: skip
+        inside, outside = (
+            centre + turn.apply([share * x, share * y, 2.9]) for share in (0.99, 1.01)
+        )
         assert contacts.depth(inside)[0] == pytest.approx(0.005)  # of the nearer side
         assert contacts.depth(outside)[0] == pytest.approx(-0.02)  # of the farther side
-    normal = contacts.depth(turn.apply([1.9, 0.0, 2.5]) + [2.0, 1.0, 0.0])[1]
+    normal = contacts.depth(centre + turn.apply([1.9, 0.0, 2.5]))[1]
     assert np.array(normal) == pytest.approx(turn.apply([1.0, 0.0, 0.0]))
     assert contacts.depth([2.0, 1.0, 2.99])[1] == pytest.approx((0.0, 0.0, 1.0))
 

@@ -131,8 +131,9 @@ def test_intervals_of_95_percent_hold_the_truth_as_often(plant: str, cranes: int
 
 
 def test_intervals_hold_the_truth_of_cranes_whose_encoders_count_whole_centimetres() -> None:
-    """Fewer cranes than `python -m experiments.identify --coverage 100 --resolution 0.01`. Intervals
-    may be wider than needed, since errors of a smoothed motion have a memory, but not by much.
+    """Fewer cranes than `python -m experiments.identify --coverage 60 --resolution 0.01`. The
+    intervals may be wider than needed, since errors of a smoothed motion have a memory, but not by
+    much.
     """
     cranes = 6
     cases = {"plant": np.full(cranes, "simulate"), "resolution": np.full(cranes, 0.01)}

@@ -173,7 +173,8 @@ def test_the_ground_pushes_where_the_load_touches_and_its_power_is_force_times_s
     place, _ = body_points(c.model, c.data, contacts.body, points, q, v)
     q[c.layout.index("phi")] = 0.05  # so that two of them are in it, and two just above
     place, _ = body_points(c.model, c.data, contacts.body, points, q, v)
-    q[c.layout.index("l")] += (place[2].min() + 0.004) / np.cos(0.05)  # the lowest corner is 4 mm in the ground
+    # The lowest corner is 4 mm in the ground then.
+    q[c.layout.index("l")] += (place[2].min() + 0.004) / np.cos(0.05)
     place, speed = body_points(c.model, c.data, contacts.body, points, q, v)
     assert made.touching(q) == (place[2] < 0.0).tolist()
     assert sum(made.touching(q)) == 2

@@ -272,7 +272,7 @@ def test_points_and_spins_of_a_body_are_those_of_pinocchio(
 def test_what_joints_pass_on_is_what_pinocchio_passes_on(
     q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> None:
-    """Its forces act at the origin of a joint, in the joint's frame; those of a push are taken off."""
+    """Its forces act at the origin of a joint, in the joint's frame, less those of a push."""
     tree, poses = _at(q)
     data = ARM.createData()
     body, point, force = 5, np.array([0.3, -0.5, 0.7]), np.array([30.0, -20.0, 10.0])
@@ -292,9 +292,10 @@ def test_what_joints_pass_on_is_what_pinocchio_passes_on(
 
 def test_a_difference_counts_from_its_round_off_on() -> None:
     mass, expected = np.eye(2), np.array([1.0, -2.0])
-    assert rigid_body.disagreement(expected + [0.0, 1.9e-11], expected, mass) == 0.0
+    assert rigid_body.disagreement(expected + np.array([0.0, 1.9e-11]), expected, mass) == 0.0
     # By a hand: the largest difference over the largest number, in any of two rows.
-    off = rigid_body.disagreement(np.array([expected, expected + [1e-6, 0.0]]), expected, mass)
+    differs = np.array([1e-6, 0.0])
+    off = rigid_body.disagreement(np.array([expected, expected + differs]), expected, mass)
     assert off == pytest.approx(0.5e-6, rel=1e-6)
     near = np.array([[1.0, 1.0 - 1e-8], [1.0 - 1e-8, 1.0]])  # condition 2e8: 4e-5 is lost
-    assert rigid_body.disagreement(expected + [1e-6, 0.0], expected, near) == 0.0
+    assert rigid_body.disagreement(expected + differs, expected, near) == 0.0
