@@ -1027,6 +1027,10 @@ cranedyn/identification/model.py
 ? phone::cable_damping_and_gravity_of_a_gyroscope_lie_within_their_intervals
 - rate + bias + drift * self.t
 + rate + bias
+* rows in which it is open whether a drive stands count for its friction
+? estimate::the_mass_that_hangs_is_found_from_positions_in_steps_of_10_mm
+- outputs[:, c, undecided] = np.interp(self.t, self.record.t, recorded)[undecided]
++ pass
 * a smoothed motion has dry friction while it creeps
 ? estimate::the_mass_that_hangs_is_found_from_positions_in_steps_of_10_mm
 - moves = np.sign(rate) * (np.abs(rate) > curve.creep)
