@@ -63,6 +63,12 @@ off-lead."""
 SINK_RATES = (0.05, 0.1, 0.2, 0.4)
 """Speeds of setting down [m/s]."""
 
+THROWN_SPEEDS = (0.5, 1.5)
+"""Speeds of a box on the ground below a slack rope, which friction alone brings to rest [m/s]."""
+
+THROWN_SLACK = 0.5
+"""Slack of its rope [m], so that it stays slack until the box rests."""
+
 ADIABATIC = 0.02
 """Relative error of the law that a swing grows as l^(-3/4) on a shortening rope, here: of the order
 of the speed over l ω."""
@@ -104,6 +110,24 @@ class OffLead(NamedTuple):
     run: Trajectory
 
 
+class Slide(NamedTuple):
+    """A box that slides to rest below a slack rope.
+
+    Attributes:
+        friction: Coefficient of friction.
+        speed: Speed at first [m/s].
+        slid: Distance until it rests [m].
+        closed: Distance by the work of friction, v² / (2 μ g) [m].
+        allowed: How far the two may differ [m].
+    """
+
+    friction: float
+    speed: float
+    slid: float
+    closed: float
+    allowed: float
+
+
 class SetDown(NamedTuple):
     """Set-down at a speed [m/s]: largest tension and force of the ground over the weight, times
     from touching to a slack rope and in the air again [s].
@@ -120,11 +144,17 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Lift the box off and set it down in all ways."""
     picked = [_pick_up(setup, hoisting, drive) for hoisting in CLASSES for drive in DRIVES]
     leaning = [_off_lead(setup, *case) for case in itertools.product(FRICTIONS, OFFSETS, SPEEDS)]
+    slides = [_slide(setup, *case) for case in itertools.product(FRICTIONS, THROWN_SPEEDS)]
     down = [_set_down(setup, speed) for speed in SINK_RATES]
     worst = max(leaning, key=lambda lift: lift.swing / lift.lead)
     return Outcome(
-        tables=[_pick_up_table(picked), _off_lead_table(leaning), _set_down_table(down)],
-        claims=[*_pick_up_claims(picked), *_other_claims(worst, down)],
+        tables=[
+            _pick_up_table(picked),
+            _off_lead_table(leaning),
+            _slide_table(slides),
+            _set_down_table(down),
+        ],
+        claims=[*_pick_up_claims(picked), _slide_claim(slides), *_other_claims(worst, down)],
         trajectories={"off_lead": worst.run},
         figures={"lift_off": _figure(picked)},
         recording=harness.side_by_side({"off-lead": (_roped(setup), worst.run)}, apart=0.0),
@@ -216,6 +246,27 @@ def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> Off
     return OffLead(friction, offset, speed, float(lead[0]), distance, float(swing.max()), run)
 
 
+def _slide(setup: Setup, friction: float, speed: float) -> Slide:
+    """Let the box slide along the jib below a slack rope, level on the ground, until it rests."""
+    crane, ground = _roped(setup), Ground(box_corners(*SIDES), (), friction)
+    layout = crane.layout
+    start = standing(crane, ground, crane.state(phi=0.0, l=LENGTH + THROWN_SLACK))
+    closed = speed**2 / (2.0 * friction * setup.gravity)
+    # The box keeps level: its lug swings about the pivot, and the sling turns back as fast.
+    swing = speed / float(start.q[layout.at("l", "rope_stretch")].sum())
+    v = np.zeros(layout.n)
+    v[layout.at("phi", "sling_radial")] = swing, -swing
+    duration = 1.5 * speed / (friction * setup.gravity) + 0.5
+    run = _run(setup, crane, ground, State(start.q, v), duration, f"slides at {speed:g} m/s")
+    way = payload_position(crane, run.q[-1]) - payload_position(crane, run.q[0])
+    # At both ends of the way contacts are strained by μ times the sink, where friction builds up
+    # and where they hold the box; and the box pitches, so that its centre moves by as much times
+    # the square of height over length.
+    strain = friction * ground.sink
+    allowed = 2.0 * strain * (1.0 + (SIDES[2] / SIDES[1]) ** 2)
+    return Slide(friction, speed, float(np.linalg.norm(way[:2])), closed, allowed)
+
+
 def _set_down(setup: Setup, speed: float) -> SetDown:
     crane, ground = _roped(setup), Ground(box_corners(*SIDES))
     stretch = crane.start.q[crane.layout.index("rope_stretch")]
@@ -279,6 +330,20 @@ def _off_lead_table(leaning: Sequence[OffLead]) -> ResultTable:
     )
 
 
+def _slide_table(slides: Sequence[Slide]) -> ResultTable:
+    return make_table(
+        "A box that slides to rest",
+        slides,
+        ("friction", ".1f", lambda s: s.friction),
+        ("v [m/s]", ".1f", lambda s: s.speed),
+        ("slid [m]", ".4f", lambda s: s.slid),
+        ("v²/(2 μ g)", ".4f", lambda s: s.closed),
+        ("allowed", ".0e", lambda s: s.allowed),
+        note="On the ground below a slack rope. Allowed: by the strain of contacts that stick and "
+        "the pitch of the box.",
+    )
+
+
 def _set_down_table(down: Sequence[SetDown]) -> ResultTable:
     return make_table(
         "Set-down",
@@ -307,6 +372,15 @@ def _pick_up_claims(picked: Sequence[LiftOff]) -> list[Claim]:
             near.simulated <= near.standard,
         ),
     ]
+
+
+def _slide_claim(slides: Sequence[Slide]) -> Claim:
+    off = max(slides, key=lambda s: abs(s.slid - s.closed) / s.allowed)
+    return Claim(
+        f"A box that slides rests after v²/(2 μ g) in {len(slides)} cases; worst: {off.slid:.4f} m "
+        f"beside {off.closed:.4f} m, {off.allowed:.0e} m allowed.",
+        all(abs(s.slid - s.closed) <= s.allowed for s in slides),
+    )
 
 
 def _other_claims(worst: OffLead, down: Sequence[SetDown]) -> list[Claim]:

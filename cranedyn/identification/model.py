@@ -30,6 +30,13 @@ _STANDING = {"rad": 1e-4, "m": 1e-3}
 """Rate below which a drive counts as standing [per second]: a hundredth of usual rates. No dry
 friction is predicted there, since it may be anything up to that of a moving drive."""
 
+_SURELY_MOVES = 3.0
+"""Rate of a smoothed motion over its creep from which on the drive surely moves."""
+
+_SURELY_STANDS = 3.0
+"""Time from a moving row, in units of one over the cutoff of a smoothed motion, from which on a
+slow drive surely stands: its kernel falls by more than exp(-sqrt(3/4)) in each unit."""
+
 _CHANGE = 1e-6
 
 ROUND_OFF = 1e-12
@@ -107,6 +114,12 @@ class _Variants:
                 follows = channel.kind == "lagged"
                 signal = self._lagged(joint)[0] if follows else self._effort(batch, channel, joint)
                 outputs[:, c] = [np.interp(self.t, self.grid, lane) for lane in signal]
+                if not follows and f"{joint.symbol}_friction" in self.indices:
+                    # Friction there is anything up to that of a moving drive. What is predicted as
+                    # recorded has no residual and says nothing.
+                    undecided = self._undecided(joint)
+                    recorded = self.record.columns[channel.column]
+                    outputs[:, c, undecided] = np.interp(self.t, self.record.t, recorded)[undecided]
         return outputs
 
     def controllers(self, crane: Crane) -> tuple[list[Any], list[Any]]:
@@ -261,8 +274,30 @@ class _Variants:
         cost = batch.effort[:, :, channel.drive].copy()
         cost[:, 1:] += batch.before[:, 1:, channel.drive]
         cost[:, 1:] /= 2.0
-        moves = np.tanh((batch.v[:, :, channel.at] / _STANDING[joint.unit]) ** 3)
+        rate = batch.v[:, :, channel.at]
+        curve = self.record.curves.get(joint.columns[0])
+        if curve is None or self.problem.drives != "motion":
+            moves = np.tanh((rate / _STANDING[joint.unit]) ** 3)
+        else:
+            moves = np.sign(rate) * (np.abs(rate) > curve.creep)
         return cost + self.value(f"{joint.symbol}_friction")[:, None] * moves
+
+    def _undecided(self, joint: Joint) -> np.ndarray:
+        """Return whether it is open in each row evaluated if a drive stands, shape (rows,): its
+        smoothed motion begins before it does and ends after it.
+        """
+        curve = self.record.curves.get(joint.columns[0])
+        if curve is None or self.problem.drives != "motion":
+            return np.zeros(len(self.t), dtype=bool)
+        rate = np.abs(curve.spline.derivative()(self.record.t))
+        moving = self.record.t[rate > curve.creep]
+        if not len(moving):
+            return np.zeros(len(self.t), dtype=bool)
+        later = np.clip(np.searchsorted(moving, self.t), 0, len(moving) - 1)
+        earlier = np.maximum(later - 1, 0)
+        away = np.minimum(np.abs(moving[later] - self.t), np.abs(moving[earlier] - self.t))
+        slow = np.abs(curve.spline.derivative()(self.t)) < _SURELY_MOVES * curve.creep
+        return slow & (away < _SURELY_STANDS / curve.cutoff)
 
 
 @dataclass(frozen=True, eq=False)

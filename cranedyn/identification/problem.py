@@ -207,7 +207,8 @@ class EstimationProblem:
     def measured(self, index: int, until: float = np.inf) -> np.ndarray:
         """Return the channels of a record, shape (channels, rows evaluated)."""
         record, rows = self.records[index], self.rows(index, until)
-        return np.array([record.columns[channel.column][rows] for channel in self.channels[index]])
+        channels = self.channels[index]
+        return np.array([record.measured(channel.column)[rows] for channel in channels])
 
 
 def _default_drives(records: Sequence[Record]) -> Drives:

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import BSpline, CubicSpline
 
 from cranedyn.bridges import bags
 from cranedyn.checks import finite
@@ -16,7 +17,7 @@ from cranedyn.data.external import Source, read_external
 from cranedyn.data.tables import column_names
 from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.errors import DataError
-from cranedyn.identification.sampling import is_irregular, samples, smooth
+from cranedyn.identification.sampling import Samples, SmoothCurve, is_irregular, samples, smooth
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 
@@ -32,6 +33,17 @@ _GAP, _GAP_SHARE = 5.0, 0.1
 """Longest gap between rows: usual steps of the clock, or, if that is longer, a share of a period of
 the swing, in which drives hardly change their motion."""
 
+_MISFIT = 2.0
+"""Mean square of the deviations from a smooth curve over their variance, from which on a column is
+no smooth motion. It is one for white noise and less for rounding."""
+
+_NOISY = 0.2
+"""Noise of a smoothed acceleration [m/s² or rad/s²] from which on it is told. It takes its square
+over that of gravity from the mass that a hoist weighs, which is 0.04 % here."""
+
+_LEVELS = 20
+"""Least number of values of a setpoint that changes gradually; one with fewer may jump."""
+
 _SLOWEST = 3.0
 """Largest usual step of a clock [s], a few rows in a period of a long rope."""
 
@@ -46,7 +58,11 @@ class Record:
         t: Times [s], shape (rows,).
         columns: Recorded columns by their names in a trajectory, shape (rows,) each.
         notes: Remarks about the record, a sentence each.
-        resolution: Least difference of two values of a column that is sampled and held, by name.
+        resolution: Step of the grid of values of each column that was smoothed, by name.
+        curves: Smooth curve of each column that was smoothed, by name. Times count as in the
+            record. The position of a drive and its rate have one curve, by the position.
+        unsmoothed: Values as recorded of each column that was smoothed and has a fresh value in
+            each row, by name, shape (rows,) each.
     """
 
     name: str
@@ -55,6 +71,8 @@ class Record:
     columns: Mapping[str, np.ndarray]
     notes: tuple[str, ...] = ()
     resolution: Mapping[str, float] = field(default_factory=dict)
+    curves: Mapping[str, SmoothCurve] = field(default_factory=dict)
+    unsmoothed: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -97,8 +115,9 @@ class Record:
         _check_length(cls(name, crane, t, recorded))
         recorded = {key: values for key, values in recorded.items() if key not in dead}
         notes = [f"{name}: {key} never moves and is left out." for key in dead]
-        t, recorded, resolution, remarks = _resample(crane, t, recorded)
-        notes += [f"{name}: {remark}" for remark in remarks]
+        fresh = _resample(crane, t, recorded)
+        t, recorded = fresh.t, fresh.columns
+        notes += [f"{name}: {remark}" for remark in fresh.remarks]
         notes += [
             f"{name}: nothing is recorded of {joint.symbol}, taken to stand at {q0:g} {joint.unit}."
             for joint, q0 in zip(
@@ -106,7 +125,17 @@ class Record:
             )
             if not {*joint.columns, joint.setpoint_column, joint.effort_column} & recorded.keys()
         ]
-        record = cls(name, crane, t - t[0], recorded, tuple(notes), resolution)
+        resolution = {key: curve.sampled.resolution for key, curve in fresh.curves.items()}
+        record = cls(
+            name=name,
+            crane=crane,
+            t=t,
+            columns=recorded,
+            notes=tuple(notes),
+            resolution=resolution,
+            curves=fresh.curves,
+            unsmoothed=fresh.unsmoothed,
+        )
         _check_rates(record)
         return record
 
@@ -147,36 +176,62 @@ class Record:
         note = f"{self.name}: {column} has the other sign and is turned."
         return replace(self, columns=columns, notes=(*self.notes, note))
 
+    def measured(self, column: str) -> np.ndarray:
+        """Return what a prediction of a column is compared with, shape (rows,): the values as
+        recorded, whose errors have no memory, or a smoothed motion where most of them are stale.
+        """
+        return self.unsmoothed.get(column, self.columns[column])
+
+    def measured_again(self, shifts: Mapping[str, float], rng: np.random.Generator) -> Record:
+        """Return the record that sensors of the same resolutions and noise would have made of the
+        smoothed motions, had they been mounted a little aside.
+
+        Args:
+            shifts: Where the grid of each smoothed column lies, -1/2 to 1/2 of its resolution, by
+                name.
+            rng: Random numbers, for noise.
+        """
+        columns, unsmoothed = dict(self.columns), dict(self.unsmoothed)
+        for key, curve in self.curves.items():
+            again = curve.measured_again(shifts[key], rng)
+            if key in unsmoothed:
+                unsmoothed[key] = unsmoothed[key] + again(self.t) - columns[key]
+            columns |= _on_curve(self.crane, key, again, self.t)
+        return replace(self, columns=columns, unsmoothed=unsmoothed)
+
     def moves(self, column: str) -> bool:
         """Return whether a column was recorded and is not constant."""
         values = self.columns.get(column)
         return values is not None and bool(np.ptp(values) > _STILL)
 
 
-def _resample(
-    crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]
-) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, float], list[str]]:
-    """Return the rows in which a swing is fresh, with smooth motions of the drives, the resolution
-    of these, and remarks.
+@dataclass(frozen=True, eq=False)
+class _FreshRows:
+    """Rows in which a swing is fresh, with smooth motions of the drives.
 
-    A column that is sampled in each row, by a regular clock, stays as it is.
+    Attributes:
+        t: Times from the first of these rows [s], shape (rows,).
+        columns: Columns, shape (rows,) each.
+        curves: Smooth curves by the columns that they were made of.
+        unsmoothed: These columns as recorded where each row is fresh, shape (rows,) each.
+        remarks: What was done, a sentence each.
     """
-    fresh, resolution, remarks = dict(columns), dict[str, float](), list[str]()
-    irregular = is_irregular(t)
-    for joint in crane.layout.driven:
-        position, rate = joint.columns
-        if position not in columns or np.ptp(columns[position]) <= _STILL:
-            continue
-        sampled = samples(t, columns[position])
-        if not (sampled.is_held or irregular):
-            continue
-        spline, deviation = smooth(t, columns[position], sampled)
-        fresh[position], fresh[rate] = spline(t), spline.derivative()(t)
-        resolution[position] = sampled.resolution
-        remarks.append(
-            f"{position} brings a fresh value every {1e3 * sampled.interval:.0f} ms in steps of "
-            f"{sampled.resolution:.2g} {joint.unit}, smoothed by {deviation:.2g} {joint.unit}."
-        )
+
+    t: np.ndarray
+    columns: dict[str, np.ndarray]
+    curves: dict[str, SmoothCurve]
+    unsmoothed: dict[str, np.ndarray]
+    remarks: list[str]
+
+
+def _resample(crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _FreshRows:
+    """Return the rows in which a swing is fresh, with smooth motions of the drives.
+
+    A column that is sampled in each row, by a regular clock, and whose differences are no noise,
+    stays as it is.
+    """
+    remarks = list[str]()
+    rows = np.arange(len(t))
     sampled_swings = [samples(t, columns[key]) for key in _swing_columns(crane, columns)]
     if sampled_swings and all(sampled.is_held for sampled in sampled_swings):
         rows = np.unique(np.concatenate([sampled.rows for sampled in sampled_swings]))
@@ -184,8 +239,80 @@ def _resample(
             f"{len(rows)} of {len(t)} rows bring a fresh swing, every "
             f"{1e3 * sampled_swings[0].interval:.0f} ms; the others are left out."
         )
-        t, fresh = t[rows], {key: values[rows] for key, values in fresh.items()}
-    return t, fresh, resolution, remarks
+    t = t - t[0]  # the first row is fresh
+    fresh = {key: values[rows] for key, values in columns.items()}
+    curves, unsmoothed = dict[str, SmoothCurve](), dict[str, np.ndarray]()
+    for joint in crane.layout.driven:
+        position, rate = joint.columns
+        # A position tells more than its derivative, which is that of its curve then.
+        motion, order = (position, 2) if position in columns else (rate, 1)
+        for key, derivative in ((motion, order), (joint.setpoint_column, 1)):
+            if key not in columns or np.ptp(columns[key]) <= _STILL:
+                continue
+            sampled = samples(t, columns[key])
+            if not _needs_smoothing(t, sampled, derivative):
+                continue
+            curve = smooth(t, columns[key], sampled)
+            if key == joint.setpoint_column and not _is_gradual(columns[key], curve):
+                continue
+            curves[key] = curve
+            if not sampled.is_held:
+                unsmoothed[key] = columns[key][rows]
+            fresh |= _on_curve(crane, key, curve.spline, t[rows])
+            remarks.append(_smoothing_remark(key, joint, curve))
+        if position in columns and rate in columns and position not in curves:
+            fresh |= _without_noise(t, columns, joint, rows)
+    return _FreshRows(t[rows], fresh, curves, unsmoothed, remarks)
+
+
+def _needs_smoothing(t: np.ndarray, sampled: Samples, order: int) -> bool:
+    """Return whether some derivative of the samples, of order one or two, is noise."""
+    return sampled.is_held or is_irregular(t) or not sampled.is_exact(order)
+
+
+def _is_gradual(values: np.ndarray, curve: SmoothCurve) -> bool:
+    """Return whether a setpoint is a smooth motion with rounding or noise; a setpoint may jump."""
+    return curve.misfit <= _MISFIT and len(np.unique(values)) >= _LEVELS
+
+
+def _on_curve(crane: Crane, key: str, curve: BSpline, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Return a column by its smooth curve at some times [s], and beside a position its rate."""
+    for joint in crane.layout.driven:
+        position, rate = joint.columns
+        if key == position:
+            return {position: curve(t), rate: curve.derivative()(t)}
+    return {key: curve(t)}
+
+
+def _without_noise(
+    t: np.ndarray, columns: Mapping[str, np.ndarray], joint: Joint, rows: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return the rate of a drive by its exact positions where its own column is coarse or noisy."""
+    position, rate = joint.columns
+    if samples(t, columns[rate]).is_exact(1):
+        return {}
+    return {rate: CubicSpline(t, columns[position])(t[rows], 1)}
+
+
+def _smoothing_remark(key: str, joint: Joint, curve: SmoothCurve) -> str:
+    """Return a sentence on what was smoothed, and by how much."""
+    sampled = curve.sampled
+    unit = joint.unit if key != joint.columns[1] else f"{joint.unit}/s"
+    fresh = f"{key} brings a fresh value every {1e3 * sampled.interval:.0f} ms"
+    if sampled.resolution > 0.0:
+        fresh += f" in steps of {sampled.resolution:.2g} {unit}"
+    if sampled.noise > 0.0:
+        fresh += f" with noise of {sampled.noise:.2g} {unit}"
+    remark = f"{fresh}, smoothed by {curve.deviation:.2g} {unit}."
+    doubt = ""
+    if curve.misfit > _MISFIT:
+        doubt = f"deviates from any smooth motion by {math.sqrt(curve.misfit):.2g} times as much"
+    elif key == joint.columns[0] and curve.acceleration_noise > _NOISY:
+        noise = f"{curve.acceleration_noise:.2g} {joint.unit}/s²"
+        doubt = f"changes so abruptly that noise of {noise} is left in its acceleration"
+    if doubt:
+        return f"{remark[:-1]}, but it {doubt}: intervals may not hold the truth."
+    return remark
 
 
 def relevant_columns(crane: Crane, present: Collection[str]) -> list[str]:

@@ -1,26 +1,65 @@
 """Columns as they were sampled: which rows bring a fresh value, how sure it is, and a smooth curve.
 
 A logger often writes a row whenever any sensor reports, so that a column repeats its last value
-until its own sensor reports again, and two rows may follow each other within microseconds. The
-derivative of an interpolation through such rows is noise.
+until its own sensor reports again, and two rows may follow each other within microseconds. An
+encoder reports whole steps, and a potentiometer adds noise. In each case the derivative of an
+interpolation through the rows is noise: steps of 10 mm at 50 Hz are accelerations of 25 m/s².
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import UnivariateSpline
+from scipy.interpolate import BSpline
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array, diags_array
 
 _HELD = 0.2
-"""Share of rows that repeat the value before them, above which a column is sampled and held."""
+"""Share of rows that repeat the value before them, above which a column is sampled and held.
+Repeats that follow from a coarse resolution do not count."""
 
 _IRREGULAR = 0.2
 """Least step of a clock over its usual step, below which its times are irregular."""
 
 _STILL = 3.0
 """Intervals without a fresh value after which the sensor stands still, and its value counts."""
+
+_SAME_VALUE = 1e-9
+"""Share of the largest value below which a difference of two values is round-off of the file."""
+
+_ROUND_OFF = 1e-12
+"""Share of the largest value below which noise is round-off of a computation."""
+
+_OFF_GRID = 0.1
+"""Largest distance of a value from a grid of values, as a share of its step. All differences of
+fifty values that lie on no grid would be as near to one once in 1e35."""
+
+_REFINEMENTS = 20
+"""Largest number of steps of Euclid's algorithm towards the common divisor of differences."""
+
+_ALTERNATES = 0.65
+"""Share of third differences whose sign differs from that before, above which they are noise. It
+is 1/2 + asin(3/4) / pi = 0.77 for white noise, and next to none for a smooth motion."""
+
+_JUMPS = 0.5
+"""Share of rows of an accelerating drive in which the acceleration changes, above which values on a
+grid are rounded. It is three in four for rounded values, and a few at the ends of a ramp."""
+
+_EXACT = 1e-4
+"""Noise of an acceleration [m/s² or rad/s²] below which a column counts as exact."""
+
+_DEGREE = 5
+"""Degree of the splines, so that an acceleration is smooth."""
+
+_ORDER = 3
+"""Order of the differences of coefficients that are penalised: those of a jerk."""
+
+_STIFFNESS = (1e-9, 1e9)
+"""Range of the weight of the penalty over that of the values. Beyond it a banded Cholesky
+factorisation loses its last digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +70,8 @@ class Samples:
         rows: Indices of the rows with a fresh value, and of some where the sensor stands still.
         held: Share of rows that repeat the value before them while it changes.
         interval: Usual time from one fresh value to the next [s].
-        resolution: Least difference of two values.
+        resolution: Step of the grid on which the values lie; 0 where they lie on none.
+        noise: Standard deviation of white noise in the values, as far as it exceeds rounding.
         lateness: Time [s] that a value may have waited for its row, at most.
     """
 
@@ -39,7 +79,21 @@ class Samples:
     held: float
     interval: float
     resolution: float
+    noise: float
     lateness: float
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a value: that of its rounding, or of its noise if it is larger."""
+        return max(self.resolution / math.sqrt(12.0), self.noise)
+
+    def is_exact(self, order: int) -> bool:
+        """Return whether differences of the values of an order, one or two, are derivatives of the
+        motion rather than noise.
+        """
+        # a first difference of independent errors has two times their variance, a second six times
+        noise = math.sqrt(2.0 if order == 1 else 6.0) * self.deviation / self.interval**order
+        return noise <= _EXACT
 
     @property
     def is_held(self) -> bool:
@@ -56,24 +110,123 @@ def samples(t: np.ndarray, values: np.ndarray) -> Samples:
     """
     changed = np.flatnonzero(np.diff(values)) + 1
     fresh = np.concatenate([[0], changed])
-    distinct = np.unique(values)
-    resolution = float(np.min(np.diff(distinct))) if len(distinct) > 1 else 0.0
-    lateness = float(np.mean(np.diff(t)))
+    usual, irregular = float(np.mean(np.diff(t))), is_irregular(t)
+    resolution = grid_step(values)
+    if not is_rounded(values, resolution):
+        resolution = 0.0
+    # the times of a regular clock are those of its values
+    each_row = Samples(
+        rows=np.arange(len(t)),
+        held=0.0,
+        interval=usual,
+        resolution=resolution,
+        noise=0.0 if irregular else white_noise(values),
+        lateness=usual if irregular else 0.0,
+    )
     if len(changed) < 2:
-        return Samples(np.arange(len(t)), 0.0, lateness, resolution, lateness)
+        return each_row
     gaps = np.diff(t[fresh])
     interval = float(np.median(gaps[gaps < 2.0 * np.percentile(gaps, 25)]))
-    moving = gaps < _STILL * interval
+    # A slow drive repeats values because they are coarse, and then changes by one step of the
+    # grid. Only repeats before a larger change tell that the sensor reports more rarely.
+    coarse = np.abs(np.diff(values[fresh])) < 1.5 * resolution
+    moving = (gaps < _STILL * interval) & ~coarse
     rows_moving = int(np.diff(fresh)[moving].sum())
     held = 1.0 - float(moving.sum()) / rows_moving if rows_moving else 0.0
     if held <= _HELD:
-        return Samples(np.arange(len(t)), held, lateness, resolution, lateness)
+        return replace(each_row, held=held)
     rows, last = [0], 0
     for row in range(1, len(t)):
         if values[row] != values[row - 1] or t[row] - t[last] > _STILL * interval:
             rows.append(row)
             last = row
-    return Samples(np.array(rows), held, interval, resolution, lateness)
+    return Samples(np.array(rows), held, interval, resolution, 0.0, usual)
+
+
+def grid_step(values: np.ndarray) -> float:
+    """Return the step of the grid on which values lie, such as that of an encoder: the common
+    divisor of their differences. It is 0 where they lie on no grid, or are all the same.
+
+    Args:
+        values: Values of a column, shape (rows,), each within a tenth of a step of the grid.
+    """
+    levels = np.unique(values)
+    round_off = _SAME_VALUE * float(np.abs(levels).max(initial=0.0))
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > round_off]
+    if not len(gaps):
+        return 0.0
+    # The mean of many smallest gaps averages over a second rounding, such as that of an angle in
+    # radians that was counted in hundredths of degrees.
+    return max(
+        _common_divisor(gaps, round_off, spread=1.0), _common_divisor(gaps, round_off, spread=1.5)
+    )
+
+
+def _common_divisor(gaps: np.ndarray, round_off: float, spread: float) -> float:
+    """Return the common divisor of positive numbers by Euclid's algorithm, 0 if there is none.
+
+    Args:
+        gaps: The numbers, shape (n,).
+        round_off: Number that counts as zero.
+        spread: The mean of all numbers up to this multiple of the smallest counts as the smallest.
+    """
+    smallest = gaps
+    for _ in range(_REFINEMENTS):
+        step = float(np.mean(smallest[smallest <= spread * smallest.min()]))
+        if step <= round_off:
+            return 0.0
+        if spread > 1.0:
+            step = _least_squares_step(gaps, step)
+        remainders = np.abs(gaps - step * np.rint(gaps / step))
+        off = remainders[remainders > _OFF_GRID * step]
+        if not len(off):
+            return _least_squares_step(gaps, step)
+        smallest = off  # a remainder of two multiples is a multiple, too
+    return 0.0
+
+
+def _least_squares_step(gaps: np.ndarray, step: float) -> float:
+    """Return the step whose multiples come nearest to some gaps, from a first guess of it."""
+    counts = np.maximum(np.rint(gaps / step), 1.0)
+    return float(counts @ gaps / (counts @ counts))
+
+
+def white_noise(values: np.ndarray) -> float:
+    """Return the standard deviation of white noise in samples of a smooth motion at equal
+    intervals, from the median of their third differences; 0 where these are those of a motion.
+
+    Args:
+        values: The samples, shape (rows,).
+    """
+    differences = np.diff(values, 3)
+    moving = differences[differences != 0.0]
+    if len(moving) < 4 or 2 * len(moving) < len(differences):
+        return 0.0
+    alternates = np.mean(moving[1:] * moving[:-1] < 0.0)
+    if alternates < _ALTERNATES:
+        return 0.0
+    # A third difference has 1 + 9 + 9 + 1 times the variance of a value; 0.6745 is the median of
+    # the magnitude of a standard normal number.
+    noise = float(np.median(np.abs(differences))) / (0.6745 * math.sqrt(20.0))
+    return noise if noise > _ROUND_OFF * float(np.abs(values).max()) else 0.0
+
+
+def is_rounded(values: np.ndarray, step: float) -> bool:
+    """Return whether values on a grid were rounded to it. A computed ramp may lie on a grid by its
+    making; its acceleration is constant then, where that of rounded values jumps in each row.
+
+    Args:
+        values: Samples, shape (rows,).
+        step: Step of the grid.
+    """
+    fast = np.abs(np.diff(values))[1:-1] > 1.5 * step
+    bent = np.abs(np.diff(values, 2)) > 0.5 * step
+    accelerates = fast & (bent[1:] | bent[:-1])
+    if not accelerates.any():
+        return True  # too slow to tell
+    jumps = np.abs(np.diff(values, 3))[accelerates] > 0.5 * step
+    return bool(np.mean(jumps) > _JUMPS)
 
 
 def is_irregular(t: np.ndarray) -> bool:
@@ -82,13 +235,84 @@ def is_irregular(t: np.ndarray) -> bool:
     return bool(steps.min() < _IRREGULAR * np.median(steps))
 
 
-def smooth(t: np.ndarray, values: np.ndarray, sampled: Samples) -> tuple[UnivariateSpline, float]:
-    """Return a smoothing spline through the fresh values of a column, and its largest allowed
-    deviation there as a standard deviation.
+@dataclass(frozen=True, eq=False)
+class SmoothCurve:
+    """A smooth curve through the fresh values of a column, and how it was made.
 
-    The variance of a value is that of its rounding, r²/12, and that of its time, (v τ)²/12 for a
-    value that moves at v and waited up to τ. The spline deviates by these on average, and by no
-    more: it is as stiff as they allow.
+    Attributes:
+        times: Times of the fresh values [s], shape (fresh rows,).
+        sampled: How the column was sampled.
+        deviations: Standard deviation of each fresh value, shape (fresh rows,).
+        stiffness: Weight of the penalty over that of the values.
+        spline: The curve, a spline of degree five.
+        misfit: Mean square of the deviation of a fresh value from the curve, over its variance.
+            It is about one, or less where a drive stands, if the column is a smooth motion.
+    """
+
+    times: np.ndarray
+    sampled: Samples
+    deviations: np.ndarray
+    stiffness: float
+    spline: BSpline
+    misfit: float
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a value, the root of its mean square over the column."""
+        return float(np.sqrt(np.mean(self.deviations**2)))
+
+    @property
+    def cutoff(self) -> float:
+        """Frequency above which the curve does not follow the column [rad/s]: it passes the share
+        1 / (1 + (ω / cutoff)^6) of an oscillation.
+        """
+        return float(self.stiffness ** (-1.0 / (2 * _ORDER)) / self.sampled.interval)
+
+    @property
+    def acceleration_noise(self) -> float:
+        """Standard deviation of what the noise of the column leaves in the second derivative [per
+        second squared]. Its variance is the integral of the spectrum of white noise times ω⁴ and
+        the square of the gain, π / 18 cutoff⁵ of its density.
+        """
+        density = self.deviation**2 * self.sampled.interval / math.pi
+        return math.sqrt(density * math.pi / 18.0 * self.cutoff**5)
+
+    @property
+    def creep(self) -> float:
+        """Rate [per second] that the curve may have where a drive stands. Where an acceleration a
+        begins at once, the curve moves at a / (3 cutoff): the integral of (1 - gain) / ω² over all
+        frequencies ω, by π.
+        """
+        peak = float(np.abs(self.spline.derivative(2)(self.times)).max())
+        return peak / (3.0 * self.cutoff)
+
+    def measured_again(self, shift: float, rng: np.random.Generator) -> BSpline:
+        """Return the curve that would have come out, had the same motion been measured once more.
+
+        Args:
+            shift: Where the grid of the sensor lies, -1/2 to 1/2 of its resolution.
+            rng: Random numbers, for noise.
+        """
+        values = self.spline(self.times)
+        if self.sampled.noise > self.sampled.resolution / math.sqrt(12.0):
+            values = values + self.sampled.noise * rng.standard_normal(len(values))
+        elif self.sampled.resolution > 0.0:
+            step = self.sampled.resolution
+            values = step * (np.rint(values / step - shift) + shift)
+        penalised = _PenalisedSpline(self.times, values, self.deviations, self.sampled.interval)
+        return penalised.solve(self.stiffness)
+
+
+def smooth(t: np.ndarray, values: np.ndarray, sampled: Samples) -> SmoothCurve:
+    """Return a smooth curve through the fresh values of a column.
+
+    The variance of a value is that of its rounding, r²/12, or of its noise, and that of its time,
+    (v τ)²/12 for a value that moves at v and waited up to τ. The curve is the spline with the least
+    sum of squared deviations over these variances and of squared jerks, weighted by the stiffness
+    that makes the values most likely.
+
+    Source: Eilers and Marx, Statistical Science 11 (1996), 89-121 (penalised splines); Wood,
+    Journal of the Royal Statistical Society B 73 (2011), 3-36 (marginal likelihood).
 
     Args:
         t: Times [s], shape (rows,).
@@ -98,7 +322,78 @@ def smooth(t: np.ndarray, values: np.ndarray, sampled: Samples) -> tuple[Univari
     times, points = t[sampled.rows], values[sampled.rows]
     rate = np.gradient(points, times)
     usual = np.convolve(np.abs(rate), np.full(5, 0.2), mode="same")
-    variance = (sampled.resolution**2 + (usual * sampled.lateness) ** 2) / 12.0
-    deviation = np.sqrt(np.maximum(variance, 1e-24))
-    spline = UnivariateSpline(times, points, w=1.0 / deviation, s=len(times), ext="const")
-    return spline, float(math.sqrt(np.mean(variance)))
+    variance = sampled.deviation**2 + (usual * sampled.lateness) ** 2 / 12.0
+    deviations = np.sqrt(np.maximum(variance, 1e-24))
+    penalised = _PenalisedSpline(times, points, deviations, sampled.interval)
+    stiffness = penalised.most_likely_stiffness()
+    spline = penalised.solve(stiffness)
+    misfit = float(np.mean(((points - spline(times)) / deviations) ** 2))
+    return SmoothCurve(times, sampled, deviations, stiffness, spline, misfit)
+
+
+class _PenalisedSpline:
+    """A spline with a penalty on its jerk, through values of known standard deviations."""
+
+    def __init__(
+        self, times: np.ndarray, values: np.ndarray, deviations: np.ndarray, interval: float
+    ) -> None:
+        """Set up the normal equations, with a knot for each usual interval between values [s]."""
+        pieces = max(math.ceil((times[-1] - times[0]) / interval), 2 * _DEGREE)
+        spacing = (times[-1] - times[0]) / pieces
+        self._knots = times[0] + spacing * np.arange(-_DEGREE, pieces + _DEGREE + 1)
+        # rounding of the last knot may leave the last time outside
+        inside = np.clip(times, self._knots[_DEGREE], self._knots[-_DEGREE - 1])
+        basis = csr_array(BSpline.design_matrix(inside, self._knots, _DEGREE))
+        # Values from their mean, in units of a usual deviation: sums of squares keep their digits.
+        self._mean, self._unit = float(np.mean(values)), float(np.median(deviations))
+        weights = (self._unit / deviations) ** 2
+        scaled = (values - self._mean) / self._unit
+        self._count = basis.shape[1]
+        signs = [float((-1) ** k * math.comb(_ORDER, k)) for k in range(_ORDER + 1)]
+        differences = diags_array(
+            signs,
+            offsets=list(range(_ORDER + 1)),
+            shape=(self._count - _ORDER, self._count),
+        )
+        self._normal = _lower_bands(basis.T @ (basis * weights[:, None]))
+        self._penalty = _lower_bands(differences.T @ differences)
+        self._right = basis.T @ (weights * scaled)
+        self._square = float(weights @ scaled**2)
+
+    def most_likely_stiffness(self) -> float:
+        """Return the stiffness at which the values are most likely."""
+        low, high = np.log(_STIFFNESS)
+        best = minimize_scalar(
+            lambda logarithm: self._cost(math.exp(logarithm)),
+            bounds=(low, high),
+            method="bounded",
+            options={"xatol": 0.1},
+        )
+        return float(math.exp(best.x))
+
+    def _cost(self, stiffness: float) -> float:
+        """Return the negative logarithm of the likelihood of the values, but for a constant."""
+        try:
+            factor = cholesky_banded(self._normal + stiffness * self._penalty, lower=True)
+        except LinAlgError:
+            return math.inf
+        coefficients = cho_solve_banded((factor, True), self._right)
+        misfit = self._square - float(self._right @ coefficients)
+        determinant = 2.0 * float(np.sum(np.log(factor[0])))
+        prior = (self._count - _ORDER) * math.log(stiffness)
+        return 0.5 * (misfit + determinant - prior)
+
+    def solve(self, stiffness: float) -> BSpline:
+        """Return the spline at a stiffness."""
+        factor = cholesky_banded(self._normal + stiffness * self._penalty, lower=True)
+        coefficients = cho_solve_banded((factor, True), self._right)
+        return BSpline(self._knots, self._mean + self._unit * coefficients, _DEGREE)
+
+
+def _lower_bands(matrix: csr_array) -> np.ndarray:
+    """Return the lower bands of a symmetric matrix, as `scipy.linalg.cholesky_banded` has them."""
+    bands = np.zeros((_DEGREE + 1, matrix.shape[0]))
+    for offset in range(_DEGREE + 1):
+        diagonal = matrix.diagonal(-offset)
+        bands[offset, : len(diagonal)] = diagonal
+    return bands

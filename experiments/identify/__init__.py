@@ -303,7 +303,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--workers", type=int, metavar="N", help=text)
     of_files = "estimate", "drives", "since", "until", "urdf", "machine", "believed", "values"
     harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)
-    of_coverage = "plant", "workers"
+    text = "steps in which synthetic positions are recorded [m and degrees], 0 for exact ones"
+    add("--resolution", type=float, metavar="STEP", help=text)
+    of_coverage = "plant", "workers", "resolution"
     harness.add_condition(
         parser, "--coverage", lambda options: options.coverage is not None, *of_coverage
     )

@@ -1,5 +1,5 @@
-"""A box on the ground: how far it sinks, where friction holds it, how it slides, and how it
-rebounds.
+"""A box on the ground: how far it sinks, where friction holds it, how it slides, how it rebounds,
+and where it leans on a platform that is turned.
 
 The box is free in a plane and pushed at its centre, so that the law of contact is on its own.
 Contacts act in steps of 0.5 ms at most, so a step here is a fortieth of the bench's.
@@ -12,10 +12,11 @@ from functools import cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from cranedyn.controllers import Hold
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.contact import Ground, box_corners, damping_ratio
+from cranedyn.dynamics.contact import Ground, Platform, box_corners
 from cranedyn.interfaces import EngineName
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -46,6 +47,16 @@ SPEED, RESTITUTION, AFTER = 1.0, 0.5, 0.08
 read, when the box is in the air again [s]."""
 
 
+BUMPER, OFFSET = 0.8, 0.3
+"""How far a point of the box is ahead of its centre, and aside of it [m]."""
+
+PLATFORM = Platform((3.0, -0.2), (2.0, 4.0), 3.0, yaw=math.radians(30.0))
+"""Stands ahead of the box, turned from X towards Y."""
+
+LEANING = 2000.0
+"""Force with which the box leans on it [N]."""
+
+
 def free_box() -> Crane:
     """Return a box that is free in the plane of X and Z and pushed along X."""
     inertia = MASS * (WIDTH**2 + HEIGHT**2) / 12.0
@@ -72,12 +83,14 @@ def push(
     dt: float,
     engine: EngineName,
     restitution: float = 0.1,
+    ground: Ground | None = None,
     **start: float,
 ) -> Trajectory:
     """Return a run of the box under a force along X [N], from rest on the ground unless its start
-    is given by its coordinates.
+    is given by its coordinates. The ground is level and bare unless it is given.
     """
-    ground = Ground(box_corners(WIDTH, WIDTH, HEIGHT), (), FRICTION, restitution, SINK)
+    if ground is None:
+        ground = Ground(box_corners(WIDTH, WIDTH, HEIGHT), (), FRICTION, restitution, SINK)
     return simulate(
         crane,
         Hold(crane, np.zeros(1), np.zeros(1), np.array([force])),
@@ -118,13 +131,35 @@ def box_on_ground(bench: Bench) -> list[Oracle]:
         )
         return math.sqrt(2.0 * (run.energy[-1] / MASS - G * HEIGHT / 2.0))
 
+    def lean(dt: float) -> float:
+        points = (*box_corners(WIDTH, WIDTH, HEIGHT), (BUMPER, OFFSET, 0.0))
+        smooth_ground = Ground(points, (PLATFORM,), friction=0.0, sink=SINK)
+        near = _leaning_place() - 0.005
+        run = push(crane, LEANING, SETTLED, DT, bench.engine, ground=smooth_ground, x=near)
+        return float(run["x_m"][-1])
+
     return [
         Oracle("static sink", "m", SINK, sink),
         Oracle(f"creeps under {HELD:g} of the largest friction", "m/s", 0.0, creep),
         Oracle(f"slides under {PUSHED:g} of it", "m/s²", (PUSHED - 1.0) * FRICTION * G, slide),
         Oracle("balances on its edge, tan b/h", "rad", math.atan(WIDTH / HEIGHT), balance, TILT**2),
         Oracle(f"rebounds from {SPEED:g} m/s", "m/s", _rebound_speed(), rebound, *LEAVES),
+        Oracle("leans on a platform turned by 30°", "m", _leaning_place(), lean),
     ]
+
+
+def _leaning_place() -> float:
+    """Return where the box leans on the platform [m]. By trigonometry, the side that faces it
+    crosses the line of its bumper half the platform over the cosine ahead of the middle, and by
+    the tangent nearer for what the bumper is aside of it. There the normal force carries the push
+    by its cosine, and the bumper is in the side by that force over the stiffness of a point, m g
+    over four sinks; along the push that is over the cosine once more.
+    """
+    x, y = PLATFORM.centre
+    cosine, tangent = math.cos(math.pi / 6.0), math.tan(math.pi / 6.0)
+    side = x - 0.5 * PLATFORM.size[0] / cosine - (OFFSET - y) * tangent
+    stiffness = MASS * G / (4.0 * SINK)
+    return side - BUMPER + LEANING / (stiffness * cosine**2)
 
 
 def _tipping(crane: Crane, tilt: float, engine: EngineName) -> float:
@@ -138,7 +173,7 @@ def _rebound_speed() -> float:
     """Return the speed of the box after the impact, where it touched first [m/s]: the motion on
     spring, damper and gravity up to where they no longer push.
     """
-    omega, ratio = math.sqrt(G / SINK), damping_ratio(RESTITUTION)
+    omega, ratio = math.sqrt(G / SINK), _impact_ratio(RESTITUTION)
 
     def push_off(t: float, state: np.ndarray) -> float:
         return float(omega**2 * state[0] + 2.0 * ratio * omega * state[1])
@@ -150,3 +185,22 @@ def _rebound_speed() -> float:
     impact = solve_ivp(motion, (0.0, 1.0), [0.0, SPEED], events=push_off, rtol=1e-12, atol=1e-14)
     depth, rate = impact.y[:, -1]
     return math.sqrt(rate**2 - 2.0 * G * depth)
+
+
+def _impact_ratio(restitution: float) -> float:
+    """Return the damping ratio at which a point that hits spring and damper without gravity leaves
+    them at a share of its speed, by integration up to where they no longer push.
+    """
+
+    def excess(ratio: float) -> float:
+        def push_off(t: float, state: np.ndarray) -> float:
+            return float(state[0] + 2.0 * ratio * state[1])
+
+        def motion(t: float, state: np.ndarray) -> list[float]:
+            return [state[1], -push_off(t, state)]
+
+        push_off.terminal, push_off.direction = True, -1.0  # type: ignore[attr-defined]
+        impact = solve_ivp(motion, (0.0, 9.0), [0.0, 1.0], events=push_off, rtol=1e-12, atol=1e-14)
+        return -float(impact.y[1, -1]) - restitution
+
+    return float(brentq(excess, 0.01, 2.0, xtol=1e-13))

@@ -8,14 +8,28 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.contact import Ground, Hull, Platform, box_corners, box_load, standing
+from cranedyn.dynamics.contact import (
+    OFF_LEAD,
+    ON_GROUND,
+    Ground,
+    Hull,
+    Platform,
+    box_corners,
+    box_load,
+    damping_ratio,
+    ground_phases,
+    standing,
+)
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.joint_forces import SLACK, TAUT, JointForces
+from cranedyn.dynamics.pinocchio import body_points, payload_position
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError
+from cranedyn.interfaces import State
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import MASS, Bench, check_oracle, locked, point_crane
 from experiments.oracles.bench import G as GRAVITY
@@ -212,3 +226,142 @@ def test_a_box_stands_and_slides_on_a_seam_of_two_platforms_as_on_one(engine: An
             for tops in (one, two)
         )
         assert np.allclose(parts.q, whole.q, rtol=0.0, atol=1e-9)
+
+
+# A load with four points at the height of its centre: forces of the ground do not tilt it.
+FLAT = tuple((x, y, 0.0) for x in (-0.5, 0.5) for y in (-0.5, 0.5))
+OMEGA = math.sqrt(GRAVITY / SINK)
+"""Frequency of a load on the springs of its four points [rad/s]."""
+
+
+def test_friction_that_sticks_is_a_critically_damped_spring() -> None:
+    """A push within the cone moves the load by F / (m ω²) (1 - (1 + ω t) exp(-ω t))."""
+    force = 0.5 * 0.4 * MASS * GRAVITY
+    ground = Ground(FLAT, friction=0.4, sink=SINK)
+    dt = 2e-5
+    run = slid(0.08, force, ground=ground, start={"z": -SINK}, dt=dt, control_period=1e-3,
+               integrator=rk4)  # fmt: skip
+    x = OMEGA * run.t
+    closed = force / (MASS * OMEGA**2) * (1.0 - (1.0 + x) * np.exp(-x))
+    # Anchors are kept for each step, which costs a share of the order of ω dt = 0.0014.
+    assert np.abs(run["x_m"] - closed).max() < 5e-3 * closed[-1]
+
+
+def test_the_spring_of_a_sliding_point_carries_what_its_damper_leaves_of_the_friction() -> None:
+    """Both act side by side and make up the friction: a point that stops at once is held by
+    μ N - c v, and by μ N where it went on.
+    """
+    contacts = Ground(FLAT, friction=0.4, sink=SINK).contacts(free_box())
+    stiffness, slip_damping = MASS / 4.0 * OMEGA**2, 2.0 * MASS / 4.0 * OMEGA
+    assert (contacts.stiffness, contacts.slip_damping) == pytest.approx((stiffness, slip_damping))
+    depth, speed = 0.003, 0.02
+    limit = 0.4 * stiffness * depth
+    damped = slip_damping * speed
+    assert 0.2 * limit < damped < 0.8 * limit
+    place, anchor = [1.0, 2.0, -depth], [0.9, 2.0, 0.0]
+    force, moved = contacts.reaction(place, [speed, 0.0, 0.0], anchor)
+    assert force == pytest.approx([-limit, 0.0, stiffness * depth])
+    assert contacts.reaction(place, [speed, 0.0, 0.0], moved)[0] == pytest.approx(force)
+    stopped, still = contacts.reaction(place, [0.0, 0.0, 0.0], moved)
+    assert stopped == pytest.approx([-(limit - damped), 0.0, stiffness * depth])
+    assert still == moved  # it sticks
+    assert place[0] - moved[0] == pytest.approx((limit - damped) / stiffness)
+
+
+def test_a_point_in_the_air_feels_nothing_and_one_that_leaves_fast_is_not_pulled() -> None:
+    contacts = Ground(FLAT, friction=0.4, restitution=0.2, sink=SINK).contacts(free_box())
+    assert contacts.reaction([0.0, 0.0, 1e-9], [1.0, 0.0, -9.0], [0.5, 0.0, 0.0]) == (
+        [0.0, 0.0, 0.0],
+        [0.0, 0.0, 1e-9],
+    )
+    ratio, mass, depth = damping_ratio(0.2), MASS / 4.0, 0.003
+    for rate in (-0.1, 0.05, 0.5):
+        push = mass * (OMEGA**2 * depth - 2.0 * ratio * OMEGA * rate)
+        force, _ = contacts.reaction([0.0, 0.0, -depth], [0.0, 0.0, rate], [0.0, 0.0, 0.0])
+        assert force == pytest.approx([0.0, 0.0, max(push, 0.0)])
+        assert (push < 0.0) == (rate == 0.5)
+
+
+def test_a_taut_rope_that_leans_lifts_off_lead_and_so_does_a_load_that_slides() -> None:
+    """By more than one degree, or 10 mm/s of a point that touches."""
+    tower = crane(**box_load(MASS, *SIDES), rope_stiffness=2e7, hoist_max=30.0)
+    ground = Ground(box_corners(*SIDES))
+    contacts, layout = ground.contacts(tower), tower.layout
+    points = np.array(contacts.points)
+    q, v = [], []
+    for lean, speed in ((0.5, 0.0), (1.5, 0.0), (-1.5, 0.0), (0.5, 0.02), (0.5, 0.005)):
+        angle = math.radians(lean)
+        state = standing(tower, ground, tower.state(l=26.0, phi=angle, sling_radial=-angle))
+        q.append(state.q)
+        v.append(0.0 * state.v)
+        v[-1][layout.index("x")] = speed
+    # It tips about its lower edges, which stand: the corners in the air do not slide.
+    q.append(q[0])
+    v.append(0.0 * v[0])
+    v[-1][layout.at("x", "sling_radial")] = 0.02, 0.02 / SIDES[2]
+    bottom = body_points(tower.model, tower.data, contacts.body, points[:1], q[-1], v[-1])[1]
+    assert np.abs(bottom[:2]).max() < 1e-3
+    raised = q[1].copy()
+    raised[layout.index("l")] -= 1.0
+    q.append(raised)
+    v.append(0.0 * v[0])
+    rows = np.array(q), np.array(v)
+    taut, slack = np.full(len(q), TAUT), np.full(len(q), SLACK)
+    expected = [ON_GROUND, *[OFF_LEAD] * 3, ON_GROUND, ON_GROUND, TAUT]
+    assert ground_phases(tower, contacts, *rows, taut).tolist() == expected
+    assert ground_phases(tower, contacts, *rows, slack).tolist() == [ON_GROUND] * 6 + [SLACK]
+
+
+def test_a_platform_is_turned_from_x_towards_y() -> None:
+    """Its corners by the library of rotations, a little inside and a little outside."""
+    platform = Platform((2.0, 1.0), (4.0, 1.0), 3.0, yaw=math.radians(30.0))
+    contacts = Ground(CORNERS, (platform,)).contacts(free_box())
+    turn, centre = Rotation.from_euler("z", 30.0, degrees=True), np.array([2.0, 1.0, 0.0])
+    for x, y in ((2.0, 0.5), (-2.0, 0.5), (2.0, -0.5), (-2.0, -0.5)):
+        inside, outside = (
+            centre + turn.apply([share * x, share * y, 2.9]) for share in (0.99, 1.01)
+        )
+        assert contacts.depth(inside)[0] == pytest.approx(0.005)  # of the nearer side
+        assert contacts.depth(outside)[0] == pytest.approx(-0.02)  # of the farther side
+    normal = contacts.depth(centre + turn.apply([1.9, 0.0, 2.5]))[1]
+    assert np.array(normal) == pytest.approx(turn.apply([1.0, 0.0, 0.0]))
+    assert contacts.depth([2.0, 1.0, 2.99])[1] == pytest.approx((0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("restitution", [0.06, 0.3, 0.9])
+def test_a_point_rebounds_without_gravity_at_its_share_of_the_speed(restitution: float) -> None:
+    """By integration of spring and damper up to where they no longer push."""
+    ratio = damping_ratio(restitution)
+
+    def push_off(_: float, state: np.ndarray) -> float:
+        return float(state[0] + 2.0 * ratio * state[1])
+
+    push_off.terminal, push_off.direction = True, -1.0  # type: ignore[attr-defined]
+    impact = solve_ivp(lambda t, s: [s[1], -push_off(t, s)], (0.0, 50.0), [0.0, 1.0],
+                       events=push_off, rtol=1e-10, atol=1e-12)  # fmt: skip
+    assert -impact.y[1, -1] == pytest.approx(restitution, abs=1e-8)
+
+
+def test_a_box_of_a_crane_has_the_moments_of_its_sides_and_hangs_amid_its_top() -> None:
+    """Those of twelve kilograms are the sums of squares of two sides."""
+    values = box_load(12.0, 1.0, 2.0, 3.0)
+    assert values == pytest.approx({"payload_mass": 12.0, "lug_height": 1.5, "payload_ixx": 13.0,
+                                    "payload_iyy": 10.0, "payload_izz": 5.0})  # fmt: skip
+
+
+def test_a_body_above_the_ground_has_an_underside_and_one_on_the_ground_has_none() -> None:
+    square = [(x, y) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
+    beam = Hull([[x, y, z] for x, y in square for z in (2.0, 3.0)])
+    plinth = Hull([[4.0 + x, y, z] for x, y in square for z in (0.0, 1.0)])
+    contacts = Ground(CORNERS, (beam, plinth)).contacts(free_box())
+    depth, normal = contacts.depth([0.0, 0.0, 2.01])
+    assert (depth, *normal) == pytest.approx((0.01, 0.0, 0.0, -1.0))
+    depth, normal = contacts.depth([4.9, 0.0, 0.01])
+    assert (depth, *normal) == pytest.approx((0.1, 1.0, 0.0, 0.0))
+
+
+def test_a_load_that_is_put_on_the_ground_keeps_its_rates() -> None:
+    tower = crane(**box_load(MASS, *SIDES), rope_stiffness=2e7, hoist_max=30.0)
+    state = tower.state(l=26.0, phi=0.0)
+    moving = State(state.q, np.arange(tower.layout.n) + 0.5)
+    assert standing(tower, Ground(box_corners(*SIDES)), moving).v.tolist() == moving.v.tolist()

@@ -84,6 +84,23 @@ def test_times_count_from_the_first_row_that_is_looked_at() -> None:
     assert record.t[0] == 0.0
     assert record.duration == pytest.approx(29.95)
     assert record.columns["phi_rad"][0] == pytest.approx(0.1 * np.sin(8.0))
+    part = Record.of(PRIOR.crane, columns(), since=10.0, until=30.0)
+    assert part.duration == pytest.approx(20.0)
+    np.testing.assert_array_equal(part.columns["x_m"], record.columns["x_m"][:401])
+
+
+def test_the_rate_of_a_swing_beyond_90_degrees_is_refused() -> None:
+    """A rate R of a swing at ω is one of R / ω rad."""
+    t = columns()["t_s"]
+    for size in (0.95, 1.05):
+        period = Record.of(PRIOR.crane, columns()).swing_period
+        rate = size * np.pi / 2.0 * 2.0 * np.pi / period * np.sin(0.8 * t)
+        data = changed(phi_rad=None, phi_dot_rad_s=rate)
+        if size < 1.0:
+            assert Record.of(PRIOR.crane, data).columns.keys() == {"phi_dot_rad_s", "x_m"}
+            continue
+        with pytest.raises(DataError, match=r"phi_dot_rad_s is that of a swing of 1\.6.*deg/s"):
+            Record.of(PRIOR.crane, data)
 
 
 @pytest.mark.slow

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
+from cranedyn.errors import CraneError, ModelError
 from cranedyn.model.load import load_crane
 from cranedyn.plant.cranes import load_cranes
 from cranedyn.plant.plant import numbers
@@ -99,3 +102,49 @@ def test_an_overhead_crane_has_them_too() -> None:
         bridge_mass=some(5e3, 2e4),
     )
     assert len(cranes[3:5]) == 2 and cranes[3].payload_mass != cranes[4].payload_mass
+
+
+def test_starts_are_coordinates_and_rates_by_name() -> None:
+    angles, rates = np.array([0.1, -0.1]), np.array([0.3, 0.2])
+    cranes = load_cranes(payload_mass=[800.0, 900.0], phi=angles, phi_dot=rates, l=11.0)
+    at = cranes.layout.index
+    assert cranes.start.q[:, at("phi")].tolist() == angles.tolist()
+    assert cranes.start.v[:, at("phi")].tolist() == rates.tolist()
+    assert cranes.start.q[:, at("l")].tolist() == [11.0, 11.0]
+    assert not np.delete(cranes.start.v, at("phi"), axis=1).any()
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"payload_mass": [800.0, 900.0], "l": [10.0, 11.0, 12.0]}, "payload_mass of shape .2,.*l"),
+        ({"payload_mass": 800.0}, "arrays of values is none"),
+        ({"payload_mass": [[800.0]]}, "of shape .1, 1."),
+        ({"payload_mass": [800.0, np.nan]}, "payload_mass is nan"),
+        ({"payload_mass": [800.0, 900.0], "l": [10.0, 99.0]}, "is 99"),
+        ({"payload_mass": [800.0, 900.0], "x": [0.5, 10.0]}, "is 0.5"),
+        ({"payload_mass": [800.0, 900.0], "rope_stiffness": 3e6}, "are elastic.*give phi, theta"),
+        ({"payload_mass": [800.0, 900.0], "colour": 1.0}, "colour"),
+    ],
+)
+def test_what_no_cranes_can_be_made_of_is_refused(values: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(CraneError, match=sentence):
+        load_cranes(**values)
+
+
+def test_a_description_that_is_no_polynomial_of_its_arguments_is_refused(tmp_path: Path) -> None:
+    text = (ROOT / "urdf" / "tower_crane.urdf.xacro").read_text()
+    mass = '<mass value="$(arg payload_mass)"/>'
+    assert text.count(mass) == 1
+    shutil.copytree(ROOT / "urdf", tmp_path / "urdf")
+    path = tmp_path / "urdf" / "tower_crane.urdf.xacro"
+    path.write_text(text.replace(mass, "<mass value=\"${1e6 / float('$(arg payload_mass)')}\"/>"))
+    with pytest.raises(ModelError, match=r"payload_mass in another way.*one by one"):
+        load_cranes(path, payload_mass=np.linspace(500.0, 2000.0, 9))
+    # Nor is where an elastic crane hangs, which is said at the start; its numbers are.
+    elastic = dict.fromkeys(("phi", "theta", "rope_stretch"), 0.0)
+    masses = np.linspace(500.0, 2000.0, 9)
+    cranes = load_cranes(payload_mass=masses, rope_stiffness=3e6, **elastic)
+    assert [cranes[i].payload_mass for i in (0, 8)] == [500.0, 2000.0]
+    with pytest.raises(ModelError, match="in another way"):
+        load_cranes(path, payload_mass=masses, rope_stiffness=3e6, **elastic)

@@ -217,3 +217,85 @@ def test_a_crane_keeps_no_mass_in_its_universal_joint() -> None:
     tree = rigid_body.regrouped(_tree(crane().model))
     assert tree.mass[crane().layout.passive].tolist() == [0.0, 0.0]
     assert sum(tree.mass) == sum(_tree(crane().model).mass)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.integers(0, 20))
+def test_a_mass_on_the_axis_of_its_joint_is_counted_with_a_parent_that_has_its_own(
+    first: float, second: float, seed: int
+) -> None:
+    """Two joints that turn, the second body with its centre on its own axis: all of its mass goes
+    to the first, which has mass elsewhere, so that they share a centre.
+    """
+    rng, model = np.random.default_rng(seed), pin.Model()
+    model.gravity.linear = np.array([1.0, -2.0, -9.0])
+    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Random(), "first")
+    body = pin.Inertia(3.0, rng.normal(size=3), np.diag([1.0, 2.0, 2.5]) + 0.1)
+    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Random(), "second")
+    wheel = pin.Inertia(5.0, np.array([0.0, 0.0, 0.7]), np.diag([0.4, 0.4, 0.5]))
+    model.appendBodyToJoint(joint, wheel, pin.SE3.Identity())
+    tree, q, v = _tree(model), np.array([first, second]), rng.normal(size=2)
+    less = rigid_body.regrouped(tree)
+    assert less.mass.tolist() == [8.0, 0.0]
+    poses, data = rigid_body.frames(less, q), model.createData()
+    upper = np.triu(pin.crba(model, data, q))
+    found = _plain(rigid_body.mass_matrix(less, poses))
+    assert_allclose(found, upper + np.triu(upper, 1).T, atol=1e-12 * np.abs(upper).max())
+    expected = pin.rnea(model, data, q, v, np.zeros(2))
+    resisting = _plain(rigid_body.tree_inverse_dynamics(less, poses, v))
+    assert_allclose(resisting, expected, atol=1e-11 * np.abs(expected).max() + 1e-11)
+    energy = pin.computePotentialEnergy(model, data, q)
+    assert rigid_body.potential_energy(less, poses) == pytest.approx(energy, abs=1e-10)
+
+
+@given(vectors, vectors, st.integers(0, 6))
+def test_points_and_spins_of_a_body_are_those_of_pinocchio(
+    q: np.ndarray, v: np.ndarray, body: int
+) -> None:
+    tree, poses = _at(q)
+    point, data = np.array([0.3, -0.5, 0.7]), ARM.createData()
+    pin.forwardKinematics(ARM, data, q, v)
+    ((place, speed),) = rigid_body.point_motions(tree, poses, v, body, [point])
+    joint = data.oMi[body + 1]
+    assert_allclose(_plain(place), joint.act(point), atol=1e-11)
+    motion = pin.getVelocity(ARM, data, body + 1)
+    expected = joint.rotation @ (motion.linear + np.cross(motion.angular, point))
+    assert_allclose(_plain(speed), expected, atol=1e-10)
+    spin = _plain(rigid_body.angular_velocity(tree, poses, body, v))
+    assert_allclose(spin, motion.angular, atol=1e-11)
+    world = np.array([0.4, 1.0, -2.0])
+    local = _plain(rigid_body.into(tree, poses, body, world))
+    assert_allclose(local, joint.rotation.T @ world, atol=1e-12)
+
+
+@given(vectors, vectors, vectors)
+def test_what_joints_pass_on_is_what_pinocchio_passes_on(
+    q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> None:
+    """Its forces act at the origin of a joint, in the joint's frame, less those of a push."""
+    tree, poses = _at(q)
+    data = ARM.createData()
+    body, point, force = 5, np.array([0.3, -0.5, 0.7]), np.array([30.0, -20.0, 10.0])
+    pin.forwardKinematics(ARM, data, q)
+    pushes = [pin.Force.Zero() for _ in range(8)]
+    local = data.oMi[body + 1].rotation.T @ force
+    pushes[body + 1] = pin.Force(local, np.cross(point, local))
+    wrenches = pin.StdVec_Force()
+    wrenches.extend(pushes)
+    pin.rnea(ARM, data, q, v, a, wrenches)
+    found = rigid_body.transmitted(tree, poses, v, a, [ExternalForce(body, point, force)])
+    for i, (linear, angular) in enumerate(found, start=1):
+        size = max(1.0, float(np.abs(data.f[i].vector).max()))
+        assert_allclose(_plain(linear), data.f[i].linear, atol=1e-11 * size)
+        assert_allclose(_plain(angular), data.f[i].angular, atol=1e-11 * size)
+
+
+def test_a_difference_counts_from_its_round_off_on() -> None:
+    mass, expected = np.eye(2), np.array([1.0, -2.0])
+    assert rigid_body.disagreement(expected + np.array([0.0, 1.9e-11]), expected, mass) == 0.0
+    # By a hand: the largest difference over the largest number, in any of two rows.
+    differs = np.array([1e-6, 0.0])
+    off = rigid_body.disagreement(np.array([expected, expected + differs]), expected, mass)
+    assert off == pytest.approx(0.5e-6, rel=1e-6)
+    near = np.array([[1.0, 1.0 - 1e-8], [1.0 - 1e-8, 1.0]])  # condition 2e8: 4e-5 is lost
+    assert rigid_body.disagreement(expected + differs, expected, near) == 0.0
