@@ -89,11 +89,11 @@ class Variable:
 class FunctionBlock:
     """A block.
 
-    A call is a fault if an input or a parameter is out of its range, or if a result is NaN or beyond
-    `LARGEST_RESULT`.
-    The block then stays at fault until its reset: its memory and the outputs of the call are not
-    stored, and this and every later call give the outputs of the function `FAULT` instead, which
-    reads nothing but memory. An output that `FAULT` does not assign keeps its last value.
+    A call is a fault if an input or a parameter is out of its range, or if a result is NaN or
+    beyond `LARGEST_RESULT`. The block then stays at fault until its reset: its memory and the
+    outputs of the call are not stored, and this and every later call give the outputs of the
+    function `FAULT` instead, which reads nothing but memory. An output that `FAULT` does not assign
+    keeps its last value.
 
     Attributes:
         name: Name, an identifier.

@@ -442,6 +442,115 @@ def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None
     assert unit.told[-1] == "There is no such variable with value reference 999."
 
 
+HOSTILE = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e155, 1e13, 1e12, 5e-324, -0.0, -0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lqr", "yielding", "shaper"])
+def test_a_controller_in_a_unit_never_answers_nan_and_says_that_it_is_at_fault(
+    name: str, tmp_path: Path
+) -> None:
+    drive, make = CONTROLLERS[name]
+    c = load_crane()
+    path = fmi.export(c, tmp_path / "c.fmu", drive=drive, controller=make(c, PERIOD))
+    description = fmpy.read_model_description(path)
+    inputs = [v.name for v in description.modelVariables if v.causality == "input"]
+    outputs = [
+        v.name
+        for v in description.modelVariables
+        if v.causality == "output" and v.type == "Float64"
+    ]
+    unit = Unit(path, tmp_path / "unit", fmi.CONTROLLER_NAME)
+    valid, faults = [unit.reference["valid"]], 0
+    for wrong in inputs:
+        for value in HOSTILE:
+            unit.begin(**{wrong: unit.get(wrong)[0]})
+            unit.step(0)
+            before = unit.get(*outputs)
+            if not np.isfinite(value):
+                with pytest.raises(FMICallException):
+                    unit.set(**{wrong: value})
+            else:
+                unit.set(**{wrong: value})
+            for k in (1, 2):
+                found = unit.get(*outputs)
+                assert np.isfinite(found).all()
+                assert unit.get(*outputs) == found  # looking is no call
+                (sound,) = unit.slave.getBoolean(valid)
+                assert sound or name != "shaper" or found == before
+                unit.step(k)
+            refused = not np.isfinite(value)  # and the input before remains
+            impossible = abs(value) > 1e12 or (value < 0.0 and (name, wrong) == NEGATIVE)
+            assert sound == (refused or not impossible)
+            faults += not sound
+            unit.slave.reset()
+    unit.slave.freeInstance()
+    assert faults >= 4 * len(inputs)
+
+
+NEGATIVE = ("yielding", "l")
+"""A rope has no negative length."""
+
+
+def test_a_crane_in_a_unit_says_that_an_input_is_impossible_and_stays_as_it_is(unit: Unit) -> None:
+    unit.begin(**START)
+    unit.step(0)
+    before = unit.get(*state_names(damped()))
+    unit.set(F_x_command=1e13)
+    with pytest.raises(FMICallException):
+        unit.step(1)
+    assert unit.told[-1].startswith("The run ended between 0.005 and 0.01 s: an input lies beyond")
+    assert unit.get(*state_names(damped())) == before
+    assert np.isfinite(unit.get(*unit.reference.keys() - {"valid"})).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [2, 3])
+def test_model_exchange_discards_states_that_are_no_numbers_and_goes_on_from_others(
+    version: Any, tmp_path: Path
+) -> None:
+    path = fmi.export(damped(), tmp_path / "u.fmu", version=version)
+    description = fmpy.read_model_description(path)
+    fmpy.extract(path, tmp_path / "unit")
+    kind = {2: fmpy.fmi2.FMU2Model, 3: fmpy.fmi3.FMU3Model}[version]
+    slave = kind(
+        guid=description.guid,
+        unzipDirectory=str(tmp_path / "unit"),
+        modelIdentifier=fmi.NAME,
+        instanceName="one",
+    )
+    slave.instantiate()
+    if version == 2:
+        slave.setupExperiment()
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    slave.enterContinuousTimeMode()
+    n = 2 * damped().layout.n
+    states, rates = ((ctypes.c_double * n)() for _ in range(2))
+    slave.getContinuousStates(states, n)
+    sound = list(states)
+
+    def derivatives() -> list[float]:
+        call = slave.getDerivatives if version == 2 else slave.getContinuousStateDerivatives
+        call(rates, n)
+        return list(rates)
+
+    first = derivatives()
+    for i, value in ((0, np.nan), (3, np.inf)):
+        states[i] = value
+        with pytest.raises(FMICallException):
+            slave.setContinuousStates(states, n)
+        states[i] = sound[i]
+    states[2] = 1e7  # an angle beyond a million rad has no sine
+    slave.setContinuousStates(states, n)
+    with pytest.raises(FMICallException):
+        derivatives()
+    states[2] = sound[2]
+    slave.setContinuousStates(states, n)
+    assert derivatives() == first
+    slave.freeInstance()
+
+
 def test_time_goes_on_from_the_start_that_the_importer_names(unit: Unit) -> None:
     unit.slave.enterInitializationMode(startTime=3.0)
     unit.slave.exitInitializationMode()
