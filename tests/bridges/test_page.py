@@ -97,7 +97,7 @@ def in_node(data: dict[str, Any], *requests: dict[str, Any]) -> list[dict[str, A
     )
     done = subprocess.run(
         [NODE or "", "-e", program],
-        input=json.dumps([data, requests]),
+        input=json.dumps([data, requests]).replace("Infinity", "1e999"),
         capture_output=True,
         text=True,
         check=False,
@@ -305,6 +305,60 @@ def test_what_was_driven_is_a_run_with_our_columns(tmp_path: Path) -> None:
     assert again.payload_mass == crane_of("tower").payload_mass
     record = load_record(file, again)
     assert len(record.t) > 100
+
+
+IMPOSSIBLE: list[list[Any]] = [
+    *(["sticks", [x, 0.0, 0.0]] for x in (math.inf, -math.inf, 1e308, 1.5, None, "1")),
+    *(["sticks", value] for value in ([0.0, 0.0], None, "000", {"length": 3})),
+    *(["goal", [0.0, x, 10.0]] for x in (math.inf, 1e308, None, [10.0])),
+    *(["slider", [name, 1.0]] for name in ("mass", "__proto__", None)),
+    *(["slider", ["payload_mass", x]] for x in (0.0, -1.0, math.inf, 1e308, None, "900")),
+    *([["assist", "full"], ["assist", None], ["task", "none"], ["stop", 1], ["fly", True]]),
+    *([["__proto__", True], ["constructor", True], [None, None]]),
+]
+"""Inputs of a file to show again that no operator can have given."""
+
+
+def test_an_impossible_input_ends_a_drive_before_it_reaches_the_crane() -> None:
+    inputs = [[[0, "sticks", [0.0, 0.5, 0.0]], [50, *wrong]] for wrong in IMPOSSIBLE]
+    plain, *done = in_node(
+        data_of("tower"),
+        {"inputs": inputs[0][:1], "instants": 50},
+        *({"inputs": each, "instants": 100} for each in inputs),
+    )
+    for (kind, _), end in zip(IMPOSSIBLE, done, strict=True):
+        name = "null" if kind is None else kind
+        assert end["event"].startswith(f"The input {name} is impossible: "), end["event"]
+        assert (end["k"], end["q"], end["v"]) == (50, plain["q"], plain["v"])
+
+
+@pytest.mark.parametrize("name", ["none", "shaped", "yielding", "lqr", "predictive"])
+def test_no_state_makes_an_assistance_command_what_is_no_number(name: str) -> None:
+    # The state is put into the kernel, past all checks: readings that no crane has.
+    hostile = [math.inf, -math.inf, "NaN", 1e308, -1e308, 1e155, 5e-324, -0.0, -0.5, 0.0]
+    program = (
+        f"{script()}\nconst [data, hostile, name] = JSON.parse(require('fs').readFileSync(0));\n"
+        "compile(data.kernel).then(code => console.log(JSON.stringify(hostile.flatMap(value => {\n"
+        "  const n = data.crane.joints.length;\n"
+        "  return [...Array(2 * n).keys()].map(i => {\n"
+        "    const run = new Run(data, code);\n"
+        "    run.input('assist', name);\n"
+        "    run.advance();\n"
+        "    (i < n ? run.kernel.q : run.kernel.v)[i % n] = Number(value);\n"
+        "    run.advance();\n"
+        "    return [...run.kernel.command].every(Number.isFinite);\n"
+        "  });\n}))));"
+    )
+    done = subprocess.run(
+        [NODE or "", "-e", program],
+        input=json.dumps([data_of("tower"), hostile, name]).replace("Infinity", "1e999"),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    finite = json.loads(done.stdout)
+    assert len(finite) == 100 and all(finite)
 
 
 def test_a_drive_replays_to_the_same_bits() -> None:
