@@ -7,7 +7,8 @@ import json
 import math
 import shutil
 import subprocess
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from scipy.interpolate import RegularGridInterpolator
 import cranedyn as cd
 from cranedyn.__main__ import main
 from cranedyn.bridges import browser_crane, exercises, page
+from cranedyn.compiled import webassembly
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
 from cranedyn.disturbances.wind import steady, wind
@@ -66,8 +68,6 @@ def data_of(kind: str) -> dict[str, Any]:
     with pytest.MonkeyPatch.context() as patch:
         first = exercises.exercises
         patch.setattr(page, "exercises", lambda *of: itertools.islice(first(*of), 1))
-        if kind == "hook":  # its optimisation takes half a minute to translate
-            patch.delitem(browser_crane._ASSISTANCES, "predictive")
         return page.page_data(crane_of(kind))
 
 
@@ -212,17 +212,45 @@ def check_same(done: dict[str, Any], run: Trajectory, tolerance: float, row: int
     np.testing.assert_allclose(done["v"], run.v[row], rtol=0, atol=tolerance)
 
 
-def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
+def check_itinerary(drive: Callable[..., list[dict[str, Any]]], *instants: int) -> None:
+    """Check the way under each assistance, as one drives it somewhere, against `simulate`, at
+    control instants of which the first is early.
+    """
     # Both engines run the same trace; what differs is how sums are rounded, some 1e-15 a second.
     data = data_of("tower")
     assert [entry["name"] for entry in data["assistances"]] == ASSISTANCES
-    short, long = 1000, 7000
-    done = iter(in_node(data, *(request(name, n) for name in ASSISTANCES for n in (short, long))))
+    requests = [request(name, n) for name in ASSISTANCES for n in instants]
+    done = iter(drive(data, *requests))
     for name in ASSISTANCES:
-        run = in_python("tower", name, long)
+        run = in_python("tower", name, instants[-1])
         assert np.abs(run.v).max() > 0.1  # it was driven
-        check_same(next(done), run, 1e-12, short)
-        check_same(next(done), run, 1e-9)
+        check_same(next(done), run, 1e-12, instants[0])
+        for row in instants[1:]:
+            check_same(next(done), run, 1e-9, row)
+
+
+def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
+    check_itinerary(in_node, 1000, 7000)
+
+
+@pytest.mark.long
+def test_every_assistance_moves_the_crane_as_simulate_does_for_a_minute() -> None:
+    check_itinerary(in_node, 1000, 9500, 12000)
+
+
+@pytest.mark.slow
+def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    crane, data = crane_of("tower"), data_of("tower")
+    drives, code = converters(crane), partial(webassembly.webassembly, simd=False)
+    monkeypatch.setattr(webassembly, "webassembly", code)
+    scalar = browser_crane.kernel_data(crane, drives, browser_crane.variations(crane, drives))
+    assert scalar["horizon"]["module"] != data["kernel"]["horizon"]["module"]
+    requests = [request(name, 2000) for name in ASSISTANCES]
+    ends = [
+        [(end["q"], end["v"]) for end in in_node(data | {"kernel": kernel}, *requests)]
+        for kernel in (data["kernel"], data["kernel"] | scalar)
+    ]
+    assert ends[0] == ends[1]
 
 
 @pytest.mark.parametrize(
@@ -230,7 +258,7 @@ def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
     [
         ("elastic", ["none", "lqr"]),
         ("overhead", ["none", "shaped", "lqr"]),
-        pytest.param("hook", ["none", "shaped", "lqr"], marks=pytest.mark.long),
+        pytest.param("hook", ["none", "shaped", "lqr", "predictive"], marks=pytest.mark.long),
     ],
 )
 def test_other_cranes_move_as_simulate_moves_them(kind: str, names: list[str]) -> None:

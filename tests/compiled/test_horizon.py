@@ -144,7 +144,10 @@ def _limits(moved: Crane) -> Limits:
 # ---------------- to a setpoint
 
 
-@pytest.mark.parametrize(("name", "drive"), [("trolley", "effort"), ("combined", "motion")])
+@pytest.mark.parametrize(
+    ("name", "drive"),
+    [("trolley", "effort"), ("slew", "effort"), ("combined", "effort"), ("combined", "motion")],
+)
 def test_it_settles_within_one_and_a_half_times_the_least_time_and_keeps_all_limits(
     name: str, drive: Drive
 ) -> None:
