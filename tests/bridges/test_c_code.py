@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -258,6 +259,48 @@ def test_the_test_of_the_exported_folder_fails_if_a_gain_is_another(
     output(tool("gcc"), *STRICT, "-O0", *SOURCES, "-o", "t", folder=tmp_path)
     with pytest.raises(AssertionError, match="largest relative difference"):
         output(tmp_path / "t", folder=tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "flag"), [("hold", ""), ("hold", "--single")])
+def test_the_test_of_the_exported_folder_takes_round_off_and_no_more(
+    name: str, flag: str, tmp_path: Path
+) -> None:
+    folder = tmp_path / "c"
+    assert main(["export", "c", str(folder), "--controller", name, *flag.split()]) == 0
+    check_tolerance(folder, 1e-3 if flag else 1e-12, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_test_of_an_exported_controller_takes_what_the_page_promises(
+    exported: Path, tmp_path: Path
+) -> None:
+    # docs/howto/controller_code.md: equal to 1e-12, predictive control to 1e-8.
+    check_tolerance(exported, 1e-8 if exported.name == "predictive" else 1e-12, tmp_path)
+
+
+def check_tolerance(folder: Path, tolerance: float, workspace: Path) -> None:
+    """Check that the test of a folder fails where one expected number is another by ten times the
+    tolerance, and passes where it is another by less than it by far.
+    """
+    text = (folder / "test.c").read_text()
+    head, rows = text.split("controller_expected[200][3] = {")
+    first, rest = rows.split("},", 1)
+    *others, last = first.removeprefix("\n  {").split(", ")
+    columns = [float(row.split(", ")[-1]) for row in re.findall(r"  {(.*)},", rows.split("};")[0])]
+    size = max(1.0, *map(abs, columns))
+    for share, passes in ((10.0, False), (0.01, True)):
+        wrong = repr(float(last) + share * tolerance * size)
+        changed = (
+            f"{head}controller_expected[200][3] = {{\n  {{{', '.join([*others, wrong])}}},{rest}"
+        )
+        (workspace / "test.c").write_text(changed)
+        sources = [folder / "crane.c", folder / "controller.c", workspace / "test.c"]
+        program = workspace / "t"
+        options = (*STRICT, "-O0", "-I", folder)
+        output(tool("gcc"), *options, *sources, "-o", program, folder=folder)
+        done = subprocess.run([program], capture_output=True, check=False)
+        assert (done.returncode == 0) == passes
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import ctypes
 import re
 import shutil
 import time
+import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -440,6 +441,61 @@ def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None
     with pytest.raises(FMICallException):
         unit.slave.getFloat64([999])
     assert unit.told[-1] == "There is no such variable with value reference 999."
+
+
+DIMENSIONS = {
+    "rad": {"rad": 1},
+    "s": {"s": 1},
+    "m": {"m": 1},
+    "kg": {"kg": 1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+}
+"""Powers of the base units of the SI in its derived units."""
+
+
+def dimension(unit: str) -> dict[str, int]:
+    """Powers of base units in a unit such as N.m.s/rad or m/s2."""
+    powers: dict[str, int] = {}
+    above, _, below = unit.partition("/")
+    for names, sign in ((above, 1), (below, -1)):
+        for name, power in re.findall(r"([A-Za-z]+)(\d?)", names):
+            for base, exponent in DIMENSIONS[name].items():
+                powers[base] = powers.get(base, 0) + sign * exponent * int(power or 1)
+    return {base: power for base, power in powers.items() if power}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_description_names_the_derivatives_and_the_dimensions_of_its_variables(
+    drive: Drive, version: Any, tmp_path: Path
+) -> None:
+    path = fmi.export(damped(), tmp_path / "u.fmu", drive=drive, version=version)
+    with zipfile.ZipFile(path) as unit:
+        root = ET.fromstring(unit.read("modelDescription.xml"))
+    units = {unit.get("name", ""): unit.find("BaseUnit") for unit in root.iter("Unit")}
+    assert {"N.m", "N", "m", "rad", "rad/s"} <= set(units)
+    for name, base in units.items():
+        assert base is not None
+        assert {key: int(power) for key, power in base.attrib.items()} == dimension(name), name
+    (listed,) = root.iter("ModelVariables")
+    names = [variable.get("name", "") for variable in listed]
+    of, unit_of = {}, {}
+    for variable in listed:
+        numbers = variable[0] if version == 2 else variable
+        unit_of[variable.get("name", "")] = numbers.get("unit", "")
+        if index := numbers.get("derivative"):
+            # FMI 2 counts variables from 1; FMI 3 names value references, here from 0.
+            of[variable.get("name", "")] = names[int(index) - (version == 2)]
+    symbols = damped().layout.symbols
+    expected = {f"{symbol}_dot": symbol for symbol in symbols}
+    expected |= {f"{symbol}_ddot": f"{symbol}_dot" for symbol in symbols}
+    assert of == expected
+    for rate, variable in of.items():
+        change = dimension(unit_of[rate])
+        change["s"] = change.get("s", 0) + 1
+        assert {k: n for k, n in change.items() if n} == dimension(unit_of[variable])
 
 
 HOSTILE = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e155, 1e13, 1e12, 5e-324, -0.0, -0.5)

@@ -99,13 +99,17 @@ def test_a_command_that_a_drive_cuts_is_told_as_it_was_given(tmp_path: Path) -> 
     start = weak.state(phi=0.1)
     cut = simulate(weak, hold_controller(weak), start=start, duration=0.1, engine=FAST)
     assert (cut.command != cut.effort).any()
+    told: dict[str, list[list[float]]] = {"/joint_setpoints": [], "/joint_states": []}
     with AnyReader([mcap.export(tmp_path / "cut.mcap", weak, cut)]) as reader:
-        told = [
-            reader.deserialize(raw, one.msgtype)
-            for one, _, raw in reader.messages()
-            if one.topic == "/joint_setpoints"
-        ]
-    assert [message.effort.tolist() for message in told] == cut.command.tolist()
+        for connection, _, raw in reader.messages():
+            if connection.topic in told:
+                message = reader.deserialize(raw, connection.msgtype)
+                told[connection.topic].append(message.effort.tolist())
+    assert told["/joint_setpoints"] == cut.command.tolist()
+    # States tell the effort that acted: the trolley's is at its limit of 800 N.
+    acted = np.array(told["/joint_states"])[:, [0, 1, 4]]
+    assert np.array_equal(acted, cut.effort)
+    assert np.abs(acted[:, 1]).max() == 800.0 < np.abs(cut.command[:, 1]).max()
 
 
 def test_frames_come_fifty_times_a_second(messages: Any) -> None:

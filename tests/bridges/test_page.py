@@ -8,6 +8,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
 from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.converters import converters
+from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import DataError
 from cranedyn.identification.record import load_record
 from cranedyn.interfaces import Controller, Setpoint, State
@@ -445,6 +447,16 @@ def test_the_share_of_the_chart_is_that_of_a_report() -> None:
         pull = crane.damping[4] * row[9] - row[18]
         used = pull / crane.gravity / float(falls.at(x))
         assert done["utilisation"] == pytest.approx(used, rel=1e-9)
+
+
+@pytest.mark.parametrize("heading", [-math.pi / 2.0, 0.0, 0.7, 2.5])
+def test_a_site_is_turned_so_that_its_heading_is_where_the_jib_points(heading: float) -> None:
+    foot = np.array([3.0, -4.0, 1.5])
+    turn, shift = page._frame(replace(read_site("tower"), heading=heading, foot=foot))
+    crane = crane_of("tower")
+    load = payload_position(crane, crane.start.q)  # at slew 0, 10 m from the axis
+    ahead = np.array([10.0 * math.cos(heading), 10.0 * math.sin(heading), load[2]])
+    np.testing.assert_allclose(turn @ (foot + ahead) + shift, load, rtol=0, atol=1e-12)
 
 
 def test_obstacles_of_a_site_are_written_once(monkeypatch: pytest.MonkeyPatch) -> None:
