@@ -75,15 +75,20 @@ def test_colcon_builds_the_package_and_installs_every_file_of_it(
     system = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
     if shutil.which("colcon", path=system["PATH"]) is None:
         pytest.skip("colcon is not installed: run .ci/colcon as root")
-    # What colcon builds is found by CMake and by Python, outside of this environment.
-    needs = [
-        ["cmake", "--find-package", "-DNAME=ament_cmake", "-DCOMPILER_ID=GNU", "-DLANGUAGE=C"],
+    # colcon alone builds no package of ament: it needs its extension, and CMake those of ament.
+    probe = tmp_path / "probe"
+    probe.mkdir()
+    (probe / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.8)\nproject(probe)\nfind_package(ament_cmake REQUIRED)\n"
+    )
+    for needed in (
         ["python3", "-c", "import ament_package, catkin_pkg, colcon_ros"],
-    ]
-    for command in [[*needs[0], "-DMODE=EXIST"], needs[1]]:
-        found = subprocess.run(command, env=system, cwd=tmp_path, capture_output=True, check=False)
+        ["cmake", "-S", "probe", "-B", "probe/build"],
+    ):
+        found = subprocess.run(needed, cwd=tmp_path, env=system, capture_output=True, check=False)
         if found.returncode:
-            pytest.skip(f"colcon lacks its packages ({command[0]}): run .ci/colcon as root")
+            pytest.skip("colcon is installed without packages of ament: run .ci/colcon as root")
+    shutil.rmtree(probe)
     shutil.copytree(package, tmp_path / "src" / "crane_description")
     build = subprocess.run(
         ["colcon", "build"], cwd=tmp_path, env=system, capture_output=True, text=True, check=False

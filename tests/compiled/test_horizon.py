@@ -311,6 +311,27 @@ def test_along_a_motion_nothing_is_left_at_its_end() -> None:
     assert made.marks.failures == 0
 
 
+def test_on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_cost() -> None:
+    motion = flat(crane(), at((0.0, 10.0, 15.0)), at((0.3, 14.0, 12.0)), 12.0)
+    # Accelerations cost their difference from those of the motion, which is none here.
+    weight = 100.0 * usual_input_weight(np.array(LIMITS.accelerations))
+    made = receding(
+        crane(), LIMITS, motion=motion, drive="motion", swing_limit=0.3, input_weight=weight
+    )
+    made.begin_run(0.0, 5e-3)
+    drives, stage = crane().layout.drives, round(made.programme.length / 5e-3)
+    largest, worst = np.abs(motion.a[:, drives]).max(axis=0), 0.0
+    for k in range(1600):
+        setpoint = Setpoint(motion.q[k, drives], motion.v[k, drives], motion.a[k, drives])
+        planned = made(5e-3 * k, State(motion.q[k], motion.v[k]), setpoint)
+        # The first plan begins with a crane at rest, and one iteration does not undo that.
+        if k and k % made.programme.ratio == 0:
+            mean = (motion.v[k + stage] - motion.v[k])[drives] / made.programme.length
+            worst = max(worst, float((np.abs(planned - mean) / largest).max()))
+    # Plans hold accelerations over a stage; those of the motion change by some percent in it.
+    assert worst < 0.02
+
+
 # --------------------------------------------------------------------------------------------------
 # ---------------- in code, and in batches
 
