@@ -1153,7 +1153,7 @@ cranedyn/bridges/controller_block.py
 - self._targets = [output.start for output in outputs]
 + self._targets = [0.0 for output in outputs]
 * rates at fault are zero at once
-? controller_block::no_output_in_structured_text_is_nan_or_jumps_at_a_fault_whatever_the_inputs_are[lqr, rates]
+? controller_block::no_output_in_structured_text_is_nan_or_jumps_at_a_fault[lqr, rates]
 - steps = period * self._accelerations
 + steps = 1e6 * self._accelerations
 * a rope of negative length is read

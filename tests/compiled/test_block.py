@@ -52,7 +52,7 @@ def block_of(law: Callable[[Any], Any]) -> FunctionBlock:
 
 
 def check(call: Callable[..., tuple[float, float, bool]], name: str, inputs: list[float]) -> None:
-    law, is_number = LAWS[name]
+    _, is_number = LAWS[name]
     for x in inputs:
         y, calls, fault = call(x=0.5, gain=1.0, reset=True)
         assert not fault and calls == 1.0
