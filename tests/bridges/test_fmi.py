@@ -428,6 +428,8 @@ def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None
     for values, sentence in (
         ({"F_x_command": np.nan}, "F_x_command is nan; allowed is a number from -inf to inf."),
         ({"x_start": 500.0}, "x_start is 500; allowed is a number from 2 to 22."),
+        ({"payload_mass": 0.0}, "payload_mass is 0; allowed is a number from 0.001 to 1e+09."),
+        ({"phi_damping": -1.0}, "phi_damping is -1; allowed is a number from 0 to inf."),
         ({"x": 1.0}, "Time and outputs cannot be set."),
     ):
         with pytest.raises(FMICallException):
@@ -479,7 +481,14 @@ def test_the_description_names_the_derivatives_and_the_dimensions_of_its_variabl
     for name, base in units.items():
         assert base is not None
         assert {key: int(power) for key, power in base.attrib.items()} == dimension(name), name
+    (experiment,) = root.iter("DefaultExperiment")
+    assert float(experiment.get("stepSize", "nan")) == 5e-3  # ten steps of 0.5 ms
     (listed,) = root.iter("ModelVariables")
+    kinds = {v.get("name", ""): (v.get("causality"), v.get("variability")) for v in listed}
+    # What stands still once stepping has begun, and what may be changed while it runs.
+    assert kinds["x_start"] == kinds["theta_dot_start"] == ("parameter", "fixed")
+    assert kinds["payload_mass"] == kinds["wind_x"] == ("parameter", "tunable")
+    assert kinds["x"] == ("output", "continuous") and kinds["valid"] == ("output", "discrete")
     names = [variable.get("name", "") for variable in listed]
     of, unit_of = {}, {}
     for variable in listed:
