@@ -192,8 +192,9 @@ def _helpers(called: set[str], language: _C) -> list[str]:
     terms = {key: number(value) for key, value in numbers.items()} | series
     texts = Template(_FUNCTIONS.read_text()).substitute(terms, name=language.name).split("\n\n")
     trigonometric = called & {"sin", "cos"}
-    needed = called | {"within"} | ({"rint", "sin"} if trigonometric else set())
-    keyed = zip(("within", "fabs", "rint", "sqrt", "sin"), texts, strict=True)
+    needed = called | {"within"} | ({"rint", "turned"} if trigonometric else set())
+    names = ("within", "fabs", "rint", "sqrt", "turned", "sin", "cos")
+    keyed = zip(names, texts, strict=True)
     return [line for key, text in keyed if key in needed for line in [*text.splitlines(), ""]]
 
 

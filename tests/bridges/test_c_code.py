@@ -289,7 +289,7 @@ def check_tolerance(folder: Path, tolerance: float, workspace: Path) -> None:
     *others, last = first.removeprefix("\n  {").split(", ")
     columns = [float(row.split(", ")[-1]) for row in re.findall(r"  {(.*)},", rows.split("};")[0])]
     size = max(1.0, *map(abs, columns))
-    for share, passes in ((10.0, False), (0.01, True)):
+    for share, passes in ((10.0, False), (-10.0, False), (0.01, True), (-0.01, True)):
         wrong = repr(float(last) + share * tolerance * size)
         changed = (
             f"{head}controller_expected[200][3] = {{\n  {{{', '.join([*others, wrong])}}},{rest}"

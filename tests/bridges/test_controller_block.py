@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cranedyn.bridges.controller_block import controller_block
+from cranedyn.bridges.controller_block import controller_block, vectors
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.block import LARGEST, FunctionBlock
 from cranedyn.compiled.crane_block import crane_block
@@ -234,6 +234,40 @@ def test_a_drive_is_not_braked_for_longer_than_from_its_largest_rate() -> None:
     assert braking == pytest.approx(-limit, rel=1e-9)
 
 
+def test_an_observer_believes_in_the_effort_that_acts_not_in_the_one_it_asks_for() -> None:
+    weak = crane(trolley_effort=2e4)
+    make = CONTROLLERS["observer"][1]
+    block = controller_block(weak, make(weak, PERIOD))
+    call = in_structured_text(block)
+    inputs, expected = vectors(weak, make(weak, PERIOD), block, rows=100)
+    found = np.array([call(row, k == 0)[0] for k, row in enumerate(inputs)])
+    cut = np.abs(expected[:, 1]) == 2e4
+    assert 10 < cut.sum() < 95
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_rates_keep_to_what_converters_of_a_large_crane_reach() -> None:
+    call = in_structured_text(rates())
+    row = np.array([v.start for v in rates().of_kind("input")])
+    row[:3] += [30.0, -300.0, 300.0]
+    found, _ = call(row, True)
+    # A tenth beyond 0.8 rpm, 95 m/min and 60 m/min.
+    usual_rates = np.array([0.8 * 2.0 * np.pi / 60.0, 95.0 / 60.0, 1.0])
+    np.testing.assert_allclose(np.abs(found), 1.1 * usual_rates, rtol=1e-3)
+
+
+def test_a_follower_at_fault_brakes_at_the_ramps_of_a_large_crane() -> None:
+    block = following()
+    call, names = in_structured_text(block), [v.name for v in block.of_kind("input")]
+    row = np.array([v.start for v in block.of_kind("input")])
+    row[names.index("x_dot")] = 1.0
+    call(row, True)
+    row[names.index("gamma_dot")] = np.nan
+    found, fault = call(row, False)
+    # 95 m/min in 2.5 s
+    assert fault and found == pytest.approx([0.0, -1.583 / 2.5, 0.0])
+
+
 def test_efforts_at_a_fault_end_at_the_weight_of_the_load_after_a_quarter_of_a_second() -> None:
     call = in_structured_text(usual("hold")())
     row = np.array([v.start for v in usual("hold")().of_kind("input")])
@@ -293,6 +327,15 @@ def test_a_crane_in_c_stands_still_at_a_fault_and_is_never_nan(
             assert compiled.memory.valid == 0.0
             assert [getattr(compiled.memory, v.name) for v in block.of_kind("state")] == state
     assert faults > 100
+
+
+@pytest.mark.slow
+@needs_gcc
+def test_a_crane_in_c_is_not_valid_where_a_converter_cuts_a_command(tmp_path: Path) -> None:
+    compiled = CompiledBlock(crane_block(CRANE, drive="velocity"), tmp_path)
+    for command, valid in ((1.7, 1.0), (1.8, 0.0), (-1.7, 1.0), (-1.8, 0.0)):
+        compiled.memory.x_dot_command = command  # the limit is 1.1 times 1.583 m/s
+        assert compiled.call("outputs") and compiled.memory.valid == valid
 
 
 @needs_gcc

@@ -83,6 +83,25 @@ def test_a_result_that_is_no_number_is_a_fault_in_c(name: str, tmp_path: Path) -
     check(call, name, [*INPUTS, *(-x for x in INPUTS)])
 
 
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_sines_in_c_are_those_of_mathematics(precision: Any, tmp_path: Path) -> None:
+    for name, law, same in (
+        ("sine", lambda x: x.sin(), math.sin),
+        ("cosine", lambda x: x.cos(), math.cos),
+    ):
+        compiled = CompiledBlock(block_of(law), tmp_path / name, precision)
+        quarters = [0.25 * math.pi * k for k in range(-40, 41)]
+        for angle in [*quarters, *(100.0 * angle + 0.3 for angle in quarters), -9.9e5, 9.9e5]:
+            compiled.memory.x = angle
+            assert compiled.call()
+            # The last bits of the value; in single precision the quarters are taken off with the
+            # last bits of the angle.
+            given = compiled.memory.x
+            tolerance = 4e-16 if precision == "double" else 2.0**-23 * (2.0 + abs(given))
+            assert abs(compiled.memory.y - same(given)) <= tolerance, (name, given)
+
+
 @pytest.mark.parametrize("name", ["inverse", "cube"])
 def test_a_result_that_is_no_number_is_a_fault_in_structured_text(name: str) -> None:
     # A zero is left out, whose inverse stops some PLCs; a block asks for no such thing.
