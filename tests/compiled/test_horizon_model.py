@@ -36,8 +36,8 @@ def test_a_stage_is_the_exponential_of_the_linear_crane_to_the_fourth_power_of_i
     for name, i, j, value in entries:
         if name == "forward":
             found[i, j] = value
-    # About the plumb load: a pendulum of nearly ω² = g/l in each plane, moved by the trolley, and by
-    # the slew at the radius of 10 m.
+    # About the plumb load: a pendulum of nearly ω² = g/l in each plane, moved by the trolley, and
+    # by the slew at the radius of 10 m.
     squared = tower.gravity / q[4]
     rates = model.crane_derivatives(plant, q, still, np.zeros(m)).rates.astype(float)
     inertia_of_the_load = 3e-3  # as a share of m l²
