@@ -510,6 +510,39 @@ def test_a_reading_that_cannot_be_is_refused_and_said() -> None:
     assert notes["last_refused"] == pytest.approx({"gamma_dot_rad_s": 1257.0}, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("x", "x_dot", "refused"),
+    # Within a range of 20 m beyond the trolley's 2 to 22 m, and ten times its largest rate.
+    [
+        *[(1.0, 0.0, 0), (-17.0, 0.0, 0), (41.0, 0.0, 0), (-19.0, 0.0, 1), (43.0, 0.0, 1)],
+        *[(12.0, 2.0, 0), (12.0, -15.0, 0), (12.0, 17.0, 1), (12.0, -17.0, 1)],
+    ],
+)
+def test_a_reading_is_refused_a_range_beyond_the_range_and_at_ten_times_the_rate(
+    x: float, x_dot: float, refused: int
+) -> None:
+    made, drives = receding(crane(), LIMITS), crane().layout.drives
+    made.begin_run(0.0, 5e-3)
+    start = at((0.0, 12.0, 15.0))
+    setpoint = Setpoint(start.q[drives], np.zeros(3), np.zeros(3))
+    made(0.0, start, setpoint)
+    q, v = start.q.copy(), start.v.copy()
+    q[1], v[1] = x, x_dot
+    assert np.isfinite(made(5e-3, State(q, v), setpoint)).all()
+    assert made.notes().get("refused_readings", 0) == refused
+
+
+def test_after_each_failure_the_next_plan_begins_farther_from_its_bounds() -> None:
+    made, start, goal = failing(), at(MOVES["combined"][0]), at(MOVES["combined"][1])
+    made.begin_run(0.0, 5e-3)
+    setpoint = Setpoint(goal.q[crane().layout.drives], np.zeros(3), np.zeros(3))
+    for k in range(25):
+        made(5e-3 * k, start, setpoint)
+        # An optimisation in every tenth call; the first begins at 1e-6.
+        assert made.marks.failures == k // 10 + 1
+        assert made.marks.barrier == pytest.approx(1e-5)
+
+
 def test_sensors_that_fail_at_the_first_instant_or_for_a_second_are_outlived() -> None:
     goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
     offset = np.zeros((3, 602, 10))
