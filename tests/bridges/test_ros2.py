@@ -202,6 +202,26 @@ def test_the_articles_traps_are_answered(package: Path, robot: ET.Element) -> No
         assert world.findtext("world/gravity") == "0 0 -9.8"
 
 
+def test_the_package_depends_on_what_its_launch_files_use(package: Path) -> None:
+    texts = [file.read_text() for file in (package / "launch").glob("*.py")]
+    texts += [
+        (package / name).read_text() for name in ("urdf/crane.urdf", "config/controllers.yaml")
+    ]
+    root = ET.parse(package / "package.xml").getroot()
+    needed = [entry.text or "" for entry in root.iterfind("exec_depend")]
+    # A Gazebo plugin is a library of its package, and a controller a type of its.
+    used = {name for name in ALL_PACKAGES if any(name in text for text in texts)}
+    assert sorted(needed) == sorted(used)
+
+
+ALL_PACKAGES = (
+    *("controller_manager", "effort_controllers", "forward_command_controller", "gazebo_ros"),
+    *("gz_ros2_control", "joint_state_broadcaster", "joint_state_publisher_gui", "rviz2"),
+    *("robot_state_publisher", "ros_gz_bridge", "ros_gz_sim", "xacro"),
+)
+"""Packages of ROS 2 with which cranes like ours are launched."""
+
+
 def test_the_worlds_have_the_gravity_of_the_crane(tmp_path: Path) -> None:
     folder = ros2.export(tmp_path / "out", load_crane(gravity=1.62))
     for world in ("crane.sdf", "classic.sdf"):
