@@ -69,7 +69,7 @@ def test_a_turned_box_has_the_size_and_the_axes_of_the_urdf(engine: Any, tmp_pat
         "</geometry></visual></link>"
     )
     (tmp_path / "crane.urdf").write_text(describe().replace("</link>", box, 1))
-    file = mjcf.export(load_crane(tmp_path / "crane.urdf"), tmp_path / "crane.xml")
+    file = mjcf.export(tmp_path / "crane.xml", load_crane(tmp_path / "crane.urdf"))
     model = mujoco.MjModel.from_xml_path(str(file))
     (i,) = np.flatnonzero(np.isclose(model.geom_size[:, 0], 0.123 / 2.0))
     assert_allclose(model.geom_size[i], [0.0615, 0.1, 0.35])
