@@ -1546,11 +1546,23 @@ cranedyn/bridges/gymnasium.py
 - observations[ended] = self.task.observe(ended)
 +
 cranedyn/bridges/ros2.py
+* a package of ROS leaves out what it needs
+? ros2::the_package_depends_on_what_its_launch_files_use
+- for dependency in DEPENDENCIES:
++ for dependency in DEPENDENCIES[1:]:
+* gravity of the world of gz sim is fixed
+? ros2::the_worlds_have_the_gravity_of_the_crane
+- f"0 0 {-crane.gravity!r}"
++ "0 0 -9.8"
 * the first command in ROS is no effort at all
 ? ros2::the_efforts_before_the_first_command_hold_the_crane_where_it_starts
 - states["effort"] = joint.holding
 + states["effort"] = 0.0
 cranedyn/bridges/mjcf.py
+* MuJoCo turns about the moving axes
+? mjcf::a_turned_box_has_the_size_and_the_axes_of_the_urdf
+- eulerseq="XYZ"
++ eulerseq="xyz"
 * the keyframe of MuJoCo lets go of the load
 ? mjcf::a_crane_hangs_still_from_its_keyframe_on
 - repr(joint.holding) for joint in moving
@@ -1565,6 +1577,14 @@ cranedyn/bridges/joints.py
 - float(dynamics.get("armature", "0"))
 + float(dynamics.get("armature", "0")) < 0.0
 cranedyn/bridges/mcap.py
+* messages of a recording are published at the epoch
+? mcap::messages_are_published_when_they_are_logged
+- publish_time=time
++ publish_time=0
+* joint states of a recording tell the command as effort
+? mcap::a_command_that_a_drive_cuts_is_told_as_it_was_given
+- efforts[:, [moving.index(joint) for joint in driven]] = run.effort
++ efforts[:, [moving.index(joint) for joint in driven]] = run.command
 * frames of a recording are those of parents in their children
 ? mcap::the_frames_put_the_load_where_the_model_does
 - parent.actInv(child)
@@ -1597,7 +1617,28 @@ cranedyn/dynamics/joint_forces.py
 ? dynamics::a_falling_load_leaves_the_rope_slack
 - joint.damping[i] * v[i] - hoist
 + abs(joint.damping[i] * v[i] - hoist)
+cranedyn/bridges/fmi.py
+* the index of a derivative in FMI 2 counts from 0
+? fmi::the_description_names_the_derivatives_and_the_dimensions_of_its_variables[effort-2]
+- str(variable.rate_of + (not new))
++ str(variable.rate_of)
+* a torque has the base units of a force
+? fmi::the_description_names_the_derivatives_and_the_dimensions_of_its_variables[effort-3]
+- "N.m": {"kg": "1", "m": "2", "s": "-2"},
++ "N.m": {"kg": "1", "m": "1", "s": "-2"},
 cranedyn/bridges/fmi_unit.h
+* a crane at fault in a unit steps on without a word
+? fmi::a_crane_in_a_unit_says_that_an_input_is_impossible_and_stays_as_it_is
+- if (!sound && STATES)
++ if (false)
+* a state that is no number goes into a unit
+? fmi::model_exchange_discards_states_that_are_no_numbers_and_goes_on_from_others
+- if (!isfinite(states[i]))
++ if (false)
+* a trial state that fails makes the unit fail for good
+? fmi::model_exchange_discards_states_that_are_no_numbers_and_goes_on_from_others
+- data->model.fault = false;
++
 * a unit forgets that its model ceased to hold
 ? fmi::a_unit_says_once_the_model_no_longer_holds
 - data->invalid |= !data->valid;
@@ -1626,10 +1667,62 @@ cranedyn/compiled/c_routines.py
 + {name} = {begin.text} + 1;
 cranedyn/compiled/c_text.py
 * a block in C takes what is no number
-? c_code::an_input_that_is_no_number_is_a_fault_until_the_reset
-- if (!{check}) self->fault = true;
-+ if (!{check}) self->fault = false;
+? c_code::an_input_out_of_range_is_a_fault_until_the_reset
+- *_input_check(block, language)
++
+* a block in C stores results that are no numbers
+? block::a_result_that_is_no_number_is_a_fault_in_c[root]
+- lines += _return_if_any_fails(walk.checks, language)
++
+* a block in C is sound again in the call after a fault
+? c_code::an_input_out_of_range_is_a_fault_until_the_reset
+- checks = ["!self->fault"]
++ checks = ["true"]
+* a block in C does not look at its parameters
+? controller_block::a_crane_in_c_stands_still_at_a_fault_and_is_never_nan[effort-double]
+- for variable in block.of_kind("input", "parameter"):
++ for variable in block.of_kind("input"):
+cranedyn/compiled/functions.c.in
+* an input in C needs to keep one of its two bounds
+? c_code::an_input_out_of_range_is_a_fault_until_the_reset
+- return x >= low && x <= high;
++ return x >= low || x <= high;
+* NaN lies in every range in C
+? c_code::an_input_out_of_range_is_a_fault_until_the_reset
+- return x >= low && x <= high;
++ return !(x < low || x > high);
+cranedyn/compiled/horizon/riccati.py
+* the cost beyond a horizon is that of a stage less
+? horizon_solver::the_cost_beyond_the_horizon_is_that_of_a_horizon_as_long_again
+- with work.code.loop(0, work.shape.stages):
++ with work.code.loop(0, work.shape.stages - 1):
+cranedyn/compiled/horizon/model.py
+* a stage is integrated to the third order
+? horizon_model::a_stage_is_the_exponential_of_the_linear_crane_to_the_fourth_power_of_its_length
+- _ORDER = 4
++ _ORDER = 3
+cranedyn/compiled/structured_text.py
+* the count of calls in Structured Text begins again at 0
+? st::a_controller_in_structured_text_commands_what_it_commands_in_python[shaper-Python]
+- yield f"    count := {block.first};"
++ yield "    count := 0;"
+* inputs out of range are no fault in Structured Text
+? st::an_input_out_of_range_is_a_fault_until_the_reset[inf-Python]
+- ({value} >= {self.signed(low)}) AND ({value} <= {self.signed(high)})
++ ({value} >= {self.signed(low)}) OR ({value} <= {self.signed(high)})
+* a fault in Structured Text stays after a reset
+? st::an_input_out_of_range_is_a_fault_until_the_reset[nan-Python]
+- yield "  fault := FALSE;"
++ yield "  fault := fault;"
+* Structured Text computes although an input is out of range
+? controller_block::a_rope_of_negative_length_is_a_fault_of_yielding_drives
+- yield "IF NOT fault THEN"
++ yield "IF TRUE THEN"
 cranedyn/compiled/block.py
+* a result beyond all bounds is cut to the limit of its output
+? block::an_infinite_result_is_a_fault_although_its_output_has_limits
+- if name != FAULT:
++ if False:
 * names of a block that differ in case alone are two
 ? st::names_that_are_no_identifiers_are_mapped_one_to_one
 - while candidate.lower() in taken
@@ -1648,6 +1741,26 @@ cranedyn/compiled/crane_block.py
 - begins = compared("==",
 + begins = compared("<",
 cranedyn/bridges/controller_block.py
+* a shaper at fault goes to the start of the crane
+? controller_block::a_shaper_at_fault_holds_its_position_until_a_reset
+- return held, {}
++ return array(self._targets), {}
+* drives at fault coast
+? controller_block::accelerations_at_a_fault_brake_each_drive_to_rest_within_its_limit
+- _within(rate * (-1.0 / period), a)
++ _within(0.0 * rate, a)
+* efforts at fault drop the load
+? controller_block::efforts_at_a_fault_end_at_the_weight_of_the_load_after_a_quarter_of_a_second
+- self._targets = [output.start for output in outputs]
++ self._targets = [0.0 for output in outputs]
+* rates at fault are zero at once
+? controller_block::no_output_in_structured_text_is_nan_or_jumps_at_a_fault[lqr, rates]
+- steps = period * self._accelerations
++ steps = 1e6 * self._accelerations
+* a rope of negative length is read
+? controller_block::a_rope_of_negative_length_is_a_fault_of_yielding_drives
+- self.lowest = {setting.state[hoist]: 0.0}
++ self.lowest = {}
 * the block of an observer corrects with the rates of a call before
 ? c_code::a_controller_in_c_commands_what_it_commands_in_python
 - code.plus(code.count, -1)
@@ -1683,6 +1796,11 @@ cranedyn/bridges/commissioning/served_crane.py
 ? served_crane::under_an_injected_fault_the_crane_stops_and_says_why
 - / self._counts) > TOLERANCE
 + / self._counts) > 1e9
+cranedyn/bridges/commissioning/words.py
+* a word of a served crane is any number
+? served_crane::a_command_that_is_no_number_of_its_type_leaves_the_last_one
+- and low <= value <= high
++
 cranedyn/bridges/commissioning/modbus.py
 * a negative number over Modbus is a large one
 ? servers::the_map_in_csv_leads_to_every_word_in_both_protocols
@@ -1709,10 +1827,37 @@ cranedyn/bridges/templates/page/assist.js
 + return this.shaped(asked, q);
 cranedyn/bridges/templates/page/kernel.js
 cranedyn/bridges/templates/page/run.js
+* an assistance may command what is no number
+? page::no_state_makes_an_assistance_command_what_is_no_number
+- if (!rates.every(Number.isFinite))
++ if (false)
+* a drive takes sticks beyond their ends
+? page::an_impossible_input_ends_a_drive_before_it_reaches_the_crane
+- sticks: () => numbers(value, 1),
++ sticks: () => numbers(value, 2),
 * predictive control runs out of a range
 ? page::predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives
 - this.assistant.limited(kernel.plan(this.k), q)
 + kernel.plan(this.k)
+cranedyn/bridges/page.py
+* a site is turned the wrong way on the page
+? page::a_site_is_turned_so_that_its_heading_is_where_the_jib_points
+- Rotation.from_euler("z", -(site.heading + math.pi / 2.0))
++ Rotation.from_euler("z", (site.heading + math.pi / 2.0))
+cranedyn/bridges/c_code.py
+* the test of exported C takes any number
+? c_code::the_test_of_the_exported_folder_takes_round_off_and_no_more
+- TOLERANCE = {"double": 1e-12,
++ TOLERANCE = {"double": 1e-2,
+cranedyn/compiled/horizon/planning.py
+* failures of a plan are not counted
+? horizon::after_each_failure_the_next_plan_begins_farther_from_its_bounds
+- self._mark("failures") + code.chosen(solved, 0.0, 1.0)
++ code.chosen(solved, 0.0, 1.0)
+* a plan on a motion forgets the accelerations of the motion
+? horizon::on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_cost
+- rising = (coming - now)
++ rising = 0.0 * (coming - now)
 cranedyn/bridges/margins.py
 * margins overlook half of the sampling rate
 ? margins::a_drive_is_unstable_just_beyond_what_its_margins_say

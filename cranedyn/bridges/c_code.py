@@ -177,7 +177,7 @@ def _readme(tests: Sequence[BlockTest], precision: Precision) -> str:
         )
         lines += [f"## {block.name}.c", "", block.about, ""]
         lines += [f"`{block.name}_step` is called every {block.period:g} s.", ""]
-        lines += [f"Inputs: {inputs}.", "", f"Outputs: {outputs}.", ""]
+        lines += [f"Inputs: {inputs}.", "", f"Outputs: {outputs}.", "", block.at_fault, ""]
         for name, identifier in block.renamed.items():
             lines += [f"`{name}` is called `{identifier}`.", ""]
     text = (_TEMPLATES / "c_readme.md").read_text()

@@ -3,6 +3,9 @@
 A block takes what is measured and the setpoints as inputs, and is called once in each control
 period. What lies on tables in Python, such as gains along a motion, lies on constant tables in the
 block; the count of calls since the reset is the row.
+
+A block at fault does what is safe for the kind of its outputs until the program closes the brakes,
+see `FaultReaction`.
 """
 
 from __future__ import annotations
@@ -11,19 +14,27 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from cranedyn.bridges.joints import finite_form, input_names, state_names
 from cranedyn.checks import check_choice, number
 from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
-from cranedyn.compiled.block import BlockCode, FunctionBlock, Tables, Variable, identifiers
+from cranedyn.compiled.block import (
+    FAULT,
+    BlockCode,
+    FunctionBlock,
+    Tables,
+    Variable,
+    identifiers,
+)
 from cranedyn.compiled.horizon.control import emit_instant, emit_plan
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.controllers.affine import Affine, AffineController, integrated_command
 from cranedyn.controllers.damping import DampingController
 from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import converters as typical_converters
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.errors import DataError, OutOfRange
@@ -75,6 +86,9 @@ class Part(ABC):
 
     Attributes:
         about: Sentence that says what it does.
+        lowest: Smallest values of measured inputs, by their identifiers; a fault below.
+        braking: Largest accelerations of the drives at a fault, shape (m,); None for those of
+            typical frequency converters.
         memory: Variables that it keeps.
         arrays: Arrays that it keeps, with their start.
         tables: Its tables.
@@ -84,6 +98,8 @@ class Part(ABC):
     """
 
     about: str
+    lowest: Mapping[str, float] = {}
+    braking: np.ndarray | None = None
     memory: Sequence[Variable] = ()
     arrays: Mapping[str, np.ndarray] = {}
     tables: Mapping[str, np.ndarray] = {}
@@ -187,6 +203,10 @@ class _YieldingPart(Part):
     def __init__(self, setting: ControlSetting, controller: Any) -> None:
         _check_period(setting, controller.control_period)
         self._controller, self._setting = controller, setting
+        self.braking = controller.accelerations
+        # The frequency of the swing is the square root of gravity over the length of the rope.
+        *_, hoist = setting.crane.layout.tower("Drives that yield to the swing")
+        self.lowest = {setting.state[hoist]: 0.0}
 
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
         rates, positions = code.get_all(self._setting.rate), code.get_all(self._setting.setpoint)
@@ -369,6 +389,131 @@ def controller_code(setting: ControlSetting, controller: Any) -> Part:
     )
 
 
+EFFORT_RAMP_TIME = 0.25
+"""Time in which an effort goes from its limit to zero at a fault [s]. Brakes of cranes close in
+about a quarter of a second; the drive hands its effort over to them meanwhile."""
+
+
+class FaultReaction:
+    """What the outputs of a controller do at a fault, by their kind.
+
+    * Positions hold their last values: a drive that is told another position would go there.
+    * Rates ramp to zero at the accelerations of the drives, which stops the crane.
+    * Accelerations brake each drive to rest: an acceleration of zero would keep its rate. They
+      begin with the last measured rate, since the present one may be what is not a number.
+    * Efforts ramp to those that hold the crane at its start: for a hoist the weight of the load,
+      for slew and trolley zero. The last effort would go on to accelerate the crane, and none at
+      all would drop the load.
+
+    Attributes:
+        about: Sentence that says it.
+        memory: Variables that it keeps.
+    """
+
+    def __init__(
+        self,
+        setting: ControlSetting,
+        outputs: Sequence[Variable],
+        kind: Drive | Literal["position"],
+        accelerations: np.ndarray | None,
+    ) -> None:
+        """Prepare the reaction.
+
+        Args:
+            setting: Crane, clock and identifiers of the block.
+            outputs: Outputs of the block; at a fault efforts go to their values after a reset.
+            kind: What the outputs are: positions, or what drives of this mode take.
+            accelerations: Largest accelerations of the drives [rad/s² or m/s²], shape (m,), by
+                which rates ramp and accelerations brake; None for positions and efforts.
+        """
+        self._setting, self._kind, self._accelerations = setting, kind, accelerations
+        self._held = [f"held_{output.name}" for output in outputs]
+        self._braking_rates = [f"braking_rate_{name}" for name in setting.drive]
+        self._targets = [output.start for output in outputs]
+        about = "for the reaction to a fault"
+        if kind == "motion":
+            rates = [f"{joint.unit}/s" for joint in setting.crane.layout.driven]
+            self.memory = Variable.several(self._braking_rates, "state", rates, about=about)
+        else:
+            units = [output.unit for output in outputs]
+            self.memory = Variable.several(self._held, "state", units, self._targets, about=about)
+
+    @property
+    def about(self) -> str:
+        """Sentence that says what the outputs do."""
+        return {
+            "position": "At a fault the outputs hold their last values.",
+            "velocity": "At a fault the rates ramp to zero at the accelerations of the drives.",
+            "motion": "At a fault the accelerations brake the drives to rest.",
+            "effort": (
+                f"At a fault the efforts ramp within {EFFORT_RAMP_TIME:g} s to those that hold "
+                "the crane at its start."
+            ),
+        }[self._kind]
+
+    @property
+    def copies(self) -> dict[str, str]:
+        """Memory that keeps the last value of an output: name of the output by that of memory."""
+        if self._kind == "motion":
+            return {}
+        return dict(zip(self._held, self._setting.command, strict=True))
+
+    def remember(self, rates: np.ndarray) -> dict[str, Any]:
+        """Return the new values of its other memory in a call without a fault.
+
+        Args:
+            rates: Measured rates of the drives, shape (m,).
+        """
+        if self._kind != "motion":
+            return {}
+        # No drive is faster than its limit, whatever a sensor says; it would be braked for ever.
+        limits = self._setting.crane.rate_limit.tolist()
+        return {
+            name: _within(rate, limit)
+            for name, rate, limit in zip(self._braking_rates, rates, limits, strict=True)
+        }
+
+    def emit(self, code: BlockCode) -> Emitted:
+        """Emit the outputs of a call at fault."""
+        if self._kind == "motion":
+            return self._brake(code)
+        held = code.get_all(self._held)
+        if self._kind == "position":
+            return held, {}
+        steps = self._largest_steps()
+        outputs = [
+            last + _within(target - last, step)
+            for last, target, step in zip(held, self._targets, steps, strict=True)
+        ]
+        return array(outputs), dict(zip(self._held, outputs, strict=True))
+
+    def _brake(self, code: BlockCode) -> Emitted:
+        """Emit accelerations that brake the drives to rest, and count down the rates left."""
+        assert self._accelerations is not None
+        period = self._setting.period
+        rates = code.get_all(self._braking_rates)
+        limits = self._accelerations.tolist()
+        outputs = array(
+            [_within(rate * (-1.0 / period), a) for rate, a in zip(rates, limits, strict=True)]
+        )
+        return outputs, dict(zip(self._braking_rates, rates + outputs * period, strict=True))
+
+    def _largest_steps(self) -> list[float]:
+        """Return the largest change of each output from one call at fault to the next."""
+        period = self._setting.period
+        if self._kind == "effort":
+            steps = period * self._setting.crane.effort_limit / EFFORT_RAMP_TIME
+        else:
+            assert self._accelerations is not None
+            steps = period * self._accelerations
+        return steps.tolist()
+
+
+def _within(value: Any, limit: float) -> Any:
+    """Return a value cut to a limit on either side, or as it is for an infinite limit."""
+    return clipped(value, -limit, limit) if np.isfinite(limit) else value
+
+
 def controller_block(
     crane: Crane,
     controller: Any,
@@ -402,15 +547,16 @@ def controller_block(
     positions = [joint.unit for joint in driven]
     rates, units = ([f"{unit}/{per}" for unit in positions] for per in ("s", "s2"))
     signals = [f"{name}_command" for name in input_names(crane, drive)]
+    kind: Drive | Literal["position"] = drive
+    drives = fitting(crane, drive, converters)
     if isinstance(controller, Shaped):
+        kind = "position"
         units, holding = positions, crane.start.q[layout.drives]
         signals = [f"{joint.symbol}_shaped" for joint in driven]
     elif drive == "effort":
         limits, holding = crane.effort_limit, holding_effort(crane, crane.start.q)
         units = [joint.effort_unit.replace(" ", ".") for joint in driven]
-    elif drive == "velocity":
-        drives = fitting(crane, drive, converters)
-        assert drives is not None
+    elif drives is not None:
         limits, units, signals = drives.rates, rates, input_names(crane, drive)
     setting = ControlSetting(crane, signals, control_period, duration)
     law = controller_code(setting, controller)
@@ -418,13 +564,22 @@ def controller_block(
         raise OutOfRange("duration", duration, "longer: the tables still change at its end", "s")
     state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
     start = np.concatenate(crane.start)
+    lowest = [law.lowest.get(name, -np.inf) for name in setting.state]
     several = Variable.several
+    outputs = several(setting.command, "output", units, holding, -limits, limits)
+    accelerations = drives.accelerations if drives is not None else None
+    if kind == "motion":
+        accelerations = law.braking
+        if accelerations is None:
+            accelerations = typical_converters(crane).accelerations
+    reaction = FaultReaction(setting, outputs, kind, accelerations)
     variables = [
-        *several(setting.state, "input", state_units, start, about="measured"),
+        *several(setting.state, "input", state_units, start, lowest, about="measured"),
         *several(setting.setpoint, "input", positions, start[layout.drives], about="setpoint"),
         *several(setting.rate, "input", rates, about="of the setpoint a period later"),
-        *several(setting.command, "output", units, holding, -limits, limits),
+        *outputs,
         *law.memory,
+        *reaction.memory,
     ]
     first = law.repeats or law.rows - 1
     block = FunctionBlock(
@@ -438,13 +593,21 @@ def controller_block(
         first=first,
         renamed={signal: new for signal, new in setting.identifier.items() if signal != new},
         routines=law.routines,
+        at_fault=reaction.about,
     )
 
     def step(code: BlockCode) -> Mapping[str, Any]:
-        command, memory = law.emit(code, code.get_all(setting.state))
+        z = code.get_all(setting.state)
+        command, memory = law.emit(code, z)
+        kept = reaction.remember(z[layout.n + layout.drives])
+        return {**dict(zip(setting.command, command, strict=True)), **memory, **kept}
+
+    def fault(code: BlockCode) -> Mapping[str, Any]:
+        command, memory = reaction.emit(code)
         return {**dict(zip(setting.command, command, strict=True)), **memory}
 
-    block.emit("step", step)
+    block.emit("step", step, reaction.copies)
+    block.emit(FAULT, fault)
     return block
 
 

@@ -250,7 +250,7 @@ class _Unit:
             f"  {name} model;",
             f"  double start[{len(starts) or 1}];",
         ]
-        lines += ["  double time;", "  int32_t mode, stale, invalid, valid;", "} Data;", ""]
+        lines += ["  double time;", "  int32_t mode, stale, invalid, valid, sound;", "} Data;", ""]
         lines += ["static const struct {", "  const char *name;", "  size_t offset;"]
         lines += ["  double start, least, most;", "  bool output, fixed;", "} VARIABLE[] = {"]
         for v in variables:

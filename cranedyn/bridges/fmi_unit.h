@@ -59,9 +59,12 @@ static void look(Data *data) {
   if (data->mode <= INITIALIZING)
     for (size_t i = 0; i < STATES; i++) *at(data, FIRST_STATE + i) = *at(data, START + i);
 #ifdef OUTPUTS
-  OUTPUTS(&data->model);
+  /* Solvers of model exchange try states and take them back, so what does not hold at a state is no fault of later ones. */
+  data->model.fault = false;
+  data->sound = OUTPUTS(&data->model);
   data->valid = data->model.valid > 0.5 && !data->invalid;
 #else
+  /* The block is asked in a copy: looking does not advance its memory, and at a fault not its ramps. */
   Data next = *data;
   data->valid = STEP(&next.model);
   for (size_t i = 0; i < VALID; i++)
@@ -132,7 +135,8 @@ static Status advance(Unit *unit, double point, double step) {
     return tell(unit, DISCARD, "The communication step is %.17g s; allowed is a multiple of its own step of %g s.", step, DT);
   look(data);
   data->invalid |= !data->valid;
-  for (int64_t i = 0; i < (int64_t)count; i++) STEP(&data->model);
+  bool sound = true;
+  for (int64_t i = 0; i < (int64_t)count; i++) sound = STEP(&data->model) && sound;
   double fastest = 0.0;
   for (size_t i = STATES / 2; i < STATES; i++) {
     double rate = fabs(*at(data, FIRST_STATE + i));
@@ -140,6 +144,9 @@ static Status advance(Unit *unit, double point, double step) {
   }
   if (!(fastest < 1e6))
     return tell(unit, ERROR, "The run diverged between %.6g and %.6g s: a joint moves at %g per second.", point, point + step, fastest);
+  if (!sound && STATES)
+    return tell(unit, ERROR, "The run ended between %.6g and %.6g s: an input lies beyond 1e12, or the state is no number any more.",
+                point, point + step);
   data->time = point + step;
   data->stale = 1;
   return OK;
@@ -154,6 +161,9 @@ static Status get_states(Unit *unit, double *states, size_t n) {
 
 static Status set_states(Unit *unit, const double *states, size_t n) {
   if (n != STATES) return tell(unit, ERROR, "The unit has %d states.", STATES);
+  for (size_t i = 0; i < n; i++)
+    if (!isfinite(states[i]))
+      return tell(unit, DISCARD, "%s is %.17g; a state is a finite number.", VARIABLE[FIRST_STATE + i].name, states[i]);
   for (size_t i = 0; i < n; i++) *at(&unit->data, FIRST_STATE + i) = states[i];
   unit->data.stale = 1;
   return OK;
@@ -163,6 +173,8 @@ static Status set_states(Unit *unit, const double *states, size_t n) {
 static Status get_derivatives(Unit *unit, double *derivatives, size_t n) {
   if (n != STATES) return tell(unit, ERROR, "The unit has %d states.", STATES);
   look(&unit->data);
+  if (STATES && !unit->data.sound)
+    return tell(unit, DISCARD, "There are no derivatives here: an input lies beyond 1e12, or they are no numbers at this state.");
   for (size_t i = 0; i < n; i++) derivatives[i] = *at(&unit->data, FIRST_STATE + STATES / 2 + i);
   return OK;
 }

@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.code import INTEGER, Code, Value, uses
+from cranedyn.compiled.code import DOUBLE, INTEGER, Code, Value, uses
 from cranedyn.compiled.tables import drop_repeated_rows
 from cranedyn.dynamics.scalars import array
 
@@ -23,7 +23,18 @@ Kind = Literal["input", "parameter", "output", "state"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 LARGEST = 1e12
-"""Inputs beyond it are faults, as what is not a number is."""
+"""Inputs and parameters beyond it are faults, as NaN is."""
+
+LARGEST_RESULT = 1e30
+"""Results beyond it are faults, as NaN is. It lies within single precision, and compilers of
+Structured Text refuse larger literals."""
+
+FAULT = "fault"
+"""Name of the function that gives the outputs of a block which is at fault; `FunctionBlock`."""
+
+FINITE_CHECK = "check.finite"
+"""Name of the call by which the code of a block demands that a result is a number, of at most
+`LARGEST_RESULT`. The printers make a fault of one that is not."""
 
 _RESERVED = frozenset(
     "auto break case char const continue default do double else enum extern float for goto if "
@@ -46,8 +57,8 @@ class Variable:
         name: Name, an identifier.
         kind: Whether it is an input, a parameter, an output or memory.
         unit: Unit; empty for a pure number.
-        start: Value after a reset, and of an output while the block is at fault.
-        lower, upper: Range; outputs are cut to it.
+        start: Value after a reset.
+        lower, upper: Range. Outputs are cut to it; an input or a parameter beyond it is a fault.
         about: Description.
     """
 
@@ -58,6 +69,11 @@ class Variable:
     lower: float = -np.inf
     upper: float = np.inf
     about: str = ""
+
+    @property
+    def allowed(self) -> tuple[float, float]:
+        """Smallest and largest value of an input or parameter that is no fault."""
+        return max(self.lower, -LARGEST), min(self.upper, LARGEST)
 
     @staticmethod
     def several(
@@ -73,16 +89,23 @@ class Variable:
 class FunctionBlock:
     """A block.
 
+    A call is a fault if an input or a parameter is out of its range, or if a result is NaN or
+    beyond `LARGEST_RESULT`. The block then stays at fault until its reset: its memory and the
+    outputs of the call are not stored, and this and every later call give the outputs of the
+    function `FAULT` instead, which reads nothing but memory. An output that `FAULT` does not assign
+    keeps its last value.
+
     Attributes:
         name: Name, an identifier.
         about: Sentence that says what it does.
+        at_fault: Sentence that says what its outputs do at a fault.
         period: Time from one call of `step` to the next [s].
         variables: Its variables.
         arrays: Arrays in its memory, by name, with their values after a reset.
         tables: Constant tables by name, one after another row.
         last, first: Number of a call after which the count of calls goes on with `first`.
         renamed: Identifiers by names that are none.
-        functions: Its functions by name; "step" is one.
+        functions: Its functions by name; "step" is one, and `FAULT`.
         routines: What they call: functions with loops, on arrays.
     """
 
@@ -97,6 +120,12 @@ class FunctionBlock:
     renamed: Mapping[str, str] = field(default_factory=dict)
     functions: dict[str, ir.Function] = field(default_factory=dict)
     routines: Sequence[ir.Function] = ()
+    at_fault: str = ""
+
+    @property
+    def calls(self) -> dict[str, ir.Function]:
+        """The functions that a caller runs: all but `FAULT`."""
+        return {name: code for name, code in self.functions.items() if name != FAULT}
 
     def of_kind(self, *kinds: Kind) -> list[Variable]:
         """Return the variables of some kinds; only inputs and parameters that the code uses."""
@@ -114,16 +143,33 @@ class FunctionBlock:
             and (variable.kind not in ("input", "parameter") or variable.name in loaded)
         ]
 
-    def emit(self, name: str, text: Callable[[BlockCode], Mapping[str, Any]]) -> None:
-        """Add a function from its text: the values of outputs and memory by name; outputs are cut
-        to their ranges.
+    def emit(
+        self,
+        name: str,
+        text: Callable[[BlockCode], Mapping[str, Any]],
+        copies: Mapping[str, str] | None = None,
+    ) -> None:
+        """Add a function from its text: the values of outputs and memory by name.
+
+        Outputs are cut to their ranges. Values are checked before they are cut, since an infinite
+        command means that the block has failed, although a limit would make it finite.
+
+        Args:
+            name: Name of the function.
+            text: Emits its statements and returns the values.
+            copies: Memory that keeps an output as it was cut: name of the output by that of memory.
         """
         code = BlockCode(self, name)
         values = dict(text(code))
+        if name != FAULT:
+            for value in values.values():
+                code.demand_finite(value)
         for variable in self.of_kind("output"):
             if variable.name in values and np.isfinite([variable.lower, variable.upper]).any():
                 value, limits = code.value(values[variable.name]), (variable.lower, variable.upper)
                 values[variable.name] = code.clipped(value, *limits)
+        for memory, output in (copies or {}).items():
+            values[memory] = values[output]
         for variable_name, value in values.items():
             code.store(value, code.argument["self"], code.place[variable_name])
         code.end()
@@ -162,6 +208,15 @@ class BlockCode(Code):
     def put(self, name: str, index: Any, value: Any) -> None:
         """Store an element of an array."""
         self.store(value, self.argument[name], index)
+
+    def demand_finite(self, value: Any) -> None:
+        """Make it a fault of the block if a value is NaN or beyond `LARGEST_RESULT`."""
+        if not isinstance(value, Value):
+            return
+        module = self.function.module
+        kind = ir.FunctionType(ir.VoidType(), [DOUBLE])
+        check = module.globals.get(FINITE_CHECK) or ir.Function(module, kind, FINITE_CHECK)
+        self.builder.call(check, [value.register])
 
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
         """Return sine and cosine of an angle [rad], computed once."""

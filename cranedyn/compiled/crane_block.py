@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
-from cranedyn.compiled.block import BlockCode, FunctionBlock, Variable, identifiers
+from cranedyn.compiled.block import FAULT, BlockCode, FunctionBlock, Variable, identifiers
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
@@ -90,6 +90,7 @@ def crane_block(
         last=max(2 * delay - 1, 1) if arrays else 0,
         first=max(delay, 1),
         renamed={name: new for name, new in identifier.items() if name != new},
+        at_fault="At a fault the crane stands still as it is, and valid is 0.",
     )
 
     def outputs(code: BlockCode) -> Mapping[str, Any]:
@@ -117,6 +118,7 @@ def crane_block(
         q = array([reading - offset for reading, offset in zip(q, text.offset, strict=True)])
         return dict(zip(names.state, [*q, *v], strict=True))
 
+    block.emit(FAULT, lambda code: {"valid": 0.0})
     block.emit("outputs", outputs)
     block.emit("step", step)
     return block

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from llvmlite import ir
 
-from cranedyn.compiled.block import FunctionBlock
+from cranedyn.compiled.block import FINITE_CHECK, LARGEST_RESULT, FunctionBlock
 from cranedyn.compiled.code import uses
 from cranedyn.errors import ModelError
 
@@ -83,6 +83,10 @@ class Language(ABC):
         return f"-{self.number(-value)}" if value < 0.0 else self.number(value)
 
     @abstractmethod
+    def within(self, value: str, low: float, high: float) -> str:
+        """Return the condition that a value lies in a range, which NaN fails."""
+
+    @abstractmethod
     def call(self, function: str, operand: Expression) -> Expression:
         """Return a function, named as LLVM's intrinsic, of an expression."""
 
@@ -106,18 +110,40 @@ class Assignment:
 class Walk:
     """The walk over one function of a block.
 
+    A call of the function runs the assignments; if all checks hold, the results are stored.
+
     Attributes:
-        assignments: Its statements in order.
+        assignments: Statements that compute, in order.
+        checks: Conditions that every result is a number of possible size.
+        results: Statements that store outputs and memory.
         functions: Names of the functions that they call.
     """
 
-    def __init__(self, block: FunctionBlock, function: ir.Function, language: Language) -> None:
+    def __init__(
+        self,
+        block: FunctionBlock,
+        function: ir.Function,
+        language: Language,
+        numbered_from: int = 0,
+    ) -> None:
+        """Walk over a function.
+
+        Args:
+            block: The block.
+            function: One of its functions.
+            language: The language.
+            numbered_from: Number of local constants that have names already, of another walk whose
+                constants stand in the same scope.
+        """
         (code,) = function.blocks
+        self._numbered_from = numbered_from
         self._block, self._language = block, language
         names = ["self", "count", *block.arrays, *block.tables]
         self._argument = dict(zip(function.args, names, strict=True))
         self._text: dict[Any, Expression] = {}
         self.assignments: list[Assignment] = []
+        self.checks: list[str] = []
+        self.results: list[Assignment] = []
         self.functions: set[str] = set()
         stores = [i for i in code.instructions if isinstance(i, ir.instructions.StoreInstr)]
         self._stored = {self._place(store.operands[1]) for store in stores}
@@ -125,10 +151,16 @@ class Walk:
         for instruction in code.instructions:
             if isinstance(instruction, ir.instructions.StoreInstr):
                 value, pointer = instruction.operands
-                target = self._reference(pointer)
-                self.assignments.append(Assignment(target, self._of(value).text))
+                assignment = Assignment(self._reference(pointer), self._of(value).text)
+                in_block = self._place(pointer)[0] == "self"
+                (self.results if in_block else self.assignments).append(assignment)
             elif isinstance(instruction.type, ir.VoidType) and instruction.opname == "call":
                 callee, *addresses = instruction.operands
+                if callee.name == FINITE_CHECK:
+                    result = self._of(addresses[0]).text
+                    check = language.within(result, -LARGEST_RESULT, LARGEST_RESULT)
+                    self.checks.append(check)
+                    continue
                 names = [self._argument[address] for address in addresses]
                 self.assignments.append(Assignment("", self._language.routine(callee.name, names)))
             elif needed[instruction] and not isinstance(instruction, ir.instructions.GEPInstr):
@@ -146,7 +178,8 @@ class Walk:
         short = count == 1 and len(expression.text) <= LONGEST and not loaded
         if not ((fixed and expression.binding == ATOM) or short):
             kind = {"double": "real", "i64": "integer", "i1": "truth"}[str(instruction.type)]
-            name = f"v{sum(bool(assignment.kind) for assignment in self.assignments) + 1}"
+            count_before = sum(bool(assignment.kind) for assignment in self.assignments)
+            name = f"v{self._numbered_from + count_before + 1}"
             if loaded and self._place(instruction.operands[0])[0] == "self":
                 place = instruction.operands[0].operands[1].constant
                 name = f"{self._block.variables[place].name}_now"

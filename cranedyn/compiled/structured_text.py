@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from cranedyn.compiled.block import LARGEST, FunctionBlock, Variable
-from cranedyn.compiled.printing import ATOM, Expression, Language, Walk
+from cranedyn.compiled.block import FAULT, FunctionBlock, Variable
+from cranedyn.compiled.printing import ATOM, Assignment, Expression, Language, Walk
 from cranedyn.errors import ModelError
 
 _FUNCTIONS = {"fabs": "ABS", "sqrt": "SQRT", "sin": "SIN", "cos": "COS"}
@@ -34,6 +34,9 @@ class _StructuredText(Language):
 
     def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
         return Expression(f"SEL({condition.text}, {no.text}, {yes.text})", ATOM)
+
+    def within(self, value: str, low: float, high: float) -> str:
+        return f"({value} >= {self.signed(low)}) AND ({value} <= {self.signed(high)})"
 
     def call(self, function: str, operand: Expression) -> Expression:
         if function not in _FUNCTIONS:
@@ -89,7 +92,7 @@ def structured_text(block: FunctionBlock) -> str:
         ModelError: If its code has a function that Structured Text lacks.
     """
     declarations, body = _parts(block)
-    lines = [f"(* {block.about} Called every {block.period:g} s. *)"]
+    lines = [f"(* {block.about} Called every {block.period:g} s. *)", f"(* {block.at_fault} *)"]
     lines += [f"FUNCTION_BLOCK {block.name}"]
     for section, title in _SECTIONS.items():
         lines += [title, *(d.text() for d in declarations if d.section == section), "END_VAR"]
@@ -131,12 +134,16 @@ def plcopen_xml(block: FunctionBlock) -> bytes:
 def _parts(block: FunctionBlock) -> tuple[list[_Declaration], list[str]]:
     """Return declarations and body of a block."""
     language = _StructuredText()
-    walk = Walk(block, block.functions["step"], language)
-    return [*_declarations(block, walk, language)], [*_body(block, walk, language)]
+    step = Walk(block, block.functions["step"], language)
+    # The constants of both functions are variables of the block, so their names must differ.
+    named = sum(bool(assignment.kind) for assignment in step.assignments)
+    fault = Walk(block, block.functions[FAULT], language, named)
+    declarations = _declarations(block, [*step.assignments, *fault.assignments], language)
+    return [*declarations], [*_body(block, step, fault, language)]
 
 
 def _declarations(
-    block: FunctionBlock, walk: Walk, language: _StructuredText
+    block: FunctionBlock, assignments: Sequence[Assignment], language: _StructuredText
 ) -> Iterator[_Declaration]:
     def declaration(section: str, variable: Variable) -> _Declaration:
         unit = f"[{variable.unit}]" if variable.unit else ""
@@ -147,7 +154,7 @@ def _declarations(
     yield _Declaration("input", "reset", "BOOL", about="memory to its start")
     for variable in block.of_kind("input", "parameter"):
         yield declaration("input", variable)
-    yield _Declaration("output", "fault", "BOOL", about="an input was no number; until the reset")
+    yield _Declaration("output", "fault", "BOOL", about="until the reset")
     for variable in block.of_kind("output"):
         yield declaration("output", variable)
     for variable in block.of_kind("state"):
@@ -158,30 +165,32 @@ def _declarations(
     for name, values in block.tables.items():
         numbers = [language.signed(value) for value in values.ravel().tolist()]
         yield _Declaration("local", name, "LREAL", numbers, "constant", values.size)
-    for assignment in walk.assignments:
+    for assignment in assignments:
         if assignment.kind:
             yield _Declaration("local", assignment.target, _TYPES[assignment.kind])
 
 
-def _body(block: FunctionBlock, walk: Walk, language: _StructuredText) -> Iterator[str]:
+def _body(
+    block: FunctionBlock, step: Walk, fault: Walk, language: _StructuredText
+) -> Iterator[str]:
     yield "IF reset THEN"
     yield "  fault := FALSE;"
     yield "  count := 0;"
     for variable in block.of_kind("state"):
         yield f"  {variable.name} := {language.signed(variable.start)};"
     yield "END_IF;"
-    largest = language.number(LARGEST)
-    for variable in block.of_kind("input"):
-        name = variable.name
-        yield f"IF NOT (({name} >= -{largest}) AND ({name} <= {largest})) THEN"
-        yield "  fault := TRUE;"
-        yield "END_IF;"
+    for variable in block.of_kind("input", "parameter"):
+        yield from _fault_unless(language.within(variable.name, *variable.allowed), "")
+    # Computed only without a fault: some controllers halt at the square root of a negative number.
+    yield "IF NOT fault THEN"
+    yield from _statements(step.assignments)
+    for check in step.checks:
+        yield from _fault_unless(check, "  ")
+    yield "END_IF;"
     yield "IF fault THEN"
-    for variable in block.of_kind("output"):
-        yield f"  {variable.name} := {language.signed(variable.start)};"
+    yield from _statements([*fault.assignments, *fault.results])
     yield "ELSE"
-    for assignment in walk.assignments:
-        yield f"  {assignment.target} := {assignment.value};"
+    yield from _statements(step.results)
     if block.last:
         yield f"  IF count < {block.last} THEN"
         yield "    count := count + 1;"
@@ -189,3 +198,15 @@ def _body(block: FunctionBlock, walk: Walk, language: _StructuredText) -> Iterat
         yield f"    count := {block.first};"
         yield "  END_IF;"
     yield "END_IF;"
+
+
+def _statements(assignments: Sequence[Assignment]) -> Iterator[str]:
+    for assignment in assignments:
+        yield f"  {assignment.target} := {assignment.value};"
+
+
+def _fault_unless(condition: str, indent: str) -> Iterator[str]:
+    """Yield the statements that put the block at fault unless a condition holds."""
+    yield f"{indent}IF NOT ({condition}) THEN"
+    yield f"{indent}  fault := TRUE;"
+    yield f"{indent}END_IF;"

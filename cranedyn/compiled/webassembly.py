@@ -22,13 +22,15 @@ _SYMBOL_TABLE, _FUNCTION, _DATA = 8, 0, 1
 _UNDEFINED, _EXPLICIT_NAME = 0x10, 0x40
 
 
-def webassembly(module: ir.Module) -> bytes:
-    """Translate a module to WebAssembly with SIMD; its functions are exported by name.
+def webassembly(module: ir.Module, *, simd: bool = True) -> bytes:
+    """Translate a module to WebAssembly, with its functions exported by name.
+
+    With SIMD it works on two numbers at once; results are the same to the bit.
 
     It imports ``env.__linear_memory``, ``env.__stack_pointer``, and functions such as ``env.fmin``.
     An address has 32 bits: of the eight bytes for one in the layout of a call the lower four count.
     """
-    object_file = object_code(module, TRIPLE, "+simd128")
+    object_file = object_code(module, TRIPLE, "+simd128" if simd else "")
     sections = list(_sections(object_file, 8))  # after magic number and version
     exports = [
         _name(name) + bytes([_FUNCTION]) + _leb(index)

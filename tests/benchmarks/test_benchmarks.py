@@ -61,6 +61,15 @@ def test_each_contestant_makes_the_trajectory_of_the_plain_loop_but_for_its_damp
     assert max_deviation(contestant) > 100.0 * ROUNDING
 
 
+@pytest.mark.slow
+def test_a_contestant_gives_the_same_run_twice() -> None:
+    for contestant in CONTESTANTS:
+        if contestant.missing() is None:
+            run = contestant.prepare(CASE)
+            starts = CASE.starts(5 if contestant.many else 1)
+            assert np.array_equal(run(starts, 0.1).ends, run(starts, 0.1).ends), contestant.name
+
+
 def shifted(by: float, *, many: bool) -> Contestant:
     """The plain loop with a swing that is off."""
 

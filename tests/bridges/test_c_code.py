@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -205,7 +206,7 @@ def test_a_crane_of_another_topology_and_rule_in_c_passes_its_own_test(
     assert "largest relative difference" in output(folder / "t", folder=folder)
 
 
-SIZES = {"integral": 144, "predictive": 126744}
+SIZES = {"integral": 168, "predictive": 126768}
 """Bytes of memory of the LQR with its integral, and of the predictive controller."""
 
 
@@ -261,6 +262,48 @@ def test_the_test_of_the_exported_folder_fails_if_a_gain_is_another(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("name", "flag"), [("hold", ""), ("hold", "--single")])
+def test_the_test_of_the_exported_folder_takes_round_off_and_no_more(
+    name: str, flag: str, tmp_path: Path
+) -> None:
+    folder = tmp_path / "c"
+    assert main(["export", "c", str(folder), "--controller", name, *flag.split()]) == 0
+    check_tolerance(folder, 1e-3 if flag else 1e-12, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_test_of_an_exported_controller_takes_what_the_page_promises(
+    exported: Path, tmp_path: Path
+) -> None:
+    # docs/howto/controller_code.md: equal to 1e-12, predictive control to 1e-8.
+    check_tolerance(exported, 1e-8 if exported.name == "predictive" else 1e-12, tmp_path)
+
+
+def check_tolerance(folder: Path, tolerance: float, workspace: Path) -> None:
+    """Check that the test of a folder fails where one expected number is another by ten times the
+    tolerance, and passes where it is another by less than it by far.
+    """
+    text = (folder / "test.c").read_text()
+    head, rows = text.split("controller_expected[200][3] = {")
+    first, rest = rows.split("},", 1)
+    *others, last = first.removeprefix("\n  {").split(", ")
+    columns = [float(row.split(", ")[-1]) for row in re.findall(r"  {(.*)},", rows.split("};")[0])]
+    size = max(1.0, *map(abs, columns))
+    for share, passes in ((10.0, False), (-10.0, False), (0.01, True), (-0.01, True)):
+        wrong = repr(float(last) + share * tolerance * size)
+        changed = (
+            f"{head}controller_expected[200][3] = {{\n  {{{', '.join([*others, wrong])}}},{rest}"
+        )
+        (workspace / "test.c").write_text(changed)
+        sources = [folder / "crane.c", folder / "controller.c", workspace / "test.c"]
+        program = workspace / "t"
+        options = (*STRICT, "-O0", "-I", folder)
+        output(tool("gcc"), *options, *sources, "-o", program, folder=folder)
+        done = subprocess.run([program], capture_output=True, check=False)
+        assert (done.returncode == 0) == passes
+
+
+@pytest.mark.slow
 def test_cppcheck_finds_nothing(exported: Path) -> None:
     options = ("-q", "--enable=all", "--inconclusive", "--error-exitcode=1")
     hidden = ("--suppress=missingIncludeSystem", "--suppress=unusedFunction")
@@ -279,9 +322,10 @@ def test_the_code_needs_no_library_and_no_heap(exported: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_input_that_is_no_number_is_a_fault_until_the_reset(tmp_path: Path) -> None:
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1.0000001e12, -1.0000001e12])
+def test_an_input_out_of_range_is_a_fault_until_the_reset(bad: float, tmp_path: Path) -> None:
     compiled = CompiledBlock(controller_block(CRANE, hold_controller(CRANE)), tmp_path)
-    compiled.memory.x = np.nan
+    compiled.memory.x = bad
     assert not compiled.call() and compiled.memory.F_l_command == -9810.0
     compiled.memory.x = 11.0
     assert not compiled.call()

@@ -6,6 +6,7 @@ import ctypes
 import re
 import shutil
 import time
+import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -427,6 +428,8 @@ def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None
     for values, sentence in (
         ({"F_x_command": np.nan}, "F_x_command is nan; allowed is a number from -inf to inf."),
         ({"x_start": 500.0}, "x_start is 500; allowed is a number from 2 to 22."),
+        ({"payload_mass": 0.0}, "payload_mass is 0; allowed is a number from 0.001 to 1e+09."),
+        ({"phi_damping": -1.0}, "phi_damping is -1; allowed is a number from 0 to inf."),
         ({"x": 1.0}, "Time and outputs cannot be set."),
     ):
         with pytest.raises(FMICallException):
@@ -440,6 +443,177 @@ def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None
     with pytest.raises(FMICallException):
         unit.slave.getFloat64([999])
     assert unit.told[-1] == "There is no such variable with value reference 999."
+
+
+DIMENSIONS = {
+    "rad": {"rad": 1},
+    "s": {"s": 1},
+    "m": {"m": 1},
+    "kg": {"kg": 1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+}
+"""Powers of the base units of the SI in its derived units."""
+
+
+def dimension(unit: str) -> dict[str, int]:
+    """Powers of base units in a unit such as N.m.s/rad or m/s2."""
+    powers: dict[str, int] = {}
+    above, _, below = unit.partition("/")
+    for names, sign in ((above, 1), (below, -1)):
+        for name, power in re.findall(r"([A-Za-z]+)(\d?)", names):
+            for base, exponent in DIMENSIONS[name].items():
+                powers[base] = powers.get(base, 0) + sign * exponent * int(power or 1)
+    return {base: power for base, power in powers.items() if power}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_description_names_the_derivatives_and_the_dimensions_of_its_variables(
+    drive: Drive, version: Any, tmp_path: Path
+) -> None:
+    path = fmi.export(damped(), tmp_path / "u.fmu", drive=drive, version=version)
+    with zipfile.ZipFile(path) as unit:
+        root = ET.fromstring(unit.read("modelDescription.xml"))
+    units = {unit.get("name", ""): unit.find("BaseUnit") for unit in root.iter("Unit")}
+    assert {"N.m", "N", "m", "rad", "rad/s"} <= set(units)
+    for name, base in units.items():
+        assert base is not None
+        assert {key: int(power) for key, power in base.attrib.items()} == dimension(name), name
+    (experiment,) = root.iter("DefaultExperiment")
+    assert float(experiment.get("stepSize", "nan")) == 5e-3  # ten steps of 0.5 ms
+    (listed,) = root.iter("ModelVariables")
+    kinds = {v.get("name", ""): (v.get("causality"), v.get("variability")) for v in listed}
+    # What stands still once stepping has begun, and what may be changed while it runs.
+    assert kinds["x_start"] == kinds["theta_dot_start"] == ("parameter", "fixed")
+    assert kinds["payload_mass"] == kinds["wind_x"] == ("parameter", "tunable")
+    assert kinds["x"] == ("output", "continuous") and kinds["valid"] == ("output", "discrete")
+    names = [variable.get("name", "") for variable in listed]
+    of, unit_of = {}, {}
+    for variable in listed:
+        numbers = variable[0] if version == 2 else variable
+        unit_of[variable.get("name", "")] = numbers.get("unit", "")
+        if index := numbers.get("derivative"):
+            # FMI 2 counts variables from 1; FMI 3 names value references, here from 0.
+            of[variable.get("name", "")] = names[int(index) - (version == 2)]
+    symbols = damped().layout.symbols
+    expected = {f"{symbol}_dot": symbol for symbol in symbols}
+    expected |= {f"{symbol}_ddot": f"{symbol}_dot" for symbol in symbols}
+    assert of == expected
+    for rate, variable in of.items():
+        change = dimension(unit_of[rate])
+        change["s"] = change.get("s", 0) + 1
+        assert {k: n for k, n in change.items() if n} == dimension(unit_of[variable])
+
+
+HOSTILE = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e155, 1e13, 1e12, 5e-324, -0.0, -0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lqr", "yielding", "shaper"])
+def test_a_controller_in_a_unit_never_answers_nan_and_says_that_it_is_at_fault(
+    name: str, tmp_path: Path
+) -> None:
+    drive, make = CONTROLLERS[name]
+    c = load_crane()
+    path = fmi.export(c, tmp_path / "c.fmu", drive=drive, controller=make(c, PERIOD))
+    description = fmpy.read_model_description(path)
+    inputs = [v.name for v in description.modelVariables if v.causality == "input"]
+    outputs = [
+        v.name
+        for v in description.modelVariables
+        if v.causality == "output" and v.type == "Float64"
+    ]
+    unit = Unit(path, tmp_path / "unit", fmi.CONTROLLER_NAME)
+    valid, faults = [unit.reference["valid"]], 0
+    for wrong in inputs:
+        for value in HOSTILE:
+            unit.begin(**{wrong: unit.get(wrong)[0]})
+            unit.step(0)
+            before = unit.get(*outputs)
+            if not np.isfinite(value):
+                with pytest.raises(FMICallException):
+                    unit.set(**{wrong: value})
+            else:
+                unit.set(**{wrong: value})
+            for k in (1, 2):
+                found = unit.get(*outputs)
+                assert np.isfinite(found).all()
+                assert unit.get(*outputs) == found  # looking is no call
+                (sound,) = unit.slave.getBoolean(valid)
+                assert sound or name != "shaper" or found == before
+                unit.step(k)
+            refused = not np.isfinite(value)  # and the input before remains
+            impossible = abs(value) > 1e12 or (value < 0.0 and (name, wrong) == NEGATIVE)
+            assert sound == (refused or not impossible)
+            faults += not sound
+            unit.slave.reset()
+    unit.slave.freeInstance()
+    assert faults >= 4 * len(inputs)
+
+
+NEGATIVE = ("yielding", "l")
+"""A rope has no negative length."""
+
+
+def test_a_crane_in_a_unit_says_that_an_input_is_impossible_and_stays_as_it_is(unit: Unit) -> None:
+    unit.begin(**START)
+    unit.step(0)
+    before = unit.get(*state_names(damped()))
+    unit.set(F_x_command=1e13)
+    with pytest.raises(FMICallException):
+        unit.step(1)
+    assert unit.told[-1].startswith("The run ended between 0.005 and 0.01 s: an input lies beyond")
+    assert unit.get(*state_names(damped())) == before
+    assert np.isfinite(unit.get(*unit.reference.keys() - {"valid"})).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [2, 3])
+def test_model_exchange_discards_states_that_are_no_numbers_and_goes_on_from_others(
+    version: Any, tmp_path: Path
+) -> None:
+    path = fmi.export(damped(), tmp_path / "u.fmu", version=version)
+    description = fmpy.read_model_description(path)
+    fmpy.extract(path, tmp_path / "unit")
+    kind = {2: fmpy.fmi2.FMU2Model, 3: fmpy.fmi3.FMU3Model}[version]
+    slave = kind(
+        guid=description.guid,
+        unzipDirectory=str(tmp_path / "unit"),
+        modelIdentifier=fmi.NAME,
+        instanceName="one",
+    )
+    slave.instantiate()
+    if version == 2:
+        slave.setupExperiment()
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    slave.enterContinuousTimeMode()
+    n = 2 * damped().layout.n
+    states, rates = ((ctypes.c_double * n)() for _ in range(2))
+    slave.getContinuousStates(states, n)
+    sound = list(states)
+
+    def derivatives() -> list[float]:
+        call = slave.getDerivatives if version == 2 else slave.getContinuousStateDerivatives
+        call(rates, n)
+        return list(rates)
+
+    first = derivatives()
+    for i, value in ((0, np.nan), (3, np.inf)):
+        states[i] = value
+        with pytest.raises(FMICallException):
+            slave.setContinuousStates(states, n)
+        states[i] = sound[i]
+    states[2] = 1e7  # an angle beyond a million rad has no sine
+    slave.setContinuousStates(states, n)
+    with pytest.raises(FMICallException):
+        derivatives()
+    states[2] = sound[2]
+    slave.setContinuousStates(states, n)
+    assert derivatives() == first
+    slave.freeInstance()
 
 
 def test_time_goes_on_from_the_start_that_the_importer_names(unit: Unit) -> None:

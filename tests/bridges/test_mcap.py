@@ -8,6 +8,7 @@ import bz2
 import io
 import json
 import tracemalloc
+import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Iterator
 from contextlib import redirect_stdout
@@ -84,6 +85,17 @@ def test_rosbags_reads_every_joint_state_to_the_bit(messages: Any, run: Trajecto
         assert message.effort[[2, 3]].tolist() == [0.0, 0.0]  # the swing has no drive
 
 
+def test_messages_are_published_when_they_are_logged(file: Path) -> None:
+    from mcap.reader import make_reader
+
+    with file.open("rb") as stream:
+        for k, (_, _, message) in enumerate(make_reader(stream).iter_messages()):
+            assert message.publish_time == message.log_time
+            if k == 1000:
+                break
+    assert message.log_time > 0
+
+
 def test_setpoints_and_commands_are_those_of_the_drives(messages: Any, run: Trajectory) -> None:
     _, message = messages["/joint_setpoints"][1100]
     assert message.name == ["yaw_joint", "trolley_joint", "hoist_joint"]
@@ -99,18 +111,32 @@ def test_a_command_that_a_drive_cuts_is_told_as_it_was_given(tmp_path: Path) -> 
     start = weak.state(phi=0.1)
     cut = simulate(weak, hold_controller(weak), start=start, duration=0.1, engine=FAST)
     assert (cut.command != cut.effort).any()
+    told: dict[str, list[list[float]]] = {"/joint_setpoints": [], "/joint_states": []}
     with AnyReader([mcap.export(tmp_path / "cut.mcap", weak, cut)]) as reader:
-        told = [
-            reader.deserialize(raw, one.msgtype)
-            for one, _, raw in reader.messages()
-            if one.topic == "/joint_setpoints"
-        ]
-    assert [message.effort.tolist() for message in told] == cut.command.tolist()
+        for connection, _, raw in reader.messages():
+            if connection.topic in told:
+                message = reader.deserialize(raw, connection.msgtype)
+                told[connection.topic].append(message.effort.tolist())
+    assert told["/joint_setpoints"] == cut.command.tolist()
+    # States tell the effort that acted: the trolley's is at its limit of 800 N.
+    acted = np.array(told["/joint_states"])[:, [0, 1, 4]]
+    assert np.array_equal(acted, cut.effort)
+    assert np.abs(acted[:, 1]).max() == 800.0 < np.abs(cut.command[:, 1]).max()
 
 
 def test_frames_come_fifty_times_a_second(messages: Any) -> None:
     times = [time for time, _ in messages["/tf"]]
     assert set(np.diff(times).tolist()) == {20_000_000}
+
+
+def test_every_frame_is_that_of_a_link_in_the_frame_of_its_parent(messages: Any) -> None:
+    told = set()
+    for topic in ("/tf_static", "/tf"):
+        _, message = messages[topic][0]
+        told |= {(one.header.frame_id, one.child_frame_id) for one in message.transforms}
+    joints = ET.fromstring(messages["/robot_description"][0][1].data).iterfind("joint")
+    ends = [[joint.find(end) for end in ("parent", "child")] for joint in joints]
+    assert told == {tuple(end.get("link", "") for end in pair) for pair in ends}
 
 
 def test_the_frames_put_the_load_where_the_model_does(messages: Any, run: Trajectory) -> None:

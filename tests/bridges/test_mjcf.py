@@ -18,6 +18,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from tests.helpers import ROOT, G, crane, states
 from tests.system.test_cross_engines import DAMPING, DT, PERIOD, combined_move
@@ -59,6 +60,23 @@ def test_cylinders_are_as_long_and_as_wide_as_those_of_the_urdf(engine: Any) -> 
     ]
     assert len(urdf) > 0
     assert_allclose(sorted(map(tuple, drawn.tolist())), sorted(urdf))
+
+
+def test_a_turned_box_has_the_size_and_the_axes_of_the_urdf(engine: Any, tmp_path: Path) -> None:
+    mujoco, _, _ = engine
+    box = (
+        '<visual><origin xyz="1 2 3" rpy="0.3 0.4 0.5"/><geometry><box size="0.123 0.2 0.7"/>'
+        "</geometry></visual></link>"
+    )
+    (tmp_path / "crane.urdf").write_text(describe().replace("</link>", box, 1))
+    file = mjcf.export(tmp_path / "crane.xml", load_crane(tmp_path / "crane.urdf"))
+    model = mujoco.MjModel.from_xml_path(str(file))
+    (i,) = np.flatnonzero(np.isclose(model.geom_size[:, 0], 0.123 / 2.0))
+    assert_allclose(model.geom_size[i], [0.0615, 0.1, 0.35])
+    w, *axis = model.geom_quat[i]
+    # Roll, pitch and yaw about fixed axes, which is yaw, pitch and roll about moving ones.
+    expected = pin.utils.rotate("z", 0.5) @ pin.utils.rotate("y", 0.4) @ pin.utils.rotate("x", 0.3)
+    assert_allclose(pin.Quaternion(w, *axis).matrix(), expected, atol=1e-9)
 
 
 @pytest.mark.slow

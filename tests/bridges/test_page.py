@@ -7,7 +7,9 @@ import json
 import math
 import shutil
 import subprocess
-from functools import cache
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +22,12 @@ from scipy.interpolate import RegularGridInterpolator
 import cranedyn as cd
 from cranedyn.__main__ import main
 from cranedyn.bridges import browser_crane, exercises, page
+from cranedyn.compiled import webassembly
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
 from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.converters import converters
+from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import DataError
 from cranedyn.identification.record import load_record
 from cranedyn.interfaces import Controller, Setpoint, State
@@ -66,8 +70,6 @@ def data_of(kind: str) -> dict[str, Any]:
     with pytest.MonkeyPatch.context() as patch:
         first = exercises.exercises
         patch.setattr(page, "exercises", lambda *of: itertools.islice(first(*of), 1))
-        if kind == "hook":  # its optimisation takes half a minute to translate
-            patch.delitem(browser_crane._ASSISTANCES, "predictive")
         return page.page_data(crane_of(kind))
 
 
@@ -97,7 +99,7 @@ def in_node(data: dict[str, Any], *requests: dict[str, Any]) -> list[dict[str, A
     )
     done = subprocess.run(
         [NODE or "", "-e", program],
-        input=json.dumps([data, requests]),
+        input=json.dumps([data, requests]).replace("Infinity", "1e999"),
         capture_output=True,
         text=True,
         check=False,
@@ -212,17 +214,45 @@ def check_same(done: dict[str, Any], run: Trajectory, tolerance: float, row: int
     np.testing.assert_allclose(done["v"], run.v[row], rtol=0, atol=tolerance)
 
 
-def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
+def check_itinerary(drive: Callable[..., list[dict[str, Any]]], *instants: int) -> None:
+    """Check the way under each assistance, as one drives it somewhere, against `simulate`, at
+    control instants of which the first is early.
+    """
     # Both engines run the same trace; what differs is how sums are rounded, some 1e-15 a second.
     data = data_of("tower")
     assert [entry["name"] for entry in data["assistances"]] == ASSISTANCES
-    short, long = 1000, 7000
-    done = iter(in_node(data, *(request(name, n) for name in ASSISTANCES for n in (short, long))))
+    requests = [request(name, n) for name in ASSISTANCES for n in instants]
+    done = iter(drive(data, *requests))
     for name in ASSISTANCES:
-        run = in_python("tower", name, long)
+        run = in_python("tower", name, instants[-1])
         assert np.abs(run.v).max() > 0.1  # it was driven
-        check_same(next(done), run, 1e-12, short)
-        check_same(next(done), run, 1e-9)
+        check_same(next(done), run, 1e-12, instants[0])
+        for row in instants[1:]:
+            check_same(next(done), run, 1e-9, row)
+
+
+def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
+    check_itinerary(in_node, 1000, 7000)
+
+
+@pytest.mark.long
+def test_every_assistance_moves_the_crane_as_simulate_does_for_a_minute() -> None:
+    check_itinerary(in_node, 1000, 9500, 12000)
+
+
+@pytest.mark.slow
+def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    crane, data = crane_of("tower"), data_of("tower")
+    drives, code = converters(crane), partial(webassembly.webassembly, simd=False)
+    monkeypatch.setattr(webassembly, "webassembly", code)
+    scalar = browser_crane.kernel_data(crane, drives, browser_crane.variations(crane, drives))
+    assert scalar["horizon"]["module"] != data["kernel"]["horizon"]["module"]
+    requests = [request(name, 2000) for name in ASSISTANCES]
+    ends = [
+        [(end["q"], end["v"]) for end in in_node(data | {"kernel": kernel}, *requests)]
+        for kernel in (data["kernel"], data["kernel"] | scalar)
+    ]
+    assert ends[0] == ends[1]
 
 
 @pytest.mark.parametrize(
@@ -230,7 +260,7 @@ def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
     [
         ("elastic", ["none", "lqr"]),
         ("overhead", ["none", "shaped", "lqr"]),
-        pytest.param("hook", ["none", "shaped", "lqr"], marks=pytest.mark.long),
+        pytest.param("hook", ["none", "shaped", "lqr", "predictive"], marks=pytest.mark.long),
     ],
 )
 def test_other_cranes_move_as_simulate_moves_them(kind: str, names: list[str]) -> None:
@@ -307,6 +337,60 @@ def test_what_was_driven_is_a_run_with_our_columns(tmp_path: Path) -> None:
     assert len(record.t) > 100
 
 
+IMPOSSIBLE: list[list[Any]] = [
+    *(["sticks", [x, 0.0, 0.0]] for x in (math.inf, -math.inf, 1e308, 1.5, None, "1")),
+    *(["sticks", value] for value in ([0.0, 0.0], None, "000", {"length": 3})),
+    *(["goal", [0.0, x, 10.0]] for x in (math.inf, 1e308, None, [10.0])),
+    *(["slider", [name, 1.0]] for name in ("mass", "__proto__", None)),
+    *(["slider", ["payload_mass", x]] for x in (0.0, -1.0, math.inf, 1e308, None, "900")),
+    *([["assist", "full"], ["assist", None], ["task", "none"], ["stop", 1], ["fly", True]]),
+    *([["__proto__", True], ["constructor", True], [None, None]]),
+]
+"""Inputs of a file to show again that no operator can have given."""
+
+
+def test_an_impossible_input_ends_a_drive_before_it_reaches_the_crane() -> None:
+    inputs = [[[0, "sticks", [0.0, 0.5, 0.0]], [50, *wrong]] for wrong in IMPOSSIBLE]
+    plain, *done = in_node(
+        data_of("tower"),
+        {"inputs": inputs[0][:1], "instants": 50},
+        *({"inputs": each, "instants": 100} for each in inputs),
+    )
+    for (kind, _), end in zip(IMPOSSIBLE, done, strict=True):
+        name = "null" if kind is None else kind
+        assert end["event"].startswith(f"The input {name} is impossible: "), end["event"]
+        assert (end["k"], end["q"], end["v"]) == (50, plain["q"], plain["v"])
+
+
+@pytest.mark.parametrize("name", ["none", "shaped", "yielding", "lqr", "predictive"])
+def test_no_state_makes_an_assistance_command_what_is_no_number(name: str) -> None:
+    # The state is put into the kernel, past all checks: readings that no crane has.
+    hostile = [math.inf, -math.inf, "NaN", 1e308, -1e308, 1e155, 5e-324, -0.0, -0.5, 0.0]
+    program = (
+        f"{script()}\nconst [data, hostile, name] = JSON.parse(require('fs').readFileSync(0));\n"
+        "compile(data.kernel).then(code => console.log(JSON.stringify(hostile.flatMap(value => {\n"
+        "  const n = data.crane.joints.length;\n"
+        "  return [...Array(2 * n).keys()].map(i => {\n"
+        "    const run = new Run(data, code);\n"
+        "    run.input('assist', name);\n"
+        "    run.advance();\n"
+        "    (i < n ? run.kernel.q : run.kernel.v)[i % n] = Number(value);\n"
+        "    run.advance();\n"
+        "    return [...run.kernel.command].every(Number.isFinite);\n"
+        "  });\n}))));"
+    )
+    done = subprocess.run(
+        [NODE or "", "-e", program],
+        input=json.dumps([data_of("tower"), hostile, name]).replace("Infinity", "1e999"),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    finite = json.loads(done.stdout)
+    assert len(finite) == 100 and all(finite)
+
+
 def test_a_drive_replays_to_the_same_bits() -> None:
     data = data_of("tower")
     first, second = in_node(data, request("lqr", 5000), request("lqr", 5000))
@@ -363,6 +447,16 @@ def test_the_share_of_the_chart_is_that_of_a_report() -> None:
         pull = crane.damping[4] * row[9] - row[18]
         used = pull / crane.gravity / float(falls.at(x))
         assert done["utilisation"] == pytest.approx(used, rel=1e-9)
+
+
+@pytest.mark.parametrize("heading", [-math.pi / 2.0, 0.0, 0.7, 2.5])
+def test_a_site_is_turned_so_that_its_heading_is_where_the_jib_points(heading: float) -> None:
+    foot = np.array([3.0, -4.0, 1.5])
+    turn, shift = page._frame(replace(read_site("tower"), heading=heading, foot=foot))
+    crane = crane_of("tower")
+    load = payload_position(crane, crane.start.q)  # at slew 0, 10 m from the axis
+    ahead = np.array([10.0 * math.cos(heading), 10.0 * math.sin(heading), load[2]])
+    np.testing.assert_allclose(turn @ (foot + ahead) + shift, load, rtol=0, atol=1e-12)
 
 
 def test_obstacles_of_a_site_are_written_once(monkeypatch: pytest.MonkeyPatch) -> None:

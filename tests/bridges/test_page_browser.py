@@ -10,6 +10,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -346,3 +347,17 @@ def test_the_types_of_the_scripts_hold() -> None:
     words = "--noEmit --allowJs --checkJs --strict --target es2022 --lib dom,dom.iterable,es2022"
     done = subprocess.run([TSC, *words.split(), *SCRIPTS], capture_output=True, text=True)  # type: ignore[list-item]
     assert done.returncode == 0, done.stdout
+
+
+@browser
+@pytest.mark.long
+def test_the_crane_of_a_browser_is_that_of_simulate(driver: Any, tmp_path: Path) -> None:
+    driver.execute_script("window.open()")
+    first, second = driver.window_handles
+    driver.switch_to.window(second)
+    drive = partial(in_chromium, driver, tmp_path / "kernel.html")
+    try:
+        test_page.check_itinerary(drive, 1000, 9500, 12000)
+    finally:
+        driver.close()
+        driver.switch_to.window(first)

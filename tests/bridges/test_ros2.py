@@ -75,6 +75,20 @@ def test_colcon_builds_the_package_and_installs_every_file_of_it(
     system = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
     if shutil.which("colcon", path=system["PATH"]) is None:
         pytest.skip("colcon is not installed: run .ci/colcon as root")
+    # colcon alone builds no package of ament: it needs its extension, and CMake those of ament.
+    probe = tmp_path / "probe"
+    probe.mkdir()
+    (probe / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.8)\nproject(probe)\nfind_package(ament_cmake REQUIRED)\n"
+    )
+    for needed in (
+        ["python3", "-c", "import ament_package, catkin_pkg, colcon_ros"],
+        ["cmake", "-S", "probe", "-B", "probe/build"],
+    ):
+        found = subprocess.run(needed, cwd=tmp_path, env=system, capture_output=True, check=False)
+        if found.returncode:
+            pytest.skip("colcon is installed without packages of ament: run .ci/colcon as root")
+    shutil.rmtree(probe)
     shutil.copytree(package, tmp_path / "src" / "crane_description")
     build = subprocess.run(
         ["colcon", "build"], cwd=tmp_path, env=system, capture_output=True, text=True, check=False
@@ -186,6 +200,33 @@ def test_the_articles_traps_are_answered(package: Path, robot: ET.Element) -> No
     for name in ("crane.sdf", "classic.sdf"):
         world = ET.parse(package / "worlds" / name).getroot()
         assert world.findtext("world/gravity") == "0 0 -9.8"
+
+
+def test_the_package_depends_on_what_its_launch_files_use(package: Path) -> None:
+    texts = [file.read_text() for file in (package / "launch").glob("*.py")]
+    texts += [
+        (package / name).read_text() for name in ("urdf/crane.urdf", "config/controllers.yaml")
+    ]
+    root = ET.parse(package / "package.xml").getroot()
+    needed = [entry.text or "" for entry in root.iterfind("exec_depend")]
+    # A Gazebo plugin is a library of its package, and a controller a type of its.
+    used = {name for name in ALL_PACKAGES if any(name in text for text in texts)}
+    assert sorted(needed) == sorted(used)
+
+
+ALL_PACKAGES = (
+    *("controller_manager", "effort_controllers", "forward_command_controller", "gazebo_ros"),
+    *("gz_ros2_control", "joint_state_broadcaster", "joint_state_publisher_gui", "rviz2"),
+    *("robot_state_publisher", "ros_gz_bridge", "ros_gz_sim", "xacro"),
+)
+"""Packages of ROS 2 with which cranes like ours are launched."""
+
+
+def test_the_worlds_have_the_gravity_of_the_crane(tmp_path: Path) -> None:
+    folder = ros2.export(tmp_path / "out", load_crane(gravity=1.62))
+    for world in ("crane.sdf", "classic.sdf"):
+        gravity = ET.parse(folder / "worlds" / world).getroot().findtext("world/gravity")
+        assert gravity is not None and [float(x) for x in gravity.split()] == [0.0, 0.0, -1.62]
 
 
 def test_the_controllers_run_at_200_hz_on_the_drives(package: Path) -> None:

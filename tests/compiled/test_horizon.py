@@ -144,7 +144,10 @@ def _limits(moved: Crane) -> Limits:
 # ---------------- to a setpoint
 
 
-@pytest.mark.parametrize(("name", "drive"), [("trolley", "effort"), ("combined", "motion")])
+@pytest.mark.parametrize(
+    ("name", "drive"),
+    [("trolley", "effort"), ("slew", "effort"), ("combined", "effort"), ("combined", "motion")],
+)
 def test_it_settles_within_one_and_a_half_times_the_least_time_and_keeps_all_limits(
     name: str, drive: Drive
 ) -> None:
@@ -306,6 +309,27 @@ def test_along_a_motion_nothing_is_left_at_its_end() -> None:
     )
     assert np.abs(run.q[4000:, crane().swings]).max() < 5e-5
     assert made.marks.failures == 0
+
+
+def test_on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_cost() -> None:
+    motion = flat(crane(), at((0.0, 10.0, 15.0)), at((0.3, 14.0, 12.0)), 12.0)
+    # Accelerations cost their difference from those of the motion, which is none here.
+    weight = 100.0 * usual_input_weight(np.array(LIMITS.accelerations))
+    made = receding(
+        crane(), LIMITS, motion=motion, drive="motion", swing_limit=0.3, input_weight=weight
+    )
+    made.begin_run(0.0, 5e-3)
+    drives, stage = crane().layout.drives, round(made.programme.length / 5e-3)
+    largest, worst = np.abs(motion.a[:, drives]).max(axis=0), 0.0
+    for k in range(1600):
+        setpoint = Setpoint(motion.q[k, drives], motion.v[k, drives], motion.a[k, drives])
+        planned = made(5e-3 * k, State(motion.q[k], motion.v[k]), setpoint)
+        # The first plan begins with a crane at rest, and one iteration does not undo that.
+        if k and k % made.programme.ratio == 0:
+            mean = (motion.v[k + stage] - motion.v[k])[drives] / made.programme.length
+            worst = max(worst, float((np.abs(planned - mean) / largest).max()))
+    # Plans hold accelerations over a stage; those of the motion change by some percent in it.
+    assert worst < 0.02
 
 
 # --------------------------------------------------------------------------------------------------
@@ -484,6 +508,39 @@ def test_a_reading_that_cannot_be_is_refused_and_said() -> None:
     notes = made.notes()
     assert notes["failed_optimisations"] == notes["refused_readings"] == 1
     assert notes["last_refused"] == pytest.approx({"gamma_dot_rad_s": 1257.0}, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("x", "x_dot", "refused"),
+    # Within a range of 20 m beyond the trolley's 2 to 22 m, and ten times its largest rate.
+    [
+        *[(1.0, 0.0, 0), (-17.0, 0.0, 0), (41.0, 0.0, 0), (-19.0, 0.0, 1), (43.0, 0.0, 1)],
+        *[(12.0, 2.0, 0), (12.0, -15.0, 0), (12.0, 17.0, 1), (12.0, -17.0, 1)],
+    ],
+)
+def test_a_reading_is_refused_a_range_beyond_the_range_and_at_ten_times_the_rate(
+    x: float, x_dot: float, refused: int
+) -> None:
+    made, drives = receding(crane(), LIMITS), crane().layout.drives
+    made.begin_run(0.0, 5e-3)
+    start = at((0.0, 12.0, 15.0))
+    setpoint = Setpoint(start.q[drives], np.zeros(3), np.zeros(3))
+    made(0.0, start, setpoint)
+    q, v = start.q.copy(), start.v.copy()
+    q[1], v[1] = x, x_dot
+    assert np.isfinite(made(5e-3, State(q, v), setpoint)).all()
+    assert made.notes().get("refused_readings", 0) == refused
+
+
+def test_after_each_failure_the_next_plan_begins_farther_from_its_bounds() -> None:
+    made, start, goal = failing(), at(MOVES["combined"][0]), at(MOVES["combined"][1])
+    made.begin_run(0.0, 5e-3)
+    setpoint = Setpoint(goal.q[crane().layout.drives], np.zeros(3), np.zeros(3))
+    for k in range(25):
+        made(5e-3 * k, start, setpoint)
+        # An optimisation in every tenth call; the first begins at 1e-6.
+        assert made.marks.failures == k // 10 + 1
+        assert made.marks.barrier == pytest.approx(1e-5)
 
 
 def test_sensors_that_fail_at_the_first_instant_or_for_a_second_are_outlived() -> None:

@@ -83,3 +83,26 @@ def test_problems_of_other_sizes_are_solved_as_well(states: int, inputs: int, st
     machine, rng = made(shape), np.random.default_rng(states)
     for _ in range(4):
         check_against_daqp(machine, keepable(rng, shape))
+
+
+def test_the_cost_beyond_the_horizon_is_that_of_a_horizon_as_long_again() -> None:
+    shape = HorizonShape(4, 1, 5)  # after many stages more the cost would change no more
+    problem = random(np.random.default_rng(8), 1.0, shape)
+    z, w, work = shape.states, shape.both, np.zeros(shape.size)
+    last = work[shape.first :].reshape(shape.stages, shape.stride)[-1]
+    a, b = problem.a[-1], problem.b[-1]
+    weight = np.zeros((w, w))
+    weight[:z, :z], weight[z:, z:] = problem.q, problem.r
+    for i in range(w):
+        work[shape.place("weight", i) :][:w] = weight[i]
+    for i in range(z):
+        last[shape.place("forward", i) :][:w] = [*a[i], *b[i]]
+    machine = made(shape)
+    machine.function("end", 1)(work.ctypes.data)
+    cost = problem.q
+    for _ in range(shape.stages):  # Riccati's equation of the model of the last stage
+        gain = np.linalg.solve(problem.r + b.T @ cost @ b, b.T @ cost @ a)
+        cost = problem.q + a.T @ cost @ (a - b @ gain)
+    found = np.array([work[shape.place("end", i) :][:z] for i in range(z)])
+    lower = np.tril_indices(z)
+    np.testing.assert_allclose(found[lower], cost[lower], rtol=1e-9, atol=1e-12)

@@ -59,7 +59,12 @@ def _peak(run: Trajectory) -> np.ndarray:
 
 # "least ..." is an LQR about another motion. The compiled MPC is that of TO_GOAL about a motion.
 @pytest.mark.parametrize(
-    "strategy", [name for name in STRATEGIES if not name.startswith(("least", COMPILED_MPC))]
+    "strategy",
+    [
+        pytest.param(name, marks=[pytest.mark.long] * (name == COMPILED_MPC))
+        for name in STRATEGIES
+        if not name.startswith("least")
+    ],
 )
 def test_a_finer_loop_does_the_same_the_more_exactly(strategy: str) -> None:
     fine, middle, coarse = (_run(strategy, period, period) for period in (5e-3, 0.01, 0.02))

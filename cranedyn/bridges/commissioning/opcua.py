@@ -99,6 +99,8 @@ async def _add_word(server: Server, crane: Any, image: ProcessImage, word: Word)
         variant = value.Value
         if variant is None or variant.VariantType != kind or not isinstance(variant.Value, int):
             raise ua.UaStatusCodeError(ua.StatusCodes.BadTypeMismatch)
+        if not word.holds(variant.Value):
+            raise ua.UaStatusCodeError(ua.StatusCodes.BadOutOfRange)
         if word.command:  # a reading is written by `publish` alone, for its subscriptions
             image.commands[word.name] = variant.Value
 

@@ -96,6 +96,7 @@ class ServedCrane:
         self._encoder = self.state.q[layout.drives] / self._counts
         self._setpoint = self.state.q[layout.drives].copy()
         self._last, self._resetting, self._heard = self.image.commands.copy(), False, 0.0
+        self._impossible = set[str]()
         self._publish(self._last, holding)
         self._engine = load_engine("compiled")(setting, self.state)
         # compiles what the first cycle shall not wait for
@@ -114,7 +115,10 @@ class ServedCrane:
             RunError: If the model ceases to hold, or the crane moves beyond all bounds.
         """
         check_bounded(self._layout, self.t, self.state)
-        commands = self.image.commands.copy()
+        commands, impossible = self.image.accepted(self._last)
+        for name in sorted(set(impossible) - self._impossible):
+            self.events.append((self.t, f"{name} is no number of its type; the last command holds"))
+        self._impossible = set(impossible)
         if commands["inject"] & w.MESSAGES_LOST:
             commands = {**self._last, "inject": commands["inject"]}
         self._switch(commands)

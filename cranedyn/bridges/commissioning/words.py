@@ -5,7 +5,7 @@ and the companion CSV follow.
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -82,6 +82,15 @@ class Word(NamedTuple):
         """Number of registers."""
         return 2 if self.kind == "INT32" else 1
 
+    def holds(self, value: object) -> bool:
+        """Return whether a value is a whole number that this word can carry. NaN is none."""
+        low, high = _RANGES[self.kind]
+        return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+
+
+_RANGES = {"UINT16": (0, 2**16 - 1), "INT16": (-(2**15), 2**15 - 1), "INT32": (-(2**31), 2**31 - 1)}
+"""Smallest and largest number of a word, by its type."""
+
 
 def word_map(crane: Crane, converters: Converters) -> tuple[Word, ...]:
     """Return the words of a crane; 16384 counts are the largest rate of a drive."""
@@ -135,3 +144,21 @@ class ProcessImage:
         self.words = tuple(words)
         self.commands = {word.name: 0 for word in words if word.command}
         self.readings = {word.name: 0 for word in words if not word.command}
+
+    def accepted(self, last: Mapping[str, int]) -> tuple[dict[str, int], list[str]]:
+        """Return the commands, and the names of those that are no number of their type.
+
+        Of these, the last command holds. No client writes any: OPC UA refuses them, and Modbus has
+        no place for them. A program that holds the image itself may.
+
+        Args:
+            last: Commands of the last cycle.
+        """
+        commands = self.commands.copy()
+        impossible = [
+            word.name
+            for word in self.words
+            if word.command and not word.holds(commands.get(word.name))
+        ]
+        commands.update((name, last[name]) for name in impossible)
+        return commands, impossible

@@ -211,3 +211,42 @@ def test_where_the_model_ceases_to_hold_the_run_ends_with_what_it_recorded() -> 
     with pytest.raises(RunError, match="swing_tangential_joint is at"):
         go(plant, 10.0, wind=10000)
     assert 1 < len(plant.trajectory()) < 10.0 / PERIOD
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_words_are_written_drives_keep_their_rates_and_ranges(seed: int) -> None:
+    plant, rng = ServedCrane(CRANE, duration=60.0), np.random.default_rng(seed)
+    words = [word for word in plant.image.words if word.command and word.name != "wind"]
+    extreme = {"UINT16": [0, 1, 2, 3, 65535], "INT16": [-32768, -16384, 0, 16384, 32767]}
+    for _ in range(200):
+        for word in words:
+            if rng.uniform() < 0.3:
+                plant.image.commands[word.name] = int(rng.choice(extreme[word.kind]))
+        if rng.uniform() < 0.5:  # else the watchdog or an injected fault ends all motion early
+            injected = [word.name for word in words if word.name.endswith("inject")]
+            plant.image.commands.update(dict.fromkeys(injected, 0))
+        for _ in range(20):
+            plant.image.commands["heartbeat"] = plant.cycles & 0xFFFF
+            plant.cycle()
+            q, v = plant.state
+            assert np.isfinite([*q, *v]).all()
+            # The lag overshoots what it follows by nothing; slip of a brake is a twentieth.
+            assert (np.abs(v[DRIVES]) <= RATES * 1.001).all()
+            assert ((q > CRANE.lower) & (q < CRANE.upper))[DRIVES].all()
+    assert np.isfinite(plant.trajectory().v).all()
+
+
+IMPOSSIBLE = [math.nan, math.inf, -math.inf, 1e308, -1e308, 0.5, 65536, -32769, 10**40]
+IMPOSSIBLE += [None, "1", True, [1]]
+
+
+@pytest.mark.parametrize("value", IMPOSSIBLE, ids=repr)
+def test_a_command_that_is_no_number_of_its_type_leaves_the_last_one(value: object) -> None:
+    plant, same = driving(), driving()
+    go(plant, 0.5, x__speed=value, l__ramp=value, wind=value, inject=value)  # type: ignore[arg-type]
+    go(same, 0.5)
+    assert np.array_equal(np.concatenate(plant.state), np.concatenate(same.state))
+    named = sorted(["x.speed", "l.ramp", "wind", "inject"])
+    told = [text.split(" is ")[0] for _, text in plant.events]
+    assert told == named
+    assert not same.events and not plant.fault

@@ -149,6 +149,49 @@ def test_opc_ua_takes_commands_of_their_type_only_and_reports_changes(served: Se
     served.plant.image.commands["x.speed"] = 0
 
 
+def test_no_variant_of_opc_ua_brings_what_is_no_number_of_a_word(served: Served) -> None:
+    kinds = ua.VariantType
+    numbers = [np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, -0.0, 0.5, 1.0]
+    variants = [ua.Variant(x, kinds.Double) for x in numbers]
+    variants += [ua.Variant(x, kinds.Float) for x in (np.nan, np.inf, -np.inf, 3e38)]
+    variants += [ua.Variant(x, kinds.Int64) for x in (-(2**63), 2**63 - 1, 1)]
+    variants += [ua.Variant(2**32 - 1, kinds.UInt32), ua.Variant(2**64 - 1, kinds.UInt64)]
+    variants += [ua.Variant("NaN", kinds.String), ua.Variant(b"\x00\x7f", kinds.ByteString)]
+    variants += [ua.Variant(True, kinds.Boolean), ua.Variant([], kinds.Int16, is_array=True)]
+    variants += [ua.Variant([np.nan], kinds.Double), ua.Variant(None, kinds.Null)]
+    names = [word.name for word in served.plant.image.words if word.command]
+    before = served.plant.image.commands.copy()
+
+    async def write_all(client: Any) -> int:
+        refused = 0
+        for name in names:
+            for variant in variants:
+                with pytest.raises(ua.UaError):
+                    await node(client, name).write_value(ua.DataValue(variant))
+                refused += 1
+        return refused
+
+    assert served.ask(write_all) == len(names) * len(variants)
+    assert served.plant.image.commands == before
+    served.run(0.1)
+    assert served.ask(lambda client: node(client, "fault").read_value()) == 0
+
+
+def test_every_register_of_modbus_is_a_whole_number_of_its_word(served: Served) -> None:
+    commands = [word for word in served.plant.image.words if word.command]
+    rng = np.random.default_rng(0)
+    with served.client() as client:
+        for _ in range(50):
+            first = int(rng.integers(len(commands)))
+            registers = rng.choice([0, 1, 0x7F80, 0x7FFF, 0x8000, 0xFFFF], len(commands) - first)
+            assert not client.write_registers(first, registers.tolist()).isError()
+            for word, register in zip(commands[first:], registers.tolist(), strict=True):
+                assert word.holds(served.plant.image.commands[word.name])
+                assert served.plant.image.commands[word.name] & 0xFFFF == register
+    served.plant.image.commands.update(dict.fromkeys(served.plant.image.commands, 0))
+    served.run(0.01)
+
+
 def test_modbus_refuses_what_is_not_there_and_survives_garbage(served: Served) -> None:
     with socket.create_connection(served.modbus) as raw:
         raw.sendall(bytes(range(256)) * 4)

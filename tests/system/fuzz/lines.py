@@ -135,7 +135,7 @@ def draw(command: str, rng: Random) -> tuple[bool, float, list[str]]:
         words += [_value(action, rng, odd) for _ in range(_count(action, rng))]
     if rng.random() < 0.03:
         words.append(rng.choice(["--no-such", "-x", "--", "extra", "", "\0", "--ou", "--g=1"]))
-    return rng.random() < 0.97, rng.uniform(0.1, 0.6), words
+    return rng.random() < 0.97, rng.uniform(0.2, 1.2), words
 
 
 def _count(action: argparse.Action, rng: Random) -> int:

@@ -40,7 +40,8 @@
  * @property {KernelData} kernel
  * @property {Part[]} parts Obstacles of the site.
  * @property {TaskData[]} tasks
- * @property {{name: string, value: number}[]} sliders
+ * @property {{name: string, value: number, least: number, most: number}[]} sliders
+ * @property {{name: string}[]} assistances
  * @property {{least: number, radii: number[], rated: number[]} | null} chart Rated load [kg] over
  *   radius [m] from the least radius on.
  * @property {number} drag Half the density of air times drag coefficient and area of the load.
@@ -51,6 +52,9 @@ const STILL = 2;
 
 /** Share of its range by which predictive control keeps a drive from each end, beyond which it swings. */
 const REACH = 0.02;
+
+/** Largest position of a goal, as of the inputs of exported blocks. */
+const LARGEST = 1e12;
 
 /** A drive of the crane: the same inputs at the same instants make the same motion to the bit. */
 class Run {
@@ -116,6 +120,11 @@ class Run {
 
   /** Change something from this control instant on. @param {string} kind @param {any} value */
   input(kind, value) {
+    const reason = this.refusal(kind, value);
+    if (reason !== null) {
+      this.event = reason;
+      return;
+    }
     this.inputs.push([this.k, kind, value]);
     if (kind === "sticks") {
       this.sticks = value;
@@ -132,6 +141,32 @@ class Run {
         this.kernel.beginPlanning(this.assistant.ramps);
       }
     }
+  }
+
+  /**
+   * Why an input ends the run, or null: a drive to show again is a file that anybody may have written.
+   * @param {string} kind @param {any} value @returns {string | null}
+   */
+  refusal(kind, value) {
+    const {data} = this, count = data.crane.drives.length;
+    /** @param {any} x @param {number} least @param {number} most */
+    const within = (x, least, most) => typeof x === "number" && x >= least && x <= most;
+    /** @param {any} list @param {number} limit */
+    const numbers = (list, limit) => Array.isArray(list) && list.length === count
+      && list.every(x => within(x, -limit, limit));
+    /** @type {Record<string, () => boolean>} */
+    const possible = {
+      sticks: () => numbers(value, 1),
+      goal: () => numbers(value, LARGEST),
+      stop: () => typeof value === "boolean",
+      assist: () => data.assistances.some(({name}) => name === value),
+      task: () => value === null || data.tasks.some(({name}) => name === value),
+      slider: () => Array.isArray(value)
+        && data.sliders.some(({name, least, most}) => name === value[0] && within(value[1], least, most)),
+    };
+    const known = Object.hasOwn(possible, kind);
+    return known && possible[kind]() ? null
+      : `The input ${String(kind).slice(0, 20)} is impossible: ${String(JSON.stringify(value)).slice(0, 60)}.`;
   }
 
   /** @param {number[]} goal Positions of the drives. */
@@ -191,14 +226,21 @@ class Run {
     return Math.hypot(...swings.map(i => this.kernel.q[i] - rest[i]));
   }
 
-  /** Log a control instant and advance by a period; ends where the model ceases to hold. */
+  /** Log a control instant and advance by a period, unless the run has ended; it ends where the model
+   * ceases to hold, or the assistance commands what is no number. */
   advance() {
+    if (this.event !== null) return;
     const {kernel, crane} = this, {q, v} = kernel;
     const planned = this.assist === "predictive" && !this.stopped;
     const sticks = this.stopped ? this.sticks.map(() => 0) : this.sticks;
     const assist = this.stopped ? "none" : this.assist;
-    kernel.command.set(planned ? this.assistant.limited(kernel.plan(this.k), q)
-      : this.assistant.command(assist, sticks, q, v, this.cable));
+    const rates = planned ? this.assistant.limited(kernel.plan(this.k), q)
+      : this.assistant.command(assist, sticks, q, v, this.cable);
+    if (!rates.every(Number.isFinite)) {
+      this.event = "The assistance commanded what is no number.";
+      return;
+    }
+    kernel.command.set(rates);
     this.look();
     const rope = this.points;
     this.state.force = this.blow(rope);

@@ -51,7 +51,7 @@ class Session {
     }
     this.due = Math.min(this.due, 1);
     if (passed > 0) this.ratio += 0.05 * ((run.k - first) * period / passed - this.ratio);
-    if (run.k > first || run.k === 0) this.show(run);
+    if (run.k > first || run.k === 0 || run.event !== null) this.show(run);
   }
 
   /** @param {Run} run */
