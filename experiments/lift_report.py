@@ -47,9 +47,8 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
     site = read_site(options.site or "open_yard")
     values: dict[str, Any] = {}
     if options.load is not None:  # instead of the mass in the site's file
-        values["payload_mass"] = number("load", options.load, "kg", "> 0")
-        crane_values = {name: value for name, value in site.crane.items() if name != "payload_mass"}
-        site = replace(site, crane=crane_values, rigging={})
+        load = number("load", options.load, "kg", "> 0")
+        site = replace(site, crane={**site.crane, "payload_mass": load}, rigging={})
     if options.crane is not None:
         values["urdf"] = Path(options.crane)
     if chart is not None:

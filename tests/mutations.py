@@ -823,14 +823,19 @@ cranedyn/planning/standing.py
 ? coverage::the_base_that_is_entered_is_a_body_too
 - if site.base is not None:
 + if False:
-* the base turns with the jib
-? coverage::the_base_that_is_entered_is_a_body_too
-- return np.array(corners) @ site.turn
-+ return np.array(corners)
 * what touches the mast is in it
 ? coverage::a_solid_that_the_mast_touches_is_no_reason_to_refuse
 - np.maximum(np.abs(offset) - TOUCHING, 0.0)
 + np.abs(offset)
+cranedyn/planning/site.py
+* the base turns with the jib
+? coverage::the_base_that_is_entered_is_a_body_too
+- return np.array(corners) @ self.turn
++ return np.array(corners)
+* an obstacle may have the name of the ground
+? coverage::no_obstacle_has_a_name_of_our_own
+- if solid.name in RESERVED_NAMES:
++ if False:
 cranedyn/planning/coverage.py
 * a pair that no proof compares is no matter
 ? coverage::the_pairs_of_all_bodies_and_obstacles_are_counted_by_hand

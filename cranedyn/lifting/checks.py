@@ -10,6 +10,7 @@ import numpy as np
 from cranedyn.assumptions import check_entered
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.chart import CUT_OUT, WARNING
+from cranedyn.planning.assumed import EARTH
 from cranedyn.planning.perturbed import CONFIDENCE
 from cranedyn.verdict import Check
 
@@ -22,10 +23,14 @@ def run_checks(
     analysis: LiftAnalysis, functions: Sequence[CheckFunction] | None = None
 ) -> list[Check]:
     """Return the checks of the certificate, of lift-off and set-down, then those of functions, by
-    default `CHECKS`.
+    default `CHECKS`. Where some of `CHECKS` are not among them, that is not judged.
     """
     functions = CHECKS if functions is None else functions
     checks = [*analysis.certificate.checks, *_ground_checks(analysis)]
+    left_out = [function.__name__ for function in CHECKS if function not in functions]
+    if left_out:
+        names = ", ".join(name.replace("_", " ") for name in left_out)
+        checks.append(Check(f"Checks were left out: {names}.", None))
     return checks + [function(analysis) for function in functions]
 
 
@@ -44,6 +49,18 @@ def assumptions_entered(analysis: LiftAnalysis) -> Check:
     return check_entered(analysis.assumed.assumptions)
 
 
+def gravity_is_that_of_the_earth(analysis: LiftAnalysis) -> Check:
+    """Check that the lift was computed in the gravity in which it will be made."""
+    gravity = analysis.crane.gravity
+    if EARTH[0] <= gravity <= EARTH[1]:
+        return Check(f"The lift is computed in a gravity of {gravity:g} m/s².", True)
+    return Check(
+        f"The lift is computed in a gravity of {gravity:g} m/s²; on the ground it is {EARTH[0]:g} "
+        f"to {EARTH[1]:g}.",
+        None,
+    )
+
+
 def drives_entered(analysis: LiftAnalysis) -> Check:
     """Check that the limits of the drives were entered, since a go rests on no default."""
     limits = analysis.certificate.lift.limits
@@ -58,7 +75,14 @@ def drives_entered(analysis: LiftAnalysis) -> Check:
 
 def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     """Check that the length of the counter-jib was entered."""
-    if length := analysis.site.crane.get("counter_jib"):
+    arguments = analysis.crane.record.get("arguments")
+    length = analysis.site.crane.get("counter_jib")
+    if length and isinstance(arguments, dict) and arguments.get("counter_jib") != length:
+        return Check(
+            f"The site enters a counter-jib of {length:g} m, and the judged crane has another.",
+            None,
+        )
+    if length:
         return Check(f"The counter-jib is as long as entered, {length:g} m.", True)
     return Check(
         "[counter_jib] length of the site is missing; it turns freely with the length drawn.", None
@@ -102,10 +126,11 @@ def heavier_load(analysis: LiftAnalysis) -> Check:
 def taut_rope(analysis: LiftAnalysis) -> Check:
     """Check that the rope stays taut while the load hangs, and the hoist strong enough."""
     slack = float(analysis.loads["slack_margin"][analysis.hangs].min())
-    snag = float(analysis.loads["snag_margin"].min())
+    heavier = 1.0 + analysis.assumed.spread.load
+    snag = 1.0 - heavier * (1.0 - float(analysis.loads["snag_margin"].min()))
     return Check(
         f"The rope stays taut: it carries {100.0 * slack:.0f} % of the weight at least; the hoist "
-        f"has {100.0 * snag:.0f} % of its force left.",
+        f"has {100.0 * snag:.0f} % of its force left with a load heavier by its tolerance.",
         slack > 0.0 and snag > 0.0,
     )
 
@@ -121,10 +146,16 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
             None,
         )
     forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
-    smallest, largest, permitted = float(forces.min()), float(forces.max()), site.base.permitted
+    permitted = site.base.permitted
+    # A load heavier by its tolerance presses by that share of its own part in a corner, which is
+    # W/4 on all of them and W r/(√2 b) more on the one that the jib points to, see `corner_forces`.
+    added = analysis.assumed.spread.load * analysis.loads["pull_N"]
+    tilting = analysis.loads["radius_m"] / (math.sqrt(2.0) * site.base.spacing)
+    smallest = float((forces.min(axis=0) + np.minimum(added * (0.25 - tilting), 0.0)).min())
+    largest = float((forces.max(axis=0) + added * (0.25 + tilting)).max())
     presses = (
         f"All corners of the base press on the ground, by {smallest / 1e3:.0f} kN at least and "
-        f"{largest / 1e3:.0f} kN at most"
+        f"{largest / 1e3:.0f} kN at most, with a load heavier by its tolerance"
     )
     if permitted is None:
         # Pressing is not enough: whether the ground bears it is not known.
@@ -179,6 +210,7 @@ def perturbed_lifts(analysis: LiftAnalysis) -> Check:
 
 CHECKS: tuple[CheckFunction, ...] = (
     assumptions_entered,
+    gravity_is_that_of_the_earth,
     drives_entered,
     counter_jib_entered,
     utilisation_below_warning,

@@ -207,8 +207,8 @@ def _plausible(
         found += chart_findings(chart, reach[1])
     for finding in found:
         if finding.refused:
-            raise DataError(f"[{finding.table}] {finding.field}: {finding.sentence}")
-    return tuple(dict.fromkeys(f"[{one.table}] {one.field}: {one.sentence}" for one in found))
+            raise DataError(str(finding))
+    return tuple(dict.fromkeys(map(str, found)))
 
 
 def _grounded(certificate: Certificate, engine: EngineName) -> GroundedLift | None:

@@ -13,6 +13,9 @@ from cranedyn.model.crane import Crane
 from cranedyn.planning.site import DISTANCE, SWING, Site
 from cranedyn.references.limits import Limits
 
+EARTH = (9.76, 9.84)
+"""Least and largest gravity on the ground of the Earth [m/s²]."""
+
 
 def plan_assumptions(site: Site, crane: Crane, limits: Limits) -> list[Assumption]:
     """Return what a certificate of a lift rests on.
@@ -22,13 +25,26 @@ def plan_assumptions(site: Site, crane: Crane, limits: Limits) -> list[Assumptio
         crane: The crane.
         limits: Limits of the drives, those of the site if it enters any.
     """
-    return [*_of_load(site, crane), *_of_motion(site, limits)]
+    return [*_of_crane(crane), *_of_load(site, crane), *_of_motion(site, limits)]
 
 
 def held_mass(crane: Crane) -> float:
     """Return the mass that the hoist of a crane holds at its start [kg]."""
     hoist = crane.layout.drive("l")
     return abs(float(holding_effort(crane, crane.start.q)[hoist])) / crane.gravity
+
+
+def _of_crane(crane: Crane) -> Iterator[Assumption]:
+    arguments = crane.record.get("arguments")
+    if isinstance(arguments, dict):
+        value, origin = "the tower crane of this package", Origin.SHIPPED
+        if arguments:
+            changed = ", ".join(f"{name} {x:g}" for name, x in sorted(arguments.items()))
+            value = f"{value} with {changed}"
+    else:
+        value, origin = crane.model.name, Origin.ENTERED
+    yield Assumption("crane", value, origin, "[crane] values")
+    yield Assumption("gravity", f"{crane.gravity:g} m/s²", Origin.ASSUMED)
 
 
 def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
@@ -44,6 +60,8 @@ def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
         sides = " x ".join(f"{side:.1f}" for side in np.ptp(site.load, axis=0))
         value, origin = f"{sides} m", Origin.ENTERED
     yield Assumption("size of the load", value, origin, "[load] size")
+    attitude = "held along the jib, such as by tag lines; it does not turn about the rope"
+    yield Assumption("attitude of the load", attitude, Origin.ASSUMED)
 
 
 def _of_motion(site: Site, limits: Limits) -> Iterator[Assumption]:

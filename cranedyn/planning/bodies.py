@@ -94,7 +94,7 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
                 f"The URDF of the crane shows no shapes of its {name}; clearance needs boxes, "
                 "cylinders or spheres."
             )
-    corners = [_corners(shape) for shape in groups["payload"]]
+    corners = [corners_of(shape) for shape in groups["payload"]]
     largest = max(corners, key=lambda points: float(np.prod(np.ptp(points, axis=0))))
     top = float(largest[:, 2].max())
     above = [points for points in corners if points[:, 2].mean() > top]
@@ -109,7 +109,7 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
     return CollisionBodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
-        trolley=_box(np.concatenate([_corners(shape) for shape in groups["trolley"]])),
+        trolley=_box(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
         hook=_box(hook),
         load=carried,
         falls=float(np.ptp(block[:, :2], axis=0).max()) / 2.0,
@@ -120,7 +120,7 @@ def _mast(shapes: list[Shape]) -> list[np.ndarray]:
     """Return the corners of two hulls instead of a hundred bars: one around all bars that reach
     above a quarter of the height, one around the foot; shape (n, 3) each.
     """
-    corners = [_corners(shape) for shape in shapes]
+    corners = [corners_of(shape) for shape in shapes]
     quarter = max((float(points[:, 2].max()) for points in corners), default=0.0) / 4.0
     halves = (
         [points for points in corners if bool(points[:, 2].max() > quarter) is high]
@@ -134,7 +134,7 @@ def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     the frame of that joint [m].
     """
     return [
-        (joint, _corners(shape)) for joint, shapes in _shapes(crane).items() for shape in shapes
+        (joint, corners_of(shape)) for joint, shapes in _shapes(crane).items() for shape in shapes
     ]
 
 
@@ -152,7 +152,7 @@ def _shapes(crane: Crane) -> dict[int, list[Shape]]:
     return shapes
 
 
-def _corners(shape: Shape) -> np.ndarray:
+def corners_of(shape: Shape) -> np.ndarray:
     """Return the corners of the box around a shape, aligned with it, in the frame of the joint [m],
     shape (8, 3).
     """

@@ -180,7 +180,14 @@ def certify(
         coverage_check(clearance.site, covered),
     ]
     return Certificate(
-        lift, run, run.t[rows], distances, nearest, nearest_t, residual_swing, checks
+        replace(lift, clearance=clearance),
+        run,
+        run.t[rows],
+        distances,
+        nearest,
+        nearest_t,
+        residual_swing,
+        checks,
     )
 
 

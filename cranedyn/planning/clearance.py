@@ -22,13 +22,10 @@ import pinocchio as pin
 from cranedyn.checks import within
 from cranedyn.errors import quoted
 from cranedyn.model.crane import Crane
-from cranedyn.planning.bodies import CollisionBodies, collision_bodies
+from cranedyn.planning.bodies import CollisionBodies, collision_bodies, corners_of
 from cranedyn.planning.fields import Body, Field, Placed
-from cranedyn.planning.site import Site
+from cranedyn.planning.site import GROUND, MAST, OWN_BASE, OWN_UPPER, Site
 from cranedyn.planning.solids import Solid, hull
-
-GROUND, MAST = "ground", "own mast"
-"""Names of the ground and the crane's own mast among the obstacles."""
 
 ROUNDING = 1e-4
 """Deduction from every distance [m]: a hundred times the tolerance of coal's algorithm."""
@@ -315,7 +312,8 @@ class Clearance:
         nearest: dict[str, Nearest] = {}
         jib_parts = self._slewing(float(q[self.joints.slew])) if jib else ()
         slewing = (("jib", self._fields["solids"], moving) for moving in jib_parts)
-        for body, field, moving in itertools.chain(self._placed(q), slewing):
+        own = self._beside_upper(q)
+        for body, field, moving in itertools.chain(self._placed(q), own, slewing):
             for name, distance in field.each(moving).items():
                 pair = Nearest(distance + moving.inflated, body, name)
                 nearest[name] = min(nearest.get(name, pair), pair)
@@ -352,6 +350,17 @@ class Clearance:
         for name, _, fields in self._hanging:
             for field in fields:
                 yield name, field
+        for name, _ in self._below_upper:
+            yield name, self._upper_field
+
+    @property
+    def own_shape_counts(self) -> dict[str, int]:
+        """Number of shapes of each part of the crane that is an obstacle to what hangs, by name."""
+        return {
+            MAST: len(self.bodies.mast),
+            OWN_BASE: int(self.site.base is not None),
+            OWN_UPPER: len(self._upper_parts),
+        }
 
     @property
     def slewing_field(self) -> Field:
@@ -378,6 +387,8 @@ class Clearance:
         low = self.trolley_bottom - self.site.distance - envelope
         tall = {solid.name for solid in self.solids if solid.vertices[:, 2].max() > low - ROUNDING}
         mast = [(MAST, hull(corners)) for corners in self.bodies.mast]
+        if self.site.base is not None:
+            mast.append((OWN_BASE, hull(self.site.base_corners)))
         return {
             "solids": Field(solids),
             "tall solids": Field(named for named in solids if named[0] in tall),
@@ -419,6 +430,62 @@ class Clearance:
             for shape, *placement in self.bodies.upper
         ]
 
+    @cached_property
+    def _upper_parts(self) -> list[np.ndarray]:
+        """Corners of each shape that slews with the jib and reaches below the trolley, in the frame
+        of the slew joint [m], shape (n, 3) each.
+
+        Shapes that reach out to the middle of the trolley's way are the jib itself, under which the
+        load hangs by construction.
+        """
+        (frame,) = self._frames(self.crane.start.q, self.joints.slew)
+        bottom = self.trolley_bottom - float(frame.getTranslation()[2])
+        trolley = self.joints.trolley
+        middle = float(self.crane.lower[trolley] + self.crane.upper[trolley]) / 2.0
+        shapes = [corners_of(shape) for shape in self.bodies.upper]
+        return [
+            corners
+            for corners in shapes
+            if corners[:, 2].min() < bottom and (-corners[:, 1]).max() < middle
+        ]
+
+    @cached_property
+    def _upper_bottom(self) -> float:
+        """Height of the lowest corner of `_upper_parts` in the frame of the slew joint [m]."""
+        return min((float(part[:, 2].min()) for part in self._upper_parts), default=math.inf)
+
+    @cached_property
+    def _upper_field(self) -> Field:
+        """The hulls of `_upper_parts`, in the frame of the slew joint."""
+        return Field((OWN_UPPER, hull(corners)) for corners in self._upper_parts)
+
+    @cached_property
+    def _below_upper(self) -> list[tuple[str, Body]]:
+        """Load and hook, for distances from what slews above them. The rope hangs from the trolley,
+        and so is beside them wherever that can be.
+        """
+        centre, size = self.bodies.hook
+        distance = self.site.distance
+        return [
+            ("load", Body(hull(self.bodies.load), distance)),
+            ("hook", Body(coal.Box(size), distance, coal.Transform3s(np.eye(3), centre))),
+        ]
+
+    def _beside_upper(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        """Yield load and hook in the frame of the slew joint, with what slews with it; nothing
+        where both hang so low that their margin is no less than the required distance.
+        """
+        slew, load = self._frames(q, self.joints.slew, self.joints.hoist)
+        height = float((load.getTranslation() - slew.getTranslation())[2])
+        (_, _, centre), (_, _, tall) = self.bodies.hook
+        hook_top = math.hypot(float(centre + tall / 2.0), self.bodies.spread)
+        top = height + max(self.bodies.below, hook_top)
+        if top + 2.0 * self.site.distance < self._upper_bottom:
+            return
+        relative = slew.inverse() * load
+        for name, body in self._below_upper:
+            yield name, self._upper_field, body.put(relative)
+
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
         """Return the margins of all that hangs to everything but zones, and to zones [m]; minus
         infinity, which nothing is proven from, at coordinates that are not finite.
@@ -426,7 +493,7 @@ class Clearance:
         if not np.isfinite(q).all():
             return -math.inf, -math.inf
         margins = [math.inf, math.inf]
-        for _, field, moving in self._placed(q):
+        for _, field, moving in itertools.chain(self._placed(q), self._beside_upper(q)):
             zones = moving.inflated == 0.0
             margins[zones] = min(margins[zones], field.least(moving))
         return margins[0] - ROUNDING, margins[1] - ROUNDING

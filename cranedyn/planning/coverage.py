@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from cranedyn.planning.clearance import GROUND, MAST, Clearance
-from cranedyn.planning.site import Site
+from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.site import GROUND, MAST, OWN_BASE, OWN_UPPER, Site
 from cranedyn.verdict import Check
 
 HANGING = ("hook", "rope", "load")
@@ -37,8 +37,8 @@ def required_pairs(site: Site) -> Pairs:
     """Return all pairs of bodies and obstacles that a certificate must compare.
 
     Every body keeps from every solid, and what hangs keeps out of every zone and from the crane's
-    own mast. The ground is for the load alone: hook and rope hang above it, and the mast stands on
-    it.
+    own mast and base; hook and load also from what slews below the trolley. The ground is for the
+    load alone: hook and rope hang above it, and the mast stands on it.
     """
     pairs = {
         BodyAndObstacle(body, solid.name)
@@ -46,6 +46,9 @@ def required_pairs(site: Site) -> Pairs:
         for body in (HANGING if solid.zone else BODIES)
     }
     pairs |= {BodyAndObstacle(body, MAST) for body in HANGING}
+    pairs |= {BodyAndObstacle(body, OWN_UPPER) for body in ("hook", "load")}
+    if site.base is not None:
+        pairs |= {BodyAndObstacle(body, OWN_BASE) for body in HANGING}
     pairs.add(BodyAndObstacle("load", GROUND))
     return frozenset(pairs)
 
@@ -64,6 +67,8 @@ def hanging_pairs(clearance: Clearance) -> Pairs:
         for obstacle, count in field.shape_counts.items()
         if count >= sizes[obstacle]
     }
+    if not sizes[OWN_UPPER]:  # a crane without such shapes has nothing to compare
+        pairs |= {BodyAndObstacle(body, OWN_UPPER) for body in ("hook", "load")}
     pairs |= {
         BodyAndObstacle("trolley", solid.name)
         for solid in clearance.site.seen_by_crane()
@@ -84,7 +89,7 @@ def slewing_pairs(clearance: Clearance) -> Pairs:
 def _shape_counts(clearance: Clearance) -> Mapping[str, int]:
     """Return the number of shapes that each obstacle of the site consists of, by name."""
     solids = {solid.name: max(len(solid.parts), 1) for solid in clearance.site.solids}
-    return {**solids, GROUND: 1, MAST: len(clearance.bodies.mast)}
+    return {**solids, GROUND: 1, **clearance.own_shape_counts}
 
 
 def coverage_check(site: Site, covered: Pairs) -> Check:

@@ -260,6 +260,7 @@ def certify_ground_lift(
     if "lift-off" in lift.phases:
         checks.append(_lift_off_check(lift, run, phases))
     checks.append(_motion_check(lift, phases))
+    checks.append(_range_check(lift))
     checks += _distance_checks(lift, run, phases)
     if "set-down" in lift.phases:
         checks.append(_set_down_check(lift, run, phases))
@@ -330,6 +331,25 @@ def _motion_check(lift: GroundLift, phases: _Phases) -> Check:
         f"Motion: the load swings {1e3 * largest:.1f} mrad at most, {1e3 * allowed:.1f} allowed; "
         f"the rope pulls {least_pull:.3f} of the weight at least.",
         bool(largest <= allowed and least_pull > 0.0),
+    )
+
+
+def _range_check(lift: GroundLift) -> Check:
+    """Check that the rope is long enough, and that the other drives stay in their ranges.
+
+    The simulated crane has as much rope as the ground needs, see `_on_rope`, so that its own range
+    says nothing.
+    """
+    crane = lift.lift.crane
+    drives = crane.layout.drives
+    positions = lift.motion.q[:, lift.motion.drives]
+    longest = float(positions[:, crane.layout.drive("l")].max())
+    allowed = float(crane.upper[drives][crane.layout.drive("l")])
+    inside = (positions >= crane.lower[drives] - 1e-9) & (positions <= crane.upper[drives] + 1e-9)
+    return Check(
+        f"The cable is {longest:.2f} m long at most, {allowed:.2f} m there are; the drives "
+        f"{'stay in' if inside.all() else 'leave'} their ranges.",
+        bool(inside.all()),
     )
 
 

@@ -138,7 +138,12 @@ def crane_of(site: Site, *, gravity: float | None = None, **values: object) -> C
         raise DataError(f"{name} is given by the site, too; leave one out.")
     if gravity is not None:
         values["gravity"] = gravity
-    return load_crane(**site.crane, **values)  # type: ignore[arg-type]
+    own = {"urdf", "gravity"}
+    arguments = {**site.crane, **{n: x for n, x in values.items() if n not in own}}
+    return load_crane(
+        values=arguments,
+        **{n: x for n, x in values.items() if n in own},  # type: ignore[arg-type]
+    )
 
 
 def plan_lift(
@@ -176,6 +181,7 @@ def plan_lift(
             installed.
     """
     crane = crane_of(site) if crane is None else crane
+    refuse_contradictions(site, crane)
     limits = limits.for_crane(crane)
     limits = replace(limits, rates=np.minimum(limits.rates, crane.rate_limit / RESERVE).tolist())
     clearance = Clearance(crane, site)
@@ -186,6 +192,8 @@ def plan_lift(
     _refuse_unless_it_holds(crane)
     first = _end(clearance, "start", start)
     last = _end(clearance, "goal", goal)
+    if np.allclose(first, last, atol=1e-6):
+        raise NoWay("Start and goal of the lift are the same place.")
     slew = clearance.joints.slew
     slews = slew_range(
         clearance, float(first[0]), float(crane.lower[slew]), float(crane.upper[slew])
@@ -201,6 +209,20 @@ def plan_lift(
     if not lifts:
         raise NoWay(_reason(clearance, first, last, slews, np.array(limits.rates)))
     return min(lifts, key=lambda lift: lift.timed.motion.arrival)
+
+
+def refuse_contradictions(site: Site, crane: Crane) -> None:
+    """Refuse a crane that is not the one that its site enters.
+
+    Raises:
+        DataError: If a value of the site is another for the crane.
+    """
+    given = crane.record.get("arguments")
+    if not isinstance(given, dict):
+        return  # a plain URDF has no values by name
+    for name, value in site.crane.items():
+        if name in given and float(given[name]) != float(value):
+            raise DataError(f"The site enters {name} {value:g}; the crane has {given[name]}.")
 
 
 def _refuse_implausible(
@@ -305,7 +327,7 @@ def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndar
         ends_of_range[clearance.drive_joints].tolist()
         for ends_of_range in (clearance.crane.lower, clearance.crane.upper)
     )
-    away = min(clearance.site.swing * long / inner, 0.1)
+    away = min(clearance.site.swing * long / max(inner, 1e-3), 0.1)
     low = max(slews.low + away * bool(slews.below), ends[:, 0].min() - math.pi / 2.0)
     high = min(slews.high - away * bool(slews.above), ends[:, 0].max() + math.pi / 2.0)
     return np.array([[low, inner, clearance.shortest_cable], [high, outer, long]])

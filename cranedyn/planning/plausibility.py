@@ -59,7 +59,8 @@ class Finding:
     """A value that cannot be meant, or is unusual.
 
     Attributes:
-        table, field: Where it was entered in the file of a site, such as "load" and "mass".
+        table, field: Where it was entered in the file of a site, such as "load" and "mass"; of an
+            obstacle the table is empty and the field its name.
         refused: Whether it cannot be meant.
         sentence: What was entered, what is usual, and the mistake that is likely.
     """
@@ -68,6 +69,10 @@ class Finding:
     field: str
     refused: bool
     sentence: str
+
+    def __str__(self) -> str:
+        """Return the sentence with the field that it is about."""
+        return f"[{self.table}] {self.field}: {self.sentence}" if self.table else self.sentence
 
 
 # Ranges of absolute values. The lower ends are those of cranes on a laboratory's bench: 0.085 kg,
@@ -113,7 +118,7 @@ WIND = Quantity(
     (2.0, 20.0),
     {"kilometres per hour": 1.0 / 3.6, "miles per hour": 0.447},
 )
-PERCENT = Quantity("A share", "%", (0.0, 100.0), (0.0, 100.0), {})
+RISK = Quantity("The risk", "%", (0.0, 100.0), (0.0, 10.0), {})
 
 # The density of a box around a load: air has 1.2 kg/m³ and the densest metal 22,600. Foam has 10 to
 # 30, an empty container 60, solid steel 7,850.
@@ -167,11 +172,41 @@ def findings(site: Site, reach: tuple[float, float] | None = None) -> list[Findi
             places of the lift are not judged.
     """
     return [
+        *_of_obstacles(site, reach),
         *_of_load(site),
         *_of_drives(site, reach),
         *_of_structure(site),
         *_of_places(site, reach),
     ]
+
+
+def _of_obstacles(site: Site, reach: tuple[float, float] | None) -> Iterator[Finding]:
+    """Yield obstacles in a wrong unit or frame, which a proof would not meet anywhere."""
+    if reach is None:
+        return
+    for solid in site.solids:
+        sides = np.ptp(solid.vertices, axis=0)
+        largest = float(sides.max())
+        if largest < SMALLEST_OBSTACLE * reach[1]:
+            sentence = (
+                f"The obstacle {solid.name} is {_number(largest)} m large, too small to be one. "
+                "Is it in another unit?"
+            )
+            yield Finding("", solid.name, True, sentence)
+        low, high = solid.vertices[:, :2].min(axis=0), solid.vertices[:, :2].max(axis=0)
+        foot = np.asarray(site.foot, dtype=float)[:2]
+        gap = float(np.hypot(*np.maximum(np.maximum(low - foot, foot - high), 0.0)))
+        if gap > FAR_BEYOND * reach[1]:
+            sentence = (
+                f"The obstacle {solid.name} is {_number(gap)} m from the foot of the crane, whose "
+                f"trolley reaches {_number(reach[1])} m: it has no effect. Is it in millimetres, "
+                "or in another frame than [crane] position?"
+            )
+            yield Finding("", solid.name, gap > 100.0 * reach[1], sentence)
+
+
+SMALLEST_OBSTACLE = 5e-3
+"""Largest side of an obstacle over the reach of the crane, below which it cannot be meant."""
 
 
 def _of_load(site: Site) -> Iterator[Finding]:
@@ -189,6 +224,8 @@ def _of_load(site: Site) -> Iterator[Finding]:
     if mass is None:
         return
     volume = float(sides.prod())
+    if not volume > 0.0:
+        return  # a flat load is a finding of its size
     for finding in judge_value(DENSITY, mass / volume, "load", "mass"):
         sentence = f"{finding.sentence[:-1]}: {_number(mass)} kg in a box of {_number(volume)} m³."
         low, high = DENSITY.usual
@@ -245,6 +282,13 @@ def _of_places(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
         yield from judge_value(COORDINATE, value, "crane", "position")
     yield from judge_value(DISTANCE, site.distance, "lift", "distance")
     yield from judge_value(SWING, math.degrees(site.swing), "lift", "swing")
+    if site.risk is not None:
+        yield from judge_value(RISK, 100.0 * site.risk, "lift", "risk")
+    for name, value in site.spread.items():
+        if value == 0.0:
+            field = {"load": "mass", "late": "delay"}.get(name, name)
+            sentence = "It is zero, as if nothing were uncertain."
+            yield Finding("uncertainty", field, False, sentence)
     if site.gust is not None:
         yield from judge_value(WIND, site.gust, "wind", "gust")
     if site.gust_swing is not None:

@@ -20,8 +20,8 @@ from scipy.spatial import ConvexHull
 
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import shape_corners
-from cranedyn.planning.clearance import GROUND, Nearest
-from cranedyn.planning.site import Site
+from cranedyn.planning.clearance import Nearest
+from cranedyn.planning.site import GROUND, Site
 from cranedyn.planning.solids import Solid
 
 ROPE_POINTS = 12

@@ -21,6 +21,28 @@ DISTANCE, SWING = 0.5, math.radians(2.0)
 """Required distance [m] and largest swing of the load [rad] of a site that does not give them."""
 
 
+BASE_HEIGHT = 0.3
+"""Height of the beams of a base above the foot [m]. A site enters their length, which is the
+spacing of the corners, and no height; that of a usual foundation cross is about this.
+"""
+
+GROUND = "ground"
+"""Name of the ground among the obstacles of a lift."""
+
+MAST = "own mast"
+"""Name of the crane's own mast among the obstacles of what hangs."""
+
+OWN_BASE = "own base"
+"""Name of the crane's own base among the obstacles of what hangs."""
+
+OWN_UPPER = "own upper structure"
+"""Name of what slews with the jib and lies below the trolley, such as a slewing column and a cab,
+among the obstacles of load and hook."""
+
+RESERVED_NAMES = frozenset({GROUND, MAST, OWN_BASE, OWN_UPPER})
+"""Names that no obstacle may have: a proof would take one for the other."""
+
+
 @dataclass(frozen=True)
 class Base:
     """A square base on which a tower stands by four corners, its sides along the world's X and Y.
@@ -135,13 +157,19 @@ class Site(ShortRepr):
         """Check the numbers and names.
 
         Raises:
-            DataError: If two solids have one name.
+            DataError: If two solids have one name, or one has a name of `RESERVED_NAMES`.
             OutOfRange: If a number is not finite, the distance not positive, or the swing not from
                 0 to 0.5.
         """
         number("height of the ground", self.ground, "m")
         number("required distance", self.distance, "m", "> 0")
         number("swing of the load", self.swing, "rad", "0 to 0.5")
+        for solid in self.solids:
+            if solid.name in RESERVED_NAMES:
+                raise DataError(
+                    f"An obstacle is called {quoted(solid.name)}, as the program calls a part of "
+                    "its own; give it another name."
+                )
         for name, count in Counter(solid.name for solid in self.solids).items():
             if count > 1:
                 raise DataError(
@@ -154,6 +182,18 @@ class Site(ShortRepr):
         shape (3, 3).
         """
         return rotation_z(self.heading + math.pi / 2.0)
+
+    @property
+    def base_corners(self) -> np.ndarray:
+        """Corners of the box around the base in the frame of the crane [m], shape (8, 3). The sides
+        of a base lie along the axes of the site.
+        """
+        assert self.base is not None
+        half = self.base.spacing / 2.0
+        corners = [
+            [x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, BASE_HEIGHT)
+        ]
+        return np.array(corners) @ self.turn
 
     def to_crane(self, points: np.ndarray) -> np.ndarray:
         """Return points of the site [m], shape (..., 3), in the frame of the crane."""

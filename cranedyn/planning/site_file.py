@@ -31,6 +31,9 @@ SITES = Path(__file__).parent / "sites"
 EXAMPLES = ("open_yard", "city_block", "tower", "neighbour")
 """Names of the example sites."""
 
+UNBOUNDED = 1e4
+"""Height of a zone that enters none [m]: higher than any crane."""
+
 _HEADER = re.compile(r"\s*\[\[?\s*([\w.]+)\s*\]\]?")
 _KEY = re.compile(r"\s*([\w]+)\s*=")
 _MOST = 2000
@@ -192,10 +195,11 @@ def _plausible(site: Site, tables: Mapping[str, SiteTable]) -> Site:
     )
     unusual = []
     for finding in findings(site, (least, largest)):
-        table = tables[finding.table]
+        if finding.refused and finding.table:
+            tables[finding.table].fail(finding.field, finding.sentence)
         if finding.refused:
-            table.fail(finding.field, finding.sentence)
-        unusual.append(f"[{finding.table}] {finding.field}: {finding.sentence}")
+            raise DataError(f"{tables['ground'].path}: {finding.sentence}")
+        unusual.append(str(finding))
     return replace(site, unusual=tuple(unusual))
 
 
@@ -349,6 +353,8 @@ def _arms(jib: SiteTable, counter_jib: SiteTable) -> tuple[Arm, ...]:
 
 def _load(load: SiteTable) -> np.ndarray | None:
     if "file" in load.values:
+        if "size" in load.values:
+            load.fail("size", "file is given, too; leave one out.")
         vertices, _ = read_mesh(load.file("file"))
         return vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
     if "size" not in load.values:
@@ -375,7 +381,7 @@ def _prism(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _zone(entry: SiteTable, ground: float) -> list[Solid]:
-    base, height = entry.number("base", ground), entry.number("height", 100.0, allowed="> 0")
+    base, height = entry.number("base", ground), entry.number("height", UNBOUNDED, allowed="> 0")
     return [prism(entry.text("name"), entry.take("outline", _outline), base, height, zone=True)]
 
 

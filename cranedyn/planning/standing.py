@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.coverage import BodyAndObstacle, Pairs
 from cranedyn.planning.fields import Body, Field
-from cranedyn.planning.site import Base, Site
+from cranedyn.planning.site import GROUND
 from cranedyn.planning.solids import hull
 from cranedyn.verdict import Check
 
@@ -19,10 +19,12 @@ TOUCHING = 0.01
 and may be tied to a building, so that it touches them; what is deeper is inside of them.
 """
 
-BASE_HEIGHT = 0.3
-"""Height of the beams of a base above the foot [m]. A site enters their length, which is the
-spacing of the corners, and no height; that of a usual foundation cross is about this.
-"""
+
+UNEVEN = 0.05
+"""Height difference up to which a foot stands on the ground or on an obstacle [m]."""
+
+FOOTPRINT = 0.5
+"""Side of the square below the foot that must have something below it [m]."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,12 @@ class Standing:
 
     Attributes:
         inside: An obstacle that holds a part, for each such obstacle.
+        below: What the foot stands on: the ground or an obstacle; empty if it is nothing.
         pairs: The obstacles that were compared with the mast.
     """
 
     inside: tuple[BodyAndObstacle, ...]
+    below: str
     pairs: Pairs
 
 
@@ -45,36 +49,43 @@ def standing_parts(clearance: Clearance) -> Standing:
     site = clearance.site
     parts = {"mast": clearance.bodies.mast}
     if site.base is not None:
-        parts["base"] = [_base_corners(site, site.base)]
+        parts["base"] = [site.base_corners]
     solids = [solid for solid in site.seen_by_crane() if not solid.zone]
+    level = site.ground - float(site.foot[2])
+    below = GROUND if abs(level) <= UNEVEN else ""
+    footprint = Body(coal.Box(FOOTPRINT, FOOTPRINT, TOUCHING), 0.0).put(coal.Transform3s())
     inside, compared = [], set()
     for solid in solids:
         field = Field((solid.name, shape) for shape in solid.geometries())
         compared.add(BodyAndObstacle("mast", solid.name))
+        if field.least(footprint) <= UNEVEN:
+            below = below or solid.name
         for name, hulls in parts.items():
             for corners in hulls:
                 body = Body(hull(_shrunk(corners)), 0.0).put(coal.Transform3s())
                 # A surface of triangles all around a part is nowhere near it.
                 if field.least(body) <= 0.0 or solid.holds(corners.mean(axis=0)):
                     inside.append(BodyAndObstacle(name, solid.name))
-    return Standing(tuple(dict.fromkeys(inside)), frozenset(compared))
+    if level > UNEVEN:
+        inside.append(BodyAndObstacle("mast", GROUND))
+    return Standing(tuple(dict.fromkeys(inside)), below, frozenset(compared))
 
 
 def standing_check(result: Standing) -> Check:
-    """Return a check that nothing of the crane stands in an obstacle."""
+    """Return a check that nothing of the crane stands in an obstacle, and its foot on something."""
+    if not result.inside and not result.below:
+        return Check(
+            "The foot of the crane stands on nothing: neither the ground nor the top of an "
+            "obstacle is below it.",
+            False,
+        )
     if not result.inside:
-        return Check("Mast, foot and base of the crane stand in no obstacle.", True)
+        return Check(
+            f"Mast, foot and base of the crane stand in no obstacle, the foot on {result.below}.",
+            True,
+        )
     listed = ", ".join(f"the {body} stands in {obstacle}" for body, obstacle in result.inside[:5])
     return Check(f"The crane cannot stand there: {listed}.", False)
-
-
-def _base_corners(site: Site, base: Base) -> np.ndarray:
-    """Return the corners of the box around a base [m], shape (8, 3), in the crane's frame. The
-    sides of a base lie along the axes of the site.
-    """
-    half = base.spacing / 2.0
-    corners = [[x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, BASE_HEIGHT)]
-    return np.array(corners) @ site.turn
 
 
 def _shrunk(corners: np.ndarray) -> np.ndarray:

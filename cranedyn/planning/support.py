@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 
-from cranedyn.planning.clearance import GROUND, Clearance, ObstaclePart
+from cranedyn.planning.clearance import Clearance, ObstaclePart
 from cranedyn.planning.coverage import HANGING, BodyAndObstacle, Pairs
 from cranedyn.planning.fields import Body, Field
-from cranedyn.planning.site import Site
+from cranedyn.planning.site import GROUND, Site
 from cranedyn.planning.solids import hull
 from cranedyn.verdict import Check
 

@@ -17,9 +17,11 @@ import trimesh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from cranedyn.errors import DataError
+from cranedyn.model.load import load_crane
 from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import Certificate, certify
-from cranedyn.planning.clearance import GROUND, MAST, Clearance, Nearest, ObstaclePart
+from cranedyn.planning.clearance import Clearance, Nearest, ObstaclePart
 from cranedyn.planning.coverage import (
     BODIES,
     HANGING,
@@ -32,7 +34,7 @@ from cranedyn.planning.coverage import (
 from cranedyn.planning.lift import NoWay, plan_lift
 from cranedyn.planning.proof import Line, slew_range, unproven_parameter, unproven_row
 from cranedyn.planning.remeasure import point_distances, second_look
-from cranedyn.planning.site import Base
+from cranedyn.planning.site import GROUND, MAST, Base
 from cranedyn.planning.solids import Solid, body, box, prism
 from cranedyn.planning.standing import standing_check, standing_parts
 from cranedyn.planning.support import (
@@ -135,6 +137,48 @@ def test_a_zone_is_for_what_hangs_and_not_for_the_mast() -> None:
     where = clearance(prism(NAME, square, 0.0, 10.0, zone=True))
     assert standing_parts(where).inside == ()
     assert {pair.body for pair in required_pairs(where.site) if pair.obstacle == NAME} == {*HANGING}
+
+
+@pytest.mark.parametrize("name", ["ground", "own mast", "own base", "own upper structure"])
+def test_no_obstacle_has_a_name_of_our_own(name: str) -> None:
+    """A proof that leaves out what a load stands on would leave out an obstacle of that name."""
+    with pytest.raises(DataError, match=f"An obstacle is called '?{name}'?, as the program calls"):
+        site(box(name, (20.0, 20.0), (1.0, 1.0, 1.0), 0.0))
+
+
+@pytest.mark.parametrize(
+    ("foot", "solids", "words"),
+    [
+        (0.0, (), "the foot on ground"),
+        (15.0, (), "The foot of the crane stands on nothing"),
+        (2.0, (box("slab", (0.0, 0.0), (5.0, 5.0, 2.0), 0.0),), "the foot on slab"),
+        (2.0, (box("slab", (9.0, 0.0), (5.0, 5.0, 2.0), 0.0),), "stands on nothing"),
+        (-5.0, (), "the mast stands in ground"),
+    ],
+)
+def test_a_foot_stands_on_the_ground_or_an_obstacle(
+    foot: float, solids: tuple[Solid, ...], words: str
+) -> None:
+    here = Clearance(crane(), site(*solids, foot=np.array([0.0, 0.0, foot])))
+    assert words in standing_check(standing_parts(here)).sentence
+
+
+def test_a_load_keeps_from_the_crane_s_own_base_and_upper_structure() -> None:
+    """On a cable of 27.3 m the load, a cubic metre, is at the height of the base."""
+    broad = Clearance(crane(), site(base=Base(12.0, 6e4)))
+    at_base = broad.distances(broad.q(np.array([0.0, 5.7, 27.3])))
+    assert at_base["own base"].distance <= 0.0 and at_base["own base"].body == "load"
+    # The slewing column is between a mast of 35 m and a pivot at 40 m; the load is 6 m long.
+    tall = load_crane(mast_height=35.0, pivot_height=40.0, total_height=45.0)
+    long = Clearance(tall, site(load=corners(0.6, 6.0, 0.6)))
+    beside = long.distances(long.q(np.array([0.3, 2.2, 3.5])))
+    assert beside["own upper structure"].distance <= 0.0
+    assert long.margin(long.q(np.array([0.3, 2.2, 3.5]))) < 0.0
+    below = long.distances(long.q(np.array([0.3, 2.2, 12.0])))
+    assert "own upper structure" not in below
+    turned = long.distances(long.q(np.array([2.1, 2.2, 3.5])))
+    for name in ("own upper structure",):  # it turns with the jib
+        assert turned[name].distance == pytest.approx(beside[name].distance, abs=1e-3)
 
 
 def test_the_base_that_is_entered_is_a_body_too() -> None:
@@ -262,7 +306,8 @@ def test_the_pairs_of_all_bodies_and_obstacles_are_counted_by_hand() -> None:
     zone = prism("zone", np.array([[20, 0], [21, 0], [21, 1], [20, 1]]), 0.0, 5.0, zone=True)
     here = site(WALL, zone)
     pairs = required_pairs(here)
-    assert len(pairs) == 6 + 3 + 3 + 1  # the wall, the zone, the own mast, the ground
+    # The wall, the zone, the own mast, the ground, and the own upper structure.
+    assert len(pairs) == 6 + 3 + 3 + 1 + 2
     assert BodyAndObstacle("jib", "wall") in pairs and BodyAndObstacle("jib", "zone") not in pairs
     assert {pair.body for pair in pairs} == {*BODIES}
     where = Clearance(crane(), here)

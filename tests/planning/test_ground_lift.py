@@ -39,8 +39,13 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def planned() -> Lift:
     yard = read_site(SITES / "open_yard.toml")
+    yard = replace(yard, crane={**yard.crane, "hoist_max": 30.0})
     assert yard.limits is not None
-    obstacles = box("pad", (9.0, -13.0), (4.0, 4.0, 1.5), -1.0), box("roof", (0, 9), (9, 9, 1), 9.0)
+    obstacles = (
+        box("pad", (9.0, -13.0), (4.0, 4.0, 1.5), -1.0),
+        box("roof", (0, 9), (9, 9, 1), 9.0),
+        box("plinth of the crane", (0, 0), (3, 3, 1), -1.0),
+    )
     ends = {"start": np.array([4.0, -15.0]), "goal": np.array([9.0, -13.0])}
     return plan_lift(replace(yard, solids=obstacles, ground=-1.0, **ends), yard.limits)
 
@@ -153,7 +158,19 @@ def test_a_jib_that_leaves_the_angles_that_are_free_and_a_pair_left_out_are_told
 
     monkeypatch.setattr(ground_lift, "hanging_pairs", in_motion_none)
     (sentence,) = red(certify_ground_lift(lift))
-    assert sentence.startswith("No proof compares hook and own mast")
+    assert sentence.startswith("No proof compares hook and own base, hook and own mast")
+
+
+def test_a_rope_that_is_too_short_for_the_ground_has_no_certificate(
+    lift: GroundLift, certified: tuple[Trajectory, list[Check]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pivot is 29 m above the ground: on 26.4 m a load of 1.2 m hangs in the air."""
+    run, _ = certified
+    monkeypatch.setattr(ground_lift, "simulate", lambda *_, **__: run)
+    short = load_crane(values={**lift.lift.clearance.site.crane, "hoist_max": 26.4})
+    planned = replace(lift.lift, clearance=Clearance(short, lift.lift.clearance.site))
+    (sentence,) = red(certify_ground_lift(replace(lift, lift=planned)))
+    assert re.fullmatch(r"The cable is 28\.\d+ m long at most, 26.40 m there are; .*", sentence)
 
 
 def red(certificate: tuple[Trajectory, list[Check]]) -> list[str]:
@@ -244,7 +261,7 @@ def test_a_lift_stands_at_one_end_and_hangs_at_the_other(
     lift = from_ground(planned, creep=0.2, sink_rate=0.2, stands=stands)
     run, checks = certify_ground_lift(lift)
     assert [check.sentence for check in checks if not check.holds] == []
-    assert len(checks) == 7 and [run.phase[0] == 2.0, run.phase[-1] == 2.0] == list(stands)
+    assert len(checks) == 8 and [run.phase[0] == 2.0, run.phase[-1] == 2.0] == list(stands)
 
 
 @pytest.mark.long

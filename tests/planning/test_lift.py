@@ -410,6 +410,8 @@ def test_a_lift_that_failed_counts_as_one_that_came_too_near() -> None:
 
 
 SITE = """
+[crane]
+values = {hoist_max = 30.0}
 [ground]
 height = 0.0
 [load]

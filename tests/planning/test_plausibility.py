@@ -105,6 +105,7 @@ def test_a_laboratory_crane_of_a_tenth_of_a_kilogram_is_usual() -> None:
     assert [*judge_value(RATE, 0.28, "drives", "rates")] == []
     bench = replace(
         read_site("open_yard"),
+        solids=(),
         load=np.array([[x, y, z] for x in (0, 0.05) for y in (0, 0.05) for z in (0, 0.05)]),
         crane={"payload_mass": 0.085},
         rigging={},
