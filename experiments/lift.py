@@ -174,6 +174,8 @@ def _result(
     limits = site.limits or LIMITS
     lift = plan_lift(site, limits, start=start, goal=goal, crane=crane, period=setup.control_period)
     times.append(time.monotonic())
+    for sentence in site.unusual:
+        print(f"{name}, unusual: {sentence}", file=sys.stderr)
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
     ends = (site.start if start is None else start, site.goal if goal is None else goal)
     at_start, at_goal = (end is not None and len(end) == 2 for end in ends)

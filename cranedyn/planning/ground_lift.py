@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial import ConvexHull
 
 from cranedyn import theory
 from cranedyn.checks import number
@@ -52,6 +53,9 @@ PAUSE = 2.0
 
 HOIST_ACCELERATION = 0.02
 """Mean acceleration of the hoist at lift-off and set-down [m/s²]."""
+
+BOX_SHARE = 0.99
+"""Volume of a load over that of the box around it from which on it is a box."""
 
 ROPE_DAMPING = 2e4
 """Damping of the rope [N s/m]."""
@@ -174,11 +178,12 @@ def from_ground(
 
     Raises:
         OutOfRange: If a number is not positive.
-        NoWay: If the load would stand on or in a mesh that is not convex.
+        NoWay: If the load would stand on or in a mesh that is not convex, or is no box.
         ModelError: If joints or links of the crane have names of those of a rope that stretches.
     """
     clearance, planned = lift.clearance, lift.timed.motion
     number("EA of the rope", rope_stiffness, "N", "> 0")
+    _refuse_unless_a_box(clearance.bodies.load)
     crane, sides = _on_rope(clearance, rope_stiffness)
     ends = clearance.point(lift.ends), clearance.bodies.spread + clearance.site.distance
     ground = ground_of(clearance.site, box_corners(*sides), within=ends)
@@ -212,6 +217,20 @@ def from_ground(
     made = GroundLift(lift, crane, ground, motion, lqr(lift.crane, motion), phases)
     _refuse_meshes(made, stands)
     return made
+
+
+def _refuse_unless_a_box(load: np.ndarray) -> None:
+    """Refuse a load that is no upright box: it stands on the corners of one in the simulation.
+
+    Raises:
+        NoWay: With the share of its box that it fills.
+    """
+    share = float(ConvexHull(load).volume / np.ptp(load, axis=0).prod())
+    if not share >= BOX_SHARE:
+        raise NoWay(
+            f"A load that stands must be an upright box; this one fills {100.0 * share:.0f} % of "
+            "its box. Enter its size, or let it hang at both ends."
+        )
 
 
 def _refuse_meshes(lift: GroundLift, stands: tuple[bool, bool]) -> None:

@@ -355,12 +355,28 @@ def _load(load: SiteTable) -> np.ndarray | None:
     if "file" in load.values:
         if "size" in load.values:
             load.fail("size", "file is given, too; leave one out.")
-        vertices, _ = read_mesh(load.file("file"))
-        return vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+        vertices, triangles = read_mesh(load.file("file"))
+        return vertices - _hanging_centre(vertices, triangles)
     if "size" not in load.values:
         return None
     size = np.array(load.numbers("size", 3, "> 0"))
     return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size / 2.0
+
+
+def _hanging_centre(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the point of a load of one material that hangs below the rope [m], shape (3,): in plan
+    its centre of volume, since it would lean otherwise; in height the middle.
+
+    A mesh that is not closed has no volume of its own; the centre is then that of its hull.
+    """
+    import trimesh  # slow, and few sites need it
+
+    mesh = trimesh.Trimesh(vertices, triangles)
+    with np.errstate(all="ignore"):  # trimesh divides by volumes that may be zero
+        closed = mesh if mesh.is_watertight and mesh.volume != 0.0 else mesh.convex_hull
+        x, y, _ = closed.center_mass
+    middle = (vertices[:, 2].min() + vertices[:, 2].max()) / 2.0
+    return np.array([x, y, middle])
 
 
 def _point(lift: SiteTable, key: str) -> np.ndarray | None:

@@ -142,6 +142,14 @@ def test_a_load_is_set_down_on_no_mesh_that_is_not_convex(planned: Lift) -> None
     from_ground(replace(planned, clearance=crowded), stands=(True, False))
 
 
+def test_a_load_that_stands_is_a_box(planned: Lift) -> None:
+    """A cone on its tip would stand on the corners of its box."""
+    cone = np.array([[1.0, 0, 0.6], [0, 1.5, 0.6], [-1.0, 0, 0.6], [0, -1.5, 0.6], [0, 0, -0.6]])
+    site = replace(planned.clearance.site, load=cone)
+    with pytest.raises(NoWay, match="must be an upright box; this one fills 17 % of its box"):
+        from_ground(replace(planned, clearance=Clearance(planned.crane, site)))
+
+
 def test_a_jib_that_leaves_the_angles_that_are_free_and_a_pair_left_out_are_told(
     lift: GroundLift, certified: tuple[Trajectory, list[Check]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("coal", reason="extra planning (coal) is not installed")
 
+import trimesh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -113,6 +114,47 @@ def test_a_laboratory_crane_of_a_tenth_of_a_kilogram_is_usual() -> None:
         goal=np.array([0.2, 0.3, 0.1]),
     )
     assert findings(bench, (0.0, 0.445)) == []
+
+
+@pytest.mark.parametrize(
+    ("centre", "size", "refused", "words"),
+    [
+        ("[13000.0, 4000.0]", "[4.0, 4.0, 2.0]", True, "it has no effect. Is it in millimetres,"),
+        ("[13.0, 4.0]", "[0.004, 0.004, 0.029]", True, "is 0.029 m large, too small to be one"),
+        ("[90.0, 4.0]", "[4.0, 4.0, 2.0]", False, "whose trolley reaches 22 m: it has no effect"),
+    ],
+)
+def test_an_obstacle_in_another_unit_does_not_vanish(
+    centre: str, size: str, refused: bool, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "yard.toml"
+    kiosk = f'[[box]]\nname = "kiosk"\ncentre = {centre}\nsize = {size}\n'
+    path.write_text(YARD + kiosk, encoding="utf-8")
+    if refused:
+        with pytest.raises(DataError, match="The obstacle kiosk") as error:
+            read_site(path)
+        assert words in str(error.value)
+    else:
+        assert any(words in sentence for sentence in read_site(path).unusual)
+
+
+def test_a_load_of_a_mesh_hangs_at_its_centre_of_volume(tmp_path: Path) -> None:
+    """A hammer: a head of 2 x 2 x 1 m at the end of a handle of 6 x 0.5 x 0.5 m."""
+    head = trimesh.creation.box((2.0, 2.0, 1.0))
+    handle = trimesh.creation.box((6.0, 0.5, 0.5))
+    handle.apply_translation([4.0, 0.0, 0.0])
+    trimesh.util.concatenate([head, handle]).export(tmp_path / "hammer.stl")
+    text = YARD.replace("size = [1.5, 3.0, 1.2]", 'file = "hammer.stl"')
+    (tmp_path / "hammer.toml").write_text(text, encoding="utf-8")
+    made = read_site(tmp_path / "hammer.toml").load
+    assert made is not None
+    # Volumes of 4 and 1.5 m³ at 0 and 4 m: the centre is 12/11 m from that of the head.
+    assert made[:, 0].min() == pytest.approx(-1.0 - 12.0 / 11.0, abs=1e-6)
+    (tmp_path / "both.toml").write_text(
+        text.replace('file = "ham', 'size = [1.0, 1.0, 1.0]\nfile = "ham'), encoding="utf-8"
+    )
+    with pytest.raises(DataError, match="size: file is given, too"):
+        read_site(tmp_path / "both.toml")
 
 
 @pytest.mark.parametrize(("shift", "is_far"), [(0.0, True), (4.5e6, False)])
