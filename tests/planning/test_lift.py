@@ -84,6 +84,12 @@ def test_a_load_beyond_the_hoist_is_refused_with_both_masses() -> None:
         plan_lift(site(), LIMITS, crane=heavy)
 
 
+def test_a_crane_that_is_not_the_one_that_its_site_enters_is_refused() -> None:
+    light = load_crane(payload_mass=1200.0)
+    with pytest.raises(CraneError, match="site enters payload_mass 9000; the crane has 1200"):
+        plan_lift(site(crane={"payload_mass": 9000.0}), LIMITS, crane=light)
+
+
 def test_a_lift_that_takes_days_is_refused() -> None:
     with pytest.raises(CraneError, match="more than 100000 s"):
         plan_lift(site(), LIMITS, crane=load_crane(gravity=1e-12))
