@@ -82,7 +82,7 @@ def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
         parameters={
             "site": lift.site.name,
             "chart": "" if lift.chart is None else lift.chart.name,
-            "falls": lift.assumed.falls or 0,
+            "falls": lift.inputs.falls or 0,
             "hoisting": lift.hoisting,
             "drive": lift.drive,
             "wind_asked_m_s": required.wind,

@@ -867,7 +867,7 @@ cranedyn/planning/coverage.py
 + missing = sorted(required - required)
 * an obstacle is compared with one of its parts
 ? coverage::an_obstacle_counts_as_compared_only_with_all_of_its_parts
-- if count >= sizes[obstacle]
+- if count >= part_counts[obstacle]
 + if count
 cranedyn/planning/remeasure.py
 * a second look sees the load of the plan
@@ -1372,15 +1372,15 @@ cranedyn/planning/plausibility.py
 ? plausibility::a_place_is_as_far_as_it_is_from_the_foot_of_the_crane
 - radius = float(np.hypot(*(point[:2] - site.foot[:2])))
 + radius = float(np.hypot(*point[:2]))
-cranedyn/lifting/assumed.py
+cranedyn/lifting/judged_inputs.py
 * every tower crane is judged by the shipped chart
 ? judgement::the_shipped_chart_is_of_the_shipped_crane
 - and arguments.keys() <= CHART_COVERS
 +
 * a gust that nobody entered counts as entered
 ? judgement::each_value_that_nobody_entered_is_a_default
-- value, origin, where = default, Origin.DEFAULT, field
-+ value, origin, where = default, Origin.ENTERED, field
+- value, origin, where = self.default, Origin.DEFAULT, self.field
++ value, origin, where = self.default, Origin.ENTERED, self.field
 * the site's value comes before the caller's
 ? judgement::each_value_that_nobody_entered_is_a_default
 - if given is not None:

@@ -17,7 +17,7 @@ Public names:
 * `judgement.judge` returns a `Judgement`: `word` (GO, NO GO or NOT COMPLETE), `reasons`, `checks`,
   `analysis` with every number, `tables()`, `figures`, `report(path)`. It needs the extra
   `planning`.
-* `assumed.assume`: the values that a lift is judged with, each with where it is from.
+* `judged_inputs.resolve_inputs`: the values that a lift is judged with, each with where it is from.
 * `analysis.Requirements`: wind, swing, risk, number of perturbed lifts and gusts.
 * `loads.loads`: rope, load moment, slewing ring, foot and corners of any recorded run. It needs the
   core only, as do charts and formulas.

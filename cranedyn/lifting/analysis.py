@@ -29,7 +29,8 @@ class Requirements:
     """Requirements on a lift.
 
     A requirement that is None is that of the site. Where the site has none, either, the lift is
-    computed with a default, see `cranedyn.lifting.assumed`, and the judgement is not complete.
+    computed with a default, see `cranedyn.lifting.judged_inputs`, and the judgement is not
+    complete.
 
     Attributes:
         wind: Gust that the lift must bear [m/s].
@@ -79,8 +80,8 @@ class GroundedLift:
 
 
 @dataclass(frozen=True)
-class Assumed:
-    """Values that a lift is judged with, see `cranedyn.lifting.assumed.assume`.
+class JudgedInputs:
+    """Values that a lift is judged with, see `cranedyn.lifting.judged_inputs.resolve_inputs`.
 
     Attributes:
         requirements: Requirements with a number for each.
@@ -103,7 +104,7 @@ class LiftAnalysis:
 
     Attributes:
         site: The site of the lift.
-        assumed: What the lift is judged with: requirements, tolerances, chart, falls.
+        inputs: What the lift is judged with: requirements, tolerances, chart, falls.
         certificate: The planned lift, simulated and checked against the site.
         loads: Loads of the simulated run, from lift-off to set-down where these are in it.
         utilisation: Utilisation of the chart in each row; None without a chart or where it does not
@@ -119,7 +120,7 @@ class LiftAnalysis:
     """
 
     site: Site
-    assumed: Assumed
+    inputs: JudgedInputs
     certificate: Certificate
     loads: Loads
     utilisation: np.ndarray | None
@@ -134,12 +135,12 @@ class LiftAnalysis:
     @property
     def requirements(self) -> Requirements:
         """The requirements, each with a number."""
-        return self.assumed.requirements
+        return self.inputs.requirements
 
     @property
     def chart(self) -> Chart | None:
         """Load chart of the crane; None if there is none."""
-        return self.assumed.chart
+        return self.inputs.chart
 
     @property
     def run(self) -> Trajectory:

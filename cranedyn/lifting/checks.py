@@ -10,8 +10,8 @@ import numpy as np
 from cranedyn.assumptions import check_entered
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.chart import CUT_OUT, WARNING
-from cranedyn.planning.assumed import EARTH
 from cranedyn.planning.perturbed import CONFIDENCE
+from cranedyn.planning.plan_assumptions import EARTH
 from cranedyn.verdict import Check
 
 CheckFunction = Callable[[LiftAnalysis], Check]
@@ -46,7 +46,7 @@ def _ground_checks(analysis: LiftAnalysis) -> Sequence[Check]:
 
 def assumptions_entered(analysis: LiftAnalysis) -> Check:
     """Check that nothing that the judgement rests on is a default of this program."""
-    return check_entered(analysis.assumed.assumptions)
+    return check_entered(analysis.inputs.assumptions)
 
 
 def gravity_is_that_of_the_earth(analysis: LiftAnalysis) -> Check:
@@ -112,7 +112,7 @@ def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
 
 def heavier_load(analysis: LiftAnalysis) -> Check:
     """Check that the chart bears a load heavier by the tolerance of its mass."""
-    spread = analysis.assumed.spread.load
+    spread = analysis.inputs.spread.load
     if analysis.utilisation is None:
         return Check("The utilisation by a heavier load is not known.", None)
     utilisation = (1.0 + spread) * float(analysis.utilisation.max())
@@ -126,7 +126,7 @@ def heavier_load(analysis: LiftAnalysis) -> Check:
 def taut_rope(analysis: LiftAnalysis) -> Check:
     """Check that the rope stays taut while the load hangs, and the hoist strong enough."""
     slack = float(analysis.loads["slack_margin"][analysis.hangs].min())
-    heavier = 1.0 + analysis.assumed.spread.load
+    heavier = 1.0 + analysis.inputs.spread.load
     snag = 1.0 - heavier * (1.0 - float(analysis.loads["snag_margin"].min()))
     return Check(
         f"The rope stays taut: it carries {100.0 * slack:.0f} % of the weight at least; the hoist "
@@ -149,7 +149,7 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     permitted = site.base.permitted
     # A load heavier by its tolerance presses by that share of its own part in a corner, which is
     # W/4 on all of them and W r/(√2 b) more on the one that the jib points to, see `corner_forces`.
-    added = analysis.assumed.spread.load * analysis.loads["pull_N"]
+    added = analysis.inputs.spread.load * analysis.loads["pull_N"]
     tilting = analysis.loads["radius_m"] / (math.sqrt(2.0) * site.base.spacing)
     smallest = float((forces.min(axis=0) + np.minimum(added * (0.25 - tilting), 0.0)).min())
     largest = float((forces.max(axis=0) + added * (0.25 + tilting)).max())
@@ -178,7 +178,7 @@ def wind_borne(analysis: LiftAnalysis) -> Check:
         else:
             reason = "it needs a load chart that reaches"
         return Check(f"The wind limit was not computed: {reason}.", None)
-    assert required.wind is not None  # see `cranedyn.lifting.assumed`
+    assert required.wind is not None  # see `cranedyn.lifting.judged_inputs`
     limit, broken = analysis.wind.interval()
     beyond = f"not {broken:g} m/s" if broken < math.inf else "none stronger was tried"
     holds: bool | None = limit >= required.wind
@@ -197,7 +197,7 @@ def perturbed_lifts(analysis: LiftAnalysis) -> Check:
     if perturbed is None:
         reason = "the plan has no certificate" if required.lifts else "none were asked for"
         return Check(f"No perturbed lifts were simulated: {reason}.", None)
-    assert required.risk is not None  # see `cranedyn.lifting.assumed`
+    assert required.risk is not None  # see `cranedyn.lifting.judged_inputs`
     _, high = perturbed.interval()
     return Check(
         f"Of {len(perturbed.least)} perturbed lifts {perturbed.failures - perturbed.broken_off} "

@@ -102,7 +102,7 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     figure, (rated, jib) = panels(1, 2, height=3.4, width=11.0)
     for reeving in () if analysis.chart is None else analysis.chart.reevings:
         radius = np.linspace(max(reeving.least, 0.5), reeving.radii[-1], 200)
-        style = "-" if reeving.count == analysis.assumed.falls else ":"
+        style = "-" if reeving.count == analysis.inputs.falls else ":"
         label = f"{reeving.count} falls"
         rated.plot(radius, reeving.at(radius) / 1e3, style, color=COLOURS["limit"], label=label)
         rated.plot(reeving.radii, reeving.rated / 1e3, ".", color=COLOURS["limit"])

@@ -21,11 +21,11 @@ from cranedyn.lifting.analysis import (
     LiftAnalysis,
     Requirements,
 )
-from cranedyn.lifting.assumed import assume
 from cranedyn.lifting.chart import Chart, utilisation
 from cranedyn.lifting.checks import CheckFunction, run_checks
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from cranedyn.lifting.figures import LiftFigure, figures
+from cranedyn.lifting.judged_inputs import resolve_inputs
 from cranedyn.lifting.loads import loads
 from cranedyn.lifting.plausible_chart import chart_findings
 from cranedyn.lifting.tables import Table, tables
@@ -146,8 +146,8 @@ def judge(
     if limits is None:
         raise CraneError("The site does not say what its drives can do ([drives]); give limits.")
     crane = crane_of(site) if crane is None else crane
-    assumed = assume(site, crane, limits, requirements, chart, falls)
-    unusual = _plausible(site, crane, assumed.chart, assumed.requirements)
+    inputs = resolve_inputs(site, crane, limits, requirements, chart, falls)
+    unusual = _plausible(site, crane, inputs.chart, inputs.requirements)
 
     certificate = certify(plan_lift(site, limits, crane=crane, period=period), dt=dt, engine=engine)
     grounded = _grounded(certificate, engine)
@@ -157,25 +157,25 @@ def judge(
     run = certificate.run if grounded is None else grounded.run
     run_loads = loads(run_crane, run, base=site.base, arms=site.arms)
     used, chart_error = None, ""
-    if assumed.chart is not None:
+    if inputs.chart is not None:
         try:
-            used = utilisation(run_loads, assumed.chart, assumed.falls, gravity=crane.gravity)
+            used = utilisation(run_loads, inputs.chart, inputs.falls, gravity=crane.gravity)
         except OutOfRange as error:
             chart_error = str(error)
     wind = perturbed = None
     if certificate.holds and requirements.lifts:
-        perturbed = perturb(certificate, requirements.lifts, spread=assumed.spread, dt=2.0 * dt)
+        perturbed = perturb(certificate, requirements.lifts, spread=inputs.spread, dt=2.0 * dt)
     progress(2)
     if certificate.holds and used is not None and requirements.gusts:
-        assert assumed.chart is not None and assumed.requirements.swing is not None
-        swing, count = assumed.requirements.swing, requirements.gusts
+        assert inputs.chart is not None and inputs.requirements.swing is not None
+        swing, count = inputs.requirements.swing, requirements.gusts
         wind = wind_limit(
-            certificate, assumed.chart, assumed.falls, swing=swing, count=count, dt=2.0 * dt
+            certificate, inputs.chart, inputs.falls, swing=swing, count=count, dt=2.0 * dt
         )
     progress(3)
     analysis = LiftAnalysis(
         site=site,
-        assumed=assumed,
+        inputs=inputs,
         certificate=certificate,
         loads=run_loads,
         utilisation=used,

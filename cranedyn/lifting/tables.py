@@ -98,14 +98,14 @@ def _chart_rows(analysis: LiftAnalysis) -> list[Row]:
     return [
         ["chart", chart.name, "the chart's file"],
         ["its source", chart.source, "the chart's file"],
-        ["falls", f"{analysis.assumed.falls}", "the table below"],
+        ["falls", f"{analysis.inputs.falls}", "the table below"],
     ]
 
 
 def _assumptions(analysis: LiftAnalysis) -> Table:
     """Return what the judgement rests on, with where each value is from."""
     rows: list[Row] = [
-        [a.name, a.value, a.origin.value, a.field or None] for a in analysis.assumed.assumptions
+        [a.name, a.value, a.origin.value, a.field or None] for a in analysis.inputs.assumptions
     ]
     columns = [("", ""), ("value", ""), ("from", ""), ("field or option", "")]
     note = "The result holds as long as these do. A default is a value that nobody entered."
@@ -140,7 +140,7 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
     add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", of_chart)
     add("rope", carried["rope_N"], 1e-3, "kN")
     lead = [np.degrees(carried[f"{side}_lead_rad"]) for side in ("off", "side")]
-    assert analysis.requirements.swing is not None  # see `cranedyn.lifting.assumed`
+    assert analysis.requirements.swing is not None  # see `cranedyn.lifting.judged_inputs`
     allowed = f"{math.degrees(analysis.requirements.swing):g}"
     add("off-lead", lead[0], 1.0, "°", allowed)
     add("side-lead", lead[1], 1.0, "°", allowed)
@@ -263,7 +263,7 @@ def _limits(limit: WindLimit) -> Table:
 
 def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) -> Table:
     low, high = perturbed.interval()
-    spread = analysis.assumed.spread
+    spread = analysis.inputs.spread
     distances = perturbed.least[np.isfinite(perturbed.least)]
     rows: list[Row] = [
         ["lifts", f"{len(perturbed.least)}"],

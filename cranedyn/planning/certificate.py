@@ -18,10 +18,10 @@ from cranedyn.controllers.integral import HOIST_INTEGRAL, HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import EngineName
-from cranedyn.planning.assumed import plan_assumptions
 from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.coverage import coverage_check, hanging_pairs, slewing_pairs
 from cranedyn.planning.lift import Lift
+from cranedyn.planning.plan_assumptions import plan_assumptions
 from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
 from cranedyn.planning.remeasure import second_look
 from cranedyn.planning.site import Site

@@ -55,19 +55,20 @@ def required_pairs(site: Site) -> Pairs:
 
 def hanging_pairs(clearance: Clearance) -> Pairs:
     """Return the pairs of trolley, hook, rope and load with obstacles that `Clearance.margin`
-    compares; an obstacle counts only if all of its parts are among the shapes.
+    compares. An obstacle counts only if all of its parts are among the compared shapes: one that a
+    proof left out, see `Clearance.contacts`, makes it missing.
 
     The trolley is also compared with every solid that is too low for it: it rolls at a constant
     height.
     """
-    sizes = _shape_counts(clearance)
+    part_counts = _shape_counts(clearance)
     pairs = {
         BodyAndObstacle(body, obstacle)
         for body, field in clearance.hanging_fields()
         for obstacle, count in field.shape_counts.items()
-        if count >= sizes[obstacle]
+        if count >= part_counts[obstacle]
     }
-    if not sizes[OWN_UPPER]:  # a crane without such shapes has nothing to compare
+    if not part_counts[OWN_UPPER]:  # a crane without such shapes has nothing to compare
         pairs |= {BodyAndObstacle(body, OWN_UPPER) for body in ("hook", "load")}
     pairs |= {
         BodyAndObstacle("trolley", solid.name)
@@ -79,10 +80,10 @@ def hanging_pairs(clearance: Clearance) -> Pairs:
 
 def slewing_pairs(clearance: Clearance) -> Pairs:
     """Return the pairs of the jib with obstacles that `Clearance.slewing_margin` compares."""
-    sizes = _shape_counts(clearance)
+    part_counts = _shape_counts(clearance)
     counts = clearance.slewing_field.shape_counts
     return frozenset(
-        BodyAndObstacle("jib", name) for name, count in counts.items() if count >= sizes[name]
+        BodyAndObstacle("jib", name) for name, count in counts.items() if count >= part_counts[name]
     )
 
 

@@ -14,7 +14,6 @@ from cranedyn.errors import CraneError, DataError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.planning.assumed import held_mass
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import (
     Path,
@@ -23,6 +22,7 @@ from cranedyn.planning.curve import (
     rounded_path,
     straight_time,
 )
+from cranedyn.planning.plan_assumptions import held_mass
 from cranedyn.planning.plausibility import findings
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, best_on_grid, search

@@ -124,7 +124,8 @@ RISK = Quantity("The risk", "%", (0.0, 100.0), (0.0, 10.0), {})
 # 30, an empty container 60, solid steel 7,850.
 DENSITY = Quantity("The density of the load", "kg/m³", (1.3, 23e3), (10.0, 8e3), {})
 
-# Tips of the largest booms run at 7 m/s; at 25 m/s a load would swing over the jib.
+# Tips of the largest booms run at 7 m/s. A load that is stopped at 25 m/s rises by v²/2g = 32 m,
+# above the jib of most cranes.
 TIP_SPEED = Quantity("The speed of the tip of the jib", "m/s", (0.0, 25.0), (0.0, 10.0), {})
 
 
@@ -167,7 +168,7 @@ def findings(site: Site, reach: tuple[float, float] | None = None) -> list[Findi
     """Return what cannot be meant of a site, and what is unusual.
 
     Args:
-        site: The site. Defaults of this program are usual, so that all of it is judged.
+        site: The site. What it does not enter has a usual value by default and is no finding.
         reach: Smallest and largest radius of the crane's trolley [m]; None if unknown, then the
             places of the lift are not judged.
     """

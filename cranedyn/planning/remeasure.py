@@ -2,12 +2,13 @@
 
 Plan and proof share the shapes and distances of `cranedyn.planning.clearance`. If these were wrong,
 a load of half its size for instance, plan and proof would be wrong alike and agree. This module
-shares nothing with them but the site and Pinocchio's kinematics: it takes points of the load as
-the site has it, and of the rope, and measures how far each is from the surfaces of the obstacles.
+shares with them the site and Pinocchio's kinematics, and neither shapes nor the library of
+distances: it takes points of the load as the site enters it, and of the rope, and measures how far
+each is from the triangles of the obstacles.
 
-Points see less than bodies do, so that a distance measured here is never less than the true one.
-Where it is less than what a proof claims, the proof is wrong. The measurements are samples and
-prove nothing themselves.
+A sample of points can only overestimate the distance of a body. Where it is less than what a proof
+claims, the proof is wrong. It proves nothing itself: it misses an edge of the load that passes the
+corner of an obstacle between two points.
 """
 
 from __future__ import annotations

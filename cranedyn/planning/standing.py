@@ -1,4 +1,9 @@
-"""Where the crane stands: its mast, foot and base do not move, and may be in no obstacle."""
+"""Where the crane stands: mast, foot and base must not be inside any obstacle, and the foot must
+stand on something.
+
+They need not keep the required distance: a crane stands on its foundation, and may be tied to the
+building that it serves.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +68,8 @@ def standing_parts(clearance: Clearance) -> Standing:
         for name, hulls in parts.items():
             for corners in hulls:
                 body = Body(hull(_shrunk(corners)), 0.0).put(coal.Transform3s())
-                # A surface of triangles all around a part is nowhere near it.
+                # The triangles of a mesh that encloses the part are far away, so that their
+                # distance does not show it.
                 if field.least(body) <= 0.0 or solid.holds(corners.mean(axis=0)):
                     inside.append(BodyAndObstacle(name, solid.name))
     if level > UNEVEN:

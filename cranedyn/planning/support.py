@@ -2,9 +2,12 @@
 
 A load touches its support, so that the required distance from it cannot be kept. What may be left
 out of the proof of distances is no more than the contact needs: the convex parts of the support
-that end below the load. The load is above them as long as it does not sink into their top, which
-`contact_check` shows instead. Parts of the same obstacle that reach higher, such as the walls of a
-box that is open at the top, stay in the proof, and so do all other obstacles.
+that end below the load. A load that stands on a slab of 1 m is 0 m from it; but as long as its
+lowest corner stays at 1 m, no part of it is inside of the slab, nor of anything else that ends at
+1 m. So `contact_check` shows that it does not sink into the top.
+
+Parts of the same obstacle that reach higher, such as the walls of a box that is open at the top,
+stay in the proof, and so do all other obstacles.
 """
 
 from __future__ import annotations
@@ -51,7 +54,7 @@ class Support:
 
 
 NO_SUPPORT = Support(-np.inf, frozenset())
-"""The support of a load that hangs."""
+"""The support of a load that hangs; its height is that of nothing, and no check reads it."""
 
 
 def support_of(clearance: Clearance, corners: np.ndarray) -> Support:

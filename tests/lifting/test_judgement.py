@@ -22,10 +22,10 @@ from cranedyn.data.trajectory import read
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.lifting import page, wind
 from cranedyn.lifting import wind_limit as wind_limit_module
-from cranedyn.lifting.analysis import Assumed, LiftAnalysis, Requirements
-from cranedyn.lifting.assumed import assume, is_shipped_crane
+from cranedyn.lifting.analysis import JudgedInputs, LiftAnalysis, Requirements
 from cranedyn.lifting.chart import CHARTS, assess_run, read_chart
 from cranedyn.lifting.checks import CHECKS, run_checks
+from cranedyn.lifting.judged_inputs import is_shipped_crane, resolve_inputs
 from cranedyn.lifting.judgement import Judgement, judge
 from cranedyn.lifting.loads import loads
 from cranedyn.lifting.page import STATEMENT
@@ -150,10 +150,10 @@ def small(**changes: object) -> LiftAnalysis:
     used, _ = assess_run(made.lift.crane, made.run, CHART)
     entered = tuple(
         replace(a, origin=Origin.ENTERED)
-        for a in assume(site, made.lift.crane, made.lift.limits, Requirements()).assumptions
+        for a in resolve_inputs(site, made.lift.crane, made.lift.limits, Requirements()).assumptions
     )
     required = Requirements(wind=8.0, swing=0.09, risk=0.01)
-    assumed = Assumed(required, Spread(), CHART, 2, entered)
+    inputs = JudgedInputs(required, Spread(), CHART, 2, entered)
     mild = WindLimit(
         np.array([4.0, 8.0]),
         {
@@ -165,14 +165,15 @@ def small(**changes: object) -> LiftAnalysis:
         2,
     )
     harmless = Perturbed(np.ones(400), 0.5, {}, np.zeros(400))
-    case = LiftAnalysis(site, assumed, made, carried, used, "", mild, harmless)
+    case = LiftAnalysis(site, inputs, made, carried, used, "", mild, harmless)
     return replace(case, **changes)  # type: ignore[arg-type]
 
 
-def requiring(**changes: object) -> Assumed:
+def requiring(**changes: object) -> JudgedInputs:
     """The values of `small` with other requirements."""
-    assumed = small().assumed
-    return replace(assumed, requirements=replace(assumed.requirements, **changes))  # type: ignore[arg-type]
+    inputs = small().inputs
+    required = replace(inputs.requirements, **changes)  # type: ignore[arg-type]
+    return replace(inputs, requirements=required)
 
 
 def red(made: LiftAnalysis) -> list[str]:
@@ -222,11 +223,11 @@ def test_too_few_lifts_prove_no_risk_though_none_came_too_near(
     ("changes", "words"),
     [
         ({"wind": None}, "The wind limit was not computed: it needs a load chart"),
-        ({"wind": None, "assumed": "no gusts"}, "The wind limit was not computed: no gusts"),
-        ({"perturbed": None, "assumed": "no lifts"}, "No perturbed lifts were simulated: none"),
-        ({"assumed": "strong wind"}, "none stronger was tried; 30 m/s required"),
-        ({"assumed": "no chart", "utilisation": None}, "no load chart of this crane was entered"),
-        ({"assumed": "default swing"}, "Nobody entered 1 value that the result rests on: [lift]"),
+        ({"wind": None, "inputs": "no gusts"}, "The wind limit was not computed: no gusts"),
+        ({"perturbed": None, "inputs": "no lifts"}, "No perturbed lifts were simulated: none"),
+        ({"inputs": "strong wind"}, "none stronger was tried; 30 m/s required"),
+        ({"inputs": "no chart", "utilisation": None}, "no load chart of this crane was entered"),
+        ({"inputs": "default swing"}, "Nobody entered 1 value that the result rests on: [lift]"),
         ({"site": "no permitted"}, "[base] permitted is missing"),
         ({"site": "on the ground"}, "Lift-off and set-down were not simulated"),
     ],
@@ -242,8 +243,8 @@ def test_what_was_not_computed_or_entered_is_not_judged_and_no_go(
         "no gusts": requiring(gusts=0),
         "no lifts": requiring(lifts=0),
         "strong wind": requiring(wind=30.0),
-        "no chart": replace(case.assumed, chart=None, falls=None),
-        "default swing": replace(case.assumed, assumptions=(swing,)),
+        "no chart": replace(case.inputs, chart=None, falls=None),
+        "default swing": replace(case.inputs, assumptions=(swing,)),
         "no permitted": replace(case.site, base=replace(base, permitted=None)),
         "on the ground": replace(case.site, start=np.array([6.0, -12.0])),
     }
@@ -262,13 +263,13 @@ def test_a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further(
     blown = WindLimit(speeds, {"swing": swing}, {"swing": 0.1}, 3)
     case = small(wind=blown)
     assert case.requirements.wind == 8.0 and red(case) == []
-    (wind_,) = red(small(wind=blown, assumed=requiring(wind=8.5)))
+    (wind_,) = red(small(wind=blown, inputs=requiring(wind=8.5)))
     assert "The lift bears gusts up to 8 m/s, not 9 m/s" in wind_
     most = max(float(case.loads[f"corner_{i}_N"].max()) for i in range(1, 5))
-    exact = replace(case.assumed, spread=replace(case.assumed.spread, load=0.0))
+    exact = replace(case.inputs, spread=replace(case.inputs.spread, load=0.0))
     for share, stops in ((1.001, 0), (0.999, 1)):
         site = replace(case.site, base=replace(case.site.base, permitted=share * most))
-        assert len(red(small(site=site, assumed=exact))) == stops
+        assert len(red(small(site=site, inputs=exact))) == stops
 
 
 def test_a_ground_bears_a_load_that_is_heavier_by_its_tolerance() -> None:
@@ -276,7 +277,7 @@ def test_a_ground_bears_a_load_that_is_heavier_by_its_tolerance() -> None:
     case = small()
     base = case.site.base
     assert base is not None
-    heavier = replace(case.assumed, spread=replace(case.assumed.spread, load=0.1))
+    heavier = replace(case.inputs, spread=replace(case.inputs.spread, load=0.1))
     corners = np.stack([case.loads[f"corner_{i}_N"] for i in range(1, 5)]).max(axis=0)
     radius = case.loads["radius_m"]
     added = 0.1 * case.loads["pull_N"] * (0.25 + radius / (math.sqrt(2.0) * base.spacing))
@@ -284,7 +285,7 @@ def test_a_ground_bears_a_load_that_is_heavier_by_its_tolerance() -> None:
     assert needed > 1.01 * corners.max()
     for share, stops in ((1.001, 0), (0.999, 1)):
         site = replace(case.site, base=replace(base, permitted=share * needed))
-        assert len(red(small(site=site, assumed=heavier))) == stops
+        assert len(red(small(site=site, inputs=heavier))) == stops
 
 
 @pytest.mark.parametrize(("gravity", "judged"), [(9.81, True), (8.0, False)])
@@ -445,9 +446,11 @@ def test_each_value_that_nobody_entered_is_a_default() -> None:
         crane={"payload_mass": 1000.0},
     )
     crane = lift().crane
-    unknown = assume(bare, crane, limits, Requirements())
-    known = assume(entered, crane, limits, Requirements())
-    given = assume(entered, crane, limits, Requirements(wind=12.0, swing=0.2, risk=0.03), falls=2)
+    unknown = resolve_inputs(bare, crane, limits, Requirements())
+    known = resolve_inputs(entered, crane, limits, Requirements())
+    given = resolve_inputs(
+        entered, crane, limits, Requirements(wind=12.0, swing=0.2, risk=0.03), falls=2
+    )
     defaults = [a.name for a in unknown.assumptions if a.origin is Origin.DEFAULT]
     assert len(unknown.assumptions) == 18
     assert {a.name for a in unknown.assumptions} - {*defaults} == {

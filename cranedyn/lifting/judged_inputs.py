@@ -1,22 +1,22 @@
 """What the judgement of a lift rests on: values from the site, from the caller, or by default.
 
-`assume` takes each value from where it was entered and notes its origin. A value that nobody
-entered is a default of this program: the lift is computed with it, so that its numbers can be seen,
-and the judgement is incomplete.
+`resolve_inputs` takes each value from where it was entered and notes its origin. A value that
+nobody entered is a default of this program: the lift is computed with it, so that its numbers can
+be seen, and the judgement is incomplete.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cranedyn.assumptions import Assumption, Origin
-from cranedyn.lifting.analysis import Assumed, Requirements
+from cranedyn.lifting.analysis import JudgedInputs, Requirements
 from cranedyn.lifting.chart import CHARTS, Chart, read_chart
 from cranedyn.model.crane import Crane
-from cranedyn.planning.assumed import plan_assumptions
 from cranedyn.planning.perturbed import Spread
+from cranedyn.planning.plan_assumptions import plan_assumptions
 from cranedyn.planning.site import Site
 from cranedyn.references.limits import Limits
 
@@ -43,20 +43,75 @@ height of its mast, where its drives start, and the length of the counter-jib, w
 weighs nothing. Another jib, trolley or hoist is another crane to a chart."""
 
 
+@dataclass(frozen=True)
+class Requirement:
+    """A requirement that a caller, a site or nobody enters.
+
+    Attributes:
+        attribute: Name of the attribute of `Requirements`.
+        name: What it is.
+        unit: Unit in which it is shown.
+        scale: The number in that unit over the number as it is used.
+        default: Value of this program where nobody entered one.
+        option: Where a caller gives it.
+        field: Where a site enters it.
+    """
+
+    attribute: str
+    name: str
+    unit: str
+    scale: float
+    default: float
+    option: str
+    field: str
+
+    def resolve(self, given: float | None, of_site: float | None) -> tuple[float, Assumption]:
+        """Return the value with its origin: the caller's, or that of the site, or the default."""
+        value, origin, where = self.default, Origin.DEFAULT, self.field
+        if of_site is not None:
+            value, origin = of_site, Origin.ENTERED
+        if given is not None:
+            value, origin, where = given, Origin.ENTERED, self.option
+        return value, Assumption(self.name, f"{self.scale * value:.4g} {self.unit}", origin, where)
+
+
+GUST = Requirement("wind", "gust to bear", "m/s", 1.0, DEFAULT_WIND, "--wind", "[wind] gust")
+
+GUST_SWING = Requirement(
+    "swing",
+    "largest angle of the rope in gusts",
+    "°",
+    math.degrees(1.0),
+    DEFAULT_GUST_SWING,
+    "--swing",
+    "[wind] swing",
+)
+
+RISK = Requirement(
+    "risk",
+    "largest probability of coming too close",
+    "%",
+    100.0,
+    DEFAULT_RISK,
+    "--risk",
+    "[lift] risk",
+)
+
+
 def is_shipped_crane(crane: Crane) -> bool:
     """Return whether a crane is that of the package, as far as a load chart is concerned."""
     arguments = crane.record.get("arguments")
     return isinstance(arguments, dict) and arguments.keys() <= CHART_COVERS
 
 
-def assume(
+def resolve_inputs(
     site: Site,
     crane: Crane,
     limits: Limits,
     requirements: Requirements,
     chart: Chart | None = None,
     falls: int | None = None,
-) -> Assumed:
+) -> JudgedInputs:
     """Return the values that a lift is judged with; what the caller gives comes before what the
     site enters, and that before a default.
 
@@ -73,77 +128,24 @@ def assume(
         DataError: If the chart that the site names cannot be read.
     """
     made = plan_assumptions(site, crane, limits)
-
-    gust = _number_of(
-        made,
-        "gust to bear",
-        "m/s",
-        requirements.wind,
-        "--wind",
-        site.gust,
-        "[wind] gust",
-        DEFAULT_WIND,
-    )
-    swing = _number_of(
-        made,
-        "largest angle of the rope in gusts",
-        "°",
-        requirements.swing,
-        "--swing",
-        site.gust_swing,
-        "[wind] swing",
-        DEFAULT_GUST_SWING,
-        scale=math.degrees(1.0),
-    )
-    risk = _number_of(
-        made,
-        "largest probability of coming too close",
-        "%",
-        requirements.risk,
-        "--risk",
-        site.risk,
-        "[lift] risk",
-        DEFAULT_RISK,
-        scale=100.0,
-    )
-    requirements = replace(requirements, wind=gust, swing=swing, risk=risk)
-
+    resolved = {}
+    for requirement, given, of_site in (
+        (GUST, requirements.wind, site.gust),
+        (GUST_SWING, requirements.swing, site.gust_swing),
+        (RISK, requirements.risk, site.risk),
+    ):
+        value, assumption = requirement.resolve(given, of_site)
+        resolved[requirement.attribute] = value
+        made.append(assumption)
     spread = _spread(made, site)
     chart, falls = _chart(made, site, crane, chart, falls)
-    return Assumed(requirements, spread, chart, falls, tuple(made))
-
-
-def _number_of(
-    made: list[Assumption],
-    name: str,
-    unit: str,
-    given: float | None,
-    option: str,
-    of_site: float | None,
-    field: str,
-    default: float,
-    scale: float = 1.0,
-) -> float:
-    """Return a number, and append it to the assumptions that are made.
-
-    Args:
-        made: The assumptions.
-        name: Name of the quantity.
-        unit: Its unit in the assumption.
-        given: The caller's value; None for none.
-        option: Where a caller gives it.
-        of_site: The site's value; None for none.
-        field: Where a site enters it.
-        default: The value of this program.
-        scale: The number in its unit over the number as it is used.
-    """
-    value, origin, where = default, Origin.DEFAULT, field
-    if of_site is not None:
-        value, origin = of_site, Origin.ENTERED
-    if given is not None:
-        value, origin, where = given, Origin.ENTERED, option
-    made.append(Assumption(name, f"{scale * value:.4g} {unit}", origin, where))
-    return value
+    return JudgedInputs(
+        replace(requirements, **resolved),  # type: ignore[arg-type]
+        spread,
+        chart,
+        falls,
+        tuple(made),
+    )
 
 
 def _spread(made: list[Assumption], site: Site) -> Spread:
