@@ -4,6 +4,7 @@ on its twin.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -52,6 +53,16 @@ def _titled(title: str, subject: str) -> str:
     return f"{subject}: {title[0].lower()}{title[1:]}" if subject else title
 
 
+def _rounded(value: float, margin: float) -> float:
+    """Return a value rounded two digits behind the first one of its margin.
+
+    What is behind that says nothing, and another processor finds another digit there.
+    """
+    if not 0.0 < margin < math.inf:
+        return value
+    return round(value, 2 - math.floor(math.log10(margin)))
+
+
 def values_table(result: Identification, subject: str, truth: Mapping[str, float]) -> ResultTable:
     """Return the values with their intervals, beside the prior and the truth."""
     estimate = result.estimate
@@ -63,7 +74,7 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
         ("parameter", "", lambda p: p.name),
         ("unit", "", lambda p: p.unit),
         ("prior", ".6g", lambda p: parameter(estimate.model.prior, p.name).start),
-        ("estimate", ".6g", lambda p: estimate.intervals[p.name][0]),
+        ("estimate", ".6g", lambda p: _rounded(*estimate.intervals[p.name])),
         ("±", ".2g", lambda p: finite_or_none(estimate.intervals[p.name][1])),
     ]
     if truth:
