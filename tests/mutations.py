@@ -750,8 +750,16 @@ cranedyn/planning/clearance.py
 + Field([*solids])
 * a load may be in the slewing column
 ? coverage::a_load_keeps_from_the_crane_s_own_base_and_upper_structure
-- itertools.chain(self._placed(q), self._beside_upper(q))
-+ itertools.chain(self._placed(q))
+- if self._upper_gap(q) < margins[0]:
++ if False:
+* what slews above a load is left out of its margin where it is far
+? coverage::no_margin_is_more_than_that_of_the_upper_structure_however_far_below_it
+- if self._upper_gap(q) < margins[0]:
++ if self._upper_gap(q) < self.site.distance:
+* a rope that leans lifts its load no higher
+? coverage::no_margin_is_more_than_that_of_the_upper_structure_however_far_below_it
+- below_pivot = length * math.cos(radial) * math.cos(tangential)
++ below_pivot = 1.5 * length
 * what slews below the trolley stands still
 ? coverage::a_load_keeps_from_the_crane_s_own_base_and_upper_structure
 - relative = slew.inverse() * load

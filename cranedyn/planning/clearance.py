@@ -451,8 +451,12 @@ class Clearance:
 
     @cached_property
     def _upper_bottom(self) -> float:
-        """Height of the lowest corner of `_upper_parts` in the frame of the slew joint [m]."""
-        return min((float(part[:, 2].min()) for part in self._upper_parts), default=math.inf)
+        """Height of the lowest corner of `_upper_parts` above the crane's foot [m]; infinite where
+        there is none.
+        """
+        (frame,) = self._frames(self.crane.start.q, self.joints.slew)
+        lowest = min((float(part[:, 2].min()) for part in self._upper_parts), default=math.inf)
+        return float(frame.getTranslation()[2]) + lowest
 
     @cached_property
     def _upper_field(self) -> Field:
@@ -471,17 +475,28 @@ class Clearance:
             ("hook", Body(coal.Box(size), distance, coal.Transform3s(np.eye(3), centre))),
         ]
 
-    def _beside_upper(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
-        """Yield load and hook in the frame of the slew joint, with what slews with it; nothing
-        where both hang so low that their margin is no less than the required distance.
+    def _upper_gap(self, q: np.ndarray) -> float:
+        """Return a lower bound of the margin of load and hook to what slews below the trolley [m]:
+        that of their heights alone, which needs no kinematics.
         """
-        slew, load = self._frames(q, self.joints.slew, self.joints.hoist)
-        height = float((load.getTranslation() - slew.getTranslation())[2])
+        length = float(q[self.joints.hoist]) + self._above
+        radial, tangential = q[self.joints.radial_swing], q[self.joints.tangential_swing]
+        below_pivot = length * math.cos(radial) * math.cos(tangential)
+        top = self.height - below_pivot + self._reach_above
+        return self._upper_bottom - top - self.site.distance
+
+    @cached_property
+    def _reach_above(self) -> float:
+        """Largest distance of a point of load or hook from the end of the cable [m]."""
         (_, _, centre), (_, _, tall) = self.bodies.hook
         hook_top = math.hypot(float(centre + tall / 2.0), self.bodies.spread)
-        top = height + max(self.bodies.below, hook_top)
-        if top + 2.0 * self.site.distance < self._upper_bottom:
+        return max(self.bodies.below, hook_top)
+
+    def _beside_upper(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        """Yield load and hook in the frame of the slew joint, with what slews with it."""
+        if not self._upper_parts:
             return
+        slew, load = self._frames(q, self.joints.slew, self.joints.hoist)
         relative = slew.inverse() * load
         for name, body in self._below_upper:
             yield name, self._upper_field, body.put(relative)
@@ -493,9 +508,14 @@ class Clearance:
         if not np.isfinite(q).all():
             return -math.inf, -math.inf
         margins = [math.inf, math.inf]
-        for _, field, moving in itertools.chain(self._placed(q), self._beside_upper(q)):
+        for _, field, moving in self._placed(q):
             zones = moving.inflated == 0.0
             margins[zones] = min(margins[zones], field.least(moving))
+        # Its own upper structure is far above the load nearly always, and then needs no query: a
+        # bound that is no less than the other margins leaves the least of all as it is.
+        if self._upper_gap(q) < margins[0]:
+            for _, field, moving in self._beside_upper(q):
+                margins[0] = min(margins[0], field.least(moving))
         return margins[0] - ROUNDING, margins[1] - ROUNDING
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:

@@ -175,10 +175,29 @@ def test_a_load_keeps_from_the_crane_s_own_base_and_upper_structure() -> None:
     assert beside["own upper structure"].distance <= 0.0
     assert long.margin(long.q(np.array([0.3, 2.2, 3.5]))) < 0.0
     below = long.distances(long.q(np.array([0.3, 2.2, 12.0])))
-    assert "own upper structure" not in below
+    assert below["own upper structure"].distance > 5.0
+    assert below.keys() == beside.keys()  # a run that begins high and goes low has all in each row
     turned = long.distances(long.q(np.array([2.1, 2.2, 3.5])))
     for name in ("own upper structure",):  # it turns with the jib
         assert turned[name].distance == pytest.approx(beside[name].distance, abs=1e-3)
+
+
+@pytest.mark.parametrize("cable", [3.5, 6.0, 12.0, 20.0])
+@pytest.mark.parametrize("swing", [0.0, 0.4])
+def test_no_margin_is_more_than_that_of_the_upper_structure_however_far_below_it(
+    cable: float, swing: float
+) -> None:
+    """A proof goes as far from a place as its margin there: what is left out where it is far away
+    would be passed through. The mast, which is nearer to a load that hangs low, is taken away.
+    """
+    tall = load_crane(mast_height=35.0, pivot_height=40.0, total_height=45.0)
+    where = Clearance(tall, site(load=corners(0.6, 2.0, 0.6)))
+    where.__dict__["bodies"] = replace(where.bodies, mast=[])
+    q = where.q(np.array([0.3, 2.2, cable]))
+    q[where.joints.radial_swing] = swing
+    upper = where.distances(q)["own upper structure"].distance
+    # How deep shapes are in each other is nobody's distance: then it counts that both are negative.
+    assert where.margin(q) <= (upper - where.site.distance if upper > 0.0 else 0.0)
 
 
 def test_the_base_that_is_entered_is_a_body_too() -> None:
