@@ -20,7 +20,12 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
 from cranedyn.planning.certificate import Certificate, certify
-from cranedyn.planning.ground_lift import GroundLift, certify_ground_lift, from_ground
+from cranedyn.planning.ground_lift import (
+    GroundLift,
+    certify_ground_lift,
+    from_ground,
+    stands_at,
+)
 from cranedyn.planning.lift import Lift, crane_of, plan_lift
 from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, perturb
 from cranedyn.planning.site import Site
@@ -166,7 +171,7 @@ def _result(
     setup: harness.Setup, name: str, site: Site, options: argparse.Namespace, count: int
 ) -> SiteResult:
     times = [time.monotonic()]
-    crane = crane_of(site, gravity=setup.gravity, **setup.values)
+    crane = crane_of(site, gravity=setup.gravity, urdf=None, **setup.values)
     start, goal = (
         None if point is None else np.array([number("coordinate", value, "m") for value in point])
         for point in (options.start, options.goal)
@@ -178,7 +183,7 @@ def _result(
         print(f"{name}, unusual: {sentence}", file=sys.stderr)
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
     ends = (site.start if start is None else start, site.goal if goal is None else goal)
-    at_start, at_goal = (end is not None and len(end) == 2 for end in ends)
+    at_start, at_goal = map(stands_at, ends)
     grounded = None
     if (at_start or at_goal) and certificate.holds:
         whole_lift = from_ground(lift, stands=(at_start, at_goal))

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, get_args
 
 from cranedyn.checks import number, within
 from cranedyn.command import FAILED, Parser, command
@@ -45,12 +45,9 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
     )
     chart = None if options.chart is None else read_chart(options.chart)
     site = read_site(options.site or "open_yard")
-    values: dict[str, Any] = {}
     if options.load is not None:  # instead of the mass in the site's file
         load = number("load", options.load, "kg", "> 0")
         site = replace(site, crane={**site.crane, "payload_mass": load}, rigging={})
-    if options.crane is not None:
-        values["urdf"] = Path(options.crane)
     if chart is not None:
         chart.on(options.falls)
     return judge(
@@ -58,7 +55,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
         chart,
         requirements,
         falls=options.falls,
-        crane=crane_of(site, gravity=setup.gravity, **setup.values, **values),
+        crane=crane_of(site, gravity=setup.gravity, urdf=options.crane, **setup.values),
         limits=LIMITS,
         hoisting=options.hoisting,
         drive=options.drive,

@@ -1082,10 +1082,6 @@ cranedyn/sites/start.py
 ? start::parts_of_a_crane_are_where_its_heading_points
 - append(points @ foot[:, :3].T + foot[:, 3])
 + append(points @ foot[:, :3] + foot[:, 3])
-* inside of a hollow mesh a crane touches nothing
-? start::an_obstacle_where_a_part_of_a_crane_is_at_the_start_is_refused_by_name
-- return any(solid.holds(corner) for corner in corners[:1])
-+ return False
 cranedyn/sites/assumptions.py
 * what nobody entered counts as entered
 ? assumptions::what_is_left_out_of_a_site_file_is_a_default_in_the_list
@@ -1359,6 +1355,15 @@ cranedyn/lifting/wrench.py
 ? chart::a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more
 - transmitted = rigid_body.transmitted(tree, frames, rows(v), caused, forces)
 + transmitted = rigid_body.transmitted(tree, frames, rows(v), 0.0 * caused, forces)
+cranedyn/planning/solids.py
+* inside of a hollow mesh a body touches nothing
+? start::an_obstacle_where_a_part_of_a_crane_is_at_the_start_is_refused_by_name
+- return self.holds(corners[0])
++ return False
+* a convex body that meets a part of an obstacle does not meet it
+? coverage::the_mast_stands_in_no_solid
+- shape, here = hull(corners), coal.Transform3s()
++ return self.holds(corners[0])
 cranedyn/planning/plausibility.py
 * what cannot be meant is only unusual
 ? plausibility::a_value_is_usual_unusual_or_refused_and_never_none_of_these
@@ -1387,12 +1392,12 @@ cranedyn/lifting/judged_inputs.py
 +
 * a gust that nobody entered counts as entered
 ? judgement::each_value_that_nobody_entered_is_a_default
-- value, origin, where = self.default, Origin.DEFAULT, self.field
-+ value, origin, where = self.default, Origin.ENTERED, self.field
+- self._assumption(self.default, Origin.DEFAULT, self.field)
++ self._assumption(self.default, Origin.ENTERED, self.field)
 * the site's value comes before the caller's
 ? judgement::each_value_that_nobody_entered_is_a_default
-- if given is not None:
-+ if given is not None and of_site is None:
+- if given is not None: return given, self
++ if given is not None and of_site is None: return given, self
 cranedyn/lifting/checks.py
 * checks may be left out of a GO
 ? judgement::a_check_of_ones_own_is_one_function
@@ -1424,7 +1429,7 @@ cranedyn/lifting/checks.py
 + if False:
 * a lift from the ground is judged as one that hangs
 ? judgement::what_was_not_computed_or_entered_is_not_judged_and_no_go
-- if all(end is None or len(end) == 3 for end in (site.start, site.goal)):
+- if not (stands_at(site.start) or stands_at(site.goal)):
 + if True:
 * a lift may go with drives that nobody entered
 ? judgement::what_nobody_entered_is_not_judged_and_no_go

@@ -10,6 +10,7 @@ import numpy as np
 from cranedyn.assumptions import check_entered
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.chart import CUT_OUT, WARNING
+from cranedyn.planning.ground_lift import stands_at
 from cranedyn.planning.perturbed import CONFIDENCE
 from cranedyn.planning.plan_assumptions import EARTH
 from cranedyn.verdict import Check
@@ -39,7 +40,7 @@ def _ground_checks(analysis: LiftAnalysis) -> Sequence[Check]:
     site = analysis.site
     if analysis.grounded is not None:
         return analysis.grounded.checks
-    if all(end is None or len(end) == 3 for end in (site.start, site.goal)):
+    if not (stands_at(site.start) or stands_at(site.goal)):
         return ()
     return [Check("Lift-off and set-down were not simulated: the plan has no certificate.", None)]
 

@@ -67,12 +67,14 @@ class Requirement:
 
     def resolve(self, given: float | None, of_site: float | None) -> tuple[float, Assumption]:
         """Return the value with its origin: the caller's, or that of the site, or the default."""
-        value, origin, where = self.default, Origin.DEFAULT, self.field
-        if of_site is not None:
-            value, origin = of_site, Origin.ENTERED
         if given is not None:
-            value, origin, where = given, Origin.ENTERED, self.option
-        return value, Assumption(self.name, f"{self.scale * value:.4g} {self.unit}", origin, where)
+            return given, self._assumption(given, Origin.ENTERED, self.option)
+        if of_site is not None:
+            return of_site, self._assumption(of_site, Origin.ENTERED, self.field)
+        return self.default, self._assumption(self.default, Origin.DEFAULT, self.field)
+
+    def _assumption(self, value: float, origin: Origin, where: str) -> Assumption:
+        return Assumption(self.name, f"{self.scale * value:.4g} {self.unit}", origin, where)
 
 
 GUST = Requirement("wind", "gust to bear", "m/s", 1.0, DEFAULT_WIND, "--wind", "[wind] gust")
@@ -138,7 +140,8 @@ def resolve_inputs(
         resolved[requirement.attribute] = value
         made.append(assumption)
     spread = _spread(made, site)
-    chart, falls = _chart(made, site, crane, chart, falls)
+    chart = _chart(made, site, crane, chart)
+    falls = None if chart is None else _falls(made, site, chart, falls)
     return JudgedInputs(
         replace(requirements, **resolved),  # type: ignore[arg-type]
         spread,
@@ -173,26 +176,42 @@ def _spread(made: list[Assumption], site: Site) -> Spread:
     return spread
 
 
-def _chart(
-    made: list[Assumption], site: Site, crane: Crane, chart: Chart | None, falls: int | None
-) -> tuple[Chart | None, int | None]:
-    """Return the chart and the number of falls, and append both to the assumptions."""
-    origin, where = Origin.ENTERED, "--chart"
-    if chart is None and site.chart is not None:
-        named = site.chart if isinstance(site.chart, Path) else CHARTS / f"{site.chart}.toml"
-        chart, where = read_chart(named), "[crane] chart"
-    elif chart is None and is_shipped_crane(crane):
-        chart, origin = read_chart(SHIPPED_CHART), Origin.SHIPPED
-    if chart is None:
-        made.append(Assumption("load chart", "none of this crane", Origin.DEFAULT, "[crane] chart"))
-        return None, None
-    made.append(Assumption("load chart", chart.name, origin, where))
-    origin, where = Origin.ENTERED, "--falls"
-    if falls is None and site.falls is not None:
-        falls, where = site.falls, "[rigging] falls"
-    elif falls is None:
+def _chart(made: list[Assumption], site: Site, crane: Crane, given: Chart | None) -> Chart | None:
+    """Return the chart, and append it to the assumptions: the caller's, or that of the site, or for
+    the shipped crane the shipped one.
+    """
+    if given is not None:
+        made.append(Assumption("load chart", given.name, Origin.ENTERED, "--chart"))
+        return given
+    if site.chart is not None:
+        file = site.chart if isinstance(site.chart, Path) else CHARTS / f"{site.chart}.toml"
+        chart = read_chart(file)
+        made.append(Assumption("load chart", chart.name, Origin.ENTERED, "[crane] chart"))
+        return chart
+    if is_shipped_crane(crane):
+        chart = read_chart(SHIPPED_CHART)
+        made.append(Assumption("load chart", chart.name, Origin.SHIPPED))
+        return chart
+    made.append(Assumption("load chart", "none of this crane", Origin.DEFAULT, "[crane] chart"))
+    return None
+
+
+def _falls(made: list[Assumption], site: Site, chart: Chart, given: int | None) -> int:
+    """Return the number of falls, and append it to the assumptions: the caller's, or that of the
+    site, or the fewest of the chart.
+
+    Raises:
+        UnknownName: If the chart has no such number of falls.
+    """
+    if given is not None:
+        count, origin, field = given, Origin.ENTERED, "--falls"
+    elif site.falls is not None:
+        count, origin, field = site.falls, Origin.ENTERED, "[rigging] falls"
+    else:
+        # Where the chart has one number of falls, nobody has to choose.
         only_one = len(chart.reevings) == 1
-        origin, where = Origin.COMPUTED if only_one else Origin.DEFAULT, "[rigging] falls"
-    count = chart.on(falls).count
-    made.append(Assumption("falls of the rope", f"{count}", origin, where))
-    return chart, count
+        count = chart.on().count
+        origin = Origin.COMPUTED if only_one else Origin.DEFAULT
+        field = "[rigging] falls"
+    made.append(Assumption("falls of the rope", f"{chart.on(count).count}", origin, field))
+    return count

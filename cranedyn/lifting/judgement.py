@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import EngineName
 from cranedyn.lifting import page
 from cranedyn.lifting.analysis import (
@@ -32,10 +32,10 @@ from cranedyn.lifting.tables import Table, tables
 from cranedyn.lifting.wind_limit import wind_limit
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import Certificate, certify
-from cranedyn.planning.ground_lift import certify_ground_lift, from_ground
+from cranedyn.planning.ground_lift import certify_ground_lift, from_ground, stands_at
 from cranedyn.planning.lift import crane_of, plan_lift
 from cranedyn.planning.perturbed import perturb
-from cranedyn.planning.plausibility import WIND, findings, judge_value
+from cranedyn.planning.plausibility import WIND, findings, judge_value, refuse
 from cranedyn.planning.site import Site
 from cranedyn.references.limits import Limits
 from cranedyn.verdict import Check, Verdict, overall
@@ -205,10 +205,7 @@ def _plausible(
         found += judge_value(WIND, requirements.wind, "wind", "gust")
     if chart is not None:
         found += chart_findings(chart, reach[1])
-    for finding in found:
-        if finding.refused:
-            raise DataError(str(finding))
-    return tuple(dict.fromkeys(map(str, found)))
+    return refuse(found)
 
 
 def _grounded(certificate: Certificate, engine: EngineName) -> GroundedLift | None:
@@ -216,8 +213,8 @@ def _grounded(certificate: Certificate, engine: EngineName) -> GroundedLift | No
     does not hold and there is nothing to lift off for.
     """
     site = certificate.lift.clearance.site
-    start, goal = (end is not None and len(end) == 2 for end in (site.start, site.goal))
-    if not (start or goal) or not certificate.holds:
+    ends = stands_at(site.start), stands_at(site.goal)
+    if not any(ends) or not certificate.holds:
         return None
-    lift = from_ground(certificate.lift, stands=(start, goal))
+    lift = from_ground(certificate.lift, stands=ends)
     return GroundedLift(lift, *certify_ground_lift(lift, engine=engine))

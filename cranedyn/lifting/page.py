@@ -122,7 +122,9 @@ def _picture(analysis: LiftAnalysis) -> str:
     crane, run = analysis.crane, analysis.certificate.run
     trolley = crane.layout.role("trolley", "A picture of a lift")
     row = int(run.q[:, trolley].argmax())
-    shown = State(np.where(np.arange(crane.layout.n) == 0, 0.0, run.q[row]), 0.0 * run.v[row])
+    q = run.q[row].copy()
+    q[crane.layout.role("slew", "A picture of a lift")] = 0.0  # the eye looks square to the jib
+    shown = State(q, np.zeros_like(q))
     caption = (
         f"The crane of this lift from the side, its trolley at {run.q[row, trolley]:.1f} m, where "
         "the load is farthest out."

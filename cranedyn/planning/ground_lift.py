@@ -158,6 +158,11 @@ class GroundLift:
         return State(q, v)
 
 
+def stands_at(end: np.ndarray | None) -> bool:
+    """Return whether a load stands at an end of a lift, which then has two coordinates."""
+    return end is not None and len(end) == 2
+
+
 def from_ground(
     lift: Lift,
     *,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pathlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -23,7 +24,7 @@ from cranedyn.planning.curve import (
     straight_time,
 )
 from cranedyn.planning.plan_assumptions import held_mass
-from cranedyn.planning.plausibility import findings
+from cranedyn.planning.plausibility import findings, refuse
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, best_on_grid, search
 from cranedyn.planning.site import Site
@@ -127,8 +128,14 @@ class Lift:
         return start, goal
 
 
-def crane_of(site: Site, *, gravity: float | None = None, **values: object) -> Crane:
-    """Load the crane of a site, with further values changed by name.
+def crane_of(
+    site: Site,
+    *,
+    gravity: float | None = None,
+    urdf: str | pathlib.Path | None = None,
+    **values: object,
+) -> Crane:
+    """Load the crane of a site, from another file or with further values changed by name.
 
     Raises:
         DataError: If the site gives such a value, too.
@@ -136,14 +143,7 @@ def crane_of(site: Site, *, gravity: float | None = None, **values: object) -> C
     """
     for name in site.crane.keys() & values.keys():
         raise DataError(f"{name} is given by the site, too; leave one out.")
-    if gravity is not None:
-        values["gravity"] = gravity
-    own = {"urdf", "gravity"}
-    arguments = {**site.crane, **{n: x for n, x in values.items() if n not in own}}
-    return load_crane(
-        values=arguments,
-        **{n: x for n, x in values.items() if n in own},  # type: ignore[arg-type]
-    )
+    return load_crane(urdf, gravity=gravity, values={**site.crane, **values})
 
 
 def plan_lift(
@@ -241,9 +241,7 @@ def _refuse_implausible(
     site = replace(clearance.site, start=judged(start), goal=judged(goal))
     trolley = clearance.joints.trolley
     reach = float(clearance.crane.lower[trolley]), float(clearance.crane.upper[trolley])
-    for finding in findings(site, reach):
-        if finding.refused:
-            raise DataError(finding.sentence)
+    refuse(findings(site, reach))
 
 
 def _refuse_unless_it_stands(clearance: Clearance) -> None:

@@ -18,11 +18,12 @@ for that. What cannot be seen in this way: pounds for kilograms, a crane that tu
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.errors import DataError
 from cranedyn.planning.site import Site
 
 Conversions = Mapping[str, float]
@@ -162,6 +163,19 @@ def judge_value(
 def _number(value: float) -> str:
     """Return a number to read: thousands apart, and six digits at most."""
     return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.6g}"
+
+
+def refuse(found: Iterable[Finding]) -> tuple[str, ...]:
+    """Return sentences about values that are unusual, each once.
+
+    Raises:
+        DataError: If a value cannot be meant.
+    """
+    found = list(found)
+    for finding in found:
+        if finding.refused:
+            raise DataError(str(finding))
+    return tuple(dict.fromkeys(map(str, found)))
 
 
 def findings(site: Site, reach: tuple[float, float] | None = None) -> list[Finding]:

@@ -96,6 +96,19 @@ class Solid(ShortRepr):
         surface.endModel()
         return [surface]
 
+    def meets(self, corners: np.ndarray) -> bool:
+        """Return whether the convex hull of corners [m], shape (n, 3), and the body have a point in
+        common; one inside of the other counts.
+        """
+        shape, here = hull(corners), coal.Transform3s()
+        for geometry in self.geometries():
+            if coal.collide(
+                shape, here, geometry, here, coal.CollisionRequest(), coal.CollisionResult()
+            ):
+                return True
+        # A surface of triangles is hollow: a hull inside of it touches none of them.
+        return self.holds(corners[0])
+
     def holds(self, point: np.ndarray) -> bool:
         """Return whether a point [m] lies inside of a surface of triangles; for convex parts, whose
         distances show it, always False.

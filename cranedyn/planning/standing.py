@@ -16,7 +16,6 @@ from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.coverage import BodyAndObstacle, Pairs
 from cranedyn.planning.fields import Body, Field
 from cranedyn.planning.site import GROUND
-from cranedyn.planning.solids import hull
 from cranedyn.verdict import Check
 
 TOUCHING = 0.01
@@ -67,10 +66,7 @@ def standing_parts(clearance: Clearance) -> Standing:
             below = below or solid.name
         for name, hulls in parts.items():
             for corners in hulls:
-                body = Body(hull(_shrunk(corners)), 0.0).put(coal.Transform3s())
-                # The triangles of a mesh that encloses the part are far away, so that their
-                # distance does not show it.
-                if field.least(body) <= 0.0 or solid.holds(corners.mean(axis=0)):
+                if solid.meets(_shrunk(corners)):
                     inside.append(BodyAndObstacle(name, solid.name))
     if level > UNEVEN:
         inside.append(BodyAndObstacle("mast", GROUND))

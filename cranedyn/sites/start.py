@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import shape_corners
-from cranedyn.planning.solids import Solid, hull
+from cranedyn.planning.solids import Solid
 from cranedyn.sites.bodies import group_shapes
 
 TOUCHES = 1e-3
@@ -24,12 +23,10 @@ class StartPart(NamedTuple):
     Attributes:
         name: Its name, such as "tower".
         corners: Its corners in the frame of the site [m], shape (n, 3).
-        shape: The part as a shape of `coal`.
     """
 
     name: str
     corners: np.ndarray
-    shape: coal.Convex
 
 
 def parts_at_start(crane: Crane, foot: np.ndarray) -> list[StartPart]:
@@ -49,7 +46,7 @@ def parts_at_start(crane: Crane, foot: np.ndarray) -> list[StartPart]:
         inward = corners.mean(axis=0) - corners
         lengths = np.linalg.norm(inward, axis=1, keepdims=True)
         corners = corners + TOUCHES * inward / np.maximum(lengths, TOUCHES)
-        parts.append(StartPart(name, corners, hull(corners)))
+        parts.append(StartPart(name, corners))
     return parts
 
 
@@ -59,7 +56,7 @@ def first_collision(parts: Sequence[StartPart], solids: Sequence[Solid]) -> tupl
     """
     for part in parts:
         for solid in solids:
-            if _have_a_point_in_common(part.shape, part.corners, solid):
+            if solid.meets(part.corners):
                 return part.name, solid.name
     return None
 
@@ -91,15 +88,3 @@ def _part_name(crane: Crane, joint: int, load: int) -> str:
         return "load"
     role = crane.layout.joints[joint - 1].role
     return {"slew": "slewing part", "trolley": "trolley"}.get(role, "moving part")
-
-
-def _have_a_point_in_common(shape: coal.Convex, corners: np.ndarray, solid: Solid) -> bool:
-    """Return whether a convex shape with its corners [m], shape (n, 3), and a solid meet."""
-    # Convex parts are full, so that one inside the other is found. A surface of triangles is
-    # hollow: a shape inside of it meets none of them, but has its corners inside.
-    here = coal.Transform3s()
-    request = coal.CollisionRequest()
-    for geometry in solid.geometries():
-        if coal.collide(shape, here, geometry, here, request, coal.CollisionResult()):
-            return True
-    return any(solid.holds(corner) for corner in corners[:1])
