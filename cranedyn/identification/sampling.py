@@ -25,7 +25,8 @@ _IRREGULAR = 0.2
 """Least step of a clock over its usual step, below which its times are irregular."""
 
 _STILL = 3.0
-"""Intervals without a fresh value after which the sensor stands still, and its value counts."""
+"""Intervals without a change after which the sensor is taken to stand still, so that the repeated
+value counts as a fresh one."""
 
 _SAME_VALUE = 1e-9
 """Share of the largest value below which a difference of two values is round-off of the file."""
@@ -71,7 +72,8 @@ class Samples:
         held: Share of rows that repeat the value before them while it changes.
         interval: Usual time from one fresh value to the next [s].
         resolution: Step of the grid on which the values lie; 0 where they lie on none.
-        noise: Standard deviation of white noise in the values, as far as it exceeds rounding.
+        noise: Standard deviation of white noise in the values, rounding included; 0 where none is
+            seen, the times are irregular, or the column is held.
         lateness: Time [s] that a value may have waited for its row, at most.
     """
 
@@ -88,8 +90,9 @@ class Samples:
         return max(self.resolution / math.sqrt(12.0), self.noise)
 
     def is_exact(self, order: int) -> bool:
-        """Return whether differences of the values of an order, one or two, are derivatives of the
-        motion rather than noise.
+        """Return whether differences of the values of an order are derivatives of the motion rather
+        than noise: of order one for a column of rates, two for one of positions, so that either
+        is an acceleration.
         """
         # a first difference of independent errors has two times their variance, a second six times
         noise = math.sqrt(2.0 if order == 1 else 6.0) * self.deviation / self.interval**order
@@ -114,7 +117,8 @@ def samples(t: np.ndarray, values: np.ndarray) -> Samples:
     resolution = grid_step(values)
     if not is_rounded(values, resolution):
         resolution = 0.0
-    # the times of a regular clock are those of its values
+    # The times of a regular clock are those of its values. White noise is told by differences at
+    # equal intervals only; where these are irregular, lateness stands for it.
     each_row = Samples(
         rows=np.arange(len(t)),
         held=0.0,
@@ -126,6 +130,7 @@ def samples(t: np.ndarray, values: np.ndarray) -> Samples:
     if len(changed) < 2:
         return each_row
     gaps = np.diff(t[fresh])
+    # The usual gap: pauses, which are longer than twice the lower quartile, do not count.
     interval = float(np.median(gaps[gaps < 2.0 * np.percentile(gaps, 25)]))
     # A slow drive repeats values because they are coarse, and then changes by one step of the
     # grid. Only repeats before a larger change tell that the sensor reports more rarely.
@@ -157,7 +162,8 @@ def grid_step(values: np.ndarray) -> float:
     if not len(gaps):
         return 0.0
     # The mean of many smallest gaps averages over a second rounding, such as that of an angle in
-    # radians that was counted in hundredths of degrees.
+    # radians that was counted in hundredths of degrees. Of both estimates that one counts which
+    # overlooks no coarser grid.
     return max(
         _common_divisor(gaps, round_off, spread=1.0), _common_divisor(gaps, round_off, spread=1.5)
     )
@@ -213,8 +219,9 @@ def white_noise(values: np.ndarray) -> float:
 
 
 def is_rounded(values: np.ndarray, step: float) -> bool:
-    """Return whether values on a grid were rounded to it. A computed ramp may lie on a grid by its
-    making; its acceleration is constant then, where that of rounded values jumps in each row.
+    """Return whether values on a grid were rounded to it. A ramp that was computed from round
+    numbers may lie on a grid without rounding; its acceleration is constant then, where that of
+    rounded values jumps in each row.
 
     Args:
         values: Samples, shape (rows,).
@@ -224,7 +231,7 @@ def is_rounded(values: np.ndarray, step: float) -> bool:
     bent = np.abs(np.diff(values, 2)) > 0.5 * step
     accelerates = fast & (bent[1:] | bent[:-1])
     if not accelerates.any():
-        return True  # too slow to tell
+        return True  # too slow to tell: taken as rounded, which is the larger uncertainty
     jumps = np.abs(np.diff(values, 3))[accelerates] > 0.5 * step
     return bool(np.mean(jumps) > _JUMPS)
 
@@ -271,8 +278,8 @@ class SmoothCurve:
     @property
     def acceleration_noise(self) -> float:
         """Standard deviation of what the noise of the column leaves in the second derivative [per
-        second squared]. Its variance is the integral of the spectrum of white noise times ω⁴ and
-        the square of the gain, π / 18 cutoff⁵ of its density.
+        second squared]. Its variance is the density of the noise times the integral of ω⁴ and the
+        square of the gain over all ω from 0 on, which is π/18 cutoff⁵.
         """
         density = self.deviation**2 * self.sampled.interval / math.pi
         return math.sqrt(density * math.pi / 18.0 * self.cutoff**5)
@@ -280,8 +287,8 @@ class SmoothCurve:
     @property
     def creep(self) -> float:
         """Rate [per second] that the curve may have where a drive stands. Where an acceleration a
-        begins at once, the curve moves at a / (3 cutoff): the integral of (1 - gain) / ω² over all
-        frequencies ω, by π.
+        begins at once, the curve moves at a / (3 cutoff) already: that is a/π times the integral
+        of (1 - gain) / ω² over all frequencies ω from 0 on.
         """
         peak = float(np.abs(self.spline.derivative(2)(self.times)).max())
         return peak / (3.0 * self.cutoff)
@@ -321,8 +328,10 @@ def smooth(t: np.ndarray, values: np.ndarray, sampled: Samples) -> SmoothCurve:
     """
     times, points = t[sampled.rows], values[sampled.rows]
     rate = np.gradient(points, times)
-    usual = np.convolve(np.abs(rate), np.full(5, 0.2), mode="same")
-    variance = sampled.deviation**2 + (usual * sampled.lateness) ** 2 / 12.0
+    # The mean over five values, since one difference is noisy.
+    speed = np.convolve(np.abs(rate), np.full(5, 0.2), mode="same")
+    variance = sampled.deviation**2 + (speed * sampled.lateness) ** 2 / 12.0
+    # An exact column has a deviation of 1e-12, to divide by.
     deviations = np.sqrt(np.maximum(variance, 1e-24))
     penalised = _PenalisedSpline(times, points, deviations, sampled.interval)
     stiffness = penalised.most_likely_stiffness()
