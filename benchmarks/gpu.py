@@ -5,6 +5,7 @@ is.
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -96,10 +97,16 @@ class AssemblerReport(NamedTuple):
 
 
 def assembler() -> Path | None:
-    """Return the path of NVIDIA's ptxas from its package on PyPI, None if it is not installed."""
+    """Return the path of NVIDIA's ptxas: from its package on PyPI, else that of a CUDA toolkit on
+    the path of programs; None if there is neither.
+    """
     package = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
     folders = [Path(p) for p in (package.submodule_search_locations or ())] if package else []
-    return next((file for path in folders for file in path.glob("bin/ptxas*")), None)
+    packaged = next((file for path in folders for file in path.glob("bin/ptxas*")), None)
+    if packaged is not None:
+        return packaged
+    on_path = shutil.which("ptxas")
+    return None if on_path is None else Path(on_path)
 
 
 def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
