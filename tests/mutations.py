@@ -142,8 +142,20 @@ cranedyn/dynamics/pinocchio.py
 cranedyn/dynamics/joint_forces.py
 * dampers push the way a joint moves
 ? dynamics::accelerations_are_those_of_the_lagrangian_by_hand_less_damping
-- resisting = -(self.damping * v)
-+ resisting = self.damping * v
+- resisting = -self.resistance(v)
++ resisting = self.resistance(v)
+* dry friction drives a joint
+? friction::a_sliding_cart_stops_where_its_kinetic_energy_is_spent[pinocchio]
+- resistance[joint] = resistance[joint] + self._dry_friction(joint, v[joint])
++ resistance[joint] = resistance[joint] - self._dry_friction(joint, v[joint])
+* the smooth law of friction has twice its width
+? friction::a_cart_under_less_than_its_friction_creeps_at_the_rate_of_the_law[25.0]
+- (rate / square_root(rate * rate + width * width))
++ (rate / square_root(rate * rate + 4.0 * width * width))
+* what dry friction dissipates is not in the ledger
+? friction::friction_dissipates_what_the_motion_loses
+- power = (self.resistance(v) * v).sum(axis=0) if self.friction else self.damping @ (v * v)
++ power = self.damping @ (v * v)
 * buffers pull
 ? validity::a_buffer_pushes_but_never_pulls
 - return chosen(pushing * beyond < 0.0, pushing, 0.0)
@@ -178,6 +190,15 @@ cranedyn/compiled/step.py
 ? slack::both_engines_go_through_the_same_phases[motion-inextensible]
 - _TRIES = 10
 + _TRIES = 1
+cranedyn/model/friction.py
+* friction has no width, so that it holds nothing
+? friction::the_width_is_the_rate_that_friction_takes_off_in_the_stopping_time
+- largest = np.maximum(largest, np.diag(np.linalg.inv(mass)))
++ largest = np.maximum(largest, 0.0)
+* the record of a run forgets friction
+? friction::friction_survives_the_record_of_a_run
+- text = dynamics.get("friction", "0")
++ text = dynamics.get("rubbing", "0")
 cranedyn/plant/plant.py
 * an impact takes twice its energy
 ? plant::an_impact_takes_the_energy_that_rates_before_and_after_differ_by
@@ -1677,8 +1698,8 @@ cranedyn/estimation/mpc.py
 cranedyn/dynamics/joint_forces.py
 * a rope that is pushed seems to pull
 ? dynamics::a_falling_load_leaves_the_rope_slack
-- joint.damping[i] * v[i] - hoist
-+ abs(joint.damping[i] * v[i] - hoist)
+- joint.resistance_of(i, v[i]) - hoist
++ abs(joint.resistance_of(i, v[i]) - hoist)
 cranedyn/bridges/fmi.py
 * the index of a derivative in FMI 2 counts from 0
 ? fmi::the_description_names_the_derivatives_and_the_dimensions_of_its_variables[effort-2]

@@ -203,7 +203,12 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     hoist = layout.drive_of("hoist")
     rope = None
     if hoist is not None and crane.springs.rope is None:
-        rope = {"hoist": hoist, "damping": float(crane.damping[layout.drives[hoist]])}
+        rope = {"hoist": hoist}
+    friction: list[dict[str, float] | None] = [None] * layout.n
+    if crane.friction is not None:
+        dry = crane.friction
+        for joint, effort, width in zip(dry.joints, dry.effort, dry.width, strict=True):
+            friction[joint] = {"effort": float(effort), "width": float(width)}
     return {
         "joints": joints,
         "drives": layout.drives.tolist(),
@@ -218,6 +223,7 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
         "swings": crane.swings.tolist(),
         "rest": rest.tolist(),
         "damping": crane.damping.tolist(),
+        "friction": friction,
         "rope": rope,
         "lead": semi_implicit_euler.lead * DT,
         "columns": {name: list(columns) for name, columns in layout.columns().items()},

@@ -221,7 +221,9 @@ class _Drives:
             self.tension = min(self.tension, -float(needed[self.rope.stretch]))
 
     def _passive_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return generalized forces of damping and springs, and external ones, shape (n,) each."""
+        """Return generalized forces of damping, dry friction and springs, and external ones, shape
+        (n,) each.
+        """
         external = None if self.external is None else self.external.effort(q, v)
         return self._joint.effort(q, v), external
 
@@ -240,7 +242,7 @@ class EffortDrives(_Drives):
         self._least, self._largest = -crane.effort_limit, crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
-        self._damping, self._rigid = self._joint.damping, self._joint.springs is None
+        self._damping, self._viscous_only = self._joint.damping, self._joint.viscous_only
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Hold efforts until the next command."""
@@ -254,7 +256,10 @@ class EffortDrives(_Drives):
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
-        tau = self._tau - self._damping * v if self._rigid else self._tau + self._joint.effort(q, v)
+        if self._viscous_only:
+            tau = self._tau - self._damping * v
+        else:
+            tau = self._tau + self._joint.effort(q, v)
         if self.external is not None:
             tau += self.external.effort(q, v)
         if self._free is self._answering:

@@ -1,5 +1,5 @@
-"""Joint forces besides drives, gravity and inertia: damping, springs, and stops at the ends of the
-ranges.
+"""Joint forces besides drives, gravity and inertia: damping, dry friction, springs, and stops at
+the ends of the ranges.
 
 Written once for any kind of number: floats in the plain loop, symbols in the optimiser, values of a
 program in compiled code.
@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.scalars import array, chosen, clipped
+from cranedyn.dynamics.scalars import array, chosen, clipped, square_root
 from cranedyn.model.crane import Crane
+from cranedyn.model.friction import DryFriction
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Rope, Springs
 
@@ -26,23 +27,30 @@ TAUT, SLACK = 0.0, 1.0
 
 @dataclass(frozen=True, eq=False)
 class JointForces:
-    """Damping and springs of n joints.
+    """Damping, dry friction and springs of n joints.
 
     Attributes:
         damping: Viscous damping [N m s/rad or N s/m], shape (n,).
         springs: The springs; None if there are none.
+        friction: Dry friction; None if there is none.
         taut: Whether the rope pulls, for a step within which that does not change; None where the
             state decides.
     """
 
     damping: np.ndarray
     springs: Springs | None
+    friction: DryFriction | None = None
     taut: Any = None
 
     @classmethod
     def of(cls, crane: Crane) -> JointForces:
-        """Return the damping and springs of a crane."""
-        return cls(crane.damping, crane.springs if crane.springs.any else None)
+        """Return the damping, dry friction and springs of a crane."""
+        return cls(crane.damping, crane.springs if crane.springs.any else None, crane.friction)
+
+    @property
+    def viscous_only(self) -> bool:
+        """Whether nothing but viscous damping acts."""
+        return self.springs is None and self.friction is None
 
     def in_steps(self, dt: Any, mass: Any = 1.0) -> JointForces:
         """Return the same with time in steps of `dt` [s] and mass in units of `mass` [kg].
@@ -50,11 +58,41 @@ class JointForces:
         Forces scale like dt², damping like dt.
         """
         damping, force = self.damping * (dt / mass), dt * dt / mass
-        return JointForces(damping, self.springs and self.springs.in_units(force), self.taut)
+        springs = None if self.springs is None else self.springs.in_units(force)
+        friction = None if self.friction is None else self.friction.in_units(force, dt)
+        return JointForces(damping, springs, friction, self.taut)
+
+    def resistance(self, v: np.ndarray) -> np.ndarray:
+        """Return the efforts by which damping and dry friction oppose rates v, with the sign of the
+        rates: shape (n,), or (n, rows) for rates of shape (n, rows).
+        """
+        viscous = (self.damping * v.T).T
+        if self.friction is None:
+            return viscous
+        resistance = viscous.copy()
+        for joint in self.friction.joints:
+            resistance[joint] = resistance[joint] + self._dry_friction(joint, v[joint])
+        return resistance
+
+    def resistance_of(self, joint: int, rate: Any) -> Any:
+        """Return the effort by which damping and dry friction oppose the rate of one joint, by its
+        index among the coordinates.
+        """
+        viscous = self.damping[joint] * rate
+        if self.friction is None or joint not in self.friction.joints:
+            return viscous
+        return viscous + self._dry_friction(joint, rate)
+
+    def _dry_friction(self, joint: int, rate: Any) -> Any:
+        """Return f v / sqrt(v² + w²), see `cranedyn.model.friction`."""
+        assert self.friction is not None
+        place = self.friction.joints.index(joint)
+        width = self.friction.width[place]
+        return self.friction.effort[place] * (rate / square_root(rate * rate + width * width))
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return generalized forces at coordinates q and rates v, shape (n,)."""
-        resisting = -(self.damping * v)
+        resisting = -self.resistance(v)
         if self.springs is None:
             return resisting
         effort = resisting + self.springs.effort(q)
@@ -63,7 +101,11 @@ class JointForces:
         return effort
 
     def tangent(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the stiffness, shape (n, n), and the damping, shape (n,), at a state in floats."""
+        """Return the stiffness, shape (n, n), and the damping, shape (n,), at a state in floats.
+
+        Dry friction is left out: its slope at rest is that of the smoothing, which a controller
+        must not take for damping, and in motion it has none.
+        """
         stiffness = np.zeros(2 * q.shape) if self.springs is None else self.springs.tangent(q)
         damping = self.damping.copy()
         if self.rope is not None and not self.phase(q, v) == TAUT:
@@ -71,10 +113,10 @@ class JointForces:
         return stiffness, damping
 
     def dissipation(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """Return the power that damping dissipates [W], for coordinates and rates of shape (n,) or
-        (n, rows). A slack rope dissipates the strain energy that it has left.
+        """Return the power that damping and dry friction dissipate [W], for coordinates and rates
+        of shape (n,) or (n, rows). A slack rope dissipates the strain energy that it has left.
         """
-        power = self.damping @ (v * v)
+        power = (self.resistance(v) * v).sum(axis=0) if self.friction else self.damping @ (v * v)
         if self.rope is None or self.rope.inextensible:
             return power
         stretch, _, stiffness, _ = self.rope
@@ -120,11 +162,11 @@ def tension_from_hoist_force(
     """Return the tension of the rope [N]; None without a hoist.
 
     It is the force that stretches an elastic rope. For a rigid rope it is the force of the hoist
-    joint, which lies along the rope: that of the drive, less damping.
+    joint, which lies along the rope: that of the drive, less damping and dry friction.
 
     Args:
         layout: Joints of the crane.
-        joint: Damping and springs of the joints.
+        joint: Damping, dry friction and springs of the joints.
         q: Coordinates, n numbers or rows of them.
         v: Their rates, likewise.
         hoist: Force of the hoist and of the buffers at the ends of the cable [N].
@@ -134,7 +176,7 @@ def tension_from_hoist_force(
     if not layout.has("hoist"):
         return None
     i = layout.role("hoist", "The rope")
-    return joint.damping[i] * v[i] - hoist
+    return joint.resistance_of(i, v[i]) - hoist
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from cranedyn.checks import finite, number, within
 from cranedyn.data.time_series import html_table
 from cranedyn.errors import Misshapen, ModelError, UnknownName
 from cranedyn.interfaces import State
+from cranedyn.model.friction import DryFriction
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import (
     Rest,
@@ -73,6 +74,8 @@ class Crane:
         damping: Viscous damping of each joint [N m s/rad or N s/m], shape (n,). Pinocchio parses it
             but never applies it.
         springs: Springs in the joints.
+        friction: Dry friction in the joints, and the width of its smooth law; None if no joint has
+            any.
         lower, upper: Joint ranges [rad or m], shape (n,).
         effort_limit: Largest effort of the drives [N m or N], shape (m,).
         start: State in which runs start: the drives as in the URDF, all else hanging at rest. A
@@ -94,6 +97,7 @@ class Crane:
     start: State
     points: tuple[Point, ...]
     record: Mapping[str, Any] = field(repr=False)
+    friction: DryFriction | None = None
     assumptions: tuple[str, ...] = ()
     _scratch: _Scratch = field(init=False, repr=False)
 

@@ -21,6 +21,7 @@ from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, Unkno
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, CraneValues, describe
+from cranedyn.model.friction import friction_notes, read_friction, smooth_friction
 from cranedyn.model.joints import (
     check_joints,
     check_roles,
@@ -225,14 +226,18 @@ def _crane(
     _check_ranges(model, layout, load)
     q = _start(robot, layout, model)
     _check_solvable(model, q, layout, path)
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    dry = read_friction(robot, layout)
+    friction = smooth_friction(dry, model, lower, upper, layout.drives.tolist(), q)
     crane = Crane(
         layout=layout,
         urdf_source=urdf_source,
         model=model,
         damping=model.damping.copy(),
         springs=springs,
-        lower=model.lowerPositionLimit.copy(),
-        upper=model.upperPositionLimit.copy(),
+        friction=friction,
+        lower=lower,
+        upper=upper,
         effort_limit=model.effortLimit[layout.drives].copy(),
         start=State(q, np.zeros(layout.n)),
         points=points,
@@ -245,7 +250,7 @@ def _crane(
             "check_axes": options.check_axes,
             **(record or {}),
         },
-        assumptions=options.assumptions,
+        assumptions=(*options.assumptions, *friction_notes(friction, layout)),
     )
     if not (springs.any or crane.rest.hangs):
         return crane

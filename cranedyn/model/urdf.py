@@ -99,14 +99,13 @@ def parse_urdf(text: str, source: object) -> ET.Element:
 def check_urdf(robot: ET.Element, source: object) -> None:
     """Check links, joints and materials of a URDF.
 
-    Parsers of URDF silently drop an element with an unreadable number, take the first of two, and
-    ignore friction.
+    Parsers of URDF silently drop an element with an unreadable number, and take the first of two.
 
     Raises:
         ModelError: If xacro directives are left, a name cannot be printed, an element is duplicate
             or incomplete, a joint mimics another, or links and joints are no tree.
-        OutOfRange: If a number is not a decimal number, exceeds 1e30, a friction is not zero, or no
-            body has the mass and inertia of a link.
+        OutOfRange: If a number is not a decimal number, exceeds 1e30, or no body has the mass and
+            inertia of a link.
     """
     for element in robot.iter():
         texts = [element.tag, *element.attrib.values()]
@@ -230,12 +229,6 @@ def _check_element(element: ET.Element, context: str) -> None:
                 f"{_MAX_NUMBER:g}"
             )
             raise OutOfRange(f"{name} of {element.tag} in {context}", repr(numbers), allowed)
-    if element.tag == "dynamics" and float(element.get("friction", "0")) != 0.0:
-        raise OutOfRange(
-            f"friction of {context}",
-            element.get("friction"),
-            "0: only viscous damping acts; set it to 0, or say it as damping",
-        )
 
 
 def _check_joint(joint: ET.Element, context: str) -> None:

@@ -220,7 +220,8 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     if hoist is not None:
         cable = int(layout.drives[hoist])
         holding = abs(holding_effort(crane, move.start.q)[hoist])
-        nonnegative.append((crane.damping[cable] * v[cable] - effort[hoist]) / holding - _TAUT)
+        opposing = JointForces.of(crane).resistance_of(cable, v[cable])
+        nonnegative.append((opposing - effort[hoist]) / holding - _TAUT)
     margins = ca.vertcat(*nonnegative)
     kinds = [move.rate, move.acceleration][: len(sizes) - 3]
     negative = [-limits for limits in kinds]

@@ -20,6 +20,7 @@ from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hois
 from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
 from cranedyn.dynamics.validity import bounds
 from cranedyn.model.crane import Crane, once_per_crane
+from cranedyn.model.friction import DryFriction
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Bifilar, Rope, Springs
 from cranedyn.plant import rigid_body
@@ -42,6 +43,7 @@ class Topology:
         rope: Stretch and length of a rope that may go slack, and whether it is inextensible; None
             if there is none.
         bifilar: Yaw and length of two falls; None for a single line.
+        friction: The joints that have dry friction.
     """
 
     parents: tuple[int, ...]
@@ -51,6 +53,7 @@ class Topology:
     springs: bool
     rope: tuple[int, int, bool] | None
     bifilar: tuple[int, int] | None
+    friction: tuple[int, ...]
 
     @staticmethod
     @once_per_crane
@@ -70,6 +73,7 @@ class Topology:
             crane.springs.any,
             None if rope is None else (rope.stretch, rope.length, rope.inextensible),
             None if falls is None else (falls.yaw, falls.length),
+            () if crane.friction is None else crane.friction.joints,
         )
 
 
@@ -113,7 +117,7 @@ class Plant:
     Attributes:
         topology: What it has in common with others.
         tree: Its bodies.
-        joint: Damping and springs.
+        joint: Damping, dry friction and springs.
         stops: Buffers at the ends of the ranges of the drives.
         lower, upper: Ranges, shape (n,).
         effort_limit, rate_limit: Of the drives, shape (m,).
@@ -430,6 +434,8 @@ def numbers(crane: Crane) -> np.ndarray:
     values = (
         tree.numbers(),
         crane.damping,
+        [] if crane.friction is None else crane.friction.effort,
+        [] if crane.friction is None else crane.friction.width,
         springs.stiffness,
         springs.rest,
         [0.0 if rope is None else rope.stiffness],
@@ -473,10 +479,11 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
     tree = blank(topology.parents)
     count, swings = len(tree.numbers()), len(topology.swings)
     falls = topology.bifilar and Bifilar(*topology.bifilar, 0.0)
-    joint_counts = [n, n, n, 1, int(falls is not None), n, n, m, m]
+    rubbing = len(topology.friction)
+    joint_counts = [n, rubbing, rubbing, n, n, 1, int(falls is not None), n, n, m, m]
     counts = [*joint_counts, 3 * len(topology.bodies), swings, swings, swings * m, m, m]
     groups = np.split(array(values[count:]), np.cumsum(counts)[:-1])
-    damping, stiffness, rest, ea, yaw_stiffness, lower, upper, *groups = groups
+    damping, dry, width, stiffness, rest, ea, yaw_stiffness, lower, upper, *groups = groups
     effort_limit, rate_limit, levers, arms, rest_angle, rest_slope, *stop_gains = groups
     rope = None
     if topology.rope is not None:
@@ -484,11 +491,12 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         rope = Rope(stretch, length, ea[0], inextensible)
     falls = falls and falls._replace(stiffness=yaw_stiffness[0])
     springs = Springs(stiffness, rest, rope, falls) if topology.springs else None
+    friction = DryFriction(topology.friction, dry, width) if topology.friction else None
     stops = Stops(layout.drives, lower[layout.drives], upper[layout.drives], *stop_gains)
     return Plant(
         topology,
         rigid_body.regrouped(tree.with_numbers(values[:count])),
-        JointForces(damping, springs),
+        JointForces(damping, springs, friction),
         stops,
         lower,
         upper,

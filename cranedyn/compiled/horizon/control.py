@@ -257,7 +257,7 @@ class PredictiveControl:
         hoist = layout.drive_of("hoist")
         if hoist is not None:
             joint = int(layout.drives[hoist])
-            limit = crane.joint.damping[joint] * v[joint] - programme.taut
+            limit = crane.joint.resistance_of(joint, v[joint]) - programme.taut
             cut[hoist] = code.chosen(cut[hoist] > limit, limit, cut[hoist])
         caused = programme.driven("effort").answer(q, v, array(cut), None)[0][layout.drives]
         self._store_memory("estimate", estimate)
@@ -276,7 +276,7 @@ class PredictiveControl:
         faster = acceleration.copy()
         faster[hoist] = acceleration[hoist] + 1.0
         force, steeper = (crane.answer(q, v, u, None)[1][hoist] for u in (acceleration, faster))
-        over = force - (crane.joint.damping[joint] * v[joint] - self.programme.taut)
+        over = force - (crane.joint.resistance_of(joint, v[joint]) - self.programme.taut)
         reduced = acceleration[hoist] - over / (steeper - force)
         acceleration[hoist] = code.chosen(over > 0.0, reduced, acceleration[hoist])
         return acceleration

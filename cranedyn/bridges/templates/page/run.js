@@ -27,8 +27,9 @@
  * @property {number[]} rest Where the swing joints hang, by joint.
  * @property {number[]} swings Joints of the swing.
  * @property {number[]} damping By joint.
+ * @property {({effort: number, width: number} | null)[]} friction Dry friction by joint.
  * @property {number[][]} load Corners of the load in the frame of its joint [m].
- * @property {{hoist: number, damping: number} | null} rope Drive and damping of a rigid rope.
+ * @property {{hoist: number} | null} rope Drive of a rigid rope.
  * @property {number} lead Time by which positions run ahead of rates [s].
  * @property {Record<string, string[]>} columns
  * @property {object} record What `load_crane` loads the crane from.
@@ -245,15 +246,17 @@ class Run {
     const rope = this.points;
     this.state.force = this.blow(rope);
     const middle = crane.drives.map(i => q[i] - crane.lead * v[i]);
-    const power = crane.damping.reduce((sum, d, i) => sum + d * v[i] * v[i], 0);
+    const power = crane.damping.reduce((sum, _, i) => sum + resistance(crane, i, v[i]) * v[i], 0);
     const {period} = this.data.kernel;
     this.setpoint = this.asked;
     const before = Array.from(kernel.reference);
     this.valid = kernel.advance();
     this.asked = this.asked.map((x, i) => x + (before[i] + kernel.reference[i]) / 2 * period);
     this.account(middle, power, rope);
-    this.tension = crane.rope && crane.rope.damping * this.state.v[crane.drives[crane.rope.hoist]]
-      - kernel.row.effort[crane.rope.hoist];
+    if (crane.rope) {
+      const {hoist} = crane.rope, joint = crane.drives[hoist];
+      this.tension = resistance(crane, joint, this.state.v[joint]) - kernel.row.effort[hoist];
+    } else this.tension = null;
     this.event = this.ended(rope);
     if (this.task) this.judge(rope[rope.length - 1]);
     this.k += 1;
@@ -349,6 +352,12 @@ class Run {
       ...row.effort, row.energy[0], ...this.work, this.dissipated, ...force, this.forceWork, 0,
       this.valid ? 1 : 0];
   }
+}
+
+/** Effort by which damping and dry friction oppose the rate of a joint [N m or N]. */
+function resistance(crane, joint, rate) {
+  const viscous = crane.damping[joint] * rate, dry = crane.friction[joint];
+  return dry ? viscous + dry.effort * (rate / Math.sqrt(rate * rate + dry.width * dry.width)) : viscous;
 }
 
 /** Whether a segment meets a convex body. @param {number[]} a @param {number[]} b @param {Part} part */
