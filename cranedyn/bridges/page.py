@@ -207,8 +207,8 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     friction: list[dict[str, float] | None] = [None] * layout.n
     if crane.friction is not None:
         dry = crane.friction
-        for joint, effort, width in zip(dry.joints, dry.effort, dry.width, strict=True):
-            friction[joint] = {"effort": float(effort), "width": float(width)}
+        for i, effort, width in zip(dry.joints, dry.effort, dry.width, strict=True):
+            friction[i] = {"effort": float(effort), "width": float(width)}
     return {
         "joints": joints,
         "drives": layout.drives.tolist(),

@@ -227,10 +227,11 @@ class Crane:
         Raises:
             UnknownName: For any other name.
             OutOfRange: For a value that is not finite or outside the range of the joint, and for a
-                swing of 90° or more.
+                swing of 90° or more from where the load hangs.
         """
         layout = self.layout
         q, v = self.start.q.copy(), np.zeros(layout.n)
+        given: dict[int, float] = {}
         for name, value in values.items():
             symbol = name.removesuffix("_dot")
             if symbol not in layout.symbols:
@@ -238,16 +239,28 @@ class Crane:
                     "coordinate", name, [*layout.symbols, *(f"{c}_dot" for c in layout.symbols)]
                 )
             i = layout.index(symbol)
-            unit = layout.units[i]
             if name == symbol:
-                low, high = self.lower[i], self.upper[i]
-                if i in self.swings:
-                    low, high = max(low, -_LARGEST_SWING), min(high, _LARGEST_SWING)
-                q[i] = within(f"{name} at the start", value, low, high, unit)
+                given[i] = value
             else:
-                v[i] = number(f"{name} at the start", value, f"{unit}/s")
+                v[i] = number(f"{name} at the start", value, f"{layout.units[i]}/s")
+        # Drives first: where a swing joint hangs depends on them.
+        for i in sorted(given, key=lambda i: i in self.swings):
+            low, high = self._start_range(i, q)
+            name = f"{layout.symbols[i]} at the start"
+            q[i] = within(name, given[i], low, high, layout.units[i])
         swinging = any(layout.symbols[i] in values for i in layout.passive)
         return State(q if swinging else self.resting(q), v)
+
+    def _start_range(self, joint: int, q: np.ndarray) -> tuple[float, float]:
+        """Return the range in which a joint may start [rad or m]: its range in the URDF, and less
+        than 90° of swing from where the load hangs with the drives as in q.
+        """
+        low, high = float(self.lower[joint]), float(self.upper[joint])
+        if joint not in self.swings or not self.rest.hangs:
+            return low, high
+        swing = self.swings.tolist().index(joint)
+        hanging = float(self.rest.angle[swing] + self.rest.slope[swing] @ q[self.layout.drives])
+        return max(low, hanging - _LARGEST_SWING), min(high, hanging + _LARGEST_SWING)
 
     def resting(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates of `hanging`, or q itself, shape (n,), for a mechanism whose
@@ -264,13 +277,21 @@ class Crane:
             ModelError: If there is no rest near q within the joint ranges.
         """
         q = finite("coordinates", q, (self.layout.n,))
-        q = solve_rest(self.model, self.data, self.springs, self.layout.passive, q)
-        if not ((q >= self.lower) & (q <= self.upper))[self.layout.passive].all():
-            raise ModelError(
-                "This crane does not hang at rest within the ranges of its joints near "
-                f"{q.tolist()}."
-            )
-        return q
+        at_rest = solve_rest(self.model, self.data, self.springs, self.layout.passive, q)
+        for i in self.layout.passive.tolist():
+            joint, low, high = self.layout.joints[i], self.lower[i], self.upper[i]
+            if np.isnan(at_rest[i]):
+                raise ModelError(
+                    "This crane does not hang at rest: no posture in which gravity and springs "
+                    f"balance was found from {self.layout.symbols[i]} = {q[i]:.6g} {joint.unit} on."
+                )
+            if not low <= at_rest[i] <= high:
+                raise ModelError(
+                    "This crane does not hang at rest within the ranges of its joints: "
+                    f"{joint.name} would be at {at_rest[i]:.6g} {joint.unit}, its range is "
+                    f"{low:.6g} to {high:.6g} {joint.unit}."
+                )
+        return at_rest
 
     @cached_property
     def rest(self) -> Rest:

@@ -66,12 +66,25 @@ weighed that."""
 class _Options(NamedTuple):
     """Options of `load_crane` that a URDF does not contain."""
 
-    gravity: float
+    gravity: float | None = None
     joints: Mapping[str, str] | None = None
     driven: Sequence[str] | None = None
     payload: str | None = None
     check_axes: bool = True
     assumptions: tuple[str, ...] = ()
+
+    def in_gravity(self, of_file: float | None, path: Path) -> _Options:
+        """Return the options with the gravity of a file [m/s²] where none was given.
+
+        Raises:
+            OutOfRange: If that is not positive.
+        """
+        if self.gravity is not None or of_file is None:
+            return self
+        allowed = "> 0; give another by gravity=, or --gravity"
+        if not of_file > 0.0:
+            raise OutOfRange(f"gravity along -Z of {path}", of_file, allowed, "m/s²")
+        return self._replace(gravity=of_file)
 
 
 def load_crane(
@@ -100,7 +113,8 @@ def load_crane(
         from_record: A Parquet file of a run, an identified twin (``.json``), or the `record` of a
             run, which contains the whole crane. The looks of this project's crane are made again,
             the looks of other cranes are not kept.
-        gravity: Gravity [m/s²] along -Z; None for standard gravity.
+        gravity: Gravity [m/s²] along -Z; None for that of an MJCF, for any other file standard
+            gravity.
         joints: Names of joints by role, for example ``{"slew": "base_yaw"}``; None for the names in
             the tower crane of this project. See `cranedyn.model.layout.ROLES`.
         driven: Names of the driven joints, for a URDF that gives no joint a drive by
@@ -141,8 +155,9 @@ def load_crane(
         if isinstance(from_record, Mapping):
             return _from_record(from_record, Path("the record"))
         return _from_record(read_record(from_record), Path(from_record))
-    g = STANDARD_GRAVITY if gravity is None else number("gravity", gravity, "m/s²", "> 0")
-    options = _Options(g, joints, driven, payload, check_axes)
+    if gravity is not None:
+        gravity = number("gravity", gravity, "m/s²", "> 0")
+    options = _Options(gravity, joints, driven, payload, check_axes)
     if machine is not None:
         if urdf is not None:
             raise OutOfRange("machine", f"{machine!r} beside urdf", "one of both")
@@ -172,7 +187,9 @@ def _foreign_crane(
     """Return the crane of a foreign URDF or MJCF, completed."""
     robot, notes = parse_urdf(text, path), list[str]()
     if robot.tag == "mujoco":
-        robot, notes = read_mjcf(robot, path)
+        foreign = read_mjcf(robot, path)
+        robot, notes = foreign.robot, foreign.notes
+        options = options.in_gravity(foreign.gravity, path)
     check_urdf(robot, path)
     notes += complete_limits(robot, options.driven)
     if not (swing or notes):
@@ -213,7 +230,8 @@ def _crane(
     model = _build(skeleton(robot), path)
     check_joints(model, path)
     names = joint_names(model)
-    model.gravity.linear = np.array([0.0, 0.0, -options.gravity])
+    gravity = STANDARD_GRAVITY if options.gravity is None else options.gravity
+    model.gravity.linear = np.array([0.0, 0.0, -gravity])
     model.armature = read_armature(robot, names)
     load = payload_index(model, options.payload, path)
     driven = driven_joints(robot, names, options.driven, path)
@@ -243,7 +261,7 @@ def _crane(
         points=points,
         record={
             "urdf": bare(robot),
-            "gravity": options.gravity,
+            "gravity": gravity,
             "joints": {joint.role: joint.name for joint in joints if joint.role},
             "driven": [joint.name for joint in layout.driven],
             "payload": joints[load].name,

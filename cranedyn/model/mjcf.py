@@ -1,180 +1,404 @@
-"""A crane in MuJoCo's format, MJCF, as a URDF of its joints and masses."""
+"""A crane in MuJoCo's format, MJCF, as MuJoCo's own compiler understands it.
+
+MJCF has defaults, frames, replicas, units and rules for inertia that no other reader knows in full.
+So the file is compiled by MuJoCo, in a process of its own (`cranedyn.model.mjcf_compiler`), and the
+compiled model becomes a URDF: a link for each body, and a chain of joints where a body has several.
+Accelerations of that URDF by Pinocchio are then compared with those that MuJoCo computes: a file
+that holds anything which is not carried over is refused, whatever it is.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+import subprocess
+import sys
+import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.errors import ModelError, OutOfRange, printable, quoted
+from cranedyn.data.files import read_text
+from cranedyn.errors import CraneError, ModelError, OutOfRange, printable, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT
-from cranedyn.model.urdf import are_numbers, inertial_element, numbers_text, set_placement
+from cranedyn.model.foreign import ForeignModel
+from cranedyn.model.urdf import inertial_element, numbers_text, parse_urdf, set_placement, skeleton
 
-_READ = ("compiler", "default", "worldbody", "body", "joint", "freejoint", "geom", "inertial")
-"""Elements that say where bodies are, how they move and what they weigh."""
+_PROGRAM = Path(__file__).with_name("mjcf_compiler.py")
 
-_ACTING = ("tendon", "equality")
-"""Elements with forces of their own."""
+_MEMORY = 4_000_000_000
+"""Largest address space of MuJoCo's compiler [byte]."""
 
-_FILES = ("plane", "hfield", "mesh")
-"""Shapes without a mass, or with that of another file."""
+_CPU_TIME = 60
+"""Longest processor time of MuJoCo's compiler [s]."""
 
-_NUMBERS = frozenset(
-    "mass density pos quat euler axisangle xyaxes zaxis axis range size fromto damping armature "
-    "frictionloss stiffness diaginertia fullinertia".split()
-)
-"""Attributes that hold numbers: the parser takes a text for zero."""
+_WALL_TIME = 120.0
+"""Longest time that MuJoCo's compiler may take [s]."""
 
-_ABSENT = ("frictionloss", "stiffness")
-"""Properties of joints that are not carried over."""
+_MOST_INCLUDED = 100
+"""Number of files that one model may include."""
 
-_LIGHT = {"pos": "0 0 0", "mass": "1e-6", "diaginertia": "1e-9 1e-9 1e-9"}
-"""Body between two joints of one body [kg, kg m²]: other programs drop a link without."""
+_FOLDERS = ("meshdir", "texturedir", "assetdir")
+"""Attributes of ``<compiler>`` that name folders."""
 
-_REACH = {"prismatic": 1e3, "revolute": math.pi}
-"""Range to either side of a joint without one [m or rad]."""
+_SLIDE_REACH = 1e3
+"""Range to either side of a slide without one [m]."""
 
 _EFFORT = 1e6
-"""Largest effort of a joint without a limit [N or N m]."""
+"""Largest effort of a drive without a limit [N or N m]."""
+
+_AGREEMENT = 1e-7
+"""Largest difference from MuJoCo's accelerations, as a share of the largest of them: round-off of
+two algorithms on masses that differ by up to 10⁷."""
 
 
-def read_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str]]:
-    """Return the URDF of an MJCF model: a link for each body that moves, without looks.
+def read_mjcf(root: ET.Element, path: Path) -> ForeignModel:
+    """Return the model of an MJCF file as a URDF.
 
-    A ball joint becomes two revolute joints, about X and then Y of its body, since a rope does not
-    turn its load. The joints of actuators are driven. No other file is read.
+    Bodies, inertias, joints, ranges, damping, armature, springs, dry friction, the efforts of
+    actuators, gravity and the start come from the model that MuJoCo compiles. The joints of
+    actuators are driven. A ball joint becomes two hinges, about X and then Y of its body, since a
+    rope does not turn its load.
 
     Args:
-        root: Root of the MJCF.
-        path: File for error messages.
-
-    Returns:
-        The URDF, and a note on each assumption.
+        root: Root of the file, already parsed.
+        path: The file; it and the files that it names must be in one folder.
 
     Raises:
-        OutOfRange: If a number is none, or a joint has friction or a spring.
-        ModelError: If Pinocchio cannot read it, or a joint has several degrees of freedom.
+        ModelError: If MuJoCo refuses the file, if a crane cannot be what it describes (free bodies,
+            tendons with forces, equality constraints, actuators on anything but a joint, a load
+            that stands on something), or if a file is named outside of its folder.
+        OutOfRange: If gravity does not point along -Z.
+        CraneError: If MuJoCo is not installed.
     """
-    if root.find(".//include") is not None:
-        raise ModelError(f"{path} includes other files; merge them into one (mj_saveLastXML).")
-    notes = [
-        f"What acts by <{tag}> is left out." for tag in _ACTING if len(root.findall(f"{tag}/*"))
-    ]
-    for element in root.iter():
-        for name in _NUMBERS & element.attrib.keys():
-            if not are_numbers(element.get(name, "").split()):
-                raise OutOfRange(
-                    f"{name} of {element.tag} in {path}", repr(element.get(name)), "decimal numbers"
-                )
-            if name in _ABSENT and float(element.get(name, "")) != 0.0:
-                raise OutOfRange(f"{name} of a joint in {path}", element.get(name), "0")
-    bodies = ET.Element("mujoco", model=root.get("model", "crane"))
-    bodies.extend([_moving(child, notes) for child in root if child.tag in _READ])
-    model = _build(bodies, path)
-    driven = {
-        actuator.get("joint", "") for group in root.iterfind("actuator") for actuator in group
-    }
-    return _as_urdf(model, driven, notes, path), notes
+    _check_files(root, path)
+    model = _compiled(path)
+    robot = _Converter(model, path).robot()
+    notes = [printable(note) for note in model["notes"]]
+    notes += _drive_notes(model)
+    _compare(robot, model, path)
+    return ForeignModel(robot, _gravity(model, path), notes)
 
 
-def _moving(element: ET.Element, notes: list[str]) -> ET.Element:
-    """Return an element with the children that matter for the dynamics, and one joint a body."""
-    copy = innermost = ET.Element(element.tag, element.attrib)
-    for i, joint in enumerate(_single_joints(element, notes)):
-        if i:
-            ET.SubElement(innermost, "inertial", _LIGHT)
-            notes.append(f"A body of {_LIGHT['mass']} kg is above {joint.get('name')}.")
-            innermost = ET.SubElement(innermost, "body", name=f"{joint.get('name')}_body")
-        innermost.append(joint)
-    for child in element:
-        if child.tag == "geom" and child.get("type") in _FILES:
-            if child.get("type") == "mesh" and "0" not in (child.get("density"), child.get("mass")):
-                notes.append(f"The mesh of {quoted(element.get('name', 'world'))} weighs nothing.")
-        elif child.tag in _READ and child.tag != "joint":
-            innermost.append(_moving(child, notes))
-    return copy
+def _check_files(root: ET.Element, path: Path) -> None:
+    """Check that a model names no file outside of its folder, nor do the files that it includes.
+
+    Raises:
+        ModelError: If one does, or too many files are included.
+        DataError: If an included file cannot be read.
+    """
+    home = path.resolve().parent
+    waiting, seen = [(root, path)], {path.resolve()}
+    while waiting:
+        element_root, source = waiting.pop()
+        folders = [
+            compiler.get(name, "")
+            for compiler in element_root.iter("compiler")
+            for name in _FOLDERS
+            if compiler.get(name)
+        ]
+        for element in element_root.iter():
+            for name, value in element.attrib.items():
+                if not (name.startswith("file") or name in _FOLDERS) or not value:
+                    continue
+                for folder in ["", *folders]:
+                    if not (home / folder / value).resolve().is_relative_to(home):
+                        raise ModelError(
+                            f"{source} names {quoted(value)}, which is outside of its folder; put "
+                            "all files of the model in one folder, or folders in it."
+                        )
+            if element.tag not in ("include", "model") or not element.get("file"):
+                continue
+            included = (home / element.get("file", "")).resolve()
+            if included in seen:
+                continue
+            seen.add(included)
+            if len(seen) > _MOST_INCLUDED:
+                raise ModelError(f"{path} includes more than {_MOST_INCLUDED} files.")
+            waiting.append((parse_urdf(read_text(included), included), included))
 
 
-def _single_joints(body: ET.Element, notes: list[str]) -> list[ET.Element]:
-    """Return the joints of a body in their order, two hinges for a ball."""
-    joints = []
-    for joint in body.iterfind("joint"):
-        if joint.get("type") != "ball":
-            joints.append(joint)
-            continue
-        name = joint.get("name", f"{body.get('name', 'ball')}_joint")
-        notes.append(f"The ball joint {quoted(name)} turns about X, then Y, not about Z.")
-        for letter, axis in (("x", "1 0 0"), ("y", "0 1 0")):
-            attributes = joint.attrib | {"name": f"{name}_{letter}", "type": "hinge", "axis": axis}
-            attributes.pop("range", None)
-            joints.append(ET.Element("joint", attributes))
-    return joints
-
-
-def _build(bodies: ET.Element, path: Path) -> pin.Model:
-    import tempfile  # it takes long, and few runs need it
-
+def _compiled(path: Path) -> dict[str, Any]:
+    """Return what MuJoCo's compiler makes of a file, see `cranedyn.model.mjcf_compiler`."""
+    arguments = [str(path.resolve()), str(_MEMORY), str(_CPU_TIME)]
+    # MuJoCo writes its log into the current folder. -P: nothing there is imported.
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "crane.xml"
-        ET.ElementTree(bodies).write(file, encoding="unicode")
         try:
-            return pin.buildModelFromMJCF(str(file))
-        except (ValueError, RuntimeError) as error:
-            text = printable(str(error).strip().splitlines()[-1].rstrip("."))
-            raise ModelError(f"{path} is not an MJCF that can be loaded: {text}.") from error
-
-
-def _as_urdf(model: pin.Model, driven: set[str], notes: list[str], path: Path) -> ET.Element:
-    """Return a URDF with a link for each joint of a model."""
-    robot = ET.Element("robot", name=model.name or "crane")
-    ET.SubElement(robot, "link", name="world")
-    control = ET.SubElement(robot, "ros2_control", name="drives", type="system")
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    for i, name in enumerate(list(model.names)[1:], start=1):
-        joint = model.joints[i]
-        if (joint.nq, joint.nv) != (1, 1):
-            raise ModelError(
-                f"{path} has {quoted(name)}, which moves in {joint.nv} directions; allowed are "
-                "slide, hinge and ball joints."
+            done = subprocess.run(
+                [sys.executable, "-P", str(_PROGRAM), *arguments],
+                cwd=folder,
+                capture_output=True,
+                timeout=_WALL_TIME,
+                check=False,
             )
-        jacobian = pin.getJointJacobian(model, data, i, pin.LOCAL).reshape(6, model.nv)
-        linear, angular = jacobian[:3, i - 1], jacobian[3:, i - 1]
-        kind, axis = (
-            ("revolute", angular) if np.linalg.norm(angular) > 0.5 else ("prismatic", linear)
+        except subprocess.TimeoutExpired:
+            raise ModelError(
+                f"{path} cannot be loaded: MuJoCo needs more than {_WALL_TIME:g} s to compile it."
+            ) from None
+    lines = done.stdout.decode("utf-8", "replace").splitlines()
+    try:
+        found = json.loads(lines[-1]) if lines else {}
+    except ValueError:
+        found = {}
+    if found.get("missing"):
+        raise CraneError(
+            f"{path} is an MJCF, which MuJoCo reads, and MuJoCo is not installed: pip install "
+            "'cranedyn[mujoco]'."
         )
-        element = ET.SubElement(robot, "joint", name=name, type=kind)
-        above = model.parents[i]
-        ET.SubElement(element, "parent", link=f"{model.names[above]}_link" if above else "world")
-        ET.SubElement(element, "child", link=f"{name}_link")
-        set_placement(element, model.jointPlacements[i])
-        ET.SubElement(element, "axis", xyz=numbers_text(axis))
-        _add_limits(element, model, i - 1, name in driven, notes)
-        link = ET.SubElement(robot, "link", name=f"{name}_link")
-        link.append(inertial_element(model.inertias[i]))
-        if name in driven:
-            drive = ET.SubElement(control, "joint", name=name)
-            ET.SubElement(drive, "command_interface", name="effort")
-    return robot
+    if "error" in found:
+        reason = printable(" ".join(str(found["error"]).split()).rstrip("."))
+        raise ModelError(f"{path} is not a crane in MJCF: {reason}.")
+    if "model" not in found:
+        raise ModelError(
+            f"{path} cannot be loaded: MuJoCo's compiler broke off, or needs more than "
+            f"{_MEMORY / 1e9:g} GB of memory or {_CPU_TIME} s."
+        )
+    model: dict[str, Any] = found["model"]
+    return model
 
 
-def _add_limits(
-    element: ET.Element, model: pin.Model, i: int, driven: bool, notes: list[str]
-) -> None:
-    name, kind = element.get("name", ""), element.get("type", "")
-    low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])
-    if not (math.isfinite(low) and math.isfinite(high)):
-        low, high = -_REACH[kind], _REACH[kind]
-        unit = "m" if kind == "prismatic" else "rad"
-        notes.append(f"{name} has no range; {low:g} to {high:g} {unit} are taken.")
-    effort = float(model.effortLimit[i])
-    if driven and not math.isfinite(effort):
-        notes.append(f"{name} has no largest effort; {_EFFORT:g} are taken.")
-    effort = min(effort, _EFFORT)
-    limits = {"lower": low, "upper": high, "effort": effort, "velocity": NO_RATE_LIMIT}
-    dynamics = {"damping": float(model.damping[i]), "armature": float(model.armature[i])}
-    for tag, numbers in (("limit", limits), ("dynamics", dynamics)):
-        ET.SubElement(element, tag, {key: repr(value) for key, value in numbers.items()})
+def _gravity(model: dict[str, Any], path: Path) -> float:
+    """Return gravity along -Z [m/s²], 0 where the file switches it off.
+
+    Raises:
+        OutOfRange: If it points elsewhere.
+    """
+    along_x, along_y, along_z = model["gravity"]
+    if along_x or along_y or along_z > 0.0:
+        vector = f"{along_x:g} {along_y:g} {along_z:g}"
+        raise OutOfRange(f"gravity of {path}", vector, "a vector along -Z of the world", "m/s²")
+    return abs(float(along_z))
+
+
+def _drive_notes(model: dict[str, Any]) -> list[str]:
+    """Return a note on each drive whose effort the file does not state as a crane has it."""
+    notes = []
+    for joint in model["joints"]:
+        drive, unit = joint["drive"], "N" if joint["slides"] else "N m"
+        if drive is None:
+            continue
+        name = printable(joint["name"])
+        low, high = drive["low"], drive["high"]
+        if not (math.isfinite(low) and math.isfinite(high)):
+            notes.append(f"{name} has no largest effort in the file; {_EFFORT:g} {unit} are taken.")
+        elif low != -high:
+            largest = max(abs(low), abs(high))
+            notes.append(
+                f"The actuator of {name} exerts {low:g} to {high:g} {unit}; ±{largest:g} {unit} "
+                "are taken."
+            )
+        if drive["kinds"]:
+            notes.append(
+                f"{name} is moved by {drive['kinds'][0]} in the file; here its drive does what "
+                "the controller commands."
+            )
+    return notes
+
+
+class _Converter:
+    """Converter of a compiled model to a URDF.
+
+    A joint of MuJoCo turns its body about an anchor by its coordinate less the reference value at
+    which the body is where the file places it. A link has its origin at the anchor of its joint.
+    """
+
+    def __init__(self, model: dict[str, Any], path: Path) -> None:
+        self._model, self._path = model, path
+        self._robot = ET.Element("robot", name=printable(model["name"] or "crane"))
+        self._control = ET.SubElement(self._robot, "ros2_control", name="drives", type="system")
+        self._names = {joint["name"] for joint in model["joints"]}
+        # Name of the link that a body is, and where the frame of the body is in that link.
+        self._links: list[tuple[str, pin.SE3]] = []
+
+    def robot(self) -> ET.Element:
+        """Return the URDF."""
+        by_body: dict[int, list[dict[str, Any]]] = {}
+        for joint in self._model["joints"]:
+            by_body.setdefault(joint["body"], []).append(joint)
+        for index, body in enumerate(self._model["bodies"]):
+            if index == 0:
+                name = self._new_name("world")
+                self._links.append((name, pin.SE3.Identity()))
+                self._link(name, body, pin.SE3.Identity(), index)
+            else:
+                self._add_body(index, body, by_body.get(index, []))
+        return self._robot
+
+    def _add_body(self, index: int, body: dict[str, Any], joints: list[dict[str, Any]]) -> None:
+        parent, frame = self._links[body["parent"]]
+        placement = frame * _pose(body["position"], body["quaternion"])
+        name = self._new_name(body["name"])
+        if not joints:
+            joint = self._joint(f"{name}_fixed", "fixed", parent, name)
+            set_placement(joint, placement)
+            in_link = pin.SE3.Identity()
+        for k, description in enumerate(joints):
+            child = name if k == len(joints) - 1 else self._new_name(f"{name}_{k + 1}")
+            anchor = pin.SE3(np.eye(3), np.array(description["position"], dtype=float))
+            self._add_joint(description, parent, child, placement * anchor)
+            if k < len(joints) - 1:
+                ET.SubElement(self._robot, "link", name=child)
+            parent, placement = child, anchor.inverse()
+            in_link = placement
+        self._links.append((name, in_link))
+        self._link(name, body, in_link, index)
+
+    def _add_joint(
+        self, description: dict[str, Any], parent: str, child: str, anchor: pin.SE3
+    ) -> None:
+        """Add a joint whose anchor is where its child has its origin in the reference posture."""
+        name, slides = description["name"], description["slides"]
+        axis = np.array(description["axis"], dtype=float)
+        kind = "prismatic" if slides else "revolute"
+        if description["range"] is None:
+            low, high = (-_SLIDE_REACH, _SLIDE_REACH) if slides else (None, None)
+            kind = kind if slides else "continuous"
+        else:
+            low, high = description["range"]
+        joint = self._joint(name, kind, parent, child)
+        back = -float(description["reference"]) * axis
+        step = pin.SE3(np.eye(3), back) if slides else pin.SE3(pin.exp3(back), np.zeros(3))
+        set_placement(joint, anchor * step)
+        ET.SubElement(joint, "axis", xyz=numbers_text(axis))
+        drive = description["drive"]
+        effort = 0.0
+        if drive is not None:
+            effort = max(abs(drive["low"]), abs(drive["high"]))
+            effort = effort if math.isfinite(effort) else _EFFORT
+        limits = {"effort": repr(effort), "velocity": repr(NO_RATE_LIMIT)}
+        if low is not None and high is not None:
+            limits |= {"lower": repr(float(low)), "upper": repr(float(high))}
+        ET.SubElement(joint, "limit", limits)
+        dynamics = {name: repr(description[name]) for name in ("damping", "friction", "armature")}
+        ET.SubElement(joint, "dynamics", dynamics)
+        if description["stiffness"] != 0.0:
+            block = ET.SubElement(self._robot, "gazebo", reference=name)
+            ET.SubElement(block, "springStiffness").text = repr(description["stiffness"])
+            ET.SubElement(block, "springReference").text = repr(description["slack"])
+        self._add_control(description, low, high)
+
+    def _add_control(
+        self, description: dict[str, Any], low: float | None, high: float | None
+    ) -> None:
+        """Say whether a joint is driven, and where it starts if that is within its range."""
+        control = ET.SubElement(self._control, "joint", name=description["name"])
+        if description["drive"] is not None:
+            ET.SubElement(control, "command_interface", name="effort")
+        start = float(description["start"])
+        if low is None or high is None or low <= start <= high:
+            state = ET.SubElement(control, "state_interface", name="position")
+            ET.SubElement(state, "param", name="initial_value").text = repr(start)
+
+    def _joint(self, name: str, kind: str, parent: str, child: str) -> ET.Element:
+        joint = ET.SubElement(self._robot, "joint", name=name, type=kind)
+        ET.SubElement(joint, "parent", link=parent)
+        ET.SubElement(joint, "child", link=child)
+        return joint
+
+    def _link(self, name: str, body: dict[str, Any], frame: pin.SE3, index: int) -> None:
+        """Add the link of a body, whose frame is at `frame` in the link."""
+        link = ET.SubElement(self._robot, "link", name=name)
+        if body["mass"] > 0.0:
+            principal = _pose(body["centre"], body["principal_axes"])
+            inertia = pin.Inertia(body["mass"], np.zeros(3), np.diag(body["moments"]))
+            link.append(inertial_element((frame * principal).act(inertia)))
+        for shape in self._model["shapes"]:
+            if shape["body"] == index:
+                _add_shape(link, shape, frame)
+
+    def _new_name(self, name: str) -> str:
+        """Return a name that no link or joint has yet; URDF's parsers want all to differ."""
+        while name in self._names:
+            name += "_link"
+        self._names.add(name)
+        return name
+
+
+def _pose(position: list[float], quaternion: list[float]) -> pin.SE3:
+    """Return a placement from a position [m] and a quaternion w, x, y, z."""
+    w, x, y, z = quaternion
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized(), np.array(position, dtype=float))
+
+
+def _add_shape(link: ET.Element, shape: dict[str, Any], frame: pin.SE3) -> None:
+    """Add a geom to a link: as a visual if it is shown, and as a collision if it is solid."""
+    pose = frame * _pose(shape["position"], shape["quaternion"])
+    size = shape["size"]
+    if shape["kind"] == "box":
+        parts = [("box", {"size": numbers_text(2.0 * np.array(size))}, 0.0)]
+    elif shape["kind"] == "sphere":
+        parts = [("sphere", {"radius": repr(size[0])}, 0.0)]
+    else:
+        radius, half = size[0], size[1]
+        parts = [("cylinder", {"radius": repr(radius), "length": repr(2.0 * half)}, 0.0)]
+        if shape["kind"] == "capsule":
+            parts += [("sphere", {"radius": repr(radius)}, end) for end in (half, -half)]
+    roles = [role for role, key in (("visual", "visible"), ("collision", "solid")) if shape[key]]
+    for role in roles:
+        for kind, measures, along in parts:
+            element = ET.SubElement(link, role)
+            origin = ET.SubElement(element, "origin")
+            place = pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, along]))
+            origin.set("xyz", numbers_text(place.translation))
+            origin.set("rpy", numbers_text(pin.rpy.matrixToRpy(place.rotation)))
+            geometry = ET.SubElement(element, "geometry")
+            ET.SubElement(geometry, kind, measures)
+            if role == "visual":
+                material = ET.SubElement(element, "material", name="")
+                ET.SubElement(material, "color", rgba=numbers_text(np.array(shape["colour"])))
+
+
+def _compare(robot: ET.Element, model: dict[str, Any], path: Path) -> None:
+    """Compare accelerations of the URDF, by Pinocchio, with those of MuJoCo at the same states.
+
+    Raises:
+        ModelError: If they differ.
+    """
+    rigid = pin.buildModelFromXML(skeleton(_limited(robot)))
+    names = list(rigid.names)[1:]
+    if sorted(names) != sorted(joint["name"] for joint in model["joints"]):
+        raise ModelError(f"{path} cannot be loaded: joints of it got lost.")
+    if not names:
+        return
+    order = [names.index(joint["name"]) for joint in model["joints"]]
+    columns = {
+        key: np.array([joint[key] for joint in model["joints"]], dtype=float)
+        for key in ("damping", "stiffness", "slack", "armature")
+    }
+    rigid.gravity.linear = np.array(model["gravity"], dtype=float)
+    armature = np.zeros(rigid.nv)
+    armature[order] = columns["armature"]
+    rigid.armature = armature
+    data = rigid.createData()
+    for state in model["states"]:
+        q, v, effort = (np.array(state[key], dtype=float) for key in ("q", "v", "effort"))
+        effort = effort - columns["damping"] * v - columns["stiffness"] * (q - columns["slack"])
+        arrays = [np.zeros(rigid.nv) for _ in range(3)]
+        for array, values in zip(arrays, (q, v, effort), strict=True):
+            array[order] = values
+        ours = pin.aba(rigid, data, *arrays)[order]
+        theirs = np.array(state["acceleration"], dtype=float)
+        largest = np.abs(theirs).max()
+        if not np.abs(ours - theirs).max() <= _AGREEMENT * max(largest, 1e-3):
+            raise ModelError(
+                f"{path} holds something that acts on its joints and is not read: accelerations "
+                f"differ from MuJoCo's by {np.abs(ours - theirs).max() / largest:.1e} of the "
+                "largest."
+            )
+
+
+def _limited(robot: ET.Element) -> ET.Element:
+    """Return a copy in which joints without a range have one: Pinocchio gives a continuous joint
+    two coordinates.
+    """
+    copy = ET.fromstring(ET.tostring(robot))
+    for joint in copy.iterfind("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") == "continuous" and limit is not None:
+            joint.set("type", "revolute")
+            limit.set("lower", repr(-math.pi))
+            limit.set("upper", repr(math.pi))
+    return copy

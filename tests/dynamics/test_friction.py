@@ -146,9 +146,7 @@ def test_a_batch_of_cranes_with_friction_moves_as_each_alone(crane: Crane) -> No
         crane, controller, start=starts, duration=2.0, dt=1e-3, control_period=1e-2, record=1
     )
     for i, start in enumerate(starts):
-        run = simulate(
-            crane, controller, start=start, duration=2.0, dt=1e-3, control_period=1e-2
-        )
+        run = simulate(crane, controller, start=start, duration=2.0, dt=1e-3, control_period=1e-2)
         assert np.abs(batch.q[i] - run.q).max() < 1e-9
 
 

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 from cranedyn.controllers import lqr
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.dynamics.validity import events
-from cranedyn.errors import ModelError
-from cranedyn.interfaces import EngineName
+from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.interfaces import EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hanging_reference, hold
@@ -201,7 +201,13 @@ def test_the_swing_of_a_run_counts_from_where_the_load_hangs() -> None:
     controller = lqr(crane, hanging_reference(crane, hold(crane), 1.0))
     batch = simulate_batch(crane, controller, hold(crane), start=[crane.start] * 2, duration=1.0)
     assert (batch.peak_swing < 1e-12).all()  # rounding; the joint is at -0.6 rad
-    start = crane.state(luff=0.6, swing_out=-0.6 + 1.6, swing_side=0.0)
+    with pytest.raises(
+        OutOfRange, match=r"swing_out at the start is 1.0 rad; allowed is .* to 0.97"
+    ):
+        crane.state(luff=0.6, swing_out=-0.6 + 1.6, swing_side=0.0)
+    q = crane.state(luff=0.6, swing_side=0.0).q.copy()
+    q[crane.layout.index("swing_out")] = -0.6 + 1.6
+    start = State(q, np.zeros(crane.layout.n))
     run = simulate(
         crane, controller, hold(crane), start=start, duration=0.1, validity="mark", engine=FAST
     )

@@ -20,9 +20,11 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import pinocchio as pin
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
+import pytest
 import trimesh
 
 from cranedyn.controllers import hold_controller
@@ -46,6 +48,7 @@ from cranedyn.sweep import grid, results, sweep
 from experiments import a1, a2, a3, harness, report
 from experiments.harness.document import read_document
 from tests.helpers import RESULT
+from tests.model.mjcf_models import random_model
 from tests.studies import squares
 from tests.system.fuzz.api import namespace
 from tests.system.fuzz.core import NUMBERS, Broken, Generator, check_line, outcome
@@ -145,6 +148,37 @@ def _use_crane(path: Path) -> None:
         warnings.simplefilter("error", RuntimeWarning)
         rates = acceleration(crane, crane.start, np.zeros(crane.layout.m))
         check_finite("a crane", rates, energy(crane, crane.start))
+
+
+@cache
+def _mujoco_models() -> dict[str, bytes]:
+    pytest.importorskip("mujoco", reason="extra mujoco is not installed")
+    return {f"model{seed}.xml": random_model(seed).encode() for seed in range(10)}
+
+
+def _use_mujoco_model(path: Path) -> None:
+    """Load a model, and compare its mass matrix and ranges with those of MuJoCo."""
+    import mujoco
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        crane = load_crane(path)
+        check_finite("a crane", acceleration(crane, crane.start, np.zeros(crane.layout.m)))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, theirs = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    at = [model.joint(joint.name).id for joint in crane.layout.joints]
+    data.qpos[at] = crane.start.q
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, theirs)
+    theirs = theirs[np.ix_(at, at)]
+    ours = pin.crba(crane.model, crane.data, crane.start.q)
+    ours = np.triu(ours) + np.triu(ours, 1).T
+    if len(at) != model.nv or np.abs(ours - theirs).max() > 1e-7 * np.abs(theirs).max():
+        raise Broken("a model was read whose mass is not that of MuJoCo", (ours, theirs))
+    limited = model.jnt_limited[at].astype(bool)
+    ranges = np.array([crane.lower, crane.upper]).T
+    if not np.array_equal(ranges[limited], model.jnt_range[at][limited]):
+        raise Broken("a model was read whose ranges are not those of MuJoCo", ranges)
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -389,6 +423,7 @@ def _named(name: str, content: bytes) -> Callable[[], dict[str, bytes]]:
 
 GENERATORS = [
     edits_of("crane", _cranes, _use_crane),
+    edits_of("MJCF", _mujoco_models, _use_mujoco_model),
     edits_of("CSV", _csv, _use_table),
     edits_of("Parquet", _parquet, _use_table),
     edits_of("signals", _signals, _analyse),

@@ -1,0 +1,525 @@
+"""Program that compiles an MJCF file by MuJoCo and prints what a crane needs of it.
+
+    python mjcf_compiler.py FILE MEMORY CPU_TIME
+
+MuJoCo's compiler is written in C++, and a file of a stranger may ask it for any amount of memory or
+time. So `cranedyn.model.mjcf` runs it in a process of its own, which limits its memory [byte] and
+its processor time [s] first. It imports nothing of this package.
+
+The last line of the output is JSON: {"model": …}, see `describe_model`; {"error": sentence} where
+MuJoCo refuses the file or a crane cannot be what it describes; or {"missing": true} where MuJoCo is
+not installed.
+
+A ball joint is replaced by two hinges about X and Y of its body before the model is compiled: a
+rope does not turn its load, and a crane has one coordinate a joint.
+"""
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+_STATES = 3
+"""Number of random states at which MuJoCo's accelerations are printed, for comparison."""
+
+_RATES = (1.0, -1.0, 3.0)
+"""Rates at which the damping of a joint must be proportional to its rate [rad/s or m/s]."""
+
+_LINEAR = 1e-9
+"""Relative deviation from that proportionality which is round-off."""
+
+_CARRYING = 0.5
+"""Vertical component of the normal of a contact from which on it carries a body."""
+
+_FREE_SLIDE = 1.0
+"""Displacement at which a slide without a range is compared [m]."""
+
+
+class Refused(Exception):
+    """A file that describes what a crane cannot be."""
+
+
+def limit_resources(memory: int, cpu_time: int) -> None:
+    """Limit memory [byte] and processor time [s] of this process, where the system can."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_time, cpu_time + 1))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def read_spec(mujoco: Any, path: Path) -> tuple[Any, list[str]]:
+    """Return the specification of a model in which hinges have taken the place of ball joints, and
+    a note on each of them.
+
+    Raises:
+        Refused: If a ball joint is not the last joint of its body.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    balls = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_BALL]
+    notes = []
+    for joint in balls:
+        body = joint.parent
+        label = joint.name or f"{body.name or 'ball'}_joint"
+        is_last = joint.name == body.joints[-1].name
+        if not is_last or (len(body.joints) > 1 and not joint.name):
+            raise Refused(
+                f"the ball joint {label} is followed by other joints of its body; give these a "
+                "body of their own"
+            )
+        second = body.add_joint(
+            name=f"{label}_y",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=[0.0, 1.0, 0.0],
+            pos=joint.pos,
+            damping=joint.damping,
+            armature=joint.armature,
+            frictionloss=joint.frictionloss,
+            stiffness=joint.stiffness,
+            limited=joint.limited,
+        )
+        reach = float(joint.range[1])
+        joint.name = f"{label}_x"
+        joint.type = mujoco.mjtJoint.mjJNT_HINGE
+        joint.axis = [1.0, 0.0, 0.0]
+        joint.range = [-reach, reach]
+        second.range = [-reach, reach]
+        notes.append(f"The ball joint {label} turns about X, then Y, not about Z.")
+    if balls and spec.keys:
+        for key in list(spec.keys):
+            spec.delete(key)
+        notes.append("Keyframes are left out, since ball joints have other coordinates in them.")
+    return spec, notes
+
+
+def refuse_what_no_crane_is(mujoco: Any, model: Any) -> list[str]:
+    """Check that a model is a tree of slides and hinges without other forces; return notes on what
+    is left out without changing its motion.
+
+    Raises:
+        Refused: If it is none.
+    """
+    notes = []
+    names = Names(mujoco, model)
+    for joint in range(model.njnt):
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            body = names.body(int(model.jnt_bodyid[joint]))
+            raise Refused(
+                f"the body {body} is free and moves in 6 directions; the bodies of a crane hang "
+                "on slides, hinges and ball joints"
+            )
+    for tendon in range(model.ntendon):
+        acts = (
+            model.tendon_stiffness[tendon] != 0.0
+            or model.tendon_stiffnesspoly[tendon].any()
+            or model.tendon_damping[tendon] != 0.0
+            or model.tendon_dampingpoly[tendon].any()
+            or model.tendon_frictionloss[tendon] != 0.0
+            or model.tendon_armature[tendon] != 0.0
+            or model.tendon_limited[tendon]
+        )
+        name = names.of("mjOBJ_TENDON", tendon)
+        if acts:
+            raise Refused(
+                f"the tendon {name} exerts forces; say the rope as a slide or hinge with its "
+                "stiffness and damping"
+            )
+        notes.append(f"The tendon {name} exerts no force and is left out.")
+    for equality in range(model.neq):
+        name = names.of("mjOBJ_EQUALITY", equality)
+        if model.eq_active0[equality]:
+            raise Refused(
+                f"the equality constraint {name} couples bodies or joints; a crane is a tree whose "
+                "joints move by themselves"
+            )
+        notes.append(f"The equality constraint {name} is not active and is left out.")
+    if model.nflex:
+        raise Refused("it has deformable bodies (<flex>); a crane has rigid bodies")
+    if (model.body_plugin >= 0).any():
+        raise Refused("a plugin exerts forces on a body")
+    if model.body_gravcomp.any():
+        lifted = names.body(int(model.body_gravcomp.nonzero()[0][0]))
+        raise Refused(f"the weight of the body {lifted} is compensated (gravcomp); leave it out")
+    if model.opt.density != 0.0 or model.opt.viscosity != 0.0:
+        raise Refused(
+            f"its bodies move in a medium of density {model.opt.density:g} and viscosity "
+            f"{model.opt.viscosity:g} (<option>); set both to 0, and give wind to the simulation"
+        )
+    if (model.jnt_springyield > 0.0).any():
+        raise Refused("a spring of a joint yields (springyield); leave it out")
+    for index in range(model.nbody):
+        if model.body_mocapid[index] >= 0:
+            notes.append(f"The mocap body {names.body(index)} stands still.")
+    return notes
+
+
+class Names:
+    """Names of the parts of a model; parts without a name get one that no other part has."""
+
+    def __init__(self, mujoco: Any, model: Any) -> None:
+        self._mujoco, self._model = mujoco, model
+        self._taken = {
+            mujoco.mj_id2name(model, kind, i)
+            for kind, count in (
+                (mujoco.mjtObj.mjOBJ_BODY, model.nbody),
+                (mujoco.mjtObj.mjOBJ_JOINT, model.njnt),
+            )
+            for i in range(count)
+        }
+
+    def of(self, kind: str, index: int) -> str:
+        """Return the name of a part, or its number."""
+        name = self._mujoco.mj_id2name(self._model, getattr(self._mujoco.mjtObj, kind), index)
+        return name or f"number {index + 1}"
+
+    def body(self, index: int) -> str:
+        """Return the name of a body."""
+        name = self._mujoco.mj_id2name(self._model, self._mujoco.mjtObj.mjOBJ_BODY, index)
+        return name or self._new(f"body_{index}")
+
+    def joint(self, index: int) -> str:
+        """Return the name of a joint."""
+        name = self._mujoco.mj_id2name(self._model, self._mujoco.mjtObj.mjOBJ_JOINT, index)
+        return name or self._new(f"{self.body(int(self._model.jnt_bodyid[index]))}_joint_{index}")
+
+    def _new(self, name: str) -> str:
+        while name in self._taken:
+            name += "_"
+        return name
+
+
+def damping_of_joints(mujoco: Any, model: Any) -> list[float]:
+    """Return the viscous damping of each joint [N m s/rad or N s/m], that of its actuators among
+    it: what MuJoCo makes of a rate where springs are slack.
+
+    Raises:
+        Refused: If it is not proportional to the rate, or acts on another joint.
+    """
+    data = mujoco.MjData(model)
+    names = Names(mujoco, model)
+    damping = []
+    for joint in range(model.nv):
+        slopes = []
+        for rate in _RATES:
+            data.qpos[:] = model.qpos_spring
+            data.qvel[:] = 0.0
+            mujoco.mj_forward(model, data)
+            still = data.qfrc_passive.copy()
+            data.qvel[joint] = rate
+            mujoco.mj_forward(model, data)
+            change = data.qfrc_passive - still
+            slopes.append(-float(change[joint]) / rate)
+            change[joint] = 0.0
+            if change.any():
+                raise Refused(f"the damping of {names.joint(joint)} acts on another joint, too")
+        if max(slopes) - min(slopes) > _LINEAR * max(map(abs, slopes)):
+            raise Refused(
+                f"the damping of {names.joint(joint)} is not proportional to its rate; a single "
+                "number is allowed"
+            )
+        damping.append(slopes[0])
+    return damping
+
+
+class Actuation:
+    """Range of the effort that the actuators of a joint can exert, their sum.
+
+    Attributes:
+        low, high: Ends of the range [N m or N], infinite where the file states none.
+        kinds: What the actuators are, other than motors.
+    """
+
+    def __init__(self) -> None:
+        self.low = self.high = 0.0
+        self.kinds: list[str] = []
+
+
+def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, Actuation]:
+    """Return what drives each joint that an actuator moves, by the index of the joint.
+
+    Raises:
+        Refused: If an actuator acts on something else than one slide or hinge.
+    """
+    on_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    names, found = Names(mujoco, model), dict[int, Actuation]()
+    for actuator in range(model.nactuator):
+        if model.opt.disableactuator & (1 << max(int(model.actuator_group[actuator]), 0)):
+            continue
+        name = names.of("mjOBJ_ACTUATOR", actuator)
+        if int(model.actuator_trntype[actuator]) not in on_joint:
+            raise Refused(
+                f"the actuator {name} does not act on a joint; the drives of a crane move its "
+                "slides and hinges"
+            )
+        low, high, kind = _force_range(mujoco, model, actuator)
+        gear = float(model.actuator_gear[actuator, 0])
+        if gear == 0.0:
+            raise Refused(f"the gear of the actuator {name} is 0, so that it moves nothing")
+        ends = sorted((low * gear, high * gear))
+        joint = int(model.actuator_trnid[actuator, 0])
+        actuation = found.setdefault(joint, Actuation())
+        actuation.low += ends[0]
+        actuation.high += ends[1]
+        if kind:
+            actuation.kinds.append(kind)
+    for joint, actuation in found.items():
+        if model.jnt_actfrclimited[joint]:
+            low, high = model.jnt_actfrcrange[joint].tolist()
+            actuation.low = max(actuation.low, low)
+            actuation.high = min(actuation.high, high)
+    return found
+
+
+def _force_range(mujoco: Any, model: Any, actuator: int) -> tuple[float, float, str]:
+    """Return the range of the force of an actuator before its gear, and what it is if no motor."""
+    low, high, kind = -math.inf, math.inf, ""
+    fixed_gain = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+    no_bias = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+    follows = int(model.actuator_dyntype[actuator]) in (
+        int(mujoco.mjtDyn.mjDYN_NONE),
+        int(mujoco.mjtDyn.mjDYN_FILTER),
+        int(mujoco.mjtDyn.mjDYN_FILTEREXACT),
+    )
+    if not (fixed_gain and no_bias):
+        kind = "a servo of its own"
+    elif model.actuator_dyntype[actuator] != mujoco.mjtDyn.mjDYN_NONE:
+        kind = "an actuator with a lag of its own"
+    if fixed_gain and no_bias:
+        limits = None
+        if follows and model.actuator_ctrllimited[actuator]:
+            limits = model.actuator_ctrlrange[int(model.actuator_ctrladr[actuator])]
+        elif not follows and model.actuator_actlimited[actuator]:
+            limits = model.actuator_actrange[actuator]
+        if limits is not None:
+            gain = float(model.actuator_gainprm[actuator, 0])
+            low, high = sorted((gain * float(limits[0]), gain * float(limits[1])))
+    if model.actuator_forcelimited[actuator]:
+        least, largest = model.actuator_forcerange[actuator].tolist()
+        low, high = max(low, least), min(high, largest)
+    return low, high, kind
+
+
+def armature_of_joints(model: Any) -> list[float]:
+    """Return the inertia added to that of each joint [kg m² or kg], that of its actuator among
+    it.
+    """
+    armature = model.dof_armature.tolist()
+    for joint in range(model.njnt):
+        actuator = int(model.jnt_actuatorid[joint])
+        if actuator >= 0:
+            gear = float(model.actuator_gear[actuator, 0])
+            armature[joint] += gear * gear * float(model.actuator_armature[actuator])
+    return armature
+
+
+def start_of(mujoco: Any, model: Any) -> tuple[list[float], str]:
+    """Return the coordinates at which the model starts, and the name of their keyframe: the one
+    named home or start, else the first; those of the reference posture if there is none.
+    """
+    if not model.nkey:
+        return model.qpos0.tolist(), ""
+    names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_KEY, i) or "" for i in range(model.nkey)]
+    chosen = next((i for i, name in enumerate(names) if name in ("home", "start")), 0)
+    return model.key_qpos[chosen].tolist(), names[chosen] or f"number {chosen + 1}"
+
+
+def refuse_supports(mujoco: Any, model: Any, start: list[float]) -> list[str]:
+    """Check that no moving body stands on one that is fixed to the world where the model starts;
+    return notes on contacts that are not simulated.
+
+    Raises:
+        Refused: If one does: what carries it there is not simulated, so that it would fall.
+    """
+    data = mujoco.MjData(model)
+    data.qpos[:] = start
+    mujoco.mj_forward(model, data)
+    names, touching = Names(mujoco, model), list[str]()
+    for contact in data.contact:
+        geoms = [int(geom) for geom in contact.geom]
+        moves = [model.body_weldid[model.geom_bodyid[geom]] != 0 for geom in geoms]
+        if contact.dist > 0.0 or not any(moves):
+            continue
+        pair = " and ".join(names.of("mjOBJ_GEOM", geom) for geom in geoms)
+        # The normal points from the first geom to the second, which it pushes that way.
+        upward = float(contact.frame[2]) * (1.0 if moves[1] else -1.0)
+        if not all(moves) and upward > _CARRYING:
+            raise Refused(
+                f"the load is carried by a contact where the model starts, of the geoms {pair}, "
+                "and contacts between bodies are not simulated; let it hang free at the start, or "
+                "let these geoms not collide (contype=0 and conaffinity=0)"
+            )
+        touching.append(pair)
+    if touching:
+        return [
+            "Contacts between bodies are not simulated; the geoms "
+            f"{touching[0]} touch at the start."
+        ]
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    moving = model.body_weldid[model.geom_bodyid] != 0
+    if (solid & moving).any() and model.ngeom > 1:
+        return ["Contacts between bodies are not simulated; nothing touches at the start."]
+    return []
+
+
+def shapes_of(mujoco: Any, model: Any) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return the boxes, spheres, cylinders and capsules of a model, and a note on other shapes."""
+    kinds = {
+        int(mujoco.mjtGeom.mjGEOM_BOX): "box",
+        int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
+        int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
+        int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
+    }
+    shapes, left_out = [], 0
+    for geom in range(model.ngeom):
+        kind = kinds.get(int(model.geom_type[geom]))
+        if kind is None:
+            left_out += model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
+            continue
+        material = int(model.geom_matid[geom])
+        colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        shapes.append(
+            {
+                "body": int(model.geom_bodyid[geom]),
+                "kind": kind,
+                "size": model.geom_size[geom].tolist(),
+                "position": model.geom_pos[geom].tolist(),
+                "quaternion": model.geom_quat[geom].tolist(),
+                "colour": [float(component) for component in colour],
+                "visible": int(model.geom_group[geom]) <= 2 and float(colour[3]) > 0.0,
+                "solid": bool(model.geom_contype[geom] or model.geom_conaffinity[geom]),
+            }
+        )
+    notes = [f"{left_out} shapes are not drawn: meshes, ellipsoids or others."] if left_out else []
+    return shapes, notes
+
+
+def accelerations_at_random(
+    mujoco: Any, model: Any, start: list[float]
+) -> list[dict[str, list[float]]]:
+    """Return random states with efforts on all joints, and the accelerations that MuJoCo computes
+    there without actuators, limits, contacts and dry friction.
+    """
+    import random
+
+    draw = random.Random(0)
+    data = mujoco.MjData(model)
+    saved = model.opt.disableflags
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    states = []
+    for _ in range(_STATES):
+        for joint in range(model.njnt):
+            low, high = model.jnt_range[joint].tolist()
+            if not model.jnt_limited[joint]:
+                slide = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+                reach = _FREE_SLIDE if slide else math.pi
+                low, high = start[joint] - reach, start[joint] + reach
+            data.qpos[joint] = draw.uniform(low, high)
+            data.qvel[joint] = draw.gauss(0.0, 0.5)
+            data.qfrc_applied[joint] = draw.gauss(0.0, 1.0) * float(model.dof_M0[joint])
+        mujoco.mj_forward(model, data)
+        states.append(
+            {
+                "q": data.qpos.tolist(),
+                "v": data.qvel.tolist(),
+                "effort": data.qfrc_applied.tolist(),
+                "acceleration": data.qacc_smooth.tolist(),
+            }
+        )
+    model.opt.disableflags = saved
+    return states
+
+
+def describe_model(mujoco: Any, path: Path) -> dict[str, Any]:
+    """Return what a crane needs of an MJCF file: bodies, joints, drives, start, shapes, gravity,
+    notes, and accelerations for comparison, in numbers, texts and lists.
+
+    Raises:
+        Refused: If a crane cannot be what the file describes.
+    """
+    spec, notes = read_spec(mujoco, path)
+    model = spec.compile()
+    notes += refuse_what_no_crane_is(mujoco, model)
+    names = Names(mujoco, model)
+    start, keyframe = start_of(mujoco, model)
+    if keyframe:
+        notes.append(f"The start is the keyframe {keyframe} of the file.")
+    notes += refuse_supports(mujoco, model, start)
+    shapes, shape_notes = shapes_of(mujoco, model)
+    disabled = int(model.opt.disableflags)
+    bits = mujoco.mjtDisableBit
+    springs = not disabled & int(bits.mjDSBL_SPRING)
+    friction = not disabled & int(bits.mjDSBL_FRICTIONLOSS)
+    limits = not disabled & int(bits.mjDSBL_LIMIT)
+    gravity = [0.0] * 3 if disabled & int(bits.mjDSBL_GRAVITY) else model.opt.gravity.tolist()
+    damping, armature = damping_of_joints(mujoco, model), armature_of_joints(model)
+    actuation = actuation_of_joints(mujoco, model)
+    joints = []
+    for i in range(model.njnt):
+        drive = actuation.get(i)
+        joints.append(
+            {
+                "name": names.joint(i),
+                "body": int(model.jnt_bodyid[i]),
+                "slides": bool(model.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE),
+                "position": model.jnt_pos[i].tolist(),
+                "axis": model.jnt_axis[i].tolist(),
+                "reference": float(model.qpos0[i]),
+                "range": model.jnt_range[i].tolist() if limits and model.jnt_limited[i] else None,
+                "damping": damping[i],
+                "armature": armature[i],
+                "friction": float(model.dof_frictionloss[i]) if friction else 0.0,
+                "stiffness": float(model.jnt_stiffness[i]) if springs else 0.0,
+                "slack": float(model.qpos_spring[i]),
+                "start": start[i],
+                "drive": None if drive is None else vars(drive),
+            }
+        )
+    bodies = [
+        {
+            "name": names.body(i),
+            "parent": int(model.body_parentid[i]),
+            "position": model.body_pos[i].tolist(),
+            "quaternion": model.body_quat[i].tolist(),
+            "mass": float(model.body_mass[i]),
+            "centre": model.body_ipos[i].tolist(),
+            "principal_axes": model.body_iquat[i].tolist(),
+            "moments": model.body_inertia[i].tolist(),
+        }
+        for i in range(model.nbody)
+    ]
+    return {
+        "name": spec.modelname,
+        "gravity": gravity,
+        "bodies": bodies,
+        "joints": joints,
+        "shapes": shapes,
+        "notes": [*notes, *shape_notes],
+        "states": accelerations_at_random(mujoco, model, start),
+    }
+
+
+def main(path: str, memory: str, cpu_time: str) -> int:
+    """Compile a file within limits and print what it describes."""
+    limit_resources(int(memory), int(cpu_time))
+    try:
+        import mujoco
+    except ImportError:
+        print(json.dumps({"missing": True}))
+        return 0
+    try:
+        found: dict[str, Any] = {"model": describe_model(mujoco, Path(path))}
+    except Refused as error:
+        found = {"error": str(error)}
+    except MemoryError:
+        found = {"error": f"it needs more than {int(memory) / 1e9:g} GB of memory"}
+    except Exception as error:  # what MuJoCo raises has no common class
+        found = {"error": f"MuJoCo refuses it: {error}"}
+    print(json.dumps(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

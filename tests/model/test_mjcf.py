@@ -1,0 +1,401 @@
+"""MJCF means what MuJoCo says it means: masses, ranges, efforts, gravity, frequencies and motion of
+random models agree with MuJoCo's, and what no crane can be is refused by name.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import scipy
+
+from cranedyn.__main__ import main
+from cranedyn.controllers import hold_controller
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.pinocchio import natural_frequencies
+from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
+from cranedyn.interfaces import State
+from cranedyn.model import mjcf, mjcf_compiler
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.references import hold
+from cranedyn.simulation.simulate import simulate
+from tests.model.mjcf_models import random_model
+
+mujoco = pytest.importorskip("mujoco", reason="extra mujoco is not installed")
+
+STEP = 1e-3
+"""Physics step of the compared motions [s]."""
+
+CART = """<mujoco model="cart"><compiler angle="radian"/>{head}<worldbody>
+<body name="cart" pos="0 0 8"><joint name="rail" type="slide" axis="1 0 0" range="-4 4"/>
+<geom name="plate" type="box" size=".2 .2 .1" mass="60"/>
+<body name="hook"><joint name="swing" type="hinge" axis="0 1 0" range="-1.4 1.4"/>
+<geom name="ball" type="sphere" size=".1" pos="0 0 -3" mass="8"/>{below}</body></body>{beside}
+</worldbody><actuator><motor name="push" joint="rail" {motor}/></actuator>{tail}</mujoco>"""
+
+
+def cart(**parts: str) -> str:
+    """A cart with a pendulum, with further text in some places."""
+    places = dict.fromkeys(("head", "below", "beside", "motor", "tail"), "")
+    return CART.format(**{**places, **parts})
+
+
+def loaded(folder: Path, text: str, **options: Any) -> Crane:
+    path = folder / "crane.xml"
+    path.write_text(text, encoding="utf-8")
+    return load_crane(path, **options)
+
+
+def reference(folder: Path) -> tuple[Any, Any]:
+    """What MuJoCo makes of the file that was loaded last, without limits and contacts."""
+    model = mujoco.MjModel.from_xml_path(str(folder / "crane.xml"))
+    for bit in ("LIMIT", "CONTACT", "FRICTIONLOSS", "ACTUATION", "EULERDAMP"):
+        model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{bit}"))
+    model.opt.timestep = STEP
+    return model, mujoco.MjData(model)
+
+
+def order(crane: Crane, model: Any) -> list[int]:
+    """Index among MuJoCo's joints of each joint of a crane."""
+    return [model.joint(joint.name).id for joint in crane.layout.joints]
+
+
+def mass_matrix(model: Any, data: Any) -> np.ndarray:
+    matrix = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, matrix)
+    return matrix
+
+
+def compare(crane: Crane, folder: Path, seed: int) -> None:
+    """Compare a crane with the model that MuJoCo compiles of its file."""
+    model, data = reference(folder)
+    at = order(crane, model)
+    limited = model.jnt_limited[at].astype(bool)
+    assert np.array_equal(crane.lower[limited], model.jnt_range[at][limited, 0])
+    assert np.array_equal(crane.upper[limited], model.jnt_range[at][limited, 1])
+    assert crane.gravity == -model.opt.gravity[2]
+    friction = np.zeros(crane.layout.n)
+    if crane.friction is not None:
+        friction[list(crane.friction.joints)] = crane.friction.effort
+    assert np.array_equal(friction, model.dof_frictionloss[at])
+    rng = np.random.default_rng(seed)
+    for _ in range(3):
+        q = rng.uniform(-1.0, 1.0, crane.layout.n)
+        data.qpos[at] = q
+        mujoco.mj_forward(model, data)
+        theirs = mass_matrix(model, data)[np.ix_(at, at)]
+        ours = pin.crba(crane.model, crane.data, q)
+        ours = np.triu(ours) + np.triu(ours, 1).T
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+
+
+def compare_rest(crane: Crane, folder: Path) -> None:
+    """Compare the frequencies about rest with drives locked, by differences of MuJoCo's forces."""
+    model, data = reference(folder)
+    at, passive = np.array(order(crane, model)), crane.layout.passive
+    if not (len(passive) and crane.rest.hangs):
+        return
+    joints, step = at[passive], 1e-5
+    stiffness = np.zeros((len(passive), len(passive)))
+    for column, joint in enumerate(joints):
+        forces = []
+        for sign in (1.0, -1.0):
+            data.qpos[at] = crane.rest.q
+            data.qpos[joint] += sign * step
+            data.qvel[:] = 0.0
+            mujoco.mj_forward(model, data)
+            forces.append((data.qfrc_bias - data.qfrc_passive)[joints])
+        stiffness[:, column] = (forces[0] - forces[1]) / (2.0 * step)
+    data.qpos[at] = crane.rest.q
+    mujoco.mj_forward(model, data)
+    mass = mass_matrix(model, data)[np.ix_(joints, joints)]
+    squares = scipy.linalg.eigvalsh(0.5 * (stiffness + stiffness.T), mass)
+    theirs = np.sqrt(np.maximum(squares, 0.0))
+    ours = natural_frequencies(crane, crane.rest.q, passive)
+    # Differences of forces lose half of the digits.
+    np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-4 * theirs.max())
+
+
+def moved(crane: Crane, start: State) -> Trajectory:
+    """Five seconds of a crane whose drives are held from a start on."""
+    return simulate(
+        crane,
+        hold_controller(crane),
+        start=start,
+        duration=5.0,
+        dt=STEP,
+        control_period=5.0 * STEP,
+        engine="compiled",
+        validity="mark",
+    )
+
+
+def compare_motion(crane: Crane, folder: Path) -> bool:
+    """Compare 5 s of motion with MuJoCo's under the same controller; both step by semi-implicit Euler,
+    so that round-off is what differs. Dry friction, for which MuJoCo has a law of its own, is left
+    out. Return whether the motion could be compared: not where it is chaotic, so that a start moved
+    by 1e-12 ends elsewhere, or diverges.
+    """
+    crane = replace(crane, friction=None)
+    model, data = reference(folder)
+    at, drives = np.array(order(crane, model)), crane.layout.drives
+    q, nearby = crane.rest.q + 0.05, crane.rest.q + 0.05 + 1e-12
+    try:
+        run, other = (moved(crane, State(one, np.zeros(crane.layout.n))) for one in (q, nearby))
+    except RunError:
+        return False
+    if np.abs(run.q - other.q).max() > 1e-9:
+        return False
+    controller, limit = hold_controller(crane), crane.effort_limit
+    setpoint = hold(crane, State(q, np.zeros(crane.layout.n)))(0.0)
+    data.qpos[at] = run.q[0]
+    mujoco.mj_forward(model, data)
+    for t in run.t[:-1].tolist():
+        command = controller(t, State(data.qpos[at], data.qvel[at]), setpoint)
+        data.qfrc_applied[at[drives]] = np.clip(command, -limit, limit)
+        for _ in range(5):
+            mujoco.mj_step(model, data)
+    # A start moved by 1e-12 may move the end by 1e-9; each of 5,000 steps rounds by less.
+    assert np.abs(data.qpos[at] - run.q[-1]).max() < 1e-7 * max(np.abs(run.q).max(), 1.0)
+    return True
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 6, 9, 21])
+def test_a_random_model_is_what_mujoco_compiles(tmp_path: Path, seed: int) -> None:
+    crane = loaded(tmp_path, random_model(seed))
+    compare(crane, tmp_path, seed)
+    compare_rest(crane, tmp_path)
+    assert compare_motion(crane, tmp_path)
+
+
+def compiled_here(path: Path) -> dict[str, Any]:
+    """The description of a model without the process of its own, which takes most of the time."""
+    try:
+        return mjcf_compiler.describe_model(mujoco, path)
+    except (mjcf_compiler.Refused, ValueError) as error:
+        raise ModelError(f"{path}: {error}") from error
+
+
+@pytest.mark.long
+def test_500_random_models_are_what_mujoco_compiles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mjcf, "_compiled", compiled_here)
+    compared = motions = 0
+    for seed in range(1000):
+        text = random_model(seed)
+        try:
+            mujoco.MjModel.from_xml_string(text)
+        except ValueError:
+            with pytest.raises(ModelError):
+                loaded(tmp_path, text)
+            continue
+        try:
+            crane = loaded(tmp_path, text)
+        except ModelError as error:  # a random spring may hold a joint beyond its range
+            assert "does not hang at rest" in str(error)
+            continue
+        compare(crane, tmp_path, seed)
+        compare_rest(crane, tmp_path)
+        motions += compare_motion(crane, tmp_path)
+        compared += 1
+        if compared == 500:
+            break
+    assert compared == 500 and motions > 250
+
+
+PARTS: dict[str, tuple[dict[str, str], str]] = {
+    "free body": ({"beside": "<body><freejoint/><geom size='.1'/></body>"}, "free and moves in 6"),
+    "tendon": (
+        {"tail": "<tendon><fixed name='r' stiffness='5'><joint joint='swing' coef='1'/>"
+         "</fixed></tendon>"},
+        "the tendon r exerts forces",
+    ),
+    "equality": (
+        {"tail": "<equality><joint name='e' joint1='rail' joint2='swing'/></equality>"},
+        "the equality constraint e couples",
+    ),
+    "actuator on a tendon": (
+        {"tail": "<tendon><fixed name='r'><joint joint='swing' coef='1'/></fixed></tendon>"
+         "<actuator><motor name='a' tendon='r'/></actuator>"},
+        "the actuator a does not act on a joint",
+    ),
+    "load that stands": (
+        {"beside": "<geom name='floor' type='plane' size='9 9 1' pos='0 0 4.95'/>"},
+        "carried by a contact where the model starts, of the geoms floor and ball",
+    ),
+    "weightless": ({"beside": "<body gravcomp='1' pos='9 0 0'><joint name='z'/>"
+                    "<geom size='.1'/></body>"}, "weight of the body body_3 is compensated"),
+    "water": ({"head": "<option density='1000'/>"}, "medium of density 1000"),
+    "damping of higher order": (
+        {"below": "<body><joint name='k' damping='1 2'/><geom size='.1' pos='.2 0 0'/></body>"},
+        "damping of k is not proportional to its rate",
+    ),
+    "spring of higher order": (
+        {"below": "<body><joint name='k' stiffness='9 50'/><geom size='.1' pos='.2 0 0'/></body>"},
+        "something that acts on its joints and is not read",
+    ),
+    "missing default": ({"motor": "class='nope'"}, "unknown default class name 'nope'"),
+    "short fromto": (
+        {"below": "<geom type='box' fromto='0.5' size='0.1 0.2 0.3'/>"}, "does not have enough data"
+    ),
+    "text for a number": ({"motor": "gear='heavy'"}, "bad format in attribute 'gear'"),
+    "missing file": (
+        {"head": "<asset><mesh name='m' file='m.stl'/></asset>"}, "Error opening file 'm.stl'"
+    ),
+    "file elsewhere": (
+        {"head": "<asset><mesh name='m' file='../m.stl'/></asset>"}, "outside of its folder"
+    ),
+    "folder elsewhere": ({"head": "<compiler meshdir='/etc'/>"}, "names /etc, which is outside"),
+    "included file elsewhere": ({"head": "<include file='../x.xml'/>"}, "outside of its folder"),
+    "gear of nothing": ({"motor": "gear='0'"}, "gear of the actuator push is 0"),
+}  # fmt: skip
+"""What no crane is or no file may say, and the words that refuse it."""
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_what_no_crane_is_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    parts, words = PARTS[name]
+    with pytest.raises(CraneError, match=words):
+        loaded(tmp_path, cart(**parts))
+
+
+def test_gravity_that_is_not_along_minus_z_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OutOfRange, match=r"gravity of .* is 1 0 -9 m/s²; allowed is a vector"):
+        loaded(tmp_path, cart(head="<option gravity='1 0 -9'/>"))
+    floating = cart(head="<option><flag gravity='disable'/></option>")
+    with pytest.raises(OutOfRange, match=r"is 0\.0 m/s²; allowed is > 0; give another by gravity="):
+        loaded(tmp_path, floating)
+    assert loaded(tmp_path, floating, gravity=3.7).gravity == 3.7
+
+
+def test_every_child_of_the_world_counts(tmp_path: Path) -> None:
+    post = "<body name='post' pos='5 0 2'><geom type='box' size='.2 .2 2' mass='900'/></body>"
+    crane = loaded(tmp_path, cart(beside=post).replace("<worldbody>", f"<worldbody>{post}", 1)
+                   .replace(post, post.replace("post", "first"), 1))  # fmt: skip
+    assert crane.layout.symbols == ("rail", "swing")
+    assert crane.payload_mass == 8.0
+
+
+@pytest.mark.parametrize(
+    ("motor", "effort", "note"),
+    [
+        ("gear='30' ctrlrange='-25 25'", 750.0, ""),
+        ("gear='-2' forcerange='-40 40'", 80.0, ""),
+        ("ctrlrange='-50 50' forcerange='-40 40'", 40.0, ""),
+        ("ctrlrange='0 100'", 100.0, "push|rail exerts 0 to 100 N; ±100 N are taken"),
+        ("", 1e6, "rail has no largest effort in the file; 1e\\+06 N are taken"),
+    ],
+)
+def test_the_effort_of_a_drive_is_that_of_its_actuator(
+    tmp_path: Path, motor: str, effort: float, note: str
+) -> None:
+    crane = loaded(tmp_path, cart(motor=motor))
+    assert crane.effort_limit.tolist() == [effort]
+    assert bool(note) == any(re.search(note, text) for text in crane.assumptions if note)
+
+
+def test_a_range_of_actuator_forces_on_a_joint_limits_the_sum_of_its_actuators(
+    tmp_path: Path,
+) -> None:
+    text = cart(motor="ctrlrange='-50 50'", tail="<actuator><velocity joint='rail' kv='3' "
+                "forcerange='-30 30'/></actuator>")  # fmt: skip
+    crane = loaded(tmp_path, text)
+    assert crane.effort_limit.tolist() == [80.0]
+    assert any("moved by a servo of its own" in note for note in crane.assumptions)
+    clipped = text.replace('name="rail"', 'name="rail" actuatorfrcrange="-60 60"')
+    assert loaded(tmp_path, clipped).effort_limit.tolist() == [60.0]
+
+
+def test_slides_keep_their_metres_where_angles_are_in_degrees(tmp_path: Path) -> None:
+    text = cart().replace('<compiler angle="radian"/>', "").replace("-1.4 1.4", "-80 80")
+    crane = loaded(tmp_path, text)
+    assert crane.lower.tolist() == [-4.0, pytest.approx(-math.radians(80.0))]
+
+
+def test_the_start_is_the_keyframe_home(tmp_path: Path) -> None:
+    keys = "<keyframe><key name='far' qpos='3 0'/><key name='home' qpos='-2 0.1'/></keyframe>"
+    crane = loaded(tmp_path, cart(tail=keys))
+    assert crane.start.q.tolist() == [-2.0, pytest.approx(0.0, abs=1e-12)]  # the load hangs
+    assert "The start is the keyframe home of the file." in crane.assumptions
+
+
+def test_a_ball_joint_turns_about_two_axes(tmp_path: Path) -> None:
+    ball = (
+        "<body><joint name='rope' type='ball' damping='0.5'/><geom size='.1' pos='0 0 -2'/></body>"
+    )
+    crane = loaded(tmp_path, cart(below=ball))
+    assert crane.layout.symbols == ("rail", "swing", "rope_x", "rope_y")
+    assert crane.damping.tolist() == [0.0, 0.0, 0.5, 0.5]
+    assert "The ball joint rope turns about X, then Y, not about Z." in crane.assumptions
+
+
+def test_shapes_are_drawn_where_they_are(tmp_path: Path) -> None:
+    crane = loaded(tmp_path, cart(below="<geom type='capsule' fromto='0 0 -1 0 0 -2' size='.05'/>"))
+    assert crane.urdf.count("<visual>") == 1 + 1 + 3
+    assert 'size="0.4 0.4 0.2"' in crane.urdf
+
+
+def test_our_own_export_is_the_same_crane_again(tmp_path: Path) -> None:
+    path = tmp_path / "own.xml"
+    assert main(["export", "mjcf", str(path)]) == 0
+    again, crane = load_crane(path), load_crane()
+    assert again.layout == crane.layout
+    assert again.effort_limit.tolist() == crane.effort_limit.tolist()
+    assert again.gravity == crane.gravity
+    for name in ("lower", "upper", "damping"):
+        assert getattr(again, name).tolist() == getattr(crane, name).tolist()
+    np.testing.assert_allclose(again.start.q, crane.start.q, atol=1e-12)
+    q = crane.state(phi=0.3, theta=-0.2, gamma=0.5).q
+    ours, theirs = (pin.crba(c.model, c.data, q) for c in (crane, again))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-9)
+
+
+def test_an_included_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "ball.xml").write_text(
+        "<mujoco><asset/><worldbody><body name='in' pos='0 0 9'><joint name='far'/>"
+        "<geom size='.1' pos='.5 0 0'/></body></worldbody></mujoco>",
+        encoding="utf-8",
+    )
+    crane = loaded(tmp_path, cart(tail="<include file='ball.xml'/>"), payload="swing")
+    assert "far" in crane.layout.symbols
+
+
+def test_without_mujoco_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mujoco.py").write_text("raise ImportError", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(CraneError, match=r"MuJoCo is not installed: pip install 'cranedyn\[muj"):
+        loaded(tmp_path, cart())
+
+
+def test_a_model_that_asks_for_everything_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mjcf, "_CPU_TIME", 2)
+    many = "<replicate count='100000000' offset='0 0 .1'><geom size='.1'/></replicate>"
+    with pytest.raises(
+        ModelError, match=r"broke off, or needs more than|more than .* GB of memory"
+    ):
+        loaded(tmp_path, cart(below=many))
+
+
+def test_a_model_whose_joints_do_otherwise_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled = mjcf._compiled
+
+    def lighter(path: Path) -> dict[str, Any]:
+        model = compiled(path)
+        model["bodies"][2]["mass"] *= 1.0 + 1e-4
+        return model
+
+    monkeypatch.setattr(mjcf, "_compiled", lighter)
+    with pytest.raises(ModelError, match="differ from MuJoCo's by"):
+        loaded(tmp_path, cart())
