@@ -14,7 +14,6 @@ from string import Template
 from typing import Any, get_args
 
 import numpy as np
-import pinocchio as pin
 
 from cranedyn.bridges.controller_block import controller_block, vectors
 from cranedyn.bridges.target import check_free, new_folder
@@ -121,7 +120,7 @@ def crane_test(crane: Crane, drive: Drive, dt: float, integrator: Integrator) ->
     rng, layout, rows = np.random.default_rng(0), crane.layout, 200
     inputs = np.tile([variable.start for variable in block.of_kind("input")], (rows, 1))
     commands = inputs[:, : layout.m]
-    inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[layout.drives]
+    inertia = np.diag(crane.mass_matrix(crane.start.q))[layout.drives]
     drives = fitting(crane, drive, None)
     size = drives.rates if drives else 0.5 * (inertia if drive == "effort" else np.ones(layout.m))
     commands += rng.uniform(-size, size, (rows // 20, layout.m)).repeat(20, axis=0)

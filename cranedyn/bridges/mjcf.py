@@ -53,6 +53,7 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
         OutOfRange: If the step is not positive.
     """
     file = with_ending(file, ".xml")
+    crane.require_independent_joints("The export to MuJoCo")
     robot = urdf_element(crane)
     check_inertias(crane, robot, "MuJoCo")
     text = xml_bytes(mjcf(crane, robot, number("dt", dt, "s", "> 0")))

@@ -119,9 +119,11 @@ def _verify_crane(
             q[rope.stretch] = rng.uniform(-0.5, 0.1) * q[rope.length]
             if rope.inextensible:  # taut in every other state
                 q[rope.stretch], v[rope.stretch] = (-1.0, v[rope.stretch]) if k % 2 else (0.0, 0.0)
+        if crane.coupling is not None:
+            q, v = crane.coupling.complete(q), crane.coupling.spread(v)
         command = np.array([rng.uniform(-1.0, 1.0) for _ in range(layout.m)])
         force *= crane.payload_mass
-        mass = pin.crba(crane.model, crane.data, q)
+        mass = crane.mass_matrix(q)
         inertia = mass.diagonal()[layout.drives]
         if external is not None:
             external.force = force.reshape(-1, 3)

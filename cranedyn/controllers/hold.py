@@ -116,7 +116,7 @@ def hold_controller(
         UnknownName: If there is no drive of a symbol.
     """
     number("gravity", gravity, "m/s²")
-    moved = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[crane.layout.drives].tolist()
+    moved = np.diag(crane.mass_matrix(crane.start.q))[crane.layout.drives].tolist()
     roles = [joint.role for joint in crane.layout.driven]
     stiff, damped = [], []
     for role, inertia in zip(roles, moved, strict=True):
@@ -144,9 +144,10 @@ def _weight(crane: Crane, joint: int, gravity: float) -> float:
     """Return the effort that holds the weight on a drive [N m or N]."""
     model, kind = crane.model, crane.layout.joints[joint].kind
     up = crane.layout.joints[joint].axis[2]
-    if kind == "prismatic":
+    if kind == "prismatic" and crane.coupling is None:
         return up * gravity * sum(model.inertias[i].mass for i in model.subtrees[joint + 1])
     if abs(up) == 1.0:
         return 0.0
-    weight = pin.computeGeneralizedGravity(model, crane.data, crane.start.q)[joint]
+    weights = pin.computeGeneralizedGravity(model, crane.data, crane.start.q)
+    weight = (weights if crane.coupling is None else crane.coupling.gather(weights))[joint]
     return float(weight) * gravity / crane.gravity

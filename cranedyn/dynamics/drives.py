@@ -146,6 +146,7 @@ class _Drives:
         self.model, self._data = crane.model, crane.model.createData()
         self._layout, self._joint, self.external = crane.layout, JointForces.of(crane), external
         self.rope, self.tension = crane.springs.rope, math.inf
+        self._coupling = crane.coupling
         # joints whose motion is not prescribed, and those of them that a taut rope lets move
         self._answering = crane.layout.passive if answering is None else answering
         self._free_when_taut, self._free = crane.springs.free(self._answering), self._answering
@@ -238,7 +239,7 @@ class EffortDrives(_Drives):
     convention = pin.Convention.WORLD
 
     def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
-        super().__init__(crane, external, np.arange(crane.layout.n))
+        super().__init__(crane, external, crane.layout.independent)
         self._least, self._largest = -crane.effort_limit, crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
@@ -262,9 +263,18 @@ class EffortDrives(_Drives):
             tau = self._tau + self._joint.effort(q, v)
         if self.external is not None:
             tau += self.external.effort(q, v)
-        if self._free is self._answering:
+        if self._free is self._answering and self._coupling is None:
             return pin.aba(self.model, self._data, q, v, tau, self.convention)
-        a = follow_drives(self.model, self._data, q, v, np.zeros(len(v)), tau, self._free)
+        a = follow_drives(
+            self.model,
+            self._data,
+            q,
+            v,
+            np.zeros(len(v)),
+            tau,
+            self._free,
+            coupling=self._coupling,
+        )
         self._note_tension(inverse_dynamics(self.model, self._data, q, v, a, tau))
         return a
 
@@ -294,17 +304,17 @@ class MotionDrives(_Drives):
         """Return the effort exerted at a state [N m or N], shape (m,)."""
         self.settle_rope(state)
         joint, external = self._passive_forces(*state)
-        a = follow_drives(
-            self.model, self._data, *state, self._command, joint, self._free, external
-        )
-        effort = inverse_dynamics(self.model, self._data, *state, a, joint, external)
+        model, data, coupling = self.model, self._data, self._coupling
+        a = follow_drives(model, data, *state, self._command, joint, self._free, external, coupling)
+        effort = inverse_dynamics(model, data, *state, a, joint, external, coupling)
         return effort[self._layout.drives]
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
         joint, external = self._passive_forces(q, v)
         model, data = self.model, self._data
-        a = follow_drives(model, data, q, v, self._command, joint, self._free, external)
+        coupling = self._coupling
+        a = follow_drives(model, data, q, v, self._command, joint, self._free, external, coupling)
         if self._free is not self._answering:
             self._note_tension(inverse_dynamics(model, data, q, v, a, joint, external))
         return a
@@ -385,16 +395,23 @@ class VelocityDrives(_Drives):
         target = np.zeros(len(v))
         target[drives] = self._response.accelerations_at(reference, v[drives].tolist())
         joint, external = self._passive_forces(q, v)
-        a = follow_drives(model, data, q, v, target, joint, self._free, external)
-        forces = inverse_dynamics(model, data, q, v, a, joint, external)
+        coupling = self._coupling
+        a = follow_drives(model, data, q, v, target, joint, self._free, external, coupling)
+        forces = inverse_dynamics(model, data, q, v, a, joint, external, coupling)
         effort = needed = forces[drives]
         if not (np.abs(needed) <= self._limit).all():
             mass = pin.crba(model, data, q)
-            bias = inverse_dynamics(model, data, q, v, np.zeros(len(v)), joint, external)
+            if coupling is not None:
+                upper = np.triu(mass)
+                mass = coupling.reduce(upper + np.triu(upper, 1).T)
+            still = np.zeros(len(v))
+            bias = inverse_dynamics(model, data, q, v, still, joint, external, coupling)
             a, effort, needed = saturate_acceleration(
                 mass, bias, target[drives], self._limit, drives, self._free
             )
             forces = mass @ a + bias
+            if coupling is not None:
+                a = coupling.spread(a)
         self._note_tension(forces)
         return a, effort, needed
 

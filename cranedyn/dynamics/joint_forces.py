@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from cranedyn.dynamics.scalars import array, chosen, clipped, square_root
 from cranedyn.model.crane import Crane
@@ -204,7 +203,9 @@ class Stops:
         """
         drives, q = crane.layout.drives, crane.start.q.copy()
         q[crane.layout.passive] = 0.0
-        inertia = np.diag(pin.crba(crane.model, crane.data, q))[drives]
+        if crane.coupling is not None:
+            q = crane.coupling.complete(q)
+        inertia = np.diag(crane.mass_matrix(q))[drives]
         ends, damping = (crane.lower[drives], crane.upper[drives]), 2.0 * _STOP_DAMPING
         stiffness = _STOP_FREQUENCY**2 * inertia
         return cls(drives, *ends, stiffness, damping * _STOP_FREQUENCY * inertia)

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 import scipy
 
 from cranedyn.checks import as_array, check_choice, finite, whole, within
@@ -53,7 +52,7 @@ class Linear:
     Attributes:
         a: Shape (2 n, 2 n).
         b: Shape (2 n, m).
-        held: Indices in z of what a taut inextensible rope holds.
+        held: Indices in z of what has no motion of its own, see `held_states`.
     """
 
     a: np.ndarray
@@ -108,10 +107,14 @@ def over_period(
 
 
 def held_states(crane: Crane, state: State) -> list[int]:
-    """Return the indices in z of what a taut inextensible rope holds, its stretch and the rate of
-    that; none at a state with another rope or a slack one.
+    """Return the indices in z of what has no motion of its own: the stretch of a taut inextensible
+    rope and its rate, none at a state with another rope or a slack one; and joints that follow
+    others, whose effect is counted with their leaders.
     """
     joints, rope = np.arange(crane.layout.n), crane.springs.rope
+    if crane.coupling is not None:
+        followers = list(crane.coupling.followers)
+        return [*followers, *(len(joints) + follower for follower in followers)]
     if rope is None or JointForces.of(crane).phase(*state) != TAUT:
         return []
     taut = np.setdiff1d(joints, crane.springs.free(joints))
@@ -142,11 +145,13 @@ def linear(
         moved = by_command @ np.linalg.inv(by_command[drives])
         by_state, by_command = by_state - moved @ by_state[drives], moved
         by_state[drives], by_command[drives] = 0.0, np.eye(m)
-    return Linear(
-        np.vstack([np.eye(n, 2 * n, n), by_state]),
-        np.vstack([np.zeros_like(by_command), by_command]),
-        held_states(crane, state),
-    )
+    held = held_states(crane, state)
+    by_z = np.vstack([np.eye(n, 2 * n, n), by_state])
+    by_u = np.vstack([np.zeros_like(by_command), by_command])
+    if crane.coupling is not None:
+        by_z[held], by_u[held] = 0.0, 0.0
+        by_z[:, held] = 0.0
+    return Linear(by_z, by_u, held)
 
 
 def sampled(
@@ -227,8 +232,8 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
     q = crane.layout.as_state("state", state).q
     free, data = crane.springs.free(crane.layout.passive), crane.data
     block = np.ix_(free, free)
-    stiffness = rest_stiffness(crane.model, data, crane.springs, q)[block]
-    mass = pin.crba(crane.model, data, q)[block]
+    stiffness = rest_stiffness(crane.model, data, crane.springs, q, crane.coupling)[block]
+    mass = crane.mass_matrix(q)[block]
     if not (np.isfinite(stiffness).all() and np.isfinite(mass).all()):
         allowed = "one at which gravity, springs and masses have finite effects"
         raise OutOfRange("state", q.tolist(), allowed)

@@ -17,6 +17,7 @@ from cranedyn.dynamics.joint_forces import TAUT, JointForces
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane, Point
+from cranedyn.model.mimics import Coupling
 from cranedyn.model.springs import rest_stiffness
 
 
@@ -31,10 +32,20 @@ def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
 
 def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
     """Return the accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts,
-    with damping and springs: ABA.
+    with damping, dry friction and springs: ABA, or from the reduced mass matrix where joints follow
+    others.
     """
-    return pin.aba(
-        crane.model, crane.data, *state, full(crane, effort) + JointForces.of(crane).effort(*state)
+    tau = full(crane, effort) + JointForces.of(crane).effort(*state)
+    if crane.coupling is None:
+        return pin.aba(crane.model, crane.data, *state, tau)
+    return follow_drives(
+        crane.model,
+        crane.data,
+        *state,
+        np.zeros(crane.layout.n),
+        tau,
+        crane.layout.independent,
+        coupling=crane.coupling,
     )
 
 
@@ -56,8 +67,10 @@ def prescribed_acceleration(
     """
     joint, layout = JointForces.of(crane).effort(*state), crane.layout
     a = full(crane, drive_acceleration)
-    a = follow_drives(crane.model, crane.data, *state, a, joint, layout.passive)
-    return a, inverse_dynamics(crane.model, crane.data, *state, a, joint)[layout.drives]
+    model, data, coupling = crane.model, crane.data, crane.coupling
+    a = follow_drives(model, data, *state, a, joint, layout.passive, coupling=coupling)
+    needed = inverse_dynamics(model, data, *state, a, joint, coupling=coupling)
+    return a, needed[layout.drives]
 
 
 def follow_drives(
@@ -69,11 +82,13 @@ def follow_drives(
     joint: np.ndarray,
     passive: np.ndarray,
     outside: np.ndarray | None = None,
+    coupling: Coupling | None = None,
 ) -> np.ndarray:
     """Return the accelerations of all joints, shape (n,), from those of the drives; in any unit of
     time.
 
     The passive rows of M a + b = joint + outside are as many equations as there are passive joints.
+    Where joints follow others these are the rows of Gᵀ M G and Gᵀ b, see `cranedyn.model.mimics`.
 
     Args:
         model: A crane's model.
@@ -84,15 +99,21 @@ def follow_drives(
         joint: Generalized forces of damping and springs, shape (n,).
         passive: Indices of the passive joints.
         outside: Generalized forces from outside, shape (n,); None for none.
+        coupling: Joints that follow others; None if there are none.
 
     Raises:
         OutOfRange: If a passive joint has no inertia, as the swing of a point load on a cable of no
             length, or it is no number.
     """
+    if coupling is not None:
+        a = coupling.spread(a)
     if not len(passive):
         return a.copy()
-    still_open = inverse_dynamics(model, data, q, v, a, joint, outside)
+    still_open = inverse_dynamics(model, data, q, v, a, joint, outside, coupling)
     mass, solved = pin.crba(model, data, q), a.copy()
+    if coupling is not None:
+        upper = np.triu(mass)
+        mass = coupling.reduce(upper + np.triu(upper, 1).T)
     if len(passive) == 2:  # the tower crane's, by determinants: quicker than NumPy's
         i, j = passive.tolist()
         m11, m12, m22 = mass.item(i, i), mass.item(i, j), mass.item(j, j)
@@ -102,12 +123,12 @@ def follow_drives(
             raise _no_inertia(m11, m22)
         solved[i] = (m12 * open_j - m22 * open_i) / determinant
         solved[j] = (m12 * open_i - m11 * open_j) / determinant
-        return solved
+        return solved if coupling is None else coupling.spread(solved)
     passive_mass = mass[passive[:, None], passive]
     if not (np.isfinite(passive_mass).all() and np.linalg.eigvalsh(passive_mass)[0] > 0.0):
         raise _no_inertia(*passive_mass.diagonal().tolist())
     solved[passive] = -np.linalg.solve(passive_mass, still_open[passive])
-    return solved
+    return solved if coupling is None else coupling.spread(solved)
 
 
 def _no_inertia(*inertias: float) -> OutOfRange:
@@ -124,12 +145,15 @@ def inverse_dynamics(
     a: np.ndarray,
     joint: np.ndarray,
     outside: np.ndarray | None = None,
+    coupling: Coupling | None = None,
 ) -> np.ndarray:
     """Return the generalized forces that cause these accelerations beside those of joints and
-    outside, shape (n,); arguments as `follow_drives`.
+    outside, shape (n,); arguments as `follow_drives`. Leaders carry those of their followers.
     """
     needed = pin.rnea(model, data, q, v, a) - joint
-    return needed if outside is None else needed - outside
+    if outside is not None:
+        needed = needed - outside
+    return needed if coupling is None else coupling.gather(needed)
 
 
 def outside_effort(
@@ -222,8 +246,8 @@ def natural_frequencies(crane: Crane, q: np.ndarray, joints: np.ndarray) -> np.n
     coordinates q with all others locked [rad/s], increasing; 0 where nothing restores them.
     """
     among = np.ix_(joints, joints)
-    stiffness = rest_stiffness(crane.model, crane.data, crane.springs, q)[among]
-    squares = scipy.linalg.eigvalsh(stiffness, pin.crba(crane.model, crane.data, q)[among])
+    stiffness = rest_stiffness(crane.model, crane.data, crane.springs, q, crane.coupling)[among]
+    squares = scipy.linalg.eigvalsh(stiffness, crane.mass_matrix(q)[among])
     return np.sqrt(np.maximum(squares, 0.0))
 
 
@@ -240,7 +264,10 @@ def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
     balance of it.
     """
     weight = pin.computeGeneralizedGravity(crane.model, crane.data, q)
-    return (weight - crane.springs.effort(q) if crane.springs.any else weight)[crane.layout.drives]
+    held = weight - crane.springs.effort(q) if crane.springs.any else weight
+    if crane.coupling is not None:
+        held = crane.coupling.gather(held)
+    return held[crane.layout.drives]
 
 
 def linearise(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -263,6 +290,8 @@ def by_state_and_force(
     joint, rope = JointForces.of(crane), crane.springs.rope
     if rope is not None and rope.inextensible and joint.phase(*state) == TAUT:
         return _by_state_and_force_when_taut(crane, state, effort, rope.stretch)
+    if crane.coupling is not None:
+        return _by_state_and_force_when_coupled(crane, crane.coupling, state, effort)
     tau = full(crane, effort) + joint.effort(*state)
     by_q, by_v, inverse_mass = pin.computeABADerivatives(crane.model, crane.data, *state, tau)
     stiffness, damping = joint.tangent(*state)
@@ -270,6 +299,29 @@ def by_state_and_force(
         by_q = by_q - inverse_mass @ stiffness
     by_state = np.concatenate([by_q, by_v - inverse_mass * damping], axis=1)
     return by_state, inverse_mass.copy()
+
+
+def _by_state_and_force_when_coupled(
+    crane: Crane, coupling: Coupling, state: State, effort: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return `by_state_and_force` where joints follow others.
+
+    From the derivatives of the inverse dynamics, with a = G x and the reduced mass matrix
+    R = Gᵀ M G,
+
+        R dx = Gᵀ (dτ - ∂(M a + b)/∂q G dq - ∂(M a + b)/∂v G dv).
+
+    What followers do by themselves has no effect, so that their columns are zero.
+    """
+    joint, spread = JointForces.of(crane), coupling.matrix
+    a = acceleration(crane, state, effort)
+    pin.computeRNEADerivatives(crane.model, crane.data, *state, a)
+    stiffness, damping = joint.tangent(*state)
+    by_q = (crane.data.dtau_dq + stiffness) @ spread
+    by_v = (crane.data.dtau_dv + np.diag(damping)) @ spread
+    inverse_mass = spread @ np.linalg.inv(crane.mass_matrix(state.q)) @ spread.T
+    crane.data.ddq = a
+    return -inverse_mass @ np.hstack([by_q, by_v]), inverse_mass
 
 
 def _by_state_and_force_when_taut(

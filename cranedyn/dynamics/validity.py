@@ -96,7 +96,7 @@ def bounds(
             f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to "
             f"{{high:.6g}} {joint.unit}"
         )
-        if not joint.driven and joint.kind == "revolute":
+        if joint.passive and joint.kind == "revolute":
             yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, message)
         if not (joint.driven and buffers):
             yield Bound(i, q[i], limits.lower[i], limits.upper[i], False, message)

@@ -66,6 +66,7 @@ class LoadFilter:
         noise: np.ndarray,
     ) -> None:
         import_module("scipy.linalg.lapack")  # takes tenths of a second, which no period has
+        crane.require_independent_joints("An observer of the load")
         self.source = crane, period, sensors, disturbance, noise
         self.crane = replace(crane, model=crane.model.copy())
         self.mean, self.covariance, self.sensors = mean, covariance, sensors

@@ -222,6 +222,7 @@ def mpc(
     """
     solve = _solver()
     whole("horizon", horizon, 1, "periods")
+    crane.require_independent_joints("Predictive control")
     layout = crane.layout
     effort_limit = crane.effort_limit if effort_limit is None else effort_limit
     efforts = layout.for_drives("effort limit", effort_limit, None, "> 0")

@@ -289,6 +289,7 @@ def with_observer(
             positive, their number another, or the delay not a whole number from 0 on.
     """
     late = whole("delay of the observer", delay, 0, "control periods")
+    crane.require_independent_joints("An observer")
     n, measured = crane.layout.n, crane.layout.measured
     disturbance = disturbance_of(crane) if disturbance is None else disturbance
     noise = noise_of(crane)[measured] if noise is None else noise

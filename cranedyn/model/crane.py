@@ -14,10 +14,11 @@ import pinocchio as pin
 
 from cranedyn.checks import finite, number, within
 from cranedyn.data.time_series import html_table
-from cranedyn.errors import Misshapen, ModelError, UnknownName
+from cranedyn.errors import Misshapen, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.model.friction import DryFriction
 from cranedyn.model.layout import Layout
+from cranedyn.model.mimics import Coupling
 from cranedyn.model.springs import (
     Rest,
     Springs,
@@ -76,6 +77,8 @@ class Crane:
         springs: Springs in the joints.
         friction: Dry friction in the joints, and the width of its smooth law; None if no joint has
             any.
+        coupling: Joints that follow others, such as the sections of a telescope; None if there are
+            none.
         lower, upper: Joint ranges [rad or m], shape (n,).
         effort_limit: Largest effort of the drives [N m or N], shape (m,).
         start: State in which runs start: the drives as in the URDF, all else hanging at rest. A
@@ -98,6 +101,7 @@ class Crane:
     points: tuple[Point, ...]
     record: Mapping[str, Any] = field(repr=False)
     friction: DryFriction | None = None
+    coupling: Coupling | None = None
     assumptions: tuple[str, ...] = ()
     _scratch: _Scratch = field(init=False, repr=False)
 
@@ -142,7 +146,7 @@ class Crane:
             for drive, i in enumerate(self.layout.drives.tolist())
             if joints[i].kind == "prismatic"
             and any(
-                above > 0 and joints[above - 1].kind == "revolute" and not joints[above - 1].driven
+                above > 0 and joints[above - 1].kind == "revolute" and joints[above - 1].passive
                 for above in self.model.supports[i + 1].tolist()
             )
         ]
@@ -239,6 +243,12 @@ class Crane:
                     "coordinate", name, [*layout.symbols, *(f"{c}_dot" for c in layout.symbols)]
                 )
             i = layout.index(symbol)
+            if layout.joints[i].follows:
+                raise OutOfRange(
+                    f"{name} at the start",
+                    value,
+                    f"left out: it follows {layout.joints[i].follows}",
+                )
             if name == symbol:
                 given[i] = value
             else:
@@ -249,7 +259,33 @@ class Crane:
             name = f"{layout.symbols[i]} at the start"
             q[i] = within(name, given[i], low, high, layout.units[i])
         swinging = any(layout.symbols[i] in values for i in layout.passive)
+        if self.coupling is not None:
+            q, v = self.coupling.complete(q), self.coupling.spread(v)
         return State(q if swinging else self.resting(q), v)
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return the mass matrix at coordinates q, shape (n, n), both triangles; of the reduced
+        coordinates where joints follow others, see `cranedyn.model.mimics`.
+        """
+        upper = np.triu(pin.crba(self.model, self.data, q))
+        mass = upper + np.triu(upper, 1).T
+        return mass if self.coupling is None else self.coupling.reduce(mass)
+
+    def require_independent_joints(self, user: str) -> None:
+        """Check that no joint follows another.
+
+        Args:
+            user: What cannot do with such a joint, to begin an error message with.
+
+        Raises:
+            ModelError: If one does.
+        """
+        for joint in self.layout.joints:
+            if joint.follows:
+                raise ModelError(
+                    f"{user} is made for joints that move by themselves; {joint.name} follows "
+                    f"{joint.follows}. Hold both by locked=[{joint.follows!r}], or --locked."
+                )
 
     def _start_range(self, joint: int, q: np.ndarray) -> tuple[float, float]:
         """Return the range in which a joint may start [rad or m]: its range in the URDF, and less
@@ -266,7 +302,9 @@ class Crane:
         """Return the coordinates of `hanging`, or q itself, shape (n,), for a mechanism whose
         passive joints do not hang, such as a robot with free joints.
         """
-        return self.hanging(q) if self.rest.hangs else q
+        if self.rest.hangs:
+            return self.hanging(q)
+        return q if self.coupling is None else self.coupling.complete(q)
 
     def hanging(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates at rest, shape (n,): the drives as in q, the passive joints where
@@ -277,7 +315,9 @@ class Crane:
             ModelError: If there is no rest near q within the joint ranges.
         """
         q = finite("coordinates", q, (self.layout.n,))
-        at_rest = solve_rest(self.model, self.data, self.springs, self.layout.passive, q)
+        at_rest = solve_rest(
+            self.model, self.data, self.springs, self.layout.passive, q, self.coupling
+        )
         for i in self.layout.passive.tolist():
             joint, low, high = self.layout.joints[i], self.lower[i], self.upper[i]
             if np.isnan(at_rest[i]):
@@ -301,7 +341,7 @@ class Crane:
             q = self.hanging(self.start.q)
         except ModelError:
             return no_rest(self.start.q, layout, swings)
-        tangent = rest_stiffness(self.model, self.data, self.springs, q)
+        tangent = rest_stiffness(self.model, self.data, self.springs, q, self.coupling)
         return linearise_rest(tangent, q, layout, swings)
 
     def __repr__(self) -> str:
@@ -328,6 +368,7 @@ class Crane:
         for i, joint in enumerate(self.layout.joints):
             ends = (f"{values[i]:.5g}" for values in (self.lower, self.upper, self.start.q))
             drive = f"{limits[i]:g} {joint.effort_unit}" if joint.driven else "passive"
+            drive = f"= {joint.follows}" if joint.follows else drive
             rows.append((joint.symbol, joint.name, joint.unit, *ends, drive))
         return rows
 

@@ -14,6 +14,7 @@ from cranedyn.checks import number
 from cranedyn.errors import ModelError, OutOfRange, UnknownName, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT, Point
 from cranedyn.model.layout import ALIGNED, ROLES, Joint
+from cranedyn.model.mimics import Mimic
 
 _FIVE_TURNS, _EFFORT = 31.4159, 1e6
 """Range of a continuous joint to either side [rad], and effort of a drive without limit [N or N m],
@@ -111,7 +112,8 @@ def payload_index(model: pin.Model, name: str | None, path: Path) -> int:
     if len(leaves) > 1:
         raise ModelError(
             f"{path} is a tree that ends in {', '.join(quoted(names[i]) for i in leaves)}; say "
-            "which joint carries the payload by load_crane(payload=...)."
+            "which joint carries the payload by load_crane(payload=...), or --payload, and hold "
+            "those that do not matter by locked=[...], or --locked."
         )
     return leaves[0]
 
@@ -147,10 +149,15 @@ def declare_drives(robot: ET.Element, driven: Sequence[str]) -> None:
 
 
 def driven_joints(
-    robot: ET.Element, names: Sequence[str], driven: Sequence[str] | None, path: Path
+    robot: ET.Element,
+    names: Sequence[str],
+    driven: Sequence[str] | None,
+    path: Path,
+    mimics: Mapping[str, Mimic],
 ) -> set[str]:
     """Return the names of the driven joints, from ``<ros2_control>``, else from ``<transmission>``
-    (ROS 1), or as given.
+    (ROS 1), or as given. Followers that the file lists among them are left out: their leaders are
+    driven.
 
     Raises:
         UnknownName: If there is no joint of a given name.
@@ -158,6 +165,13 @@ def driven_joints(
             contradicts the names given.
     """
     declared, source = _declared_drives(robot)
+    declared -= mimics.keys()
+    for name in driven or ():
+        if name in mimics:
+            raise ModelError(
+                f"{path} has {quoted(name)}, which mimics {quoted(mimics[name].leader)} and has no "
+                "drive of its own; leave it out of the driven joints."
+            )
     if driven is not None and source == "<transmission>":
         declared = set()  # it says how a drive is geared, rather than which are driven
     if driven is not None and declared and declared != {*driven}:
@@ -229,7 +243,11 @@ def joint_roles(
 
 
 def read_joints(
-    model: pin.Model, driven: set[str], given: Mapping[str, str] | None, path: Path
+    model: pin.Model,
+    driven: set[str],
+    given: Mapping[str, str] | None,
+    path: Path,
+    mimics: Mapping[str, Mimic],
 ) -> tuple[Joint, ...]:
     """Return the joints in the order of the coordinates.
 
@@ -240,6 +258,7 @@ def read_joints(
         driven: Names of the driven joints.
         given: Names of joints by role, see `joint_roles`.
         path: File for error messages.
+        mimics: How joints follow others, by name.
 
     Raises:
         UnknownName: As `joint_roles`.
@@ -260,6 +279,7 @@ def read_joints(
                 kind="prismatic" if prismatic else "revolute",
                 axis=tuple((linear if prismatic else angular).tolist()),
                 driven=name in driven,
+                follows=mimics[name].leader if name in mimics else "",
             )
         )
     is_chain = list(model.parents)[1:] == list(range(n))
@@ -311,7 +331,7 @@ def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tup
         return Point(name, joint, model.inertias[joint + 1].lever.copy())
 
     points, roles = [centre("payload", payload)], [joint.role for joint in joints]
-    swings = [i for i, j in enumerate(joints) if not j.driven and j.kind == "revolute"]
+    swings = [i for i, j in enumerate(joints) if j.passive and j.kind == "revolute"]
     if swings:
         points.append(Point("trolley" if "trolley" in roles else "pivot", swings[0], np.zeros(3)))
     if "hoist" in roles:

@@ -59,6 +59,7 @@ class Joint:
         axis: Axis in the world frame at zero of every coordinate, three numbers.
         driven: Whether a drive moves it; otherwise it is passive.
         role: Role in a tower crane, see `ROLES`; empty for none.
+        follows: Name of the joint that it mimics; empty for a joint that moves by itself.
     """
 
     name: str
@@ -68,6 +69,12 @@ class Joint:
     axis: tuple[float, float, float]
     driven: bool
     role: str = ""
+    follows: str = ""
+
+    @property
+    def passive(self) -> bool:
+        """Whether it moves by itself, without a drive."""
+        return not (self.driven or self.follows)
 
     @property
     def effort_unit(self) -> str:
@@ -124,8 +131,13 @@ class Layout:
 
     @cached_property
     def passive(self) -> np.ndarray:
-        """Indices of the passive coordinates, shape (n - m,)."""
-        return self._where(lambda joint: not joint.driven)
+        """Indices of the passive coordinates, shape (n - m,) unless joints follow others."""
+        return self._where(lambda joint: joint.passive)
+
+    @cached_property
+    def independent(self) -> np.ndarray:
+        """Indices of the coordinates of joints that follow no other, drives and passive ones."""
+        return self._where(lambda joint: not joint.follows)
 
     @cached_property
     def measured(self) -> np.ndarray:

@@ -36,7 +36,9 @@ from cranedyn.model.joints import (
     read_joints,
 )
 from cranedyn.model.layout import Layout
+from cranedyn.model.locked import Locked, lock_joints
 from cranedyn.model.machines import read_machine
+from cranedyn.model.mimics import coupling_of, limit_leaders, read_mimics
 from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.springs import read_springs
 from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
@@ -98,6 +100,7 @@ def load_crane(
     payload: str | None = None,
     check_axes: bool = True,
     swing: bool | Mapping[str, float] = False,
+    locked: Locked = (),
     packages: Mapping[str, str | Path] | None = None,
     values: Mapping[str, object] | None = None,
     **numbers: Unpack[CraneValues],
@@ -127,6 +130,9 @@ def load_crane(
             hoist, and slew and trolley are turned into those of a tower crane. Rope and load may be
             given, for example ``{"length": 2.0, "mass": 5.0, "damping": 0.01}``, see
             `cranedyn.model.swing.Swing`. `Crane.assumptions` lists what was assumed.
+        locked: Joints that are held fixed, such as outriggers: their names, or their coordinates
+            [rad or m] by name; a joint without a coordinate is held where it starts. Joints that
+            mimic them are held, too.
         packages: Folders of ROS packages by name, for ``$(find NAME)`` in a xacro file; others are
             looked for, see `cranedyn.model.description.package_folder`.
         values: Arguments of a xacro file by name, for files other than the tower crane of this
@@ -146,7 +152,7 @@ def load_crane(
     if from_record is not None:
         excluded = {
             "urdf": urdf, "machine": machine, "joints": joints, "driven": driven,
-            "payload": payload, "swing": swing or None,
+            "payload": payload, "swing": swing or None, "locked": locked or None,
         }  # fmt: skip
         for name, value in {**excluded, "gravity": gravity, **values}.items():
             if value is not None:
@@ -171,8 +177,8 @@ def load_crane(
         raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
     else:
         text = read_text(path)
-    if urdf is not None or swing:
-        return _foreign_crane(text, path, options, swing)
+    if urdf is not None or swing or locked:
+        return _foreign_crane(text, path, options, swing, locked)
     record: dict[str, Any] = {}
     with contextlib.suppress(TypeError, ValueError):  # a value that is text is not recorded
         floats = {name: float(value) for name, value in values.items()}  # type: ignore[arg-type]
@@ -182,7 +188,11 @@ def load_crane(
 
 
 def _foreign_crane(
-    text: str, path: Path, options: _Options, swing: bool | Mapping[str, float]
+    text: str,
+    path: Path,
+    options: _Options,
+    swing: bool | Mapping[str, float],
+    locked: Locked,
 ) -> Crane:
     """Return the crane of a foreign URDF or MJCF, completed."""
     robot, notes = parse_urdf(text, path), list[str]()
@@ -191,6 +201,7 @@ def _foreign_crane(
         robot, notes = foreign.robot, foreign.notes
         options = options.in_gravity(foreign.gravity, path)
     check_urdf(robot, path)
+    notes += lock_joints(robot, locked, path)
     notes += complete_limits(robot, options.driven)
     if not (swing or notes):
         return _crane(robot, path, partial(str, text), options)
@@ -205,8 +216,9 @@ def _foreign_crane(
             if driven is None and not has_drives(robot):
                 driven = names
                 notes.append("All joints of the file are driven.")
-            drives = driven_joints(robot, names, driven, path)
-            joints = read_joints(model, drives, {}, path)
+            mimics = read_mimics(robot, names)
+            drives = driven_joints(robot, names, driven, path, mimics)
+            joints = read_joints(model, drives, {}, path, mimics)
             if robot.find("ros2_control/joint/command_interface") is None:
                 declare_drives(robot, [name for name in names if name in drives])
             further_roles, further_notes = complete(robot, model, joints, path=path)
@@ -234,17 +246,28 @@ def _crane(
     model.gravity.linear = np.array([0.0, 0.0, -gravity])
     model.armature = read_armature(robot, names)
     load = payload_index(model, options.payload, path)
-    driven = driven_joints(robot, names, options.driven, path)
-    joints = read_joints(model, driven, options.joints, path)
+    mimics = read_mimics(robot, names)
+    coupling = coupling_of(mimics, names)
+    driven = driven_joints(robot, names, options.driven, path, mimics)
+    joints = read_joints(model, driven, options.joints, path, mimics)
     if options.check_axes:
         check_roles(joints, path)
     points = force_points(model, joints, load)
     layout = Layout(joints, tuple(point.name for point in points))
     springs = read_springs(robot, layout, path)
+    if coupling is not None and (springs.rope is not None or springs.bifilar is not None):
+        raise ModelError(
+            f"{path} has joints that mimic others, and a rope that stretches or two falls; allowed "
+            "is one of both."
+        )
     _check_ranges(model, layout, load)
-    q = _start(robot, layout, model)
-    _check_solvable(model, q, layout, path)
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    notes = [] if coupling is None else limit_leaders(coupling, lower, upper, names)
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    q = _start(robot, layout, model)
+    if coupling is not None:
+        q = coupling.complete(q)
+    _check_solvable(model, q, layout, path)
     dry = read_friction(robot, layout)
     friction = smooth_friction(dry, model, lower, upper, layout.drives.tolist(), q)
     crane = Crane(
@@ -254,6 +277,7 @@ def _crane(
         damping=model.damping.copy(),
         springs=springs,
         friction=friction,
+        coupling=coupling,
         lower=lower,
         upper=upper,
         effort_limit=model.effortLimit[layout.drives].copy(),
@@ -268,7 +292,7 @@ def _crane(
             "check_axes": options.check_axes,
             **(record or {}),
         },
-        assumptions=(*options.assumptions, *friction_notes(friction, layout)),
+        assumptions=(*options.assumptions, *notes, *friction_notes(friction, layout)),
     )
     if not (springs.any or crane.rest.hangs):
         return crane

@@ -13,8 +13,8 @@ from cranedyn.model.load import load_crane
 
 
 def add_crane_options(parser: argparse._ActionsContainer) -> None:
-    """Add ``--machine``, ``--urdf``, ``--swing``, ``--driven``, ``--role`` and ``--package`` to a
-    parser.
+    """Add ``--machine``, ``--urdf``, ``--swing``, ``--driven``, ``--payload``, ``--locked``,
+    ``--role`` and ``--package`` to a parser.
     """
     add, text = parser.add_argument, "a real crane; describe --machines names all"
     add("--machine", metavar="NAME", help=text)
@@ -23,6 +23,10 @@ def add_crane_options(parser: argparse._ActionsContainer) -> None:
     text = "hang the hook of that URDF on a rope; length:=, mass:= and damping:= may be given"
     add("--swing", nargs="*", metavar="name:=value", help=text)
     add("--driven", nargs="+", metavar="JOINT", help="joints that drives move")
+    text = "joint that carries the payload, where several carry no other"
+    add("--payload", metavar="JOINT", help=text)
+    text = "joints that are held fixed where they start, or at a coordinate in rad or m"
+    add("--locked", nargs="+", metavar="JOINT[=VALUE]", help=text)
     text = "slew, trolley, radial_swing, tangential_swing or hoist of a tower crane"
     add("--role", nargs="+", metavar="ROLE=JOINT", help=text)
     text = "folders of ROS packages that are not above the file"
@@ -36,18 +40,21 @@ def load_options(options: argparse.Namespace) -> dict[str, Any]:
     Raises:
         DataError: If an option has another form, or no effect without ``--urdf``.
     """
-    for name in ("swing", "driven", "role", "package"):
+    for name in ("swing", "driven", "payload", "locked", "role", "package"):
         if options.urdf is None and getattr(options, name) is not None:
             raise DataError(f"--{name} has no effect without --urdf; leave it out.")
     arguments: dict[str, Any] = {
         "urdf": options.urdf,
         "machine": options.machine,
         "driven": options.driven,
+        "payload": options.payload,
         "gravity": getattr(options, "gravity", None),
         "values": parse_values(options.values),
     }
     if options.swing is not None:
         arguments["swing"] = parse_values(options.swing) or True
+    if options.locked is not None:
+        arguments["locked"] = parse_locked(options.locked)
     if options.role is not None:
         arguments["joints"] = parse_pairs("role", options.role)
     if options.package is not None:
@@ -64,6 +71,22 @@ def crane_of_run(options: argparse.Namespace, record: Mapping[str, Any]) -> Cran
     """Load the crane that the command line names; if none, that of the record of a run."""
     named = options.urdf is not None or options.machine is not None or options.values
     return load_crane(from_record=record) if record and not named else crane_from_options(options)
+
+
+def parse_locked(texts: Sequence[str]) -> dict[str, str | None]:
+    """Return the coordinates of locked joints by name, None for where they start, from texts such
+    as ``outrigger`` or ``boom=0.5``.
+
+    Raises:
+        DataError: If a joint comes twice, or has no name.
+    """
+    locked: dict[str, str | None] = {}
+    for text in texts:
+        name, mark, value = text.partition("=")
+        if not name or name in locked:
+            raise DataError(f"{quoted(text)} of --locked is not of the form JOINT or JOINT=VALUE.")
+        locked[name] = value if mark else None
+    return locked
 
 
 def parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:

@@ -17,6 +17,7 @@ import pinocchio as pin
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, UnknownName
 from cranedyn.model.layout import ALIGNED, Layout
+from cranedyn.model.mimics import Coupling
 
 _TAGS = ("springStiffness", "springReference", "ropeStiffness", "fallSpacing")
 
@@ -258,12 +259,17 @@ class Rest(NamedTuple):
 
 
 def solve_rest(
-    model: pin.Model, data: pin.Data, springs: Springs, passive: np.ndarray, q: np.ndarray
+    model: pin.Model,
+    data: pin.Data,
+    springs: Springs,
+    passive: np.ndarray,
+    q: np.ndarray,
+    coupling: Coupling | None = None,
 ) -> np.ndarray:
     """Return the coordinates at rest by Newton's method from q, shape (n,); the passive ones are
-    NaN if it does not converge.
+    NaN if it does not converge. Followers are where their leaders put them.
     """
-    q = q.copy()
+    q = q.copy() if coupling is None else coupling.complete(q)
     if (rope := springs.rope) is not None:  # from a taut rope, since a slack one has no stiffness
         q[rope.stretch] = 0.0 if rope.inextensible else max(q[rope.stretch], 0.0)
         passive = springs.free(passive)
@@ -272,13 +278,18 @@ def solve_rest(
     rounding = 1e-15 * gravity * sum(inertia.mass for inertia in model.inertias)
     for _ in range(_ITERATIONS):
         torque = pin.computeGeneralizedGravity(model, data, q) - springs.effort(q)
+        if coupling is not None:
+            torque = coupling.gather(torque)
         if np.abs(torque[passive]).max(initial=0.0) <= rounding:
             return q
         # Down the energy also where its curvature is negative, half a radian or metre at most.
-        curvature = rest_stiffness(model, data, springs, q)[np.ix_(passive, passive)]
+        stiffness = rest_stiffness(model, data, springs, q, coupling)
+        curvature = stiffness[np.ix_(passive, passive)]
         step = _compliance(curvature) @ torque[passive]
         largest = float(np.abs(step).max())
         q[passive] -= step * min(1.0, 0.5 / max(largest, _LEAST_STEP))
+        if coupling is not None:
+            q = coupling.complete(q)
         if largest < _LEAST_STEP:
             return q
     q[passive] = np.nan
@@ -309,9 +320,18 @@ def no_rest(q: np.ndarray, layout: Layout, swings: np.ndarray) -> Rest:
     return Rest(q, np.zeros(len(swings)), np.zeros((len(swings), layout.m)), hangs=False)
 
 
-def rest_stiffness(model: pin.Model, data: pin.Data, springs: Springs, q: np.ndarray) -> np.ndarray:
-    """Return the second derivatives of the energy of gravity and springs, shape (n, n)."""
-    return pin.computeGeneralizedGravityDerivatives(model, data, q) + springs.tangent(q)
+def rest_stiffness(
+    model: pin.Model,
+    data: pin.Data,
+    springs: Springs,
+    q: np.ndarray,
+    coupling: Coupling | None = None,
+) -> np.ndarray:
+    """Return the second derivatives of the energy of gravity and springs, shape (n, n); by the
+    reduced coordinates where joints follow others.
+    """
+    stiffness = pin.computeGeneralizedGravityDerivatives(model, data, q) + springs.tangent(q)
+    return stiffness if coupling is None else coupling.reduce(stiffness)
 
 
 def _compliance(stiffness: np.ndarray) -> np.ndarray:

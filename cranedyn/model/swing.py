@@ -19,7 +19,7 @@ import pinocchio as pin
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, OutOfRange, UnknownName, quoted
 from cranedyn.model.layout import ALIGNED, ROLES, Joint
-from cranedyn.model.urdf import inertial_element, numbers_text, set_placement
+from cranedyn.model.urdf import inertial_element, joint_placement, numbers_text, set_placement
 
 _SHORTEST = 0.02
 """Shortest rope as a share of the longest, where the range of a hoist reaches above the pivot."""
@@ -255,7 +255,7 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
     element = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
     axis = np.array([float(number) for number in _axis(element).get("xyz", "1 0 0").split()])
     axis /= np.linalg.norm(axis)
-    placement = _placement(element)
+    placement = joint_placement(element)
     if element.get("type") == "prismatic":
         step = pin.SE3(np.eye(3), axis * zero)
     else:
@@ -329,13 +329,3 @@ def _lump(mass: float, inertia: float) -> ET.Element:
 def _axis(joint: ET.Element) -> ET.Element:
     axis = joint.find("axis")
     return ET.SubElement(joint, "axis", xyz="1 0 0") if axis is None else axis
-
-
-def _placement(joint: ET.Element) -> pin.SE3:
-    origin = joint.find("origin")
-    texts = {} if origin is None else origin.attrib
-    xyz, rpy = (
-        np.array([float(number) for number in texts.get(key, "0 0 0").split()])
-        for key in ("xyz", "rpy")
-    )
-    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)

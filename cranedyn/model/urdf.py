@@ -33,10 +33,11 @@ _NUMBERS = {
     "cylinder": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
     "color": {"rgba": 4},
+    "mimic": {"multiplier": 1, "offset": 1},
 }
 """Count of numbers in each attribute of each element."""
 
-_NAMES = ("name", "type", "link")
+_NAMES = ("name", "type", "link", "joint")
 """Attributes that are names."""
 
 _NEEDED = {
@@ -50,7 +51,7 @@ _TYPES = ("revolute", "prismatic", "fixed", "continuous", "floating", "planar")
 _SKELETON = {
     "link": ("inertial",),
     "inertial": ("origin", "mass", "inertia"),
-    "joint": ("parent", "child", "origin", "axis", "limit", "dynamics"),
+    "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
 }
 """Children of elements that matter for the dynamics."""
 
@@ -103,7 +104,7 @@ def check_urdf(robot: ET.Element, source: object) -> None:
 
     Raises:
         ModelError: If xacro directives are left, a name cannot be printed, an element is duplicate
-            or incomplete, a joint mimics another, or links and joints are no tree.
+            or incomplete, a joint mimics none that moves, or links and joints are no tree.
         OutOfRange: If a number is not a decimal number, exceeds 1e30, or no body has the mass and
             inertia of a link.
     """
@@ -119,6 +120,7 @@ def check_urdf(robot: ET.Element, source: object) -> None:
             for element in child.iter():
                 _check_element(element, f"{child.tag} {quoted(child.get('name', ''))} in {source}")
     _check_tree(robot, source)
+    _check_mimics(robot, source)
     for link in robot.iterfind("link/inertial/.."):
         _check_inertial(link, f"link {quoted(link.get('name', ''))} in {source}")
 
@@ -178,6 +180,32 @@ def _check_tree(robot: ET.Element, source: object) -> None:
         )
 
 
+def _check_mimics(robot: ET.Element, source: object) -> None:
+    """Check that each joint that mimics another one leads to a joint that moves by itself."""
+    joints = {joint.get("name", ""): joint for joint in robot.iterfind("joint")}
+    leaders = {}
+    for name, joint in joints.items():
+        if (mimic := joint.find("mimic")) is None:
+            continue
+        leader = mimic.get("joint", "")
+        kind = joints[leader].get("type") if leader in joints else None
+        if joint.get("type") != "fixed" and kind not in ("revolute", "prismatic", "continuous"):
+            raise ModelError(
+                f"The joint {quoted(name)} in {source} mimics {quoted(leader)}, which is no joint "
+                "that moves."
+            )
+        leaders[name] = leader
+    for name in leaders:
+        follower = name
+        for _ in leaders:
+            follower = leaders.get(follower, follower)
+        if follower in leaders:
+            raise ModelError(
+                f"The joint {quoted(name)} in {source} mimics itself, through others; one of them "
+                "must move by itself."
+            )
+
+
 def _named(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]:
     """Return all links or all joints by name."""
     elements: dict[str, ET.Element] = {}
@@ -217,8 +245,6 @@ def _check_element(element: ET.Element, context: str) -> None:
         raise ModelError(f"The inertial of {context} needs a mass and an inertia.")
     if element.tag == "joint":
         _check_joint(element, context)
-    if element.tag == "mimic":
-        raise ModelError(f"The {context} mimics another; a crane moves in all of its joints.")
     for name, count in _NUMBERS.get(element.tag, {}).items():
         default = "" if name in _NEEDED.get(element.tag, ()) else None
         numbers = element.get(name, default)
@@ -279,6 +305,17 @@ def _filtered(element: ET.Element) -> ET.Element:
 def numbers_text(vector: np.ndarray) -> str:
     """Return the numbers of a vector as an attribute of a URDF, to the bit."""
     return " ".join(repr(float(component)) for component in vector)
+
+
+def joint_placement(joint: ET.Element) -> pin.SE3:
+    """Return the placement of a joint in its parent link."""
+    origin = joint.find("origin")
+    texts = {} if origin is None else origin.attrib
+    xyz, rpy = (
+        np.array([float(number) for number in texts.get(key, "0 0 0").split()])
+        for key in ("xyz", "rpy")
+    )
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
 def set_placement(joint: ET.Element, placement: pin.SE3) -> None:

@@ -142,6 +142,7 @@ def optimal(
         CraneError: If IPOPT does not converge.
     """
     swing, period = number("swing", swing, "rad", "> 0"), number("period", period, "s", "> 0")
+    crane.require_independent_joints("Planning a move of least time")
     if swing >= math.pi / 2:
         raise OutOfRange("swing", swing, "above 0 and below π/2", "rad")
     within("tolerance", number("tolerance", tolerance), 1e-12, 1e-2)

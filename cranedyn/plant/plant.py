@@ -22,6 +22,7 @@ from cranedyn.dynamics.validity import bounds
 from cranedyn.model.crane import Crane, once_per_crane
 from cranedyn.model.friction import DryFriction
 from cranedyn.model.layout import Layout
+from cranedyn.model.mimics import Coupling
 from cranedyn.model.springs import Bifilar, Rope, Springs
 from cranedyn.plant import rigid_body
 from cranedyn.plant.rigid_body import ExternalForce
@@ -44,6 +45,7 @@ class Topology:
             if there is none.
         bifilar: Yaw and length of two falls; None for a single line.
         friction: The joints that have dry friction.
+        coupling: Joints that follow others; None if there are none.
     """
 
     parents: tuple[int, ...]
@@ -54,6 +56,7 @@ class Topology:
     rope: tuple[int, int, bool] | None
     bifilar: tuple[int, int] | None
     friction: tuple[int, ...]
+    coupling: Coupling | None
 
     @staticmethod
     @once_per_crane
@@ -74,6 +77,7 @@ class Topology:
             None if rope is None else (rope.stretch, rope.length, rope.inextensible),
             None if falls is None else (falls.yaw, falls.length),
             () if crane.friction is None else crane.friction.joints,
+            crane.coupling,
         )
 
 
@@ -197,12 +201,19 @@ class Plant:
         if self.buffers:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
         pull = None if rope is None or rope.inextensible else self.joint.pull(q, v)
-        if self.drive == "effort" and (rope is None or not rope.inextensible):
+        coupling = self.topology.coupling
+        direct = coupling is None and (rope is None or not rope.inextensible)
+        if self.drive == "effort" and direct:
             effort[drives] = effort[drives] + command
             a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
             return Answer(a, command, command, pull)
         resisting = rigid_body.tree_inverse_dynamics(self.tree, frames, v, external_forces=external)
         resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, frames)
+        if coupling is not None:
+            a, exerted, needed = self._solved(
+                coupling.reduce(mass), coupling.gather(resisting), v, command
+            )
+            return Answer(coupling.spread(a), exerted, needed, pull)
         if rope is None or not rope.inextensible:
             return Answer(*self._solved(mass, resisting, v, command), pull)
         return self._on_inextensible_rope(rope.stretch, mass, resisting, q, v, command)
@@ -264,7 +275,7 @@ class Plant:
         stands still.
         """
         layout = self.topology.layout
-        joints = np.arange(layout.n) if self.drive == "effort" else layout.passive
+        joints = layout.independent if self.drive == "effort" else layout.passive
         return joints if still is None else joints[joints != still]
 
     def impact(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:

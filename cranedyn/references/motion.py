@@ -125,6 +125,8 @@ def hanging_reference(
     samples[:, :, drives] = tabulated(reference, times, crane.layout.m)
     samples[1:, -1] = 0.0
     samples[0] = [crane.resting(q) for q in samples[0]]
+    if crane.coupling is not None:
+        samples[1:] = crane.coupling.spread(samples[1:].T).T
     q, v, a = samples
     return Motion(period, q, v, a, drives)
 
@@ -136,6 +138,9 @@ def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     forces = pin.rneaInParallel(1, pin.ModelPool(crane.model, 1), *columns).T
     forces = forces.reshape(motion.q.shape)  # of one row Pinocchio returns a vector
     joint = JointForces.of(crane).effort(rows(motion.q), rows(motion.v))
-    for i in motion.drives:
-        forces[:, i] -= joint[i]
-    return forces[:, motion.drives]
+    if crane.coupling is None:
+        for i in motion.drives:
+            forces[:, i] -= joint[i]
+        return forces[:, motion.drives]
+    needed = forces.T - np.array([np.broadcast_to(effort, len(forces)) for effort in joint])
+    return crane.coupling.gather(needed).T[:, motion.drives]

@@ -138,10 +138,10 @@ def moved(crane: Crane, start: State) -> Trajectory:
 
 
 def compare_motion(crane: Crane, folder: Path) -> bool:
-    """Compare 5 s of motion with MuJoCo's under the same controller; both step by semi-implicit Euler,
-    so that round-off is what differs. Dry friction, for which MuJoCo has a law of its own, is left
-    out. Return whether the motion could be compared: not where it is chaotic, so that a start moved
-    by 1e-12 ends elsewhere, or diverges.
+    """Compare 5 s of motion with MuJoCo's under the same controller; both step by semi-implicit
+    Euler, so that round-off is what differs. Dry friction is left out, since MuJoCo has a law of
+    its own for it. Return whether the motion could be compared: not where it is chaotic, so that a
+    start moved by 1e-12 ends elsewhere, or diverges.
     """
     crane = replace(crane, friction=None)
     model, data = reference(folder)

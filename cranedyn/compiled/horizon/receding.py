@@ -329,6 +329,7 @@ def receding(
             "This predictive controller is made for a rigid crane; this one has springs."
         )
     number("control_period", control_period, "s", "> 0")
+    crane.require_independent_joints("Predictive control")
     topology, values = Topology.of(crane), tuple(numbers(crane).tolist())
     swing_period = _swing_period(crane, plant(topology, list(values), "motion", False))
     tuning = Tuning().slower(swing_period / PENDULUM)
