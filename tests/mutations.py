@@ -791,8 +791,8 @@ cranedyn/dynamics/linearisation.py
 + power[:, :, []] = 0.0
 * free modes forget the springs
 ? cranes::free_modes_are_normal_and_keep_their_amplitudes
-- rest_stiffness(crane.model, data, crane.springs, q)[block]
-+ pin.computeGeneralizedGravityDerivatives(crane.model, data, q)[block]
+- rest_stiffness(crane.model, data, crane.springs, q, crane.coupling)[block]
++ (rest_stiffness(crane.model, data, crane.springs, q) - crane.springs.tangent(q))[block]
 cranedyn/model/load.py
 * an elastic crane starts where its springs are slack
 ? cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs
@@ -805,7 +805,7 @@ cranedyn/model/load.py
 cranedyn/model/layout.py
 * every joint counts as driven
 ? dynamics::a_large_swing_has_the_period_of_the_elliptic_integral
-- return self._where(lambda joint: not joint.driven)
+- return self._where(lambda joint: joint.passive)
 + return self._where(lambda joint: False)
 cranedyn/model/joints.py
 * one joint may play two parts

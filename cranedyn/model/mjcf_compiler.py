@@ -224,7 +224,7 @@ def damping_of_joints(mujoco: Any, model: Any) -> list[float]:
     return damping
 
 
-class Actuation:
+class ActuatorRange:
     """Range of the effort that the actuators of a joint can exert, their sum.
 
     Attributes:
@@ -237,14 +237,14 @@ class Actuation:
         self.kinds: list[str] = []
 
 
-def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, Actuation]:
+def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, ActuatorRange]:
     """Return what drives each joint that an actuator moves, by the index of the joint.
 
     Raises:
         Refused: If an actuator acts on something else than one slide or hinge.
     """
     on_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    names, found = Names(mujoco, model), dict[int, Actuation]()
+    names, found = Names(mujoco, model), dict[int, ActuatorRange]()
     for actuator in range(model.nactuator):
         if model.opt.disableactuator & (1 << max(int(model.actuator_group[actuator]), 0)):
             continue
@@ -260,7 +260,7 @@ def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, Actuation]:
             raise Refused(f"the gear of the actuator {name} is 0, so that it moves nothing")
         ends = sorted((low * gear, high * gear))
         joint = int(model.actuator_trnid[actuator, 0])
-        actuation = found.setdefault(joint, Actuation())
+        actuation = found.setdefault(joint, ActuatorRange())
         actuation.low += ends[0]
         actuation.high += ends[1]
         if kind:

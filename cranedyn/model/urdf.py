@@ -105,8 +105,8 @@ def check_urdf(robot: ET.Element, source: object) -> None:
     Raises:
         ModelError: If xacro directives are left, a name cannot be printed, an element is duplicate
             or incomplete, a joint mimics none that moves, or links and joints are no tree.
-        OutOfRange: If a number is not a decimal number, exceeds 1e30, or no body has the mass and
-            inertia of a link.
+        OutOfRange: If a number is not a decimal number, exceeds 1e30, a friction is negative, or no
+            body has the mass and inertia of a link.
     """
     for element in robot.iter():
         texts = [element.tag, *element.attrib.values()]
@@ -255,6 +255,8 @@ def _check_element(element: ET.Element, context: str) -> None:
                 f"{_MAX_NUMBER:g}"
             )
             raise OutOfRange(f"{name} of {element.tag} in {context}", repr(numbers), allowed)
+    if element.tag == "dynamics":
+        number(f"dry friction of {context}", element.get("friction", "0"), allowed=">= 0")
 
 
 def _check_joint(joint: ET.Element, context: str) -> None:

@@ -465,8 +465,8 @@ NOT_OURS = r"""
 <axis xyz="0 0 -1"/> => <axis xyz="0 -1"/> => xyz of axis in joint hoist_joint .* 3 decimal numbers
 upper="26.4" => upper="1e400" => upper of limit in joint hoist_joint .* is '1e400'
 upper="26.4" => upper="1e31" => allowed is a decimal number up to 1e\+30
-damping="0.0"/> => damping="0.0" friction="-5"/> => dry friction of .* is -5.* N.*; allowed is >= 0
-<axis xyz="1 0 0"/> => <mimic joint="mast"/> => joint swing_radial_joint .* mimics mast, which is no
+damping="0.0"/> => damping="0.0" friction="-5"/> => dry friction of joint .* is -5; allowed is >= 0
+<axis xyz="1 0 0"/> => <mimic joint="mast"/> => ModelError: joint .* mimics mast, which is no joint
 <child link="hook_link"/> => <child link="trolley_link"/> => ModelError: two joints with the child
 rgba="0.42 0.42 0.40 1" => rgba="0.42 0.42" => rgba of color in material concrete
 <box size= => <box sizes= => size of box in link
