@@ -43,6 +43,7 @@ from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.lifting.chart import Falls, read_chart
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
+from cranedyn.planning.lift import refuse_contradictions
 from cranedyn.planning.site import Site
 from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import Solid
@@ -401,8 +402,11 @@ def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     print("Compiling the crane and planning exercises, up to half a minute ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
-    if site is not None:
+    has_arguments = options.urdf is None or Path(options.urdf).suffix == ".xacro"
+    if site is not None and has_arguments:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
     crane = crane_from_options(options)
+    if site is not None:
+        refuse_contradictions(site, crane)
     return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)

@@ -17,7 +17,7 @@ import pinocchio as pin
 from cranedyn.checks import number, within
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
-from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, printable
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, printable
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, CraneValues, describe
@@ -123,7 +123,7 @@ def load_crane(
             ambiguous, a joint has several degrees of freedom, or does not fit its role.
         OutOfRange: If a number is not one that a crane can have.
         UnknownName: If the xacro file has no such argument, or there is no such joint or role.
-        DataError: If the file cannot be read.
+        DataError: If the file cannot be read, or values are given for one without arguments.
     """
     for name in (values or {}).keys() & numbers.keys():
         raise OutOfRange(name, "given twice", "given once, in values or by its name")
@@ -151,10 +151,14 @@ def load_crane(
     path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
         text = describe(path, values, visuals=urdf is not None, packages=packages)
-    elif values:
-        raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
     else:
-        text = read_text(path)
+        text = read_text(path)  # first, so that a file that is missing is named as missing
+        if values:
+            raise DataError(
+                f"{path} is not a .xacro file and has no arguments, so that "
+                f"{', '.join(map(str, values))} cannot be set in it; change the number in the file "
+                "itself, or give a .xacro file that declares it."
+            )
     if urdf is not None or swing:
         return _foreign_crane(text, path, options, swing)
     record: dict[str, Any] = {}

@@ -137,13 +137,32 @@ def crane_of(
 ) -> Crane:
     """Load the crane of a site, from another file or with further values changed by name.
 
+    A file other than a ``.xacro`` has no arguments: its own numbers hold, and those that the site
+    enters must be the same.
+
     Raises:
-        DataError: If the site gives such a value, too.
+        DataError: If the site gives such a value, too, or enters a number that is another in the
+            file, or that cannot be compared with it.
         CraneError: As `cranedyn.model.load.load_crane`.
     """
     for name in site.crane.keys() & values.keys():
         raise DataError(f"{name} is given by the site, too; leave one out.")
-    return load_crane(urdf, gravity=gravity, values={**site.crane, **values})
+    if urdf is None or pathlib.Path(urdf).suffix == ".xacro":
+        return load_crane(urdf, gravity=gravity, values={**site.crane, **values})
+    crane = load_crane(urdf, gravity=gravity, values=values)
+    for name in site.crane:
+        if name not in _COMPARED:
+            raise DataError(
+                f"The site enters {name}, an argument that {urdf} does not have, since it is no "
+                ".xacro file; leave it out of the site, or give the crane as a .xacro file."
+            )
+    refuse_contradictions(site, crane)
+    return crane
+
+
+_COMPARED = {"payload_mass", "slew_effort", "trolley_effort", "hoist_effort", "counter_jib"}
+"""Arguments that a site may enter for a crane whose description has no arguments: they are compared
+with the description itself, the counter-jib with its shapes (`cranedyn.lifting.checks`)."""
 
 
 def plan_lift(
@@ -217,12 +236,37 @@ def refuse_contradictions(site: Site, crane: Crane) -> None:
     Raises:
         DataError: If a value of the site is another for the crane.
     """
-    given = crane.record.get("arguments")
-    if not isinstance(given, dict):
-        return  # a plain URDF has no values by name
-    for name, value in site.crane.items():
-        if name in given and float(given[name]) != float(value):
-            raise DataError(f"The site enters {name} {value:g}; the crane has {given[name]}.")
+    arguments = crane.record.get("arguments")
+    if isinstance(arguments, dict):
+        for name, value in site.crane.items():
+            if name in arguments and float(arguments[name]) != float(value):
+                raise DataError(
+                    f"The site enters {name} {value:g}; the crane has {arguments[name]}. Load the "
+                    "crane with the value of the site, or change it there."
+                )
+        return
+    # Any other description has no values by name. What it says itself is compared.
+    for name, (actual, unit) in _numbers_by_argument(crane).items():
+        value = site.crane.get(name)
+        if value is not None and not math.isclose(float(value), actual, rel_tol=1e-9):
+            raise DataError(
+                f"The site enters {float(value):,.6g} {unit} as {name}; the description of the "
+                f"crane has {actual:,.6g} {unit}. Change one of them."
+            )
+
+
+def _numbers_by_argument(crane: Crane) -> dict[str, tuple[float, str]]:
+    """Return the numbers of a crane, with units, that a site may enter as arguments of the tower
+    crane of this project.
+    """
+    layout = crane.layout
+    numbers = {"payload_mass": (crane.payload_mass, "kg")}
+    for role in ("slew", "trolley", "hoist"):
+        drive = layout.drive_of(role)
+        if drive is not None:
+            unit = layout.driven[drive].effort_unit
+            numbers[f"{role}_effort"] = (float(crane.effort_limit[drive]), unit)
+    return numbers
 
 
 def _refuse_implausible(

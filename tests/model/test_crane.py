@@ -17,7 +17,7 @@ from hypothesis import given
 from numpy.testing import assert_allclose
 
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.errors import CraneError, DataError, MissingRole, ModelError, OutOfRange, UnknownName
+from cranedyn.errors import CraneError, DataError, MissingRole, ModelError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, arguments, describe
@@ -313,8 +313,13 @@ def test_a_crane_without_initial_values_starts_hanging_in_the_middle_of_its_rang
 
 def test_a_plain_urdf_takes_no_arguments(urdf: str, tmp_path: Path) -> None:
     (tmp_path / "mine.urdf").write_text(urdf)
-    with pytest.raises(UnknownName, match="no argument 'payload_mass'"):
+    with pytest.raises(DataError, match="has no arguments, so that payload_mass cannot be set"):
         load_crane(tmp_path / "mine.urdf", payload_mass=2)
+
+
+def test_a_file_that_is_missing_is_named_as_missing_whatever_is_set_in_it(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"Cannot read .*nosuch\.urdf"):
+        load_crane(tmp_path / "nosuch.urdf", payload_mass=2)
 
 
 def _hoist_from_trolley(text: str) -> str:

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.dynamics.pinocchio import payload_position
-from cranedyn.errors import CraneError, ModelError
+from cranedyn.errors import CraneError, DataError, ModelError
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
@@ -24,7 +24,7 @@ from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import straight_time
-from cranedyn.planning.lift import RESERVE, NoWay, _is_proven, _ways, plan_lift
+from cranedyn.planning.lift import RESERVE, NoWay, _is_proven, _ways, crane_of, plan_lift
 from cranedyn.planning.perturbed import (
     Perturbed,
     Spread,
@@ -88,6 +88,30 @@ def test_a_crane_that_is_not_the_one_that_its_site_enters_is_refused() -> None:
     light = load_crane(payload_mass=1200.0)
     with pytest.raises(CraneError, match="site enters payload_mass 9000; the crane has 1200"):
         plan_lift(site(crane={"payload_mass": 9000.0}), LIMITS, crane=light)
+
+
+@pytest.mark.parametrize(
+    ("entered", "sentence"),
+    [
+        ({"payload_mass": 9000.0}, "enters 9,000 kg as payload_mass; .* has 1,000 kg"),
+        ({"hoist_effort": 2e5}, "enters 200,000 N as hoist_effort; .* has 100,000 N"),
+        ({"trolley_max": 30.0}, "enters trolley_max, an argument that .*mine.urdf does not have"),
+    ],
+)
+def test_a_plain_urdf_is_not_another_crane_than_its_site_enters(
+    tmp_path: Path, entered: dict[str, float], sentence: str
+) -> None:
+    file = tmp_path / "mine.urdf"
+    file.write_text(load_crane().urdf)
+    with pytest.raises(DataError, match=sentence):
+        crane_of(site(crane=entered), urdf=file)
+
+
+def test_a_plain_urdf_with_the_numbers_of_its_site_is_its_crane(tmp_path: Path) -> None:
+    file = tmp_path / "mine.urdf"
+    file.write_text(load_crane(payload_mass=1500.0, hoist_effort=2e5).urdf)
+    entered = {"payload_mass": 1500.0, "hoist_effort": 2e5, "counter_jib": 9.4}
+    assert crane_of(site(crane=entered), urdf=file).payload_mass == 1500.0
 
 
 def test_a_lift_that_takes_days_is_refused() -> None:
