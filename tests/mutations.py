@@ -65,6 +65,15 @@ class Mutation(NamedTuple):
 
 
 TABLE = r"""
+cranedyn/bridges/control.py
+* a feedback forgets what its own memory does to the next command
+? control::a_gain_of_the_commands_on_their_way_moves_the_crane_as_the_closed_linear_loop
+- moved_on - newest @ gain_of_memory
++ moved_on
+* a feedback of commands on their way runs with any delay
+? control::a_gain_of_the_commands_on_their_way_is_refused_a_run_with_another_delay
+- if steps != self.delay:
++ if False:
 cranedyn/verdict.py
 * a claim that was not judged hides one that fails
 ? verdict::checks_hold_together_only_if_there_are_some_and_all_hold

@@ -38,7 +38,7 @@ from cranedyn.bridges.target import check_free, new_file
 from cranedyn.data.files import with_ending
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.bodies import bodies
-from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.converters import Converters, converters, default_rates
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.lifting.chart import Falls, read_chart
 from cranedyn.model.crane import Crane
@@ -90,7 +90,6 @@ def export(
     Raises:
         DataError: If the ending is not .html, the file exists or cannot be written, or a mesh
             cannot be read.
-        OutOfRange: If a drive has no velocity limit above 0.
         MissingRole: If there is a chart, and the crane does not slew.
         ModelError: If the code would not do what Pinocchio does.
     """
@@ -407,6 +406,8 @@ def run(options: argparse.Namespace) -> Path:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
     crane = crane_from_options(options)
+    for sentence in default_rates(crane):
+        print(sentence, file=sys.stderr)
     if site is not None:
         refuse_contradictions(site, crane)
     return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)
