@@ -65,6 +65,11 @@ class Mutation(NamedTuple):
 
 
 TABLE = r"""
+cranedyn/bridges/page.py
+* the force of a rope whose coordinate is a height is negative
+? page::a_crane_without_visuals_and_roles_has_a_load_colours_and_the_force_of_its_rope
+- return 1.0 if (before - after) / step >= 0.0 else -1.0
++ return 1.0
 cranedyn/bridges/control.py
 * a feedback forgets what its own memory does to the next command
 ? control::a_gain_of_the_commands_on_their_way_moves_the_crane_as_the_closed_linear_loop

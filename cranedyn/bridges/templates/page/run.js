@@ -28,7 +28,8 @@
  * @property {number[]} swings Joints of the swing.
  * @property {number[]} damping By joint.
  * @property {number[][]} load Corners of the load in the frame of its joint [m].
- * @property {{hoist: number, damping: number} | null} rope Drive and damping of a rigid rope.
+ * @property {{hoist: number, damping: number, sign: number} | null} rope Drive and damping of a rigid
+ *   rope, and 1 if it grows longer with the coordinate, else -1.
  * @property {number} lead Time by which positions run ahead of rates [s].
  * @property {Record<string, string[]>} columns
  * @property {object} record What `load_crane` loads the crane from.
@@ -252,8 +253,8 @@ class Run {
     this.valid = kernel.advance();
     this.asked = this.asked.map((x, i) => x + (before[i] + kernel.reference[i]) / 2 * period);
     this.account(middle, power, rope);
-    this.tension = crane.rope && crane.rope.damping * this.state.v[crane.drives[crane.rope.hoist]]
-      - kernel.row.effort[crane.rope.hoist];
+    this.tension = crane.rope && crane.rope.sign * (crane.rope.damping
+      * this.state.v[crane.drives[crane.rope.hoist]] - kernel.row.effort[crane.rope.hoist]);
     this.event = this.ended(rope);
     if (this.task) this.judge(rope[rope.length - 1]);
     this.k += 1;
