@@ -109,6 +109,17 @@ class Trajectory(TimeSeries):
         """Symbols of the coordinates."""
         return tuple(column.rpartition("_")[0] for column in self.columns["q"])
 
+    def check_coordinates(self, columns: Sequence[str]) -> None:
+        """Check that the run is one of a crane whose coordinates have these columns.
+
+        Raises:
+            OutOfRange: If it is not, with the symbols of both.
+        """
+        if tuple(self.columns["q"]) != tuple(columns):
+            expected = ", ".join(column.rpartition("_")[0] for column in columns)
+            given = f"of joints {', '.join(self.symbols)}"
+            raise OutOfRange("run", given, f"a run of this crane, of joints {expected}")
+
     @property
     def drives(self) -> list[int]:
         """Indices of the driven coordinates among all coordinates."""
