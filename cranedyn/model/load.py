@@ -37,6 +37,7 @@ from cranedyn.model.joints import (
 from cranedyn.model.layout import Layout
 from cranedyn.model.machines import read_machine
 from cranedyn.model.mjcf import read_mjcf
+from cranedyn.model.pendulum import pendulum_note
 from cranedyn.model.springs import read_springs
 from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
 from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
@@ -254,7 +255,8 @@ def _crane(
     if not (springs.any or crane.rest.hangs):
         return crane
     hanging = crane.rest.q if crane.rest.hangs else crane.hanging(q)
-    return replace(crane, start=State(hanging, np.zeros(layout.n)))
+    assumptions = (*options.assumptions, *pendulum_note(crane))
+    return replace(crane, start=State(hanging, np.zeros(layout.n)), assumptions=assumptions)
 
 
 def _from_record(record: Mapping[str, Any], path: Path) -> Crane:

@@ -247,10 +247,10 @@ def refuse_contradictions(site: Site, crane: Crane) -> None:
         return
     # Any other description has no values by name. What it says itself is compared.
     for name, (actual, unit) in _numbers_by_argument(crane).items():
-        value = site.crane.get(name)
-        if value is not None and not math.isclose(float(value), actual, rel_tol=1e-9):
+        entered = site.crane.get(name)
+        if entered is not None and not math.isclose(float(entered), actual, rel_tol=1e-9):
             raise DataError(
-                f"The site enters {float(value):,.6g} {unit} as {name}; the description of the "
+                f"The site enters {float(entered):,.6g} {unit} as {name}; the description of the "
                 f"crane has {actual:,.6g} {unit}. Change one of them."
             )
 
