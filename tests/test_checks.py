@@ -117,7 +117,7 @@ rigid_period(10.0, -9.81, 1000.0, 1.0) => the answer of rigid_period(10.0, -9.81
 small_swing(t, t, length=9.0, gravity=9.8, **quiet) => swing is an array of shape (1200,); allowed
 hold(crane, four) => state is a state of 4 coordinates and 4 rates
 lqr(crane, other) => motion is a motion of 4 coordinates, the drives [0, 1]; allowed is one of 5,
-crane.state(x=10**5000) => x at the start is int that cannot be written out m; allowed is a number.
+crane.state(x=10**5000) => x at the start is int that cannot be written out; allowed is a number [m].
 crane.state(**{"x\0": 1.0}) => There is no coordinate 'x\x00'
 load_crane("a\0b.urdf") => Cannot read a b.urdf:
 load_crane(**{"payload\0mass": 1.0}) => There is no argument 'payload\x00mass'
@@ -130,7 +130,7 @@ number("a", [1]) => a is [1]; allowed is a number.
 whole("a", 2**64, 0) => a is 18446744073709551616; allowed is a whole number up to 9
 whole("a", 2.0, 0) => a is 2.0; allowed is a whole number >= 0.
 intervals("a", 1.0, 0.0) => step is 0.0 s; allowed is > 0.
-clocks(1.0, 10**5000, 1.0) => dt is int that cannot be written out s
+clocks(1.0, 10**5000, 1.0) => dt is int that cannot be written out; allowed is
 with_sensor_model(crane, law, rng=rng, delay=-1) => delay of the sensors is -1 control periods; allo
 with_sensor_model(crane, law, rng=rng, noise=[1.0]) => noise of the sensors is [1.0]; allowed is 10
 with_sensor_model(crane, law, rng=rng, noise=[*ten[:9], -1.0]) => noise of the sensors is -1.0; allo
@@ -290,7 +290,7 @@ crane.state(x=23.0) => x at the start is 23.0 m; allowed is 2 to 22.
 crane.state(phi=1.58) => phi at the start is 1.58 rad; allowed is -1.5708 to 1.5708.
 crane.state(gamma=nan) => gamma at the start is nan rad; allowed is a finite number.
 crane.state(l_dot=inf) => l_dot at the start is inf m/s; allowed is a finite number.
-crane.state(x='far') => x at the start is far m; allowed is a number.
+crane.state(x='far') => x at the start is far; allowed is a number [m].
 riccati(one, one, -one[0], one[0]) => state weight is [[-1.0]]; allowed is symmetric and positive se
 riccati(one, one, one[0], 0.0 * one[0]) => effort weight is [[0.0]]; allowed is symmetric and positi
 riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is [[1.0, 0.0], [1.0
