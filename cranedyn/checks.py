@@ -150,6 +150,35 @@ def finite(name: str, value: Any, *shapes: Shape, unit: str = "", meaning: str =
     return array
 
 
+def weight_matrix(name: str, value: Any, size: int, *, definite: bool) -> np.ndarray:
+    """Return a symmetric weight of a quadratic cost, checked, shape (size, size).
+
+    Args:
+        name: Name of the weight for the error message.
+        value: The weight.
+        size: Its number of rows and columns.
+        definite: Whether its eigenvalues must be positive; else they may be 0, and negative by
+            round-off, 1e-9 of the largest element.
+
+    Raises:
+        Misshapen: As `as_array`.
+        OutOfRange: If a number is not finite, or the matrix is not symmetric or has an eigenvalue
+            that is not allowed.
+    """
+    weight = as_array(name, value, (size, size))
+    allowed = "symmetric and positive " + ("definite" if definite else "semidefinite")
+    matrix = f"a {size} by {size} matrix"
+    if not np.isfinite(weight).all():
+        raise OutOfRange(name, f"{matrix} with numbers that are not finite", allowed)
+    if not np.allclose(weight, weight.T):
+        asymmetry = float(np.abs(weight - weight.T).max())
+        raise OutOfRange(name, f"{matrix} that is unsymmetric by {asymmetry:.3g}", allowed)
+    least = float(np.linalg.eigvalsh(weight).min())
+    if least < (np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()):
+        raise OutOfRange(name, f"{matrix} with the eigenvalue {least:.3g}", allowed)
+    return weight
+
+
 def equal_rows(array: np.ndarray) -> np.ndarray:
     """Return the first row of an array whose rows share their memory, and others as they are."""
     return array[:1] if array.ndim > 1 and not array.strides[0] else array

@@ -117,7 +117,7 @@ rigid_period(10.0, -9.81, 1000.0, 1.0) => the answer of rigid_period(10.0, -9.81
 small_swing(t, t, length=9.0, gravity=9.8, **quiet) => swing is an array of shape (1200,); allowed
 hold(crane, four) => state is a state of 4 coordinates and 4 rates
 lqr(crane, other) => motion is a motion of 4 coordinates, the drives [0, 1]; allowed is one of 5,
-crane.state(x=10**5000) => x at the start is int that cannot be written out; allowed is a number [m].
+crane.state(x=10**5000) => x at the start is int that cannot be written out; allowed is a number [m]
 crane.state(**{"x\0": 1.0}) => There is no coordinate 'x\x00'
 load_crane("a\0b.urdf") => Cannot read a b.urdf:
 load_crane(**{"payload\0mass": 1.0}) => There is no argument 'payload\x00mass'
@@ -157,7 +157,7 @@ mpc(crane, short, effort_limit=(1e4, 1e3)) => effort limit is (10000.0, 1000.0);
 mpc(crane, short, rate_limit=(0.0, 1.0, 1.0)) => rate limit of gamma is 0.0 rad/s; allowed is > 0.
 mpc(crane, short, swing_limit=0.0) => swing limit is 0.0 rad; allowed is > 0.
 mpc(crane, short, swing_limit=2.0) => swing limit is 2.0 rad; allowed is 0 to 1.5708.
-mpc(crane, short, effort_weight=np.zeros((3, 3))) => effort weight is [[0.0, 0.0, 0.0], [0.0, 0.0, 0
+mpc(crane, short, effort_weight=np.zeros((3, 3))) => effort weight is a 3 by 3 matrix with the eigen
 receding(crane, limits, period=0.052) => period is 0.052 s; allowed is a multiple of control_period
 receding(crane, limits, stage=0.052) => stage is 0.052 s; allowed is a multiple of control_period =
 receding(crane, limits, stages=1) => stages is 1 stages; allowed is a whole number >= 2.
@@ -291,9 +291,9 @@ crane.state(phi=1.58) => phi at the start is 1.58 rad; allowed is -1.5708 to 1.5
 crane.state(gamma=nan) => gamma at the start is nan rad; allowed is a finite number.
 crane.state(l_dot=inf) => l_dot at the start is inf m/s; allowed is a finite number.
 crane.state(x='far') => x at the start is far; allowed is a number [m].
-riccati(one, one, -one[0], one[0]) => state weight is [[-1.0]]; allowed is symmetric and positive se
-riccati(one, one, one[0], 0.0 * one[0]) => effort weight is [[0.0]]; allowed is symmetric and positi
-riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is [[1.0, 0.0], [1.0
+riccati(one, one, -one[0], one[0]) => state weight is a 1 by 1 matrix with the eigenvalue -1; allowe
+riccati(one, one, one[0], 0.0 * one[0]) => effort weight is a 1 by 1 matrix with the eigenvalue 0; a
+riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is a 2 by 2 matrix t
 optimum(goal=moved(x=20.0)) => x at the goal is 30.0 m; allowed is 2 to 22.
 optimum(start=moved(l=-14.0)) => l at the start is 1.0 m; allowed is 3.4 to 26.4.
 optimum(start=moved(phi=0.2)) => phi at the start is 0.2 rad; allowed is -0.1 to 0.1.

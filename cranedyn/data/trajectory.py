@@ -245,9 +245,31 @@ def _metadata(metadata: Mapping[bytes, bytes], key: bytes, message: str) -> dict
 
 
 def _check_times(t: np.ndarray, least_rows: int, path: str | Path) -> None:
-    if len(t) < least_rows or not (t[1:] > t[:-1]).all():
+    if len(t) < least_rows:
         rows = "one row" if least_rows == 1 else "two rows"
-        raise DataError(f"{path}: t_s must increase from row to row, over {rows} at least.")
+        raise DataError(f"{path} has too few rows, {len(t)}; it needs {rows} or more.")
+    check_increasing(t, "t_s", path)
+
+
+def check_increasing(t: np.ndarray, name: str, path: str | Path) -> None:
+    """Check that times increase from row to row [s].
+
+    Args:
+        t: The times, two at least.
+        name: Name of their column, for the error message.
+        path: File that they are from, for the error message.
+
+    Raises:
+        DataError: If they do not, with the first row in which one does not.
+    """
+    falling = np.flatnonzero(~(t[1:] > t[:-1]))
+    if len(falling):
+        row = int(falling[0])
+        raise DataError(
+            f"{path}: {name} must increase from row to row; in data row {row + 2} it is "
+            f"{t[row + 1]:.9g} s after {t[row]:.9g} s. Leave out rows that come twice, or sort "
+            "them by time."
+        )
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:

@@ -137,7 +137,8 @@ def test_the_fewest_falls_come_first_whatever_the_order_of_the_file(tmp_path: Pa
     assert [falls.count for falls in chart.reevings] == [1, 2, 4]
     assert chart.on().at(10.0) == 1000.0 and chart.on(4).at(10.0) == 9000.0
     file.write_text(text + more.format(2, 9e3) + more.format(2, 5e3))
-    with pytest.raises(DataError, match=r"line 8, \[falls\] count: another \[\[falls\]\] has 2 falls, too"):
+    sentence = r"line 8, \[falls\] count: another \[\[falls\]\] has 2 falls, too"
+    with pytest.raises(DataError, match=sentence):
         read_chart(file)
 
 
