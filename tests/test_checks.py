@@ -222,7 +222,7 @@ load_crane(fall_spacing=-1.0) => fall_spacing is -1.0 m; allowed is >= 0.
 Ground([[0.0, 1.0]]) => points of a load is ((0.0, 1.0),) m; allowed is one or more of three numbers
 Platform((0.0, 0.0), (1.0, 0.0), 1.0) => size of a platform is 0.0 m; allowed is > 0.
 Ground(points, (Platform((0.0, 0.0), (1.0, 1.0), 2.0),), height=2.0) => height of a platform above t
-standing(crane, Ground(points), start) => A load stands on the ground below a rope that stretches on
+standing(crane, Ground(points), start) => A load can stand on the ground only below a rope that stre
 batch(crane=[crane] * 8) => number of cranes is 8; allowed is 9, as many as there are of others, or
 batch(controller=[law]) => number of controllers is 1; allowed is 9, as many as there are of others,
 batch(reference=[still] * 10) => number of cranes is 9; allowed is 10, as many as there are of other
@@ -328,7 +328,7 @@ run(drive=converters(crane, delay=0.4)) => delay of converters is 0.4 s; allowed
 run(drive='velocity', validity='buffers') => validity is buffers; allowed is stop or mark, or buffer
 sampled(load_crane(gravity=1e40), start) => what a control period does to a state is inf; allowed is
 with_longer_cable(crane, motion, -11.0) => length of the shortest cable is -1.0 m; allowed is > 0.
-free_modes(crane, State(np.array([0.0, 10.0, math.pi, 0.0, 15.0]), five)) => At [0.0, 10.0, 3.141592
+free_modes(crane, State(np.array([0.0, 10.0, math.pi, 0.0, 15.0]), five)) => At gamma = 0 rad, x = 1
 free_modes(crane, start).amplitudes(np.zeros((3, 7)), rows) => q is an array of shape (3, 7); allowe
 itinerary(crane, start, [Leg('away', x=15.0)], rates=three, dwell=6.0) => end of the tour is [0.0, 1
 itinerary(crane, start, [], rates=three, dwell=6.0) => tour is empty; allowed is one leg at least th

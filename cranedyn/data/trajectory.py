@@ -282,7 +282,7 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
             ended.
     """
     if not len(pieces):
-        raise DataError("There are no pieces to join.")
+        raise DataError("There are no pieces to join; give one or more.")
     if not all(len(piece) for piece in pieces):
         raise DataError("A piece to join has no rows.")
     for previous, piece in itertools.pairwise(pieces):

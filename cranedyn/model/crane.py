@@ -263,8 +263,8 @@ class Crane:
         q = solve_rest(self.model, self.data, self.springs, self.layout.passive, q)
         if not ((q >= self.lower) & (q <= self.upper))[self.layout.passive].all():
             raise ModelError(
-                "This crane does not hang at rest within the ranges of its joints near "
-                f"{q.tolist()}."
+                "This crane does not hang at rest within the ranges of its joints; with its drives "
+                f"there it would hang at {self.layout.coordinates_text(q)}."
             )
         return q
 

@@ -17,7 +17,7 @@ import pinocchio as pin
 from cranedyn.checks import number, within
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
-from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, printable
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, printable, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, CraneValues, describe
@@ -227,7 +227,13 @@ def _crane(
     points = force_points(model, joints, load)
     layout = Layout(joints, tuple(point.name for point in points))
     springs = read_springs(robot, layout, path)
-    _check_ranges(model, layout, load)
+    try:
+        _check_ranges(model, layout, load)
+    except OutOfRange as error:
+        if path == XACRO:
+            raise  # whose numbers are arguments, named as such
+        name = f"{error.name} in {path}"
+        raise OutOfRange(name, error.value, error.allowed, error.unit) from None
     q = _start(robot, layout, model)
     _check_solvable(model, q, layout, path)
     crane = Crane(
@@ -346,7 +352,8 @@ def _check_ranges(model: pin.Model, layout: Layout, payload: int) -> None:
         if joint.driven:
             effort = float(model.effortLimit[i])
             number(f"effort limit of {joint.name}", effort, joint.effort_unit, "> 0")
-        number(f"damping of {joint.name}", model.damping[i], allowed=">= 0")
+        unit = "N m s/rad" if joint.kind == "revolute" else "N s/m"
+        number(f"damping of {joint.name}", model.damping[i], unit, ">= 0")
         if joint.role == "hoist":
             number("shortest cable", low, "m", "> 0")
     number("payload mass", model.inertias[payload + 1].mass, "kg", f"{_LIGHTEST:g} to 1e30")
@@ -364,16 +371,21 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
     diagonal = np.diag(mass)
     energy = pin.computePotentialEnergy(model, data, q)
     if not (np.isfinite(mass).all() and math.isfinite(energy) and (diagonal > 0.0).all()):
-        raise ModelError(
-            f"{path} cannot be simulated: masses, lengths or gravity are beyond what a number "
-            "holds, or a joint moves nothing."
-        )
+        still = [layout.joints[i].name for i in np.flatnonzero(~(diagonal > 0.0)).tolist()]
+        reason = "masses, lengths or gravity are beyond what a number holds"
+        if still:
+            reason = f"{', '.join(map(quoted, still))} moves no mass; give its links a mass"
+        raise ModelError(f"{path} cannot be simulated: {reason}.")
     scale = np.sqrt(diagonal)
     scaled = mass / scale / scale[:, None]
     smallest = float(np.linalg.eigvalsh(scaled)[0])
     if not smallest > _LEAST_EIGENVALUE:
-        allowed = f"> {_LEAST_EIGENVALUE:g}: masses differ too much"
-        name = "smallest eigenvalue of the scaled mass matrix"
+        allowed = (
+            f"> {_LEAST_EIGENVALUE:g}: its masses and inertias differ too much; give its lightest "
+            "links more"
+        )
+        owner = "this crane" if path == XACRO else str(path)
+        name = f"smallest eigenvalue of the scaled mass matrix of {owner}"
         raise OutOfRange(name, f"{smallest:.1e}", allowed)
     effort = np.zeros(layout.n)
     effort[layout.drives] = model.effortLimit[layout.drives]
@@ -383,5 +395,5 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
     if not np.abs(acceleration - expected).max() <= _LARGEST_DEVIATION * np.abs(expected).max():
         raise ModelError(
             f"{path} cannot be simulated: its masses and lengths differ so much that accelerations "
-            "lose all their digits."
+            "lose all their digits; look whether all are in kg, kg m² and m."
         )

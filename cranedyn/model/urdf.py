@@ -219,7 +219,10 @@ def _check_element(element: ET.Element, context: str) -> None:
     if element.tag == "joint":
         _check_joint(element, context)
     if element.tag == "mimic":
-        raise ModelError(f"The {context} mimics another; a crane moves in all of its joints.")
+        raise ModelError(
+            f"The {context} mimics another, which a crane cannot: each of its joints moves by "
+            "itself. Leave out <mimic>, or make it a fixed joint."
+        )
     for name, count in _NUMBERS.get(element.tag, {}).items():
         default = "" if name in _NEEDED.get(element.tag, ()) else None
         numbers = element.get(name, default)
@@ -243,7 +246,10 @@ def _check_joint(joint: ET.Element, context: str) -> None:
     if kind not in _TYPES:
         raise ModelError(f"The {context} is of type {kind!r}; allowed are {', '.join(_TYPES)}.")
     if kind in _TYPES[:2] and joint.find("limit") is None:
-        raise ModelError(f"The {context} is {kind} and has no limit.")
+        raise ModelError(
+            f"The {context} is {kind} and has no limit; give it a <limit> with lower, upper, "
+            "effort and velocity."
+        )
     dynamics = joint.find("dynamics")
     if dynamics is not None and not {*dynamics.keys()} & {"damping", "friction"}:
         raise ModelError(f"The dynamics of {context} needs a damping.")
