@@ -118,7 +118,8 @@ class OutOfRange(CraneError):
         if unit and _NUMBERS.match(text):
             text = f"{text} {unit}"
         elif unit:  # a word, such as "none", has no unit; what is allowed has
-            limits = f"{allowed} [{unit}]"
+            range_text, colon, reason = allowed.partition(":")
+            limits = f"{range_text} [{unit}]{colon}{reason}"
         super().__init__(f"{name} is {text}; allowed is {limits}.{decimal_comma(value)}")
 
 
