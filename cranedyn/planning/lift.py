@@ -215,10 +215,8 @@ def plan_lift(
     first = _end(clearance, "start", start)
     last = _end(clearance, "goal", goal)
     if np.allclose(first, last, atol=1e-6):
-        raise NoWay(
-            f"Start and goal of the lift are the same place, {np.round(goal, 3).tolist()}; give "
-            "another goal."
-        )
+        place = np.round(np.asarray(goal), 3).tolist()
+        raise NoWay(f"Start and goal of the lift are the same place, {place}; give another goal.")
     slew = clearance.joints.slew
     slews = slew_range(
         clearance, float(first[0]), float(crane.lower[slew]), float(crane.upper[slew])

@@ -411,7 +411,9 @@ def test_what_cannot_be_written_is_a_sentence(
     file = tmp_path / "b.mcap"
     with pytest.raises(CraneError, match=r"the ending must be \.mcap"):
         mcap.export(tmp_path / "a.bag", SETUP.crane, run)
-    with pytest.raises(CraneError, match=r"MCAP is that of no row; allowed is 0 or later .s.: times"):
+    with pytest.raises(
+        CraneError, match=r"MCAP is that of no row; allowed is 0 or later .s.: times"
+    ):
         mcap.export(file, SETUP.crane, run.before(-1.0))
     monkeypatch.setattr(mcap, "find_spec", lambda name: None)
     with pytest.raises(CraneError, match=r"^mcap-ros2-support is not installed: pip install 'cra"):
