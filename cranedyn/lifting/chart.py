@@ -119,8 +119,8 @@ class Falls:
     def __post_init__(self) -> None:
         """Check that it is a chart."""
         whole("number of falls", self.count, 1)
-        radii = finite("radii", self.radii, ("k",), unit="m")
-        rated = finite("loads", self.rated, ("k",), unit="kg")
+        radii = finite("radii", self.radii, ("k",), unit="m", meaning="a list of numbers [m]")
+        rated = finite("loads", self.rated, ("k",), unit="kg", meaning="a list of numbers [kg]")
         if len(rated) != len(radii):
             numbers = f"{len(rated)} for {len(radii)} radii"
             raise Misshapen("number of loads", numbers, "one load for each radius")
