@@ -148,16 +148,13 @@ def _recorded(options: argparse.Namespace) -> Path:
     from cranedyn import recording
     from cranedyn.data.files import lock_folder
     from cranedyn.data.trajectory import read
-    from cranedyn.errors import DataError
     from cranedyn.model.options import crane_of_run
     from cranedyn.recording.film import check_film, film
 
     if options.film:
         check_film(options.film)
     trajectory = read(options.file)
-    crane = crane_of_run(options, trajectory.record)
-    if trajectory.columns["q"] != crane.layout.columns()["q"]:
-        raise DataError(f"{options.file} is no run of this crane; its coordinates are other ones.")
+    crane = crane_of_run(options, trajectory, options.file)
     runs = [recording.Run(options.file.stem, crane, trajectory)]
     if options.film:
         film(options.film, runs)

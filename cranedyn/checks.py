@@ -126,7 +126,10 @@ def as_array(name: str, value: Any, *shapes: Shape, meaning: str = "") -> np.nda
         array = np.asarray(None)
     masked = array is not value and "numpy.ma" in sys.modules and np.ma.is_masked(value)
     if array.dtype.kind not in "iuf" or masked:
-        kind = f"one of {array.dtype}" if array.shape else type(value).__name__
+        words = {"U": "words", "S": "bytes", "b": "True and False", "c": "complex numbers"}
+        kind = f"one of {words.get(array.dtype.kind, str(array.dtype))}"
+        if not array.shape:
+            kind = type(value).__name__
         kind = "one with masked numbers" if masked else kind
         given = f"no array of numbers but {kind}"
         raise Misshapen(name, given, meaning or f"an array of {_format_shapes(shapes)}")
@@ -146,8 +149,49 @@ def finite(name: str, value: Any, *shapes: Shape, unit: str = "", meaning: str =
     array = as_array(name, value, *shapes, meaning=meaning)
     rows = equal_rows(array)
     if not (fine := np.isfinite(rows)).all():
-        raise OutOfRange(name, float(rows[~fine][0]), "finite", unit)
+        first = np.argwhere(~fine)[0].tolist()
+        raise OutOfRange(name, float(rows[~fine][0]), f"finite{_entry(first, rows.shape)}", unit)
     return array
+
+
+def _entry(index: list[int], shape: tuple[int, ...]) -> str:
+    """Return which entry of an array is meant, in words and in brackets, counted from 1; empty for
+    an array of one entry, or of more than two axes.
+    """
+    if math.prod(shape) == 1 or not 1 <= len(shape) <= 2:
+        return ""
+    if len(shape) == 1:
+        return f" (entry {index[0] + 1} of {shape[0]})"
+    return f" (row {index[0] + 1}, column {index[1] + 1})"
+
+
+def weight_matrix(name: str, value: Any, size: int, *, definite: bool) -> np.ndarray:
+    """Return a symmetric weight of a quadratic cost, checked, shape (size, size).
+
+    Args:
+        name: Name of the weight for the error message.
+        value: The weight.
+        size: Its number of rows and columns.
+        definite: Whether its eigenvalues must be positive; else they may be 0, and negative by
+            round-off, 1e-9 of the largest element.
+
+    Raises:
+        Misshapen: As `as_array`.
+        OutOfRange: If a number is not finite, or the matrix is not symmetric or has an eigenvalue
+            that is not allowed.
+    """
+    weight = as_array(name, value, (size, size))
+    allowed = "symmetric and positive " + ("definite" if definite else "semidefinite")
+    matrix = f"a {size} by {size} matrix"
+    if not np.isfinite(weight).all():
+        raise OutOfRange(name, f"{matrix} with numbers that are not finite", allowed)
+    if not np.allclose(weight, weight.T):
+        asymmetry = float(np.abs(weight - weight.T).max())
+        raise OutOfRange(name, f"{matrix} that is unsymmetric by {asymmetry:.3g}", allowed)
+    least = float(np.linalg.eigvalsh(weight).min())
+    if least < (np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()):
+        raise OutOfRange(name, f"{matrix} with the eigenvalue {least:.3g}", allowed)
+    return weight
 
 
 def equal_rows(array: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 import threading
@@ -14,10 +15,14 @@ from importlib import import_module
 from types import FrameType
 from typing import Any, NoReturn
 
-from cranedyn.errors import CraneError, UnknownName, nearest, printable
+from cranedyn.errors import CraneError, UnknownName, decimal_comma, nearest, printable
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 """Exit codes: a claim or a run failed; bad arguments or files; stopped by the user."""
+
+
+_INVALID_VALUE = re.compile(r"invalid \w+ value: ('[^']*')")
+"""What argparse says of a value that a type refuses."""
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -78,7 +83,10 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with `REFUSED`."""
-        self.exit(REFUSED, f"error: {printable(message)}\n")
+        text = printable(message)
+        given = _INVALID_VALUE.search(text)
+        advice = "" if given is None else decimal_comma(given[1])
+        self.exit(REFUSED, f"error: {text}{'.' * bool(advice)}{advice}\n")
 
 
 def command(run: Callable[[], int]) -> int:

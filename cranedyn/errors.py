@@ -12,6 +12,12 @@ from typing import Any
 
 _MOST_CHARACTERS = 2000
 _MOST_QUOTED = 200
+_NUMBERS = re.compile(r"[(\[+-]?\.?\d|[+-]?(?:nan|inf)\b|[(\[]")
+"""The beginning of a text that is a number, or several."""
+
+_DECIMAL_COMMA = re.compile(r"\s*['\"]?([+-]?\d+),(\d+)['\"]?\s*")
+"""A number with a decimal comma, quoted or not."""
+
 _PLAIN = re.compile(r"[\w./:+-]+", re.ASCII)
 
 
@@ -43,6 +49,14 @@ def written_out(value: object) -> str:
         return str(value)
     except ValueError:  # an int of more than 4300 digits
         return f"{type(value).__name__} that cannot be written out"
+
+
+def decimal_comma(value: object) -> str:
+    """Return a sentence, with a space before it, that says to use a decimal point, if a value is a
+    text with a decimal comma; empty otherwise.
+    """
+    match = _DECIMAL_COMMA.fullmatch(value) if isinstance(value, str) else None
+    return f" Use a decimal point: {match[1]}.{match[2]}." if match else ""
 
 
 def nearest(given: object, known: Iterable[str]) -> str:
@@ -100,9 +114,13 @@ class OutOfRange(CraneError):
 
     def __init__(self, name: str, value: object, allowed: str, unit: str = "") -> None:
         self.name, self.value, self.allowed, self.unit = name, value, allowed, unit
-        super().__init__(
-            f"{name} is {f'{written_out(value)} {unit}'.strip()}; allowed is {allowed}."
-        )
+        text, limits = written_out(value), allowed
+        if unit and _NUMBERS.match(text):
+            text = f"{text} {unit}"
+        elif unit:  # a word, such as "none", has no unit; what is allowed has
+            range_text, colon, reason = allowed.partition(":")
+            limits = f"{range_text} [{unit}]{colon}{reason}"
+        super().__init__(f"{name} is {text}; allowed is {limits}.{decimal_comma(value)}")
 
 
 class Misshapen(OutOfRange):

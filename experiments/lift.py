@@ -159,7 +159,10 @@ def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
     files = options.site or EXAMPLES
     names = [Path(file).stem for file in files]
     if len(set(names)) < len(names):
-        raise DataError(f"Two sites have one name: {', '.join(names)}.")
+        raise DataError(
+            f"Two sites have one name: {', '.join(names)}. Results are named after the files of "
+            "sites; rename one."
+        )
     sites = [read_site(file) for file in files]
     for end, option in (("start", "--from"), ("goal", "--to")):
         if getattr(options, end) is not None and len(sites) != 1:

@@ -25,6 +25,12 @@ from experiments.scenarios.moves import LIMITS
 if TYPE_CHECKING:
     from cranedyn.lifting.judgement import Judgement
 
+CRANE = (
+    "crane as a .xacro with the arguments that the site enters, or as a plain URDF with the masses "
+    "and efforts that it enters; instead of ours"
+)
+"""Help of the option of that name."""
+
 
 def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
     from cranedyn.lifting.analysis import Requirements
@@ -134,7 +140,7 @@ def _parser() -> Parser:
     add = parser.add_argument
     text = "site as TOML, see docs/howto/plan_lift.md, or name of an example; open_yard"
     add("--site", metavar="FILE", help=text)
-    add("--crane", metavar="FILE", help="crane as xacro or URDF instead of ours")
+    add("--crane", metavar="FILE", help=CRANE)
     add("--load", type=float, metavar="KG", help="mass that hangs, hook counted [kg]")
     text = "chart as TOML, see docs/howto/judge_lift.md; that of the site, or for our crane its own"
     add("--chart", metavar="FILE", help=text)

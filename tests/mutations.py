@@ -65,6 +65,30 @@ class Mutation(NamedTuple):
 
 
 TABLE = r"""
+cranedyn/bridges/mcap.py
+* a run of another crane is written
+? mcap::a_run_of_another_crane_is_refused_with_the_coordinates_of_both
+- trajectory.check_coordinates(crane.layout.columns()["q"])
++ pass
+cranedyn/model/pendulum.py
+* a crane is silent of inertias that are not those of its load
+? pendulum::a_small_load_with_the_inertias_of_a_large_one_is_told_by_its_crane
+- if abs(ratio - 1.0) <= LARGEST_DIFFERENCE:
++ if True:
+cranedyn/bridges/page.py
+* the force of a rope whose coordinate is a height is negative
+? page::a_crane_without_visuals_and_roles_has_a_load_colours_and_the_force_of_its_rope
+- return 1.0 if (before - after) / step >= 0.0 else -1.0
++ return 1.0
+cranedyn/bridges/control.py
+* a feedback forgets what its own memory does to the next command
+? control::a_gain_of_the_commands_on_their_way_moves_the_crane_as_the_closed_linear_loop
+- moved_on - newest @ gain_of_memory
++ moved_on
+* a feedback of commands on their way runs with any delay
+? control::a_gain_of_the_commands_on_their_way_is_refused_a_run_with_another_delay
+- if steps != self.delay:
++ if False:
 cranedyn/verdict.py
 * a claim that was not judged hides one that fails
 ? verdict::checks_hold_together_only_if_there_are_some_and_all_hold
@@ -796,7 +820,7 @@ cranedyn/dynamics/linearisation.py
 cranedyn/model/load.py
 * an elastic crane starts where its springs are slack
 ? cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs
-- return replace(crane, start=State(hanging, np.zeros(layout.n)))
+- return replace(crane, start=State(hanging, np.zeros(layout.n)), assumptions=assumptions)
 + return crane
 * the inertia of a motor is not in the model
 ? cranes::springs_push_down_their_energy_and_the_tangent_is_how_they_do
@@ -966,7 +990,15 @@ cranedyn/planning/remeasure.py
 cranedyn/planning/lift.py
 * a crane may be another than its site enters
 ? lift::a_crane_that_is_not_the_one_that_its_site_enters_is_refused
-- if name in given and float(given[name]) != float(value):
+- if name in arguments and float(arguments[name]) != float(value):
++ if False:
+* a plain URDF may weigh another load than its site enters
+? lift::a_plain_urdf_is_not_another_crane_than_its_site_enters
+- if entered is not None and not math.isclose(float(entered), actual, rel_tol=1e-9):
++ if False:
+* what a plain URDF has no argument for is left out in silence
+? lift::a_plain_urdf_is_not_another_crane_than_its_site_enters
+- if name not in _COMPARED:
 + if False:
 * a load that the hoist cannot hold is searched a way for
 ? lift::a_load_beyond_the_hoist_is_refused_with_both_masses
@@ -1472,6 +1504,10 @@ cranedyn/lifting/judged_inputs.py
 - if given is not None: return given, self
 + if given is not None and of_site is None: return given, self
 cranedyn/lifting/checks.py
+* a counter-jib that is drawn too short is as long as entered
+? judgement::the_counter_jib_of_a_plain_urdf_is_compared_with_the_one_entered
+- drawn >= length - COUNTER_JIB_TOLERANCE,
++ True,
 * checks may be left out of a GO
 ? judgement::a_check_of_ones_own_is_one_function
 - if left_out:
@@ -1733,10 +1769,14 @@ cranedyn/bridges/mcap.py
 - np.empty(0), run.command[k])
 + np.empty(0), run.effort[k])
 cranedyn/model/options.py
+* a run is read with a crane that has other coordinates
+? mcap::a_run_of_another_crane_is_refused_with_the_coordinates_of_both
+- if recorded != expected:
++ if False:
 * the record of a run does not say which crane it was
 ? mcap::the_command_writes_a_run_with_the_crane_that_its_record_names
-- if record and not named
-+ if record and named
+- if run.record and not named:
++ if run.record and named:
 cranedyn/references/simple.py
 * a spline has its rates for accelerations
 ? references::positions_are_the_integrals_of_velocities_and_these_of_accelerations

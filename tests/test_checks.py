@@ -106,7 +106,7 @@ Limits((1, 1), (1, 1, 1)) => acceleration limits is (1, 1, 1) per s²; allowed i
 swing_mode(np.eye(3), 5e-3, 2) => loop is an array of shape (3, 3); allowed is one of shape (2 n, 2
 sampled(crane, start, dt=1e-3, control_period=1.5e-3) => control_period is 0.0015 s; allowed is a
 fit_swing(t, t[:9]) => swing is an array of shape (9,); allowed is one of shape (1200,).
-agreement(t, nan * t) => modelled is nan; allowed is finite.
+agreement(t, nan * t) => modelled is nan; allowed is finite
 fit_swing(0.0 * t, t) => The times of a record must increase from row to row where a swing is to be
 riccati(2.0 * one, 0.0 * one, one[0], one[0]) => There is no linear-quadratic regulator for this
 conditions(crane, rows, rows[:1], rows[:, 2]) => v is an array of shape (1, 5); allowed is
@@ -117,20 +117,20 @@ rigid_period(10.0, -9.81, 1000.0, 1.0) => the answer of rigid_period(10.0, -9.81
 small_swing(t, t, length=9.0, gravity=9.8, **quiet) => swing is an array of shape (1200,); allowed
 hold(crane, four) => state is a state of 4 coordinates and 4 rates
 lqr(crane, other) => motion is a motion of 4 coordinates, the drives [0, 1]; allowed is one of 5,
-crane.state(x=10**5000) => x at the start is int that cannot be written out m; allowed is a number.
+crane.state(x=10**5000) => x at the start is int that cannot be written out; allowed is a number [m]
 crane.state(**{"x\0": 1.0}) => There is no coordinate 'x\x00'
 load_crane("a\0b.urdf") => Cannot read a b.urdf:
 load_crane(**{"payload\0mass": 1.0}) => There is no argument 'payload\x00mass'
 finite("a", [[1, 2]], ("n", 3), unit="m") => a is an array of shape (1, 2); allowed is one of shape
 finite("a", [[1, 2], [3]], ("n",)) => a is no array of numbers but list;
-finite("a", [1j, 2], ("n",)) => a is no array of numbers but one of complex128;
-finite("a", [1, inf], (2,)) => a is inf; allowed is finite.
+finite("a", [1j, 2], ("n",)) => a is no array of numbers but one of complex numbers;
+finite("a", [1, inf], (2,)) => a is inf; allowed is finite (entry 2 of 2).
 crane.layout.for_drives("rate", [1, 2, 0], "/s", "> 0") => rate of l is 0 m/s; allowed is > 0.
 number("a", [1]) => a is [1]; allowed is a number.
 whole("a", 2**64, 0) => a is 18446744073709551616; allowed is a whole number up to 9
 whole("a", 2.0, 0) => a is 2.0; allowed is a whole number >= 0.
 intervals("a", 1.0, 0.0) => step is 0.0 s; allowed is > 0.
-clocks(1.0, 10**5000, 1.0) => dt is int that cannot be written out s
+clocks(1.0, 10**5000, 1.0) => dt is int that cannot be written out; allowed is
 with_sensor_model(crane, law, rng=rng, delay=-1) => delay of the sensors is -1 control periods; allo
 with_sensor_model(crane, law, rng=rng, noise=[1.0]) => noise of the sensors is [1.0]; allowed is 10
 with_sensor_model(crane, law, rng=rng, noise=[*ten[:9], -1.0]) => noise of the sensors is -1.0; allo
@@ -157,7 +157,7 @@ mpc(crane, short, effort_limit=(1e4, 1e3)) => effort limit is (10000.0, 1000.0);
 mpc(crane, short, rate_limit=(0.0, 1.0, 1.0)) => rate limit of gamma is 0.0 rad/s; allowed is > 0.
 mpc(crane, short, swing_limit=0.0) => swing limit is 0.0 rad; allowed is > 0.
 mpc(crane, short, swing_limit=2.0) => swing limit is 2.0 rad; allowed is 0 to 1.5708.
-mpc(crane, short, effort_weight=np.zeros((3, 3))) => effort weight is [[0.0, 0.0, 0.0], [0.0, 0.0, 0
+mpc(crane, short, effort_weight=np.zeros((3, 3))) => effort weight is a 3 by 3 matrix with the eigen
 receding(crane, limits, period=0.052) => period is 0.052 s; allowed is a multiple of control_period
 receding(crane, limits, stage=0.052) => stage is 0.052 s; allowed is a multiple of control_period =
 receding(crane, limits, stages=1) => stages is 1 stages; allowed is a whole number >= 2.
@@ -183,7 +183,7 @@ Ground(points, restitution=1.1) => coefficient of restitution is 1.1; allowed is
 Ground(points, sink=0.0) => static sink of the load is 0.0 m; allowed is 0.0005 to 0.1.
 Ground(()) => points of a load is () m; allowed is one or more of three numbers each.
 Hull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]) => corners of a hull is '[[0, 0, 0], [1, 0, 0], [
-Hull([[0, 0, 0], [1, 0, nan]]) => corners of a hull is nan m; allowed is finite.
+Hull([[0, 0, 0], [1, 0, nan]]) => corners of a hull is nan m; allowed is finite
 phi_1(0.2) => a is 0.2; allowed is 0 to 0.1.
 phi_2('HC9', 1.0) => hoisting is HC9; allowed is HC1 or HC2 or HC3 or HC4.
 phi_2('HC1', -1.0) => hoisting speed is -1.0 m/s; allowed is >= 0.
@@ -222,7 +222,7 @@ load_crane(fall_spacing=-1.0) => fall_spacing is -1.0 m; allowed is >= 0.
 Ground([[0.0, 1.0]]) => points of a load is ((0.0, 1.0),) m; allowed is one or more of three numbers
 Platform((0.0, 0.0), (1.0, 0.0), 1.0) => size of a platform is 0.0 m; allowed is > 0.
 Ground(points, (Platform((0.0, 0.0), (1.0, 1.0), 2.0),), height=2.0) => height of a platform above t
-standing(crane, Ground(points), start) => A load stands on the ground below a rope that stretches on
+standing(crane, Ground(points), start) => A load can stand on the ground only below a rope that stre
 batch(crane=[crane] * 8) => number of cranes is 8; allowed is 9, as many as there are of others, or
 batch(controller=[law]) => number of controllers is 1; allowed is 9, as many as there are of others,
 batch(reference=[still] * 10) => number of cranes is 9; allowed is 10, as many as there are of other
@@ -230,15 +230,15 @@ batch(start=[]) => number of starts is 0; allowed is 9, as many as there are of 
 batch(start=[3.0] * 9) => start is list; allowed is a State, one with rows, or a sequence of States.
 batch(start=State(np.zeros((9, 4)), nine.v)) => coordinates at the start is an array of shape (9, 4)
 batch(start=State(nine.q, nine.v[:8])) => rates at the start is an array of shape (8, 5); allowed is
-batch(start=State(nine.q, nine.v + nan)) => rates at the start is nan; allowed is finite.
+batch(start=State(nine.q, nine.v + nan)) => rates at the start is nan; allowed is finite
 batch(start=[State(five, np.zeros(3 + i % 2)) for i in range(9)]) => rates at the start is no array
 batch(force=np.zeros((9, 5))) => force is an array of shape (9, 5); allowed is one of shape (m, 6) o
 batch(force=np.zeros((8, 3, 6))) => force is an array of shape (8, 3, 6); allowed is one of shape (m
 batch(force=np.zeros((0, 6))) => force is an array of shape (0, 6); allowed is one with a row at lea
-batch(force=np.full((2, 6), inf)) => force is inf N; allowed is finite.
+batch(force=np.full((2, 6), inf)) => force is inf N; allowed is finite
 batch(force_interval=2) => force_interval is 2; allowed is 1 where there is no force.
 batch(sensor_offset=np.zeros(9)) => sensor_offset is an array of shape (9,); allowed is one of shape
-batch(sensor_offset=np.full(10, nan)) => sensor_offset is nan; allowed is finite.
+batch(sensor_offset=np.full(10, nan)) => sensor_offset is nan; allowed is finite
 batch(sensor_offset=np.zeros((8, 4, 10))) => sensor_offset is an array of shape (8, 4, 10); allowed
 batch(sensor_offset=np.zeros((9, 0, 10))) => sensor_offset is an array of shape (9, 0, 10); allowed
 batch(sensor_delay=-1) => sensor_delay is -1 control periods; allowed is a whole number >= 0.
@@ -290,10 +290,10 @@ crane.state(x=23.0) => x at the start is 23.0 m; allowed is 2 to 22.
 crane.state(phi=1.58) => phi at the start is 1.58 rad; allowed is -1.5708 to 1.5708.
 crane.state(gamma=nan) => gamma at the start is nan rad; allowed is a finite number.
 crane.state(l_dot=inf) => l_dot at the start is inf m/s; allowed is a finite number.
-crane.state(x='far') => x at the start is far m; allowed is a number.
-riccati(one, one, -one[0], one[0]) => state weight is [[-1.0]]; allowed is symmetric and positive se
-riccati(one, one, one[0], 0.0 * one[0]) => effort weight is [[0.0]]; allowed is symmetric and positi
-riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is [[1.0, 0.0], [1.0
+crane.state(x='far') => x at the start is far; allowed is a number [m].
+riccati(one, one, -one[0], one[0]) => state weight is a 1 by 1 matrix with the eigenvalue -1; allowe
+riccati(one, one, one[0], 0.0 * one[0]) => effort weight is a 1 by 1 matrix with the eigenvalue 0; a
+riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is a 2 by 2 matrix t
 optimum(goal=moved(x=20.0)) => x at the goal is 30.0 m; allowed is 2 to 22.
 optimum(start=moved(l=-14.0)) => l at the start is 1.0 m; allowed is 3.4 to 26.4.
 optimum(start=moved(phi=0.2)) => phi at the start is 0.2 rad; allowed is -0.1 to 0.1.
@@ -328,7 +328,7 @@ run(drive=converters(crane, delay=0.4)) => delay of converters is 0.4 s; allowed
 run(drive='velocity', validity='buffers') => validity is buffers; allowed is stop or mark, or buffer
 sampled(load_crane(gravity=1e40), start) => what a control period does to a state is inf; allowed is
 with_longer_cable(crane, motion, -11.0) => length of the shortest cable is -1.0 m; allowed is > 0.
-free_modes(crane, State(np.array([0.0, 10.0, math.pi, 0.0, 15.0]), five)) => At [0.0, 10.0, 3.141592
+free_modes(crane, State(np.array([0.0, 10.0, math.pi, 0.0, 15.0]), five)) => At gamma = 0 rad, x = 1
 free_modes(crane, start).amplitudes(np.zeros((3, 7)), rows) => q is an array of shape (3, 7); allowe
 itinerary(crane, start, [Leg('away', x=15.0)], rates=three, dwell=6.0) => end of the tour is [0.0, 1
 itinerary(crane, start, [], rates=three, dwell=6.0) => tour is empty; allowed is one leg at least th
@@ -346,7 +346,7 @@ chart.on().at(30.0) => radius on 2 falls is 30 m; allowed is 2 to 22, where the 
 chart.on().at(nan) => radius on 2 falls is nan m; allowed is 2 to 22, where the chart is.
 load_cranes(payload_mass=[1.0, 2.0], l=[5.0]) => arrays of values is payload_mass of shape (2,), l o
 load_cranes(payload_mass=3.0) => arrays of values is none; allowed is one or more of one length.
-load_cranes(payload_mass=[1.0, nan]) => payload_mass is nan; allowed is finite.
+load_cranes(payload_mass=[1.0, nan]) => payload_mass is nan; allowed is finite
 load_cranes(payload_mass=[1000.0, -1.0]) => payload_mass is -1.0 kg; allowed is > 0.
 load_cranes(payload_mass=[1000.0, 2000.0], nowhere=3.0) => There is no coordinate 'nowhere'; there a
 load_cranes(l=[5.0, 500.0]) => l at the start is 500.0 m; allowed is 3.4 to 26.4.

@@ -14,7 +14,14 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import CraneError, UnknownColumn
 from cranedyn.plotting.figures import plot_runs
-from cranedyn.plotting.style import COLOURS, RUN_COLOURS, colour_of, rgb, run_colour
+from cranedyn.plotting.style import (
+    COLOURS,
+    RUN_COLOURS,
+    colour_of,
+    distinct_colours,
+    rgb,
+    run_colour,
+)
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse
 from experiments.relatives.catalogue import RELATIVES, Relative, relative_crane
@@ -168,6 +175,16 @@ def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_a
         assert min(contrast(colour_of(name), paper) for paper in ("#FFFFFF", "#000000")) >= 3.0
     assert contrast("#FFFFFF", "#000000") == pytest.approx(21.0)
     assert len(set(RUN_COLOURS)) == len(RUN_COLOURS)
+
+
+def test_no_two_coordinates_of_a_crane_share_a_colour_with_each_other_or_the_energy() -> None:
+    symbols = ["bridge", "cart", "sx", "sy", "rope", "phi", "l"]
+    colours = distinct_colours(symbols)
+    assert list(colours) == ["phi", "l", "bridge", "cart", "sx", "sy", "rope"]
+    assert len(set(colours.values())) == len(symbols)
+    assert colours["phi"] == COLOURS["phi"] and COLOURS["energy"] not in colours.values()
+    for colour in colours.values():
+        assert min(contrast(colour, paper) for paper in ("#FFFFFF", "#000000")) >= 3.0
 
 
 @pytest.mark.slow

@@ -6,16 +6,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.bridges.joints import state_names
+from cranedyn.bridges.joints import input_names, state_names
 from cranedyn.bridges.matlab import linear_system
 from cranedyn.checks import check_choice, finite, short_repr
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
+from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.linearisation import held_states
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
@@ -62,25 +63,44 @@ class StateSpaceController:
     Attributes:
         a, b, c: Shapes (k, k), (k, 2 n) and (m, k).
         tracking: The rest of the command, and the setpoint.
-        period: Its control period [s].
+        period: Its control period [s]; None for one without a period of its own, which remembers
+            its last commands alone.
+        delay: Number of commands on their way to the converters that it feeds back, in control
+            periods.
+        converters: Converters whose delay that must be; None where `delay` is 0.
     """
 
     a: np.ndarray
     b: np.ndarray
     c: np.ndarray
     tracking: Tracking
-    period: float
+    period: float | None
+    delay: int = 0
+    converters: Converters | None = None
     _x: np.ndarray | float = 0.0
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Return to x = 0.
 
         Raises:
-            OutOfRange: If the control period of the run [s] is another one.
+            OutOfRange: If the control period of the run [s] is another one, or the delay of the
+                converters is another number of its control periods than that of the feedback.
         """
-        if abs(control_period - self.period) > SAME_PERIOD * self.period:
+        if self.period is not None and (
+            abs(control_period - self.period) > SAME_PERIOD * self.period
+        ):
             allowed = f"that of the controller, {self.period:g}"
             raise OutOfRange("control period of the run", control_period, allowed, "s")
+        if self.converters is not None:
+            steps = self.converters.delay_steps(0.0, control_period)
+            if steps != self.delay:
+                raise OutOfRange(
+                    f"delay of {self.converters.delay:g} s in control periods of "
+                    f"{control_period:g} s",
+                    steps,
+                    f"{self.delay}, the commands on their way that the feedback has gains for; run "
+                    "it with the control period that it was designed with",
+                )
         self._x = 0.0
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -101,11 +121,14 @@ def from_control(
     *,
     drive: Drive = "effort",
     dt: float = 5e-4,
+    converters: Converters | None = None,
 ) -> Tracking | StateSpaceController:
     """Return a feedback designed with python-control as a controller.
 
     Without states of its own it is a `Tracking`, which `simulate` and `simulate_batch` run
-    compiled.
+    compiled. A feedback of commands on their way, which are states of a sampled plant with
+    ``drive="velocity"``, remembers its own last commands; a command beyond the rate of a drive is
+    remembered as it was given.
 
     Args:
         crane: The crane.
@@ -118,6 +141,7 @@ def from_control(
         drive: Outputs of the feedback: "effort", with "motion" the accelerations of the drives, or
             with "velocity" their rates.
         dt: Physics step of the run [s]; a motion's period is a multiple of it.
+        converters: Frequency converters of "velocity", those of the plant; None for typical ones.
 
     Raises:
         OutOfRange: If the feedback is no gain of that shape, or a number in it is not finite; or
@@ -126,15 +150,21 @@ def from_control(
             state back.
     """
     check_choice("drive", drive, Drive)
+    converters = fitting(crane, drive, converters)
     names, m = state_names(crane), crane.layout.m
     if isinstance(about, Motion):
         at = State(about.q[0], about.v[0])
     else:
         at = crane.layout.as_state("rest", about)
     moving = np.setdiff1d(np.arange(len(names)), held_states(crane, at))
-    a, b, c, gain = _matrices(feedback, [names[i] for i in moving])
+    delay = _commands_on_their_way(feedback, len(moving), input_names(crane, drive), drive)
+    feedback_names = [names[i] for i in moving]
+    for periods in range(delay, 0, -1):  # the order of `linear_system`
+        feedback_names += [f"{name}_{periods}" for name in input_names(crane, drive)]
+    law = _matrices(feedback, feedback_names, input_names(crane, drive))
     selection = np.eye(len(names))[moving]
-    b, gain = b @ selection, finite("gain", gain, (m, len(moving))) @ selection
+    gain = law.gain[:, : len(moving)] @ selection
+    a, b, c = _with_memory(law, len(moving), delay, selection)
     if isinstance(about, Motion):
         table = linearised(crane, about, dt=dt, every=len(about.q))
         rates = {"motion": about.a, "velocity": about.v}
@@ -150,23 +180,89 @@ def from_control(
     if not len(a):
         return tracking
     finite("matrices of the feedback", np.concatenate([a.ravel(), b.ravel(), c.ravel()]), ("k",))
-    return StateSpaceController(a, b, c, tracking, float(feedback.dt))  # type: ignore[attr-defined]
+    period = float(feedback.dt) if len(law.a) else None  # type: ignore[attr-defined]
+    return StateSpaceController(a, b, c, tracking, period, delay, converters if delay else None)
 
 
-def _matrices(
-    feedback: Any, names: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return a, b, c and K of x after a period = a x + b z and u = c x - K z."""
-    nz = len(names)
+class _Law(NamedTuple):
+    """A feedback u = c x - gain z, after which x becomes a x + b z."""
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    gain: np.ndarray
+
+
+def _commands_on_their_way(feedback: Any, states: int, inputs: Sequence[str], drive: Drive) -> int:
+    """Return how many commands of each drive, sent and not yet heard, a feedback has gains for."""
+    if drive != "velocity":
+        return 0
+    if isinstance(feedback, ct.InputOutputSystem):
+        # By name; create_statefbk_iosystem has them beside others.
+        delay = 0
+        while f"{inputs[0]}_{delay + 1}" in feedback.input_labels:
+            delay += 1
+        return delay
+    shape = np.shape(feedback)
+    further = shape[1] - states if len(shape) == 2 else 0
+    return further // len(inputs) if further > 0 and further % len(inputs) == 0 else 0
+
+
+def _with_memory(
+    law: _Law, states: int, delay: int, selection: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a, b and c of a feedback that remembers its last commands, as far as it feeds them
+    back.
+
+    With the commands p on their way, the oldest first, and the last columns of b and of the gain
+    for them, u = c x - K z - K_p p. Then x becomes a x + b z + b_p p, and p moves on by one with u
+    at its end.
+
+    Args:
+        law: The feedback, of the states and the commands on their way.
+        states: Number of the states among its columns.
+        delay: Number of control periods for which a command is on its way.
+        selection: The states among coordinates and rates, shape (states, 2 n).
+    """
+    if not delay:
+        return law.a, law.b @ selection, law.c
+    m, k = law.gain.shape[0], len(law.a)
+    from_states, from_memory = np.split(law.b, [states], axis=1)
+    gain_of_states, gain_of_memory = np.split(law.gain, [states], axis=1)
+    moved_on = np.eye(m * delay, k=m)
+    newest = np.zeros((m * delay, m))
+    newest[-m:] = np.eye(m)
+    a = np.block([[law.a, from_memory], [newest @ law.c, moved_on - newest @ gain_of_memory]])
+    b = np.vstack([from_states, -newest @ gain_of_states]) @ selection
+    return a, b, np.hstack([law.c.reshape(m, k), -gain_of_memory])
+
+
+def _matrices(feedback: Any, names: Sequence[str], commands: Sequence[str]) -> _Law:
+    """Return a feedback of the states of these names that gives these commands."""
+    nz, m = len(names), len(commands)
     if not isinstance(feedback, ct.InputOutputSystem):
         try:
             gain = np.asarray(feedback, dtype=float)
         except (TypeError, ValueError):
             allowed = "a gain or a system of python-control"
             raise OutOfRange("feedback", short_repr(feedback), allowed) from None
-        return np.zeros((0, 0)), np.zeros((0, nz)), np.zeros((0, 0)), gain
+        columns_meaning = (
+            f"of {m} rows and {nz} columns, a row for each command ({', '.join(commands)}) and a "
+            f"column for each state ({', '.join(names)})"
+        )
+        gain = finite("gain of the feedback", gain, (m, nz), meaning=columns_meaning)
+        return _Law(np.zeros((0, 0)), np.zeros((0, nz)), np.zeros((m, 0)), gain)
     if not isinstance(feedback, ct.StateSpace):
-        raise CraneError(f"The feedback is a {type(feedback).__name__}; allowed is a StateSpace.")
+        raise CraneError(
+            f"The feedback is a {type(feedback).__name__}; allowed is a StateSpace from states of "
+            "the crane to the commands of its drives, such as control.ss makes of it."
+        )
+    if feedback.noutputs != m:
+        raise CraneError(
+            f"The feedback has {feedback.noutputs} outputs ({', '.join(feedback.output_labels)}); "
+            f"it needs one for each drive: {', '.join(commands)}. A filter of one signal, such as "
+            "a notch, is put in series with a gain of all drives first."
+        )
     k, labels = feedback.nstates, list(feedback.input_labels)
     if k and (feedback.dt is True or not feedback.dt):
         raise CraneError(
@@ -190,4 +286,5 @@ def _matrices(
             f"The feedback has {further.shape[1]} inputs besides the states; allowed are the "
             "desired states and inputs of control.create_statefbk_iosystem, or none."
         )
-    return feedback.A, by_state[:k], feedback.C, -by_state[k:]
+    gain = finite("gain of the feedback", -by_state[k:], (m, nz))
+    return _Law(feedback.A, by_state[:k], feedback.C.reshape(m, k), gain)

@@ -83,7 +83,7 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
         DataError: If the extra ``mcap`` is not installed, the ending is not .mcap, or the file
             exists or cannot be written.
         ModelError: If the crane has a rope that stretches.
-        OutOfRange: If the run has no row, or begins before time 0.
+        OutOfRange: If the run has no row, begins before time 0, or is of another crane.
     """
     check_installed()
     from mcap.writer import Writer
@@ -91,6 +91,7 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     from rosbags.typesys import Stores, get_typestore
 
     file = with_ending(file, ".mcap")
+    trajectory.check_coordinates(crane.layout.columns()["q"])
     if not len(trajectory) or trajectory.t[0] < 0.0:
         first = trajectory.t[0] if len(trajectory) else "that of no row"
         raise OutOfRange(
@@ -179,4 +180,4 @@ def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     check_installed()
     trajectory = read(options.trajectory)
-    return export(options.target, crane_of_run(options, trajectory.record), trajectory)
+    return export(options.target, crane_of_run(options, trajectory, options.trajectory), trajectory)

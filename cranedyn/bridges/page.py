@@ -38,22 +38,33 @@ from cranedyn.bridges.target import check_free, new_file
 from cranedyn.data.files import with_ending
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.bodies import bodies
-from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.converters import Converters, converters, default_rates
 from cranedyn.dynamics.integrators import semi_implicit_euler
+from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.lifting.chart import Falls, read_chart
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
+from cranedyn.planning.lift import refuse_contradictions
 from cranedyn.planning.site import Site
 from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import Solid
-from cranedyn.plotting.style import COLOURS
-from cranedyn.recording.shapes import Shape, shapes
+from cranedyn.plotting.style import distinct_colours
+from cranedyn.recording.shapes import Shape, rope_line, shapes
 
 TARGET = "FILE"
 EXAMPLE = "crane.html"
 
 DRAG = 1.2
 """Drag coefficient of the load as a box."""
+
+UNKNOWN_LOAD = 1.0
+"""Edge of the cube that stands for a load whose size nothing says [m]."""
+
+SHORT_ROPE = 5.0
+"""Distance from pivot to load below which that cube is smaller in proportion [m]."""
+
+LOAD = (0.95, 0.17, 0.02, 1.0)
+"""Colour of a load whose colour nothing says: that of the crane of this project."""
 
 TRIANGLES = 15_000
 """Most triangles of all meshes together, so that a page has less than 1 MB."""
@@ -89,7 +100,6 @@ def export(
     Raises:
         DataError: If the ending is not .html, the file exists or cannot be written, or a mesh
             cannot be read.
-        OutOfRange: If a drive has no velocity limit above 0.
         MissingRole: If there is a chart, and the crane does not slew.
         ModelError: If the code would not do what Pinocchio does.
     """
@@ -157,7 +167,7 @@ def page_data(
         "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
         "parts": [part for solid in obstacles for part in _parts(solid)],
         "tasks": list(_tasks(planned, turn, foot)),
-        "colours": {name: COLOURS.get(name, "#8A8A8A") for name in (*layout.symbols, "setpoint")},
+        "colours": distinct_colours([*layout.symbols, "setpoint"]),
         "control_period": PERIOD,
     }
 
@@ -200,10 +210,10 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     order = [*range(1, len(crane.points)), 0]
     rest = np.zeros(layout.n)
     rest[crane.swings] = crane.rest.angle
-    hoist = layout.drive_of("hoist")
+    hoist = crane.winch if layout.drive_of("hoist") is None else layout.drive_of("hoist")
     rope = None
     if hoist is not None and crane.springs.rope is None:
-        rope = {"hoist": hoist}
+        rope = {"hoist": hoist, "sign": _lengthening(crane, int(layout.drives[hoist]))}
     friction: list[dict[str, float] | None] = [None] * layout.n
     if crane.friction is not None:
         dry = crane.friction
@@ -234,6 +244,16 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     }
 
 
+def _lengthening(crane: Crane, hoist: int) -> float:
+    """Return 1 if the rope grows longer as the coordinate of its drive grows, else -1."""
+    q = crane.resting(crane.start.q)
+    step = 1e-3 if q[hoist] + 1e-3 <= crane.upper[hoist] else -1e-3
+    moved = q.copy()
+    moved[hoist] += step
+    before, after = (payload_position(crane, state)[2] for state in (q, moved))
+    return 1.0 if (before - after) / step >= 0.0 else -1.0
+
+
 def _finite(number: float) -> float:
     return float(np.clip(number, -1e9, 1e9))
 
@@ -254,6 +274,13 @@ def _visuals(crane: Crane, load: np.ndarray | None, meshes: str | Path | None) -
             placed.append(Visual(int(frame.parentJoint) - 1, shape, frame.placement * own))
     boxes = [s for i, s, _ in placed if i == crane.payload.body and s.kind == "box"]
     largest = max(boxes, key=lambda shape: math.prod(shape.size), default=None)
+    if not any(joint == crane.payload.body for joint, _, _ in placed):
+        # Nothing of the load is described: a cube stands for it, as in a recording.
+        edges = np.ptp(_load_box(crane, load, []), axis=0).tolist()
+        centre = _load_box(crane, load, []).mean(axis=0)
+        yield Visual(
+            crane.payload.body, Shape("box", tuple(edges), colour=LOAD), pin.SE3(np.eye(3), centre)
+        )
     for joint, shape, placement in placed:
         if load is not None and shape is largest:
             centre = crane.payload.lever + (load.min(axis=0) + load.max(axis=0)) / 2.0
@@ -309,7 +336,8 @@ def _load_box(crane: Crane, load: np.ndarray | None, visuals: Sequence[Visual]) 
     """Return the corners of the box about the load in the frame of its joint [m], shape (8, 3):
     three neighbours of the fourth first. Corners of the load about its centre may be given.
     """
-    low, high = crane.payload.lever - 0.5, crane.payload.lever + 0.5
+    half = UNKNOWN_LOAD / 2.0 * min(1.0, _rope_length(crane) / SHORT_ROPE)
+    low, high = crane.payload.lever - half, crane.payload.lever + half
     if load is None:
         points = [
             shape.hull_points() @ placement.rotation.T + placement.translation
@@ -322,6 +350,12 @@ def _load_box(crane: Crane, load: np.ndarray | None, visuals: Sequence[Visual]) 
         low, high = crane.payload.lever + load.min(axis=0), crane.payload.lever + load.max(axis=0)
     neighbours = np.vstack([np.eye(3), np.zeros(3)])
     return low + np.vstack([neighbours, 1.0 - neighbours]) * (high - low)
+
+
+def _rope_length(crane: Crane) -> float:
+    """Return the distance from the first pivot to the load at the start [m]."""
+    pivot, *_, load = rope_line(crane, crane.resting(crane.start.q)[None])[0]
+    return float(np.linalg.norm(load - pivot))
 
 
 def _frame(site: Site) -> tuple[np.ndarray, np.ndarray]:
@@ -407,8 +441,13 @@ def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     print("Compiling the crane and planning exercises, up to half a minute ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
-    if site is not None:
+    has_arguments = options.urdf is None or Path(options.urdf).suffix == ".xacro"
+    if site is not None and has_arguments:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
     crane = crane_from_options(options)
+    for sentence in default_rates(crane):
+        print(sentence, file=sys.stderr)
+    if site is not None:
+        refuse_contradictions(site, crane)
     return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)

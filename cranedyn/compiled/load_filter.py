@@ -59,7 +59,10 @@ class CompiledLoadFilter(LoadFilter):
         self._run()
         result = self._answers.copy()
         if not np.isfinite(result @ result):
-            raise CraneError("The estimate of the observer is not finite any more.")
+            raise CraneError(
+                "The observer cannot go on: its estimate is not finite any more. The readings do "
+                "not fit its crane, or its noise is too small for them."
+            )
         self.mean, self.covariance = result[:size], result[size:].reshape(size, size)
         self._believe()
 

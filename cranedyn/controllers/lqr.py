@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.checks import as_array, finite, short_repr, whole
+from cranedyn.checks import as_array, finite, short_repr, weight_matrix, whole
 from cranedyn.clocks import multiple
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.linearisation import held_states, over_period
@@ -125,12 +125,22 @@ def riccati(
     a, b = finite("a", a, (n, nz, nz)), finite("b", b, (n, nz, nu))
     if not n:
         raise OutOfRange("a", short_repr(a), "one instant or more")
-    state_weight = _weight("state weight", state_weight, nz, definite=False)
-    effort_weight = _weight("effort weight", effort_weight, nu, definite=True)
+    state_weight = weight_matrix("state weight", state_weight, nz, definite=False)
+    effort_weight = weight_matrix("effort weight", effort_weight, nu, definite=True)
+    gain, cost = np.empty((n, nu, nz)), np.empty((n + 1, nz, nz))
     if final_weight is None:
         final_weight = stationary(a[-1], b[-1], state_weight, effort_weight)
-    gain, cost = np.empty((n, nu, nz)), np.empty((n + 1, nz, nz))
-    cost[-1] = _weight("final weight", final_weight, nz, definite=False)
+        try:
+            weight_matrix("cost of going on", final_weight, nz, definite=False)
+        except OutOfRange as error:
+            # It was computed here: what comes out is no mistake of whoever called.
+            raise CraneError(
+                "There is no linear-quadratic regulator about the end of this motion: the cost of "
+                f"holding the crane there for ever comes out as {error.value}, where only costs "
+                "are possible. Start from a rest that is nearer to hanging, or with a shorter "
+                "control period."
+            ) from error
+    cost[-1] = weight_matrix("final weight", final_weight, nz, definite=False)
     with _solvable():
         for k in range(len(a) - 1, -1, -1):
             input_cost = b[k].T @ cost[k + 1]
@@ -167,17 +177,6 @@ def _solvable() -> Iterator[None]:
             "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity "
             f"or control period make numbers that differ too much for double precision ({reason})."
         ) from error
-
-
-def _weight(name: str, value: np.ndarray, size: int, *, definite: bool) -> np.ndarray:
-    """Return a weight, checked, shape (size, size)."""
-    weight = as_array(name, value, (size, size))
-    threshold = np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()
-    symmetric = np.isfinite(weight).all() and np.allclose(weight, weight.T)
-    if not symmetric or scipy.linalg.eigvalsh(weight).min() < threshold:
-        allowed = "symmetric and positive " + ("definite" if definite else "semidefinite")
-        raise OutOfRange(name, weight.tolist(), allowed)
-    return weight
 
 
 ERROR = {

@@ -101,7 +101,7 @@ def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tup
         )
     if not (joints and drives):
         raise DataError(
-            f"{path} has columns of no joint, or of no drive; a record has them of one each at "
-            "least."
+            f"{path} has columns of no joint, or of no drive; a record has those of one joint with "
+            "a drive at least, such as x_m, x_dot_m_s and x_setpoint_m."
         )
     return columns

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.data.trajectory import read_columns
+from cranedyn.data.trajectory import check_increasing, read_columns
 from cranedyn.errors import DataError, UnknownName, printable, quoted
 
 _FACTORS = {
@@ -97,11 +97,10 @@ def read_external(
         column: values[source.name] * _factor(column, source) for column, source in origin.items()
     }
     t = data.get("t_s")
-    if t is not None and not (len(t) > 1 and (t[1:] > t[:-1]).all()):
-        raise DataError(
-            f"{path}: {printable(origin['t_s'].name)} must increase from row to row, over two rows "
-            "at least."
-        )
+    if t is not None:
+        if len(t) < 2:
+            raise DataError(f"{path} has too few rows, {len(t)}; it needs two rows or more.")
+        check_increasing(t, printable(origin["t_s"].name), path)
     for column in _SWINGS:
         largest = float(np.abs(data[column]).max()) if column in data else 0.0
         if largest > _LARGEST_SWING:

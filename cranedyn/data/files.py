@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -14,7 +15,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from cranedyn.errors import DataError, quoted
+from cranedyn.errors import DataError, decimal_comma, quoted
 
 MOST_TEXT = 5_000_000
 """Largest file that is read as text [byte]."""
@@ -74,6 +75,37 @@ def parse_json(text: str | bytes) -> Any:
         parse_constant=_finite,
         parse_int=lambda digits: int(digits) if _finite(digits) else 0,
     )
+
+
+def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
+    """Parse a TOML text.
+
+    Args:
+        text: The text.
+        path: Its file, for the error message.
+
+    Raises:
+        DataError: If it is no TOML, with the line, and what to write instead of a decimal comma.
+    """
+    import tomllib  # it takes long, and few runs need it
+
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        advice = ""
+        place = _TOML_LINE.search(str(error))
+        if place is not None:
+            line = text.splitlines()[int(place[1]) - 1 :][:1]
+            number = _TOML_NUMBER.fullmatch(line[0]) if line else None
+            advice = "" if number is None else decimal_comma(number[1])
+        raise DataError(f"{path} is not TOML: {error}.{advice}") from error
+
+
+_TOML_LINE = re.compile(r"\(at line (\d+), column \d+\)")
+"""Where the parser of TOML says that it failed."""
+
+_TOML_NUMBER = re.compile(r"\s*[\w.-]+\s*=\s*([+-]?\d+,\d+)\s*(?:#.*)?")
+"""A line of TOML with a decimal comma."""
 
 
 def _finite(digits: str) -> float:

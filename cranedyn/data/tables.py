@@ -208,5 +208,6 @@ def _check_types(schema: pa.Schema, columns: Sequence[str], path: Path) -> None:
         numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
         if not any(is_type(dtype) for is_type in numeric):
             raise DataError(
-                f"{path}: column {name} holds something that is not a number ({dtype})."
+                f"{path}: column {name} holds something that is not a number ({dtype}). Numbers "
+                "have a decimal point, as 3600.5; cells that are empty or words are no numbers."
             )

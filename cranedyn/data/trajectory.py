@@ -109,6 +109,17 @@ class Trajectory(TimeSeries):
         """Symbols of the coordinates."""
         return tuple(column.rpartition("_")[0] for column in self.columns["q"])
 
+    def check_coordinates(self, columns: Sequence[str]) -> None:
+        """Check that the run is one of a crane whose coordinates have these columns.
+
+        Raises:
+            OutOfRange: If it is not, with the symbols of both.
+        """
+        if tuple(self.columns["q"]) != tuple(columns):
+            expected = ", ".join(column.rpartition("_")[0] for column in columns)
+            given = f"of joints {', '.join(self.symbols)}"
+            raise OutOfRange("run", given, f"a run of this crane, of joints {expected}")
+
     @property
     def drives(self) -> list[int]:
         """Indices of the driven coordinates among all coordinates."""
@@ -234,9 +245,31 @@ def _metadata(metadata: Mapping[bytes, bytes], key: bytes, message: str) -> dict
 
 
 def _check_times(t: np.ndarray, least_rows: int, path: str | Path) -> None:
-    if len(t) < least_rows or not (t[1:] > t[:-1]).all():
+    if len(t) < least_rows:
         rows = "one row" if least_rows == 1 else "two rows"
-        raise DataError(f"{path}: t_s must increase from row to row, over {rows} at least.")
+        raise DataError(f"{path} has too few rows, {len(t)}; it needs {rows} or more.")
+    check_increasing(t, "t_s", path)
+
+
+def check_increasing(t: np.ndarray, name: str, path: str | Path) -> None:
+    """Check that times increase from row to row [s].
+
+    Args:
+        t: The times, two at least.
+        name: Name of their column, for the error message.
+        path: File that they are from, for the error message.
+
+    Raises:
+        DataError: If they do not, with the first row in which one does not.
+    """
+    falling = np.flatnonzero(~(t[1:] > t[:-1]))
+    if len(falling):
+        row = int(falling[0])
+        raise DataError(
+            f"{path}: {name} must increase from row to row; in data row {row + 2} it is "
+            f"{t[row + 1]:.9g} s after {t[row]:.9g} s. Leave out rows that come twice, or sort "
+            "them by time."
+        )
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
@@ -249,7 +282,7 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
             ended.
     """
     if not len(pieces):
-        raise DataError("There are no pieces to join.")
+        raise DataError("There are no pieces to join; give one or more.")
     if not all(len(piece) for piece in pieces):
         raise DataError("A piece to join has no rows.")
     for previous, piece in itertools.pairwise(pieces):

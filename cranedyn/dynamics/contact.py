@@ -252,7 +252,10 @@ def standing(crane: Crane, ground: Ground, state: State) -> State:
     contacts, q = ground.contacts(crane), state.q.copy()
     rope = crane.springs.rope
     if rope is None:
-        raise ModelError("A load stands on the ground below a rope that stretches only.")
+        raise ModelError(
+            "A load can stand on the ground only below a rope that stretches; give the crane a "
+            "rope_stiffness, such as 2e7 N."
+        )
     for _ in range(_ITERATIONS):
         position, _ = body_points(
             crane.model, crane.data, contacts.body, np.array(contacts.points), q, 0.0 * q

@@ -36,6 +36,10 @@ RATES = {"slew": 0.0838, "trolley": 1.583, "hoist": 1.0}
 """Largest rates by role: 0.8 rpm of slewing, 95 m/min of the trolley and 60 m/min of hoisting, of a
 large tower crane; for other drives, and where a crane has less, the velocity limit of its joint."""
 
+DEFAULT_RATES = {"revolute": 0.1, "prismatic": 1.0}
+"""Largest rates by kind of joint [rad/s or m/s] of drives that are in none of these roles and have
+no velocity limit, as in MJCF, which has none; ours, of the size of `RATES`."""
+
 HEADROOM = 1.1
 """Largest rate over that by role: a converter goes a tenth beyond it, into field weakening, to make
 up for its lag."""
@@ -295,7 +299,8 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
     """Return typical frequency converters for a crane.
 
     Their rates are those of `RATES` with `HEADROOM`, and never more than the velocity limits of the
-    crane's joints. They ramp up to `RATES` in `RAMP_TIMES`, and reach this acceleration in
+    crane's joints. A drive that has neither gets one of `DEFAULT_RATES`, see `default_rates`. They
+    ramp up to `RATES` in `RAMP_TIMES`, and reach this acceleration in
     `ROUNDING`.
 
     Args:
@@ -305,15 +310,15 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
             example ``lags={"x": 0.2}``.
 
     Raises:
-        OutOfRange: If a number is not allowed, or a joint has no velocity limit above 0 and plays
-            no role in `RATES`.
+        OutOfRange: If a number is not allowed.
         UnknownName: If there is no such attribute or drive.
     """
     layout = crane.layout
     columns: dict[str, list[float]] = {field.name: [] for field in fields(Converters)[:-1]}
     for joint, limit in zip(layout.driven, crane.rate_limit.tolist(), strict=True):
         usual = min(RATES.get(joint.role, math.inf), limit)
-        number(f"velocity limit of {joint.name}", usual, f"{joint.unit}/s", "> 0")
+        if not math.isfinite(usual):
+            usual = DEFAULT_RATES[joint.kind]
         acceleration = usual / RAMP_TIMES.get(joint.role, RAMP_TIME)
         rate = min(HEADROOM * usual, limit)
         columns["rates"].append(rate)
@@ -328,6 +333,19 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
             columns[name][layout.drive(symbol)] = number(f"{name} of {symbol}", value)
     numbers = {name: np.array(column) for name, column in columns.items()}
     return Converters(**numbers, delay=delay)
+
+
+def default_rates(crane: Crane) -> list[str]:
+    """Return a sentence for each drive whose converter has one of `DEFAULT_RATES`, for whoever
+    shows what a crane with converters does.
+    """
+    return [
+        f"{joint.name} has no velocity limit; its converter is taken to reach the default rate of "
+        f"{DEFAULT_RATES[joint.kind]:g} {joint.unit}/s. A URDF says another as velocity of "
+        "<limit>, Python as converters(crane, rates=...)."
+        for joint, limit in zip(crane.layout.driven, crane.rate_limit.tolist(), strict=True)
+        if joint.role not in RATES and not math.isfinite(limit)
+    ]
 
 
 def fitting(crane: Crane, drive: str, explicit: Converters | None) -> Converters | None:

@@ -236,18 +236,19 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
     mass = crane.mass_matrix(q)[block]
     if not (np.isfinite(stiffness).all() and np.isfinite(mass).all()):
         allowed = "one at which gravity, springs and masses have finite effects"
-        raise OutOfRange("state", q.tolist(), allowed)
+        raise OutOfRange("state", crane.layout.coordinates_text(q), allowed)
     try:
         squares, shapes = scipy.linalg.eigh((stiffness + stiffness.T) / 2.0, mass)
     except np.linalg.LinAlgError:
         raise ModelError(
-            f"At {q.tolist()} a passive joint of this crane has no inertia of its own, so it has "
-            "no frequency."
+            f"At {crane.layout.coordinates_text(q)} a passive joint of this crane moves no inertia "
+            "of its own, so that it has no frequency; give its links a mass or an inertia."
         ) from None
     if not (squares > 0.0).all():
         raise ModelError(
-            f"At {q.tolist()} the passive joints of this crane would fall, not swing: ω² = "
-            f"{float(squares.min()):g} /s²."
+            f"At {crane.layout.coordinates_text(q)} the passive joints of this crane would fall, "
+            f"not swing: ω² = {float(squares.min()):g} /s². Start from a state that hangs, as "
+            "crane.hanging returns it."
         )
     return FreeModes(np.sqrt(squares), shapes, shapes.T @ mass, q.copy(), free)
 

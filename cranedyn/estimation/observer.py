@@ -83,7 +83,10 @@ def kalman_gain(cross: np.ndarray, spread: np.ndarray) -> np.ndarray:
 
     _, solution, failed = dposv(spread, cross)
     if failed:
-        raise CraneError("What the observer believes of its errors is no covariance any more.")
+        raise CraneError(
+            "The observer cannot go on: the covariance of its readings is not positive definite "
+            "any more. Give it a larger noise, or first deviations that differ less."
+        )
     return solution.T
 
 

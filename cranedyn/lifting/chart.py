@@ -8,21 +8,19 @@ where these fall, and never more than the load at the point before.
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn import theory
 from cranedyn.checks import finite, number, short_repr, whole, within
-from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName
+from cranedyn.errors import Misshapen, OutOfRange, UnknownName
 from cranedyn.lifting.loads import Loads, loads
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.planning.site_file import SiteTable, read_fields
 
 CHARTS = Path(__file__).parent / "charts"
 """Example charts: laboratory (of this project's crane), mct88 (points of a maker's sheet)."""
@@ -121,12 +119,15 @@ class Falls:
     def __post_init__(self) -> None:
         """Check that it is a chart."""
         whole("number of falls", self.count, 1)
-        radii = finite("radii", self.radii, ("k",), unit="m")
-        rated = finite("loads", self.rated, (len(radii),), unit="kg")
+        radii = finite("radii", self.radii, ("k",), unit="m", meaning="a list of numbers [m]")
+        rated = finite("loads", self.rated, ("k",), unit="kg", meaning="a list of numbers [kg]")
+        if len(rated) != len(radii):
+            numbers = f"{len(rated)} for {len(radii)} radii"
+            raise Misshapen("number of loads", numbers, "one load for each radius")
         object.__setattr__(self, "radii", radii)
         object.__setattr__(self, "rated", rated)
         if not 1 <= len(radii) <= _MOST:
-            raise OutOfRange("number of points of a chart", len(radii), f"1 to {_MOST}")
+            raise OutOfRange("radii", f"{len(radii)} points", f"1 to {_MOST}")
         least = number("smallest radius", self.least, "m", f"0 to {radii[0]:g}")
         object.__setattr__(self, "least", least)
         for i in np.flatnonzero(np.diff(radii) <= 0.0).tolist():
@@ -265,43 +266,38 @@ def read_chart(path: str | Path) -> Chart:
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no
-            number that it could be: in which table and field.
+            number that it could be: in which line, table and field.
     """
-    text = read_text(path)
-    try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
-        raise DataError(f"{path} is not TOML: {error}.") from error
-    _check_fields(path, "chart", content, ("name", "source", "falls"), ())
-    tables = content["falls"]
-    if not isinstance(tables, list) or not 1 <= len(tables) <= _MOST:
-        raise DataError(f"{path}, falls: write each reeving as [[falls]].")
-    reevings = [_falls(path, f"[[falls]] {i}", table) for i, table in enumerate(tables, start=1)]
+    top, lines = read_fields(Path(path), ["source", "falls"], "chart")
+    for name in ("name", "source", "falls"):
+        if name not in top.values:
+            top.fail(name, "it is missing.")
+    entries = top.tables("falls", ("count", "radii", "loads", "least"), lines)
+    if not 1 <= len(entries) <= _MOST:
+        top.fail("falls", f"there are {len(entries)}; allowed are 1 to {_MOST} tables [[falls]].")
+    reevings: list[Falls] = []
+    for entry in entries:
+        reeving = _falls(entry)
+        if any(reeving.count == other.count for other in reevings):
+            entry.fail("count", f"another [[falls]] has {reeving.count} falls, too; leave one out.")
+        reevings.append(reeving)
     reevings.sort(key=lambda reeving: reeving.count)
-    if len({reeving.count for reeving in reevings}) < len(reevings):
-        raise DataError(f"{path}, falls: two tables have the same count.")
-    for name in ("name", "source"):
-        if not isinstance(content[name], str) or not content[name].isprintable():
-            raise DataError(f"{path}, {name}: allowed is a text of one line.")
-    return Chart(content["name"], content["source"], tuple(reevings))
+    return Chart(top.text("name"), top.text("source"), tuple(reevings))
 
 
-def _falls(path: str | Path, table_name: str, table: Any) -> Falls:
-    _check_fields(path, table_name, table, ("count", "radii", "loads"), ("least",))
+def _falls(entry: SiteTable) -> Falls:
+    for name in ("count", "radii", "loads"):
+        if name not in entry.values:
+            entry.fail(name, "it is missing.")
+    values = entry.values
     try:
-        return Falls(table["count"], table["radii"], table["loads"], table.get("least", 0.0))
-    except CraneError as error:
-        raise DataError(f"{path}, {table_name}: {error}") from None
-
-
-def _check_fields(
-    path: str | Path, table_name: str, table: Any, needed: tuple[str, ...], allowed: tuple[str, ...]
-) -> None:
-    if not isinstance(table, Mapping):
-        raise DataError(f"{path}, {table_name}: it must be a table.")
-    for name in needed:
-        if name not in table:
-            raise DataError(f"{path}, {table_name}: {name} is missing.")
-    for name in table.keys() - {*needed, *allowed}:
-        unknown = UnknownName("field", name, (*needed, *allowed))
-        raise DataError(f"{path}, {table_name}: {unknown}")
+        return Falls(values["count"], values["radii"], values["loads"], values.get("least", 0.0))
+    except OutOfRange as error:
+        beginnings = {
+            "number of falls": "count",
+            "number of loads": "loads",
+            "load": "loads",
+            "smallest radius": "least",
+        }
+        fields = [field for words, field in beginnings.items() if error.name.startswith(words)]
+        entry.fail(fields[0] if fields else "radii", error)

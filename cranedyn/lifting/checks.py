@@ -10,10 +10,15 @@ import numpy as np
 from cranedyn.assumptions import check_entered
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.chart import CUT_OUT, WARNING
+from cranedyn.planning.bodies import corners_of
 from cranedyn.planning.ground_lift import stands_at
 from cranedyn.planning.perturbed import CONFIDENCE
 from cranedyn.planning.plan_assumptions import EARTH
 from cranedyn.verdict import Check
+
+COUNTER_JIB_TOLERANCE = 0.01
+"""Length by which an entered counter-jib may reach beyond the shapes of a crane's description [m]:
+what rounding to centimetres makes, far below the distance that a lift keeps."""
 
 CheckFunction = Callable[[LiftAnalysis], Check]
 """A check: from what was computed of a lift to a sentence with its numbers and a verdict. It is not
@@ -82,6 +87,17 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
         return Check(
             f"The site enters a counter-jib of {length:g} m, and the judged crane has another.",
             None,
+        )
+    if length and not isinstance(arguments, dict):
+        # A description without arguments: what keeps its distance is what its shapes show. The jib
+        # points along -Y at zero slew, so that the counter-jib ends at the largest Y.
+        upper = analysis.certificate.lift.clearance.bodies.upper
+        drawn = max(float(corners_of(shape)[:, 1].max()) for shape in upper)
+        return Check(
+            f"The counter-jib of the crane's description reaches {drawn:.2f} m behind the slew "
+            f"axis; {length:g} m entered, no more than {COUNTER_JIB_TOLERANCE:g} m longer than "
+            "drawn allowed.",
+            drawn >= length - COUNTER_JIB_TOLERANCE,
         )
     if length:
         return Check(f"The counter-jib is as long as entered, {length:g} m.", True)

@@ -96,9 +96,7 @@ def loads(
     Raises:
         OutOfRange: If the run is of another crane, or a number or a load is not finite.
     """
-    if run.columns["q"] != crane.layout.columns()["q"]:
-        given, allowed = (", ".join(of.symbols) for of in (run, crane.layout))
-        raise OutOfRange("run", f"of joints {given}", f"of {allowed}")
+    run.check_coordinates(crane.layout.columns()["q"])
     buffers = run.parameters.get("validity") == "buffers"
     columns = loads_of_rows(
         crane, run.q, run.v, run.effort, run.force, base=base, arms=arms, buffers=buffers

@@ -323,7 +323,7 @@ class Crane:
             if np.isnan(at_rest[i]):
                 raise ModelError(
                     "This crane does not hang at rest: no posture in which gravity and springs "
-                    f"balance was found from {self.layout.symbols[i]} = {q[i]:.6g} {joint.unit} on."
+                    f"balance was found from {self.layout.coordinates_text(q)} on."
                 )
             if not low <= at_rest[i] <= high:
                 raise ModelError(

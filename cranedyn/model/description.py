@@ -211,8 +211,15 @@ def _expand(
     mappings: tuple[tuple[str, str], ...],
     packages: Mapping[str, str | Path] | None = None,
 ) -> str:
+    missing: list[ModelError] = []
+
     def find(name: str) -> str:
-        return str(package_folder(name, path, packages))
+        try:
+            return str(package_folder(name, path, packages))
+        except ModelError as error:
+            # Xacro wraps it in errors of its own, which say it twice and with its class.
+            missing.append(error)
+            raise
 
     try:
         with _LOCK, contextlib.redirect_stderr(io.StringIO()), contextlib.ExitStack() as after:
@@ -230,6 +237,8 @@ def _expand(
     except Exception as error:
         if interrupted(error):
             raise KeyboardInterrupt from None
+        if missing:
+            raise missing[0] from None
         raise ModelError(
             f"{path} cannot be expanded: {str(error) or type(error).__name__}."
         ) from error

@@ -252,6 +252,11 @@ class Layout:
             number(f"{joint.symbol}_dot at the {name}", rate, f"{joint.unit}/s")
         return State(read_only(q.copy()), read_only(v.copy()))
 
+    def coordinates_text(self, q: np.ndarray) -> str:
+        """Return coordinates with their symbols and units in words, for sentences."""
+        pairs = zip(self.joints, q.tolist(), strict=True)
+        return ", ".join(f"{joint.symbol} = {value:.6g} {joint.unit}" for joint, value in pairs)
+
     def has(self, *roles: str) -> bool:
         """Return whether there are joints in all of these roles."""
         return {*roles} <= {joint.role for joint in self.joints}

@@ -17,7 +17,7 @@ import pinocchio as pin
 from cranedyn.checks import number, within
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
-from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, printable
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, printable, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, CraneValues, describe
@@ -40,6 +40,7 @@ from cranedyn.model.locked import Locked, lock_joints
 from cranedyn.model.machines import read_machine
 from cranedyn.model.mimics import coupling_of, limit_leaders, read_mimics
 from cranedyn.model.mjcf import read_mjcf
+from cranedyn.model.pendulum import pendulum_note
 from cranedyn.model.springs import read_springs
 from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
 from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
@@ -144,7 +145,7 @@ def load_crane(
             ambiguous, a joint has several degrees of freedom, or does not fit its role.
         OutOfRange: If a number is not one that a crane can have.
         UnknownName: If the xacro file has no such argument, or there is no such joint or role.
-        DataError: If the file cannot be read.
+        DataError: If the file cannot be read, or values are given for one without arguments.
     """
     for name in (values or {}).keys() & numbers.keys():
         raise OutOfRange(name, "given twice", "given once, in values or by its name")
@@ -173,10 +174,14 @@ def load_crane(
     path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
         text = describe(path, values, visuals=urdf is not None, packages=packages)
-    elif values:
-        raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
     else:
-        text = read_text(path)
+        text = read_text(path)  # first, so that a file that is missing is named as missing
+        if values:
+            raise DataError(
+                f"{path} is not a .xacro file and has no arguments, so that "
+                f"{', '.join(map(str, values))} cannot be set in it; change the number in the file "
+                "itself, or give a .xacro file that declares it."
+            )
     if urdf is not None or swing or locked:
         return _foreign_crane(text, path, options, swing, locked)
     record: dict[str, Any] = {}
@@ -260,7 +265,13 @@ def _crane(
             f"{path} has joints that mimic others, and a rope that stretches or two falls; allowed "
             "is one of both."
         )
-    _check_ranges(model, layout, load)
+    try:
+        _check_ranges(model, layout, load)
+    except OutOfRange as error:
+        if path == XACRO:
+            raise  # whose numbers are arguments, named as such
+        name = f"{error.name} in {path}"
+        raise OutOfRange(name, error.value, error.allowed, error.unit) from None
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
     notes = [] if coupling is None else limit_leaders(coupling, lower, upper, names)
     model.lowerPositionLimit, model.upperPositionLimit = lower, upper
@@ -297,7 +308,8 @@ def _crane(
     if not (springs.any or crane.rest.hangs):
         return crane
     hanging = crane.rest.q if crane.rest.hangs else crane.hanging(q)
-    return replace(crane, start=State(hanging, np.zeros(layout.n)))
+    assumptions = (*crane.assumptions, *pendulum_note(crane))
+    return replace(crane, start=State(hanging, np.zeros(layout.n)), assumptions=assumptions)
 
 
 def _from_record(record: Mapping[str, Any], path: Path) -> Crane:
@@ -387,7 +399,8 @@ def _check_ranges(model: pin.Model, layout: Layout, payload: int) -> None:
         if joint.driven:
             effort = float(model.effortLimit[i])
             number(f"effort limit of {joint.name}", effort, joint.effort_unit, "> 0")
-        number(f"damping of {joint.name}", model.damping[i], allowed=">= 0")
+        unit = "N m s/rad" if joint.kind == "revolute" else "N s/m"
+        number(f"damping of {joint.name}", model.damping[i], unit, ">= 0")
         if joint.role == "hoist":
             number("shortest cable", low, "m", "> 0")
     number("payload mass", model.inertias[payload + 1].mass, "kg", f"{_LIGHTEST:g} to 1e30")
@@ -405,16 +418,21 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
     diagonal = np.diag(mass)
     energy = pin.computePotentialEnergy(model, data, q)
     if not (np.isfinite(mass).all() and math.isfinite(energy) and (diagonal > 0.0).all()):
-        raise ModelError(
-            f"{path} cannot be simulated: masses, lengths or gravity are beyond what a number "
-            "holds, or a joint moves nothing."
-        )
+        still = [layout.joints[i].name for i in np.flatnonzero(~(diagonal > 0.0)).tolist()]
+        reason = "masses, lengths or gravity are beyond what a number holds"
+        if still:
+            reason = f"{', '.join(map(quoted, still))} moves no mass; give its links a mass"
+        raise ModelError(f"{path} cannot be simulated: {reason}.")
     scale = np.sqrt(diagonal)
     scaled = mass / scale / scale[:, None]
     smallest = float(np.linalg.eigvalsh(scaled)[0])
     if not smallest > _LEAST_EIGENVALUE:
-        allowed = f"> {_LEAST_EIGENVALUE:g}: masses differ too much"
-        name = "smallest eigenvalue of the scaled mass matrix"
+        allowed = (
+            f"> {_LEAST_EIGENVALUE:g}: its masses and inertias differ too much; give its lightest "
+            "links more"
+        )
+        owner = "this crane" if path == XACRO else str(path)
+        name = f"smallest eigenvalue of the scaled mass matrix of {owner}"
         raise OutOfRange(name, f"{smallest:.1e}", allowed)
     effort = np.zeros(layout.n)
     effort[layout.drives] = model.effortLimit[layout.drives]
@@ -424,5 +442,5 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
     if not np.abs(acceleration - expected).max() <= _LARGEST_DEVIATION * np.abs(expected).max():
         raise ModelError(
             f"{path} cannot be simulated: its masses and lengths differ so much that accelerations "
-            "lose all their digits."
+            "lose all their digits; look whether all are in kg, kg m² and m."
         )

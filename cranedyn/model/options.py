@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
@@ -67,10 +69,33 @@ def crane_from_options(options: argparse.Namespace) -> Crane:
     return load_crane(**load_options(options))
 
 
-def crane_of_run(options: argparse.Namespace, record: Mapping[str, Any]) -> Crane:
-    """Load the crane that the command line names; if none, that of the record of a run."""
+def crane_of_run(options: argparse.Namespace, run: Trajectory, file: str | Path) -> Crane:
+    """Load the crane that the command line names; if none, that of the record of a run.
+
+    Args:
+        options: The options of `add_crane_options`.
+        run: The run.
+        file: Its file, for the error message.
+
+    Raises:
+        DataError: If the run is one of a crane with other coordinates.
+    """
     named = options.urdf is not None or options.machine is not None or options.values
-    return load_crane(from_record=record) if record and not named else crane_from_options(options)
+    if run.record and not named:
+        return load_crane(from_record=run.record)
+    crane = crane_from_options(options)
+    recorded, expected = run.columns["q"], crane.layout.columns()["q"]
+    if recorded != expected:
+        advice = "name the crane that it was made with"
+        if run.record:
+            advice = "leave out --urdf, --machine and --set, since the file says which crane it is"
+        if options.urdf is not None and options.swing is None and len(recorded) > len(expected):
+            advice = f"{advice}, or give --swing as for the run"
+        raise DataError(
+            f"{file} is a run of a crane with the coordinates {', '.join(recorded)}; the crane "
+            f"that the command line names has {', '.join(expected)}. To read it, {advice}."
+        )
+    return crane
 
 
 def parse_locked(texts: Sequence[str]) -> dict[str, str | None]:

@@ -264,7 +264,10 @@ def _check_joint(joint: ET.Element, context: str) -> None:
     if kind not in _TYPES:
         raise ModelError(f"The {context} is of type {kind!r}; allowed are {', '.join(_TYPES)}.")
     if kind in _TYPES[:2] and joint.find("limit") is None:
-        raise ModelError(f"The {context} is {kind} and has no limit.")
+        raise ModelError(
+            f"The {context} is {kind} and has no limit; give it a <limit> with lower, upper, "
+            "effort and velocity."
+        )
     dynamics = joint.find("dynamics")
     if dynamics is not None and not {*dynamics.keys()} & {"damping", "friction"}:
         raise ModelError(f"The dynamics of {context} needs a damping.")

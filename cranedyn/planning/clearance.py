@@ -19,8 +19,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.checks import within
-from cranedyn.errors import quoted
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import CollisionBodies, collision_bodies, corners_of
 from cranedyn.planning.fields import Body, Field, Placed
@@ -46,6 +45,21 @@ _KEEPS_FROM = (
 lowest, and solids that are not tall never come close to the trolley, whose height is constant."""
 
 Length = TypeVar("Length", float, np.ndarray)
+
+
+class OutOfReach(OutOfRange):
+    """A place that the load of a crane does not reach."""
+
+    def __init__(self, sentence: str, limit: tuple[str, float, str]) -> None:
+        """Set the attributes and the error message.
+
+        Args:
+            sentence: The message.
+            limit: What is out of its range, how much it is [m], and the range in words.
+        """
+        self.name, self.value, self.allowed = limit
+        self.unit = "m"
+        CraneError.__init__(self, sentence)
 
 
 class Joints(NamedTuple):
@@ -190,17 +204,32 @@ class Clearance:
         the site [m], shape (3,), that errors call by a label.
 
         Raises:
-            OutOfRange: If the crane does not reach it: which coordinate is how far out of its
-                range.
+            OutOfReach: If the crane does not reach it: how far or how high the load comes.
         """
         x, y, z = self.site.to_crane(point)
         radius, length = math.hypot(x, y), self.height - z
-        lower, upper = (
+        (_, inner, _), (_, outer, longest) = (
             ends[self.drive_joints].tolist() for ends in (self.crane.lower, self.crane.upper)
         )
-        where = f"for the {label} {quoted(np.round(point, 3).tolist())}"
-        within(f"trolley radius {where}", radius, lower[1], upper[1], "m")
-        within(f"cable length {where}", length, self.shortest_cable, upper[2], "m")
+        place = f"the {label} {np.round(point, 3).tolist()}"
+        if not inner <= radius <= outer:
+            way = "farther out" if radius < inner else "nearer to it"
+            raise OutOfReach(
+                f"The trolley reaches from {inner:g} to {outer:g} m from the slew axis, {place} is "
+                f"{radius:.2f} m from it; move it {way}, or take a crane with another jib.",
+                ("distance from the slew axis", radius, f"{inner:g} to {outer:g}"),
+            )
+        if not self.shortest_cable <= length <= longest:
+            above = float(point[2]) - self.site.ground
+            highest, lowest = (above + length - cable for cable in (self.shortest_cable, longest))
+            reaches = f"at most {highest:.2f}" if above > highest else f"no lower than {lowest:.2f}"
+            limit = f"reaches {reaches} m above the ground with the centre of this load"
+            change = "lower it" if above > highest else "raise it"
+            other = "a taller crane" if above > highest else "a crane with a longer rope"
+            raise OutOfReach(
+                f"The hook {limit}, {place} is at {above:.2f} m; {change}, or take {other}.",
+                ("height of the centre of the load", above, f"{lowest:.2f} to {highest:.2f}"),
+            )
         return np.array([math.atan2(x, -y), radius, length])
 
     def point(self, drive_position: np.ndarray) -> np.ndarray:

@@ -43,6 +43,9 @@ RESERVE = 1.1
 _LOWERED = 0.1
 """Step in which the lowest place of a load is looked for [m]."""
 
+_RAISED = 0.05
+"""Step in which a height is looked for at which a load is far enough from everything [m]."""
+
 _FAST = 1.15
 """A motion that lasts no more than so many times what the drives alone need from start to goal
 without obstacles is fast enough: nothing else is tried."""
@@ -137,13 +140,32 @@ def crane_of(
 ) -> Crane:
     """Load the crane of a site, from another file or with further values changed by name.
 
+    A file other than a ``.xacro`` has no arguments: its own numbers hold, and those that the site
+    enters must be the same.
+
     Raises:
-        DataError: If the site gives such a value, too.
+        DataError: If the site gives such a value, too, or enters a number that is another in the
+            file, or that cannot be compared with it.
         CraneError: As `cranedyn.model.load.load_crane`.
     """
     for name in site.crane.keys() & values.keys():
         raise DataError(f"{name} is given by the site, too; leave one out.")
-    return load_crane(urdf, gravity=gravity, values={**site.crane, **values})
+    if urdf is None or pathlib.Path(urdf).suffix == ".xacro":
+        return load_crane(urdf, gravity=gravity, values={**site.crane, **values})
+    crane = load_crane(urdf, gravity=gravity, values=values)
+    for name in site.crane:
+        if name not in _COMPARED:
+            raise DataError(
+                f"The site enters {name}, an argument that {urdf} does not have, since it is no "
+                ".xacro file; leave it out of the site, or give the crane as a .xacro file."
+            )
+    refuse_contradictions(site, crane)
+    return crane
+
+
+_COMPARED = {"payload_mass", "slew_effort", "trolley_effort", "hoist_effort", "counter_jib"}
+"""Arguments that a site may enter for a crane whose description has no arguments: they are compared
+with the description itself, the counter-jib with its shapes (`cranedyn.lifting.checks`)."""
 
 
 def plan_lift(
@@ -193,13 +215,17 @@ def plan_lift(
     first = _end(clearance, "start", start)
     last = _end(clearance, "goal", goal)
     if np.allclose(first, last, atol=1e-6):
-        raise NoWay("Start and goal of the lift are the same place.")
+        place = np.round(np.asarray(goal), 3).tolist()
+        raise NoWay(f"Start and goal of the lift are the same place, {place}; give another goal.")
     slew = clearance.joints.slew
     slews = slew_range(
         clearance, float(first[0]), float(crane.lower[slew]), float(crane.upper[slew])
     )
     if slews.low == slews.high:
-        raise NoWay(f"At the start the jib is nearer to {slews.below} than {site.distance:g} m.")
+        raise NoWay(
+            f"At the start the jib is nearer to {slews.below} than {site.distance:g} m, the "
+            "distance to keep; move the start round the mast, or the crane away from it."
+        )
     lifts: list[Lift] = []
     for ends in _turns(first, last, slews):
         straight = straight_time(ends, limits)
@@ -217,12 +243,37 @@ def refuse_contradictions(site: Site, crane: Crane) -> None:
     Raises:
         DataError: If a value of the site is another for the crane.
     """
-    given = crane.record.get("arguments")
-    if not isinstance(given, dict):
-        return  # a plain URDF has no values by name
-    for name, value in site.crane.items():
-        if name in given and float(given[name]) != float(value):
-            raise DataError(f"The site enters {name} {value:g}; the crane has {given[name]}.")
+    arguments = crane.record.get("arguments")
+    if isinstance(arguments, dict):
+        for name, value in site.crane.items():
+            if name in arguments and float(arguments[name]) != float(value):
+                raise DataError(
+                    f"The site enters {name} {value:g}; the crane has {arguments[name]}. Load the "
+                    "crane with the value of the site, or change it there."
+                )
+        return
+    # Any other description has no values by name. What it says itself is compared.
+    for name, (actual, unit) in _numbers_by_argument(crane).items():
+        entered = site.crane.get(name)
+        if entered is not None and not math.isclose(float(entered), actual, rel_tol=1e-9):
+            raise DataError(
+                f"The site enters {float(entered):,.6g} {unit} as {name}; the description of the "
+                f"crane has {actual:,.6g} {unit}. Change one of them."
+            )
+
+
+def _numbers_by_argument(crane: Crane) -> dict[str, tuple[float, str]]:
+    """Return the numbers of a crane, with units, that a site may enter as arguments of the tower
+    crane of this project.
+    """
+    layout = crane.layout
+    numbers = {"payload_mass": (crane.payload_mass, "kg")}
+    for role in ("slew", "trolley", "hoist"):
+        drive = layout.drive_of(role)
+        if drive is not None:
+            unit = layout.driven[drive].effort_unit
+            numbers[f"{role}_effort"] = (float(crane.effort_limit[drive]), unit)
+    return numbers
 
 
 def _refuse_implausible(
@@ -264,20 +315,29 @@ def _refuse_unless_it_holds(crane: Crane) -> None:
     hoist = crane.layout.drive("l")
     held, load = float(crane.effort_limit[hoist]) / crane.gravity, held_mass(crane)
     if not load <= held:
-        raise NoWay(f"The hoist holds {held:,.0f} kg; the load with rigging is {load:,.0f} kg.")
+        raise NoWay(
+            f"The hoist holds {held:,.0f} kg; the load with rigging is {load:,.0f} kg. Take a "
+            "lighter load, or enter the force of the hoist as the last of efforts in [drives]."
+        )
 
 
 def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarray:
     """Return the place of an end of a lift, if the load may hang there."""
     if point is None:
-        raise CraneError(f"The site does not say where the {name} of the lift is; give it.")
+        field, option = ("from", "--from") if name == "start" else ("to", "--to")
+        raise CraneError(
+            f"The site does not say where the {name} of the lift is; give {field} in [lift], or "
+            f"{option}."
+        )
     label, count = f"{name} of the load", 2 if np.shape(point) == (2,) else 3
     point = finite(label, point, (count,), unit="m")
     drive_position = _lowest(clearance, point, name) if count == 2 else clearance.place(point, name)
     site, centre = clearance.site, clearance.point(drive_position)
     for solid in clearance.solids:
         if solid.holds(centre):
-            raise NoWay(f"At the {name} the load is inside of {solid.name}.")
+            raise NoWay(
+                f"At the {name} the load is inside of {solid.name}; move the {name} out of it."
+            )
     if not clearance.swing_margin(drive_position) >= CLOSE:
         nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
         zones = [solid.name for solid in clearance.solids if solid.zone]
@@ -286,9 +346,30 @@ def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarra
             f"At the {name} the {nearest.body} is {max(nearest.distance, 0.0):.2f} m from "
             f"{nearest.obstacle}; {rule}, and "
             f"{clearance.envelope(float(drive_position[2])):.2f} m for a swing of "
-            f"{math.degrees(site.swing):.2g}°."
+            f"{math.degrees(site.swing):.2g}°. {_advice(clearance, name, drive_position)}"
         )
     return drive_position
+
+
+def _advice(clearance: Clearance, name: str, drive_position: np.ndarray) -> str:
+    """Return what to change of an end of a lift at which the load is too near to something: how far
+    to raise it, if that is enough.
+    """
+    foot = float(clearance.site.foot[2])
+    for length in np.arange(drive_position[2], clearance.shortest_cable, -_RAISED)[1:]:
+        higher = np.array([*drive_position[:2], length])
+        if clearance.swing_margin(higher) >= CLOSE:
+            now, then = (
+                foot + clearance.height - cable for cable in (float(drive_position[2]), length)
+            )
+            # Rounded up: a height that is rounded down would be too low again.
+            return (
+                f"Raise the {name} from z = {now:.2f} m to {math.ceil(10.0 * then) / 10.0:.1f} m."
+            )
+    return (
+        f"No height above it is far enough; move the {name} aside, or allow a smaller distance or "
+        "swing in [lift]."
+    )
 
 
 def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
@@ -410,4 +491,8 @@ def _reason(
                 f"There is no way: the {end_name} is enclosed by {', '.join(result.blocked[:3])}; "
                 f"{result.reached} cells of 1 s can be reached from it.{hook}"
             )
-    return "No way was found; one on a grid exists, but no motion along it could be proven."
+    return (
+        "No way was found: one on a grid of cells exists, but no motion along it could be proven. "
+        "A smaller swing or distance in [lift], or slower [drives], leave more "
+        "room."
+    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,7 +14,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from cranedyn.checks import number, whole
-from cranedyn.data.files import read_text
+from cranedyn.data.files import parse_toml, read_text
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, quoted
 from cranedyn.model.description import arguments
 from cranedyn.planning.bim import read_ifc
@@ -242,20 +241,18 @@ def site_path(path: str | Path, folder: Path, examples: Sequence[str]) -> Path:
 
 
 def read_fields(
-    path: Path, fields: Sequence[str]
+    path: Path, fields: Sequence[str], kind: str = "site"
 ) -> tuple[SiteTable, dict[tuple[str, int], dict[str, int]]]:
-    """Read the whole of a TOML file with a name and other fields, and the lines of each table.
+    """Read the whole of a TOML file with a name and other fields, and the lines of each table;
+    errors call it by its kind.
 
     Raises:
         DataError: If it cannot be read, is no TOML, or a field is another.
     """
     text = read_text(path)
-    try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
-        raise DataError(f"{path} is not TOML: {error}.") from error
+    content = parse_toml(text, path)
     lines = dict(field_lines(text))
-    return SiteTable(path, "site", content, lines.get(("", 0), {}), ["name", *fields]), lines
+    return SiteTable(path, kind, content, lines.get(("", 0), {}), ["name", *fields]), lines
 
 
 _FIELDS = {

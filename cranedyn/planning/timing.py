@@ -214,10 +214,16 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     )
     _, speeds, _ = problem.compute_parameterization(0.0, 0.0)
     if speeds is None:
-        raise CraneError("TOPP-RA finds no law of time along this path.")
+        raise CraneError(
+            "No speed along this path keeps the limits of the drives, as TOPP-RA finds; larger "
+            "rates or accelerations in [drives] may."
+        )
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (speeds[1:] + speeds[:-1]))])
     if not times[-1] <= _LONGEST:
-        raise CraneError(f"A load on this path takes more than {_LONGEST:g} s.")
+        raise CraneError(
+            f"A load on this path takes more than {_LONGEST:g} s, {times[-1]:.4g} s; enter faster "
+            "[drives], or look whether their units are those of the page."
+        )
     t = np.append(np.arange(0.0, times[-1], STEP), times[-1])
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(s) - 2)
     since, gain = t - times[k], np.diff(speeds) / np.diff(times)
@@ -294,7 +300,11 @@ def load_motion(clearance: Clearance, drive_positions: np.ndarray, period: float
     acceleration = scipy.interpolate.make_interp_spline(t, point, k=7).derivative(2)(t)
     rope = acceleration / crane.gravity + np.array([0.0, 0.0, 1.0])
     if not (tension := float(rope[:, 2].min())) > 0.0:
-        raise OutOfRange("least tension of the rope", tension, "> 0", "of its weight")
+        raise OutOfRange(
+            "least tension of the rope along this path, over the weight of the load",
+            tension,
+            "> 0, as smaller accelerations in [drives] make it",
+        )
     q = recover(point, rope / np.linalg.norm(rope, axis=1)[:, None], clearance.height, inertia)
     slew = clearance.joints.slew
     q[:, slew] += drive_positions[0, 0] - q[0, slew]

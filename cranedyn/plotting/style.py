@@ -6,6 +6,7 @@ that every one is legible on white and on black.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from cycler import cycler
@@ -58,6 +59,13 @@ RC: Any = {
 }
 """Settings of Matplotlib with which figures are drawn and saved."""
 
+_OTHER_COLOURS = (
+    *(colour for colour in _FURTHER_COLOURS if colour != COLOURS["energy"]),
+    *("#7A5FC0", "#E0341A", "#9A6A00", "#008C66"),
+)
+"""Hex colours of the coordinates of other cranes: none is that of the energy, or grey as setpoints
+and limits are, beside which they are drawn."""
+
 GREEK = {"gamma": "γ", "phi": "φ", "theta": "θ"}
 """Letters of coordinates by their symbols."""
 
@@ -75,6 +83,19 @@ def colour_of(quantity: str) -> str:
     those of `COLOURS`.
     """
     return COLOURS.get(quantity) or _FURTHER_COLOURS[sum(quantity.encode()) % len(_FURTHER_COLOURS)]
+
+
+def distinct_colours(quantities: Iterable[str]) -> dict[str, str]:
+    """Return hex colours of quantities that one picture shows: those of `COLOURS` for its names,
+    and for other names in their order those that none of these has. They repeat after nine others.
+    """
+    names = list(dict.fromkeys(quantities))
+    taken = {COLOURS[name] for name in names if name in COLOURS}
+    free = [colour for colour in _OTHER_COLOURS if colour not in taken]
+    others = [name for name in names if name not in COLOURS]
+    return {name: COLOURS[name] for name in names if name in COLOURS} | {
+        name: free[i % len(free)] for i, name in enumerate(others)
+    }
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

@@ -19,7 +19,7 @@ from rerun.blueprint.encodings import VisualizerComponentMapping
 from cranedyn.data.tables import arrow
 from cranedyn.errors import printable
 from cranedyn.model.layout import Joint, Layout
-from cranedyn.plotting.style import GREEK, colour_of, mixed, rgb, run_colour
+from cranedyn.plotting.style import GREEK, colour_of, distinct_colours, mixed, rgb, run_colour
 from cranedyn.recording.run import Run, clock, colours, rows_every
 
 READOUT = "readout"
@@ -225,7 +225,8 @@ def time_series_view(
     several = len(runs) > 1 and not title
     overrides: dict[Any, Any] = {
         run.entity("numbers"): [
-            _line(curve, run.name if several else "", colour) for curve in run_plot.curves
+            _line(curve, run.name if several else "", colour, run.crane.layout)
+            for curve in run_plot.curves
         ]
         for run, run_plot, colour in zip(runs, by_run, colours(runs), strict=True)
         if run_plot is not None
@@ -248,12 +249,14 @@ def time_series_view(
     )
 
 
-def _line(curve: Curve, run: str, run_colour: str) -> rrb.visualizers.Visualizer:
+def _line(curve: Curve, run: str, run_colour: str, layout: Layout) -> rrb.visualizers.Visualizer:
     """Return a curve, named after its run and in its colour where there are several runs.
 
     Where many rows share a pixel, efforts and energies show their extremes, the others their mean.
     """
-    colour, width = colour_of(curve.quantity).replace("#000000", "#9A9A9A"), 1.5
+    colours_of_joints = distinct_colours(layout.symbols)
+    colour = colours_of_joints.get(curve.quantity) or colour_of(curve.quantity)
+    colour, width = colour.replace("#000000", "#9A9A9A"), 1.5
     if run:
         shares = {"limit": 0.7, "setpoint": 0.7, "theta": 0.55}
         tint = "#FFFFFF" if curve.quantity == "theta" else colour

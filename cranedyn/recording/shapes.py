@@ -36,6 +36,9 @@ _CIRCLE_POINTS = 12
 _STICK = 0.01
 """Radius of sticks as a share of the longest."""
 
+_THICKEST_STICK = 0.2
+"""Largest radius of sticks [m]: rails are long, and what they carry would be hidden behind them."""
+
 CONTACT = "#F22B05"
 """Colour of marks where a load touches."""
 
@@ -90,7 +93,8 @@ class Shape:
 
 def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]]:
     """Return the visuals of each link of a plain URDF, by name of the link; sticks for a link of
-    which only meshes are known that are left out, see `_sticks`.
+    which only meshes are known that are left out, and for the links of a crane without visuals but
+    those that a rope stands for, see `_sticks`.
 
     Args:
         urdf: The URDF, its numbers and names checked.
@@ -114,7 +118,24 @@ def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]
         visuals[name] = [shape for shape in drawn if shape is not None]
         if not visuals[name] and link.find("visual/geometry/mesh") is not None:
             hidden.add(name)
+    if not hidden and not any(visuals.values()):
+        hidden = set(visuals) - _rope_links(robot)  # of a crane that shows nothing
     return visuals | (_sticks(robot, hidden) if hidden else {})
+
+
+def _rope_links(robot: ET.Element) -> set[str]:
+    """Return the links on which a link slides that carries no other: a rope is drawn there."""
+    parent_of = dict[str, str]()
+    sliding = set[str]()
+    for joint in robot.iterfind("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is None or child is None:
+            continue
+        parent_of[child.get("link", "")] = parent.get("link", "")
+        if joint.get("type") == "prismatic":
+            sliding.add(child.get("link", ""))
+    leaves = parent_of.keys() - parent_of.values()
+    return {parent_of[link] for link in leaves & sliding}
 
 
 def _sticks(robot: ET.Element, links: Collection[str]) -> dict[str, list[Shape]]:
@@ -135,7 +156,7 @@ def _sticks(robot: ET.Element, links: Collection[str]) -> dict[str, list[Shape]]
             end = end + along / np.linalg.norm(along) * float(limit.get("upper", "0"))
         ends[parent.get("link", "")].append(end)
     lengths = [np.linalg.norm(end) for group in ends.values() for end in group]
-    radius = _STICK * float(max(lengths, default=0.0)) or _STICK
+    radius = min(_STICK * float(max(lengths, default=0.0)) or _STICK, _THICKEST_STICK)
     return {
         link: [
             Shape("cylinder", (radius, float(np.linalg.norm(end))), (*(end / 2.0),), _upright(end))

@@ -186,7 +186,10 @@ def _maximise_scene(client: ViewerClient) -> str:
     """Show the scene alone and return the id of its view."""
     views = [view for view in client.get_state().views if view.view_class == "3D"]
     if not views:
-        raise CraneError("The recording shows no scene.")
+        raise CraneError(
+            "The recording has no 3D view to take a picture of; allowed are recordings of cranes, "
+            "as experiments and cranedyn.recording.record write them."
+        )
     scene = min(views, key=lambda view: view.name != SCENE).view_id
     layout = client.get_blueprint().blueprint
     layout["/viewport"]["ViewportBlueprint"]["maximized"] = scene

@@ -325,7 +325,23 @@ def _positions(station: Station, begin: _Position, goal: _Position) -> list[_Pos
     inside = (np.clip(trials, crane.lower, crane.upper) == trials).all(axis=1)
     reached = trials[inside & (off < _CLOSE)][:, crane.layout.drives]
     if not len(reached):
-        raise OutOfRange("goal of the load", list(goal), "what the crane reaches", "m")
+        layout, drives = crane.layout, crane.layout.drives
+        ranges = ", ".join(
+            f"{symbol} from {low:.4g} to {high:.4g} {unit}"
+            for symbol, unit, low, high in zip(
+                (layout.symbols[i] for i in drives),
+                (layout.units[i] for i in drives),
+                crane.lower[drives].tolist(),
+                crane.upper[drives].tolist(),
+                strict=True,
+            )
+        )
+        raise OutOfRange(
+            f"goal of the load of {quoted(station.name)}",
+            np.round(goal, 3).tolist(),
+            f"a place where its load hangs with its drives in their ranges: {ranges}",
+            "m",
+        )
     times = (np.abs(reached - begin) / station.converters.rates).max(axis=1)
     reached = reached[times.argsort()]
     other_turn = np.abs(reached - reached[0]).max(axis=1) > 1e-3

@@ -18,7 +18,7 @@ _MARKERS = "osv^D*PX>d"
 
 
 def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
-    """Draw the swing of each strategy over time, in strips of the same scale."""
+    """Draw the swing of each strategy over time in one move, in strips of the same scale."""
     figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
     for ax, (strategy, run) in zip(axes, runs.items(), strict=False):
         ax.plot(
@@ -29,7 +29,11 @@ def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
         ax.axvline(move.duration, linestyle=":", color="#999999", linewidth=1.0)
         ax.text(1.0, 0.95, strategy, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
     axes[-1].set_xlabel(f"time [s]; dotted: {move.duration:g} s")
-    figure.supylabel("swing, radial and tangential together [°]", fontsize=11.0)
+    # One line for few strategies would be longer than the figure is high, and cut.
+    figure.supylabel("swing [°]", fontsize=11.0)
+    axes[0].set_title(
+        f"Swing of the {move.name} move, radial and tangential together", fontsize=10.0, loc="left"
+    )
     return figure
 
 

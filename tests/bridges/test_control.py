@@ -166,8 +166,13 @@ def test_about_a_motion_the_gain_keeps_the_load_on_it(drive: Drive) -> None:
 @pytest.mark.parametrize(
     ("feedback", "sentence"),
     [
-        (np.zeros((3, 9)), r"gain.*\(3, 9\).*\(3, 10\)"),
-        (np.full((3, 10), np.nan), "gain is nan; allowed is finite"),
+        (np.zeros((3, 9)), r"gain.*\(3, 9\).* 3 rows and 10 columns.*F_x.*theta_dot"),
+        (np.full((3, 10), np.nan), "gain of the feedback is nan; allowed is finite"),
+        (np.zeros((3, 13)), r"gain.*\(3, 13\).* 3 rows and 10 columns"),
+        (  # a notch filter of one signal
+            ct.ss(ct.tf([1.0, 0.0, 1.0], [1.0, 0.4, 1.0])).sample(PERIOD),
+            "has 1 outputs .*; it needs one for each drive: T_gamma, F_x, F_l. A filter of one",
+        ),
         ("K", "feedback is 'K'"),
         (
             ct.ss(np.eye(2) * 0.5, np.zeros((2, 10)), np.zeros((3, 2)), np.zeros((3, 10)), dt=0),
@@ -223,6 +228,48 @@ def test_the_sampled_system_of_rates_has_the_delay_and_answers_as_converters_do(
     largest = np.abs(deviation(run, rest)).max(axis=1)
     # the ramp rounds each of the stairs, 2 mm/s² of them, by less than a control period
     assert (off[:10] <= 0.02 * largest + 1e-7).all(), off / largest
+
+
+def as_gain(gain: np.ndarray) -> object:
+    return gain
+
+
+def as_system(gain: np.ndarray) -> object:
+    plant = to_control(crane(), crane().state(x=12.0, l=10.0), drive="velocity", **CLOCKS)
+    names = plant.state_labels[::-1]
+    commands = plant.input_labels
+    return ct.ss([], [], [], -gain[:, ::-1], inputs=names, outputs=commands, dt=PERIOD)
+
+
+@pytest.mark.parametrize("feedback", [as_gain, as_system])
+def test_a_gain_of_the_commands_on_their_way_moves_the_crane_as_the_closed_linear_loop(
+    feedback: Callable[[np.ndarray], object],
+) -> None:
+    c = crane()
+    rest = c.state(x=12.0, l=10.0)
+    plant = to_control(c, rest, drive="velocity", **CLOCKS)
+    gain, _, _ = ct.dlqr(plant, np.eye(13), 0.1 * np.eye(3))
+    assert np.abs(gain[:, 10:]).max() > 0.05, "it feeds back what is on its way"
+    law = from_control(c, feedback(gain), rest, drive="velocity")
+    # Small enough that ramps, rates and the second order are without effect.
+    start = State(rest.q + 1e-4 * np.array([0.0, 1.0, 1.0, -1.0, 1.0]), rest.v)
+    typical = converters(c)
+    big = np.full(3, 1e9)
+    drives = Converters(big, big, big, typical.lags, np.zeros(3), typical.delay)
+    run = simulate(c, law, start=start, duration=10.0, drive=drives, engine=FAST, **CLOCKS)
+    closed = ct.ss(plant.A - plant.B @ gain, plant.B, plant.C, 0, dt=PERIOD)
+    first = np.concatenate([start.q - rest.q, start.v, np.zeros(3)])
+    linear = ct.initial_response(closed, T=run.t, X0=first).outputs[:10]
+    off = np.abs(linear - deviation(run, rest)).max(axis=1)
+    # of the second order: the square of the largest deviation, 1.4e-4
+    assert off.max() < 2e-8
+
+
+def test_a_gain_of_the_commands_on_their_way_is_refused_a_run_with_another_delay() -> None:
+    c = crane()
+    law = from_control(c, np.zeros((3, 13)), c.start, drive="velocity")
+    with pytest.raises(OutOfRange, match=r"control periods of 0\.005 s is 4; allowed is 1,"):
+        simulate(c, law, duration=1.0, drive="velocity", control_period=5e-3)
 
 
 @pytest.mark.slow

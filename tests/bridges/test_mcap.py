@@ -35,11 +35,12 @@ from cranedyn.bridges import bags, mcap  # noqa: E402
 from cranedyn.controllers import hold_controller  # noqa: E402
 from cranedyn.data.trajectory import Trajectory  # noqa: E402
 from cranedyn.dynamics.pinocchio import payload_position  # noqa: E402
-from cranedyn.errors import CraneError  # noqa: E402
+from cranedyn.errors import CraneError, OutOfRange  # noqa: E402
 from cranedyn.model.load import load_crane  # noqa: E402
 from cranedyn.simulation.simulate import simulate  # noqa: E402
 from experiments import a1, a3, harness  # noqa: E402
 from tests.helpers import FAST  # noqa: E402
+from tests.model.test_foreign import RIGID  # noqa: E402
 
 SETUP = harness.Setup(9.8, engine=FAST)
 
@@ -183,6 +184,25 @@ def test_the_command_writes_a_run_with_the_crane_that_its_record_names(tmp_path:
         last = {one.topic: raw for one, _, raw in reader.messages()}
     assert b'robot name="overhead_crane"' in last["/robot_description"]
     assert bags.read_joint_states(file, ["l_m"])["l_m"].tolist() == run["l_m"].tolist()
+
+
+def test_a_run_of_another_crane_is_refused_with_the_coordinates_of_both(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rigid = tmp_path / "rigid.urdf"
+    rigid.write_text(RIGID)
+    crane = load_crane(rigid, swing=True)
+    run = simulate(crane, hold_controller(crane), duration=0.02)
+    trajectory = str(run.write(tmp_path / "swing.parquet"))
+    words = ["export", "mcap", str(tmp_path / "run.mcap"), "--trajectory", trajectory]
+    assert main([*words, "--urdf", str(rigid), "--driven", "azimuth", "cart", "lift"]) == 2
+    sentence = capsys.readouterr().err
+    assert "a run of a crane with the coordinates gamma_rad, x_m, phi_rad" in sentence
+    assert "leave out --urdf" in sentence and "or give --swing as for the run" in sentence
+    assert not (tmp_path / "run.mcap").exists()
+    with pytest.raises(OutOfRange, match="run is of joints gamma, x, phi, theta, l; allowed is a"):
+        mcap.export(tmp_path / "run.mcap", load_crane(hook_mass=9.0), run)
+    assert main([*words, "--urdf", str(rigid), "--swing"]) == 0
 
 
 # --- recordings of ROS analysed -------------------------------------------------------------------
@@ -391,7 +411,9 @@ def test_what_cannot_be_written_is_a_sentence(
     file = tmp_path / "b.mcap"
     with pytest.raises(CraneError, match=r"the ending must be \.mcap"):
         mcap.export(tmp_path / "a.bag", SETUP.crane, run)
-    with pytest.raises(CraneError, match=r"MCAP is that of no row s; allowed is 0 or later"):
+    with pytest.raises(
+        CraneError, match=r"MCAP is that of no row; allowed is 0 or later .s.: times"
+    ):
         mcap.export(file, SETUP.crane, run.before(-1.0))
     monkeypatch.setattr(mcap, "find_spec", lambda name: None)
     with pytest.raises(CraneError, match=r"^mcap-ros2-support is not installed: pip install 'cra"):

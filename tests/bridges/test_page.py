@@ -515,6 +515,50 @@ def test_a_mesh_is_drawn_in_its_place_with_as_many_triangles_as_a_page_takes(
         next(page._visuals(crane, None, tmp_path / "elsewhere"))
 
 
+PORTAL = """<robot name="portal">
+  <link name="rail"/>
+  <link name="bridge"><inertial><mass value="8000"/>
+    <inertia ixx="1e4" iyy="1e4" izz="1e4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="cart"><inertial><mass value="600"/>
+    <inertia ixx="20" iyy="20" izz="20" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="yoke"><inertial><mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="load"><inertial><mass value="2500"/>
+    <inertia ixx="300" iyy="300" izz="300" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="bridge_joint" type="prismatic"><parent link="rail"/><child link="bridge"/>
+    <origin xyz="0 0 12"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="60" effort="5e4" velocity="1.5"/></joint>
+  <joint name="cart_joint" type="prismatic"><parent link="bridge"/><child link="cart"/>
+    <axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="2e4" velocity="1"/></joint>
+  <joint name="swing_joint" type="revolute"><parent link="cart"/><child link="yoke"/>
+    <axis xyz="0 1 0"/><limit lower="-1.2" upper="1.2" effort="1" velocity="10"/></joint>
+  <joint name="rope_joint" type="prismatic"><parent link="yoke"/><child link="load"/>
+    <axis xyz="0 0 {way}"/><limit lower="{low}" upper="{high}" effort="6e4" velocity="0.6"/></joint>
+</robot>"""
+"""A portal crane without visuals, whose joints have names of their own."""
+
+
+@pytest.mark.parametrize(("way", "low", "high"), [(-1, 2.0, 11.0), (1, -11.0, -2.0)])
+def test_a_crane_without_visuals_and_roles_has_a_load_colours_and_the_force_of_its_rope(
+    tmp_path: Path, way: int, low: float, high: float
+) -> None:
+    (tmp_path / "portal.urdf").write_text(PORTAL.format(way=way, low=low, high=high))
+    driven = ["bridge_joint", "cart_joint", "rope_joint"]
+    crane = load_crane(tmp_path / "portal.urdf", driven=driven)
+    data = page.page_data(crane)
+    (load,) = [shape for shape in data["crane"]["shapes"] if shape["payload"]]
+    assert load["kind"] == "box" and load["size"] == [1.0, 1.0, 1.0]
+    # Rail, bridge and cart; the rope itself is drawn from pivot to load.
+    assert [shape["joint"] for shape in data["crane"]["shapes"] if not shape["payload"]] == [
+        -1,
+        0,
+        1,
+    ]
+    assert len(set(data["colours"].values())) == len(crane.layout.symbols) + 1
+    still = {"inputs": [[0, "assist", "none"]], "instants": 10, "rows": False}
+    assert in_node(data, still)[0]["tension"] == pytest.approx(2500.0 * crane.gravity, rel=1e-3)
+
+
 def test_contact_is_that_of_coal() -> None:
     rng, cases, expected = np.random.default_rng(1), [], []
     for _ in range(300):

@@ -87,7 +87,7 @@ WRONG_FORMS: list[tuple[str, Any, str, str]] = [
     (
         "integral",
         np.zeros(3, complex),
-        "no array of numbers but one of complex128",
+        "no array of numbers but one of complex numbers",
         "an array of shape (3,)",
     ),
     ("integral_gain", np.ones((3, 1)), "an array of shape (3, 1)", "one of shape (3,)"),

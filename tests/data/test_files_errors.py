@@ -284,8 +284,8 @@ def test_a_number_in_its_range_is_handed_back_as_a_float(
         (math.inf, ">= 0", "n is inf m; allowed is >= 0."),
         (2.999, "3 to 4", "n is 2.999 m; allowed is 3 to 4."),
         (-4, "-3 to -1", "n is -4 m; allowed is -3 to -1."),
-        ("many", "> 0", "n is many m; allowed is a number > 0."),
-        (None, "any", "n is None m; allowed is a number."),
+        ("many", "> 0", "n is many; allowed is a number > 0 [m]."),
+        (None, "any", "n is None; allowed is a number [m]."),
     ],
 )
 def test_a_number_out_of_its_range_is_refused_with_value_unit_and_range(

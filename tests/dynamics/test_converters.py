@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,19 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cranedyn.dynamics.converters import (
+    DEFAULT_RATES,
     HEADROOM,
     RATES,
     Converters,
     Response,
     converters,
+    default_rates,
     within_efforts,
 )
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, crane
 
@@ -199,3 +203,31 @@ def test_typical_converters_are_those_of_the_role_and_never_faster_than_the_join
     assert slow.rates[1] == 0.5
     own = converters(crane(), lags={"x": 0.25}, delay=0.04)
     assert own.lags.tolist() == [usual.lags[0], 0.25, usual.lags[2]] and own.delay == 0.04
+
+
+def test_a_drive_without_role_and_velocity_limit_has_the_default_rate_and_is_named(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    cart = load_crane(tmp_path / "cart.xml")
+    drives = converters(cart)
+    assert drives.rates.tolist() == [HEADROOM * DEFAULT_RATES["prismatic"]]
+    (sentence,) = default_rates(cart)
+    assert "rail has no velocity limit" in sentence and "default rate of 1 m/s" in sentence
+    assert default_rates(crane()) == []
+
+
+CART = """<mujoco model="cart">
+  <worldbody>
+    <body name="cart" pos="0 0 5">
+      <joint name="rail" type="slide" axis="1 0 0" range="-4 4"/>
+      <geom type="box" size=".2 .2 .1" mass="60"/>
+      <body name="bob">
+        <joint name="swing" type="hinge" axis="0 1 0" range="-80 80"/>
+        <geom type="sphere" size=".15" pos="0 0 -3" mass="120"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="rail" gear="30" ctrlrange="-25 25"/></actuator>
+</mujoco>"""
+"""A cart with a pendulum, in a format that has no velocity limits."""

@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 
 from cranedyn import theory
+from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import read
 from cranedyn.references import zv
 from cranedyn.references.limits import use
 from cranedyn.references.motion import hanging_reference
+from cranedyn.simulation.simulate import simulate
 from experiments import compare, harness
 from experiments.compare import claims as compare_claims
 from experiments.compare import runs as compare_runs
+from experiments.compare.figures import swing_figure
 from experiments.compare.runs import StrategyResult
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
@@ -28,7 +31,7 @@ from experiments.scenarios.shaping import joystick_move
 from experiments.scenarios.strategies import FASTEST, FLAT, MPC, PAPER, PD, STRATEGIES, TIME
 from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
-from tests.helpers import FAST, ROOT
+from tests.helpers import FAST, ROOT, crane
 
 pytestmark = pytest.mark.slow
 
@@ -183,6 +186,18 @@ def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(
     recording = (done.folder / "compare.rrd").read_bytes()
     assert all(strategy.encode() in recording for strategy in (PD, FLAT))
     assert '<section id="compare">' in page([done.folder])
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_figure_of_few_strategies_shows_its_label_whole_and_says_which_move_it_is(
+    count: int,
+) -> None:
+    still = simulate(crane(), hold_controller(crane()), duration=0.1)
+    figure = swing_figure(COMBINED, {f"strategy {i}": still for i in range(count)})
+    figure.draw_without_rendering()
+    label = figure._supylabel.get_window_extent()  # type: ignore[attr-defined]
+    assert figure.bbox.y0 <= label.y0 and label.y1 <= figure.bbox.y1
+    assert "combined move" in figure.axes[0].get_title(loc="left")
 
 
 @pytest.mark.parametrize("timed", [True, False])

@@ -137,7 +137,8 @@ def test_the_fewest_falls_come_first_whatever_the_order_of_the_file(tmp_path: Pa
     assert [falls.count for falls in chart.reevings] == [1, 2, 4]
     assert chart.on().at(10.0) == 1000.0 and chart.on(4).at(10.0) == 9000.0
     file.write_text(text + more.format(2, 9e3) + more.format(2, 5e3))
-    with pytest.raises(DataError, match="two tables have the same count"):
+    sentence = r"line 8, \[falls\] count: another \[\[falls\]\] has 2 falls, too"
+    with pytest.raises(DataError, match=sentence):
         read_chart(file)
 
 
@@ -166,16 +167,17 @@ GOOD = 'name = "a"\nsource = "b"\n[[falls]]\ncount = 2\nradii = [10.0, 20.0]\nlo
     [
         ("[4e3, 2e3]", "[2e3, 4e3]", "4000 kg after 2000 kg at 10 m; allowed is no more than"),
         ("[10.0, 20.0]", "[20.0, 10.0]", "10 m after 20 m; allowed is more than the one before"),
-        ("[10.0, 20.0]", "[10.0]", "loads"),
-        ("[10.0, 20.0]", "[]", "allowed is one of shape"),
+        ("[10.0, 20.0]", "[10.0]", r"\[falls\] loads: number of loads is 2 for 1 radii;"),
+        ("[10.0, 20.0]", "[]", "number of loads is 2 for 0 radii"),
         ("[4e3, 2e3]", "[4e3, nan]", "loads is nan kg; allowed is finite"),
         ("[4e3, 2e3]", "[4e3, -1.0]", "load at 20 m is -1.0 kg; allowed is 0.001 to 1e"),
         ("[4e3, 2e3]", '"heavy"', "loads is no array of numbers but str"),
         ("count = 2", "count = 0", "number of falls is 0"),
-        ("count = 2", "", "count is missing"),
+        ("count = 2", "", r"\[falls\] count: it is missing"),
+        ("count = 2", "count = 2,5", r"is not TOML: .* Use a decimal point: 2\.5"),
         ("count = 2", "count = 2\nreeving = 2", "There is no field 'reeving'"),
-        ('name = "a"', "name = 3", "name: allowed is a text"),
-        ("[[falls]]", "[falls]", r"write each reeving as \[\[falls\]\]"),
+        ('name = "a"', "name = 3", "name: name is 3; allowed is a printable text"),
+        ("[[falls]]", "[falls]", r"\[chart\] falls: write each as \[\[falls\]\]"),
         ("count = 2", "count = ", "is not TOML"),
     ],
 )

@@ -9,6 +9,8 @@ import shutil
 from dataclasses import replace
 from html import escape
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -24,15 +26,17 @@ from cranedyn.lifting import page, wind
 from cranedyn.lifting import wind_limit as wind_limit_module
 from cranedyn.lifting.analysis import JudgedInputs, LiftAnalysis, Requirements
 from cranedyn.lifting.chart import CHARTS, assess_run, read_chart
-from cranedyn.lifting.checks import CHECKS, run_checks
+from cranedyn.lifting.checks import CHECKS, counter_jib_entered, run_checks
 from cranedyn.lifting.judged_inputs import is_shipped_crane, resolve_inputs
 from cranedyn.lifting.judgement import Judgement, judge
 from cranedyn.lifting.loads import loads
 from cranedyn.lifting.page import STATEMENT
 from cranedyn.lifting.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from cranedyn.model.load import load_crane
+from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.perturbed import DRAG_COEFFICIENT, Perturbed, Spread, _silhouette
 from cranedyn.planning.site import Arm, Base
+from cranedyn.planning.site_file import read_site
 from cranedyn.verdict import Check, Verdict
 from experiments import lift_report
 from tests.planning.sites import certificate, lift
@@ -416,6 +420,7 @@ def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
         ("--load 0", "load is 0.0 kg"),
         ("--falls 3", "There is no number of falls '3'; there are 2, 4."),
         ("--chart missing.toml", "Cannot read missing.toml"),
+        ("--crane missing.urdf", "Cannot read missing.urdf"),
         ("--set payload_mass:=5", "payload_mass is set by the experiment lift_report itself"),
     ],
 )
@@ -519,6 +524,19 @@ def test_without_gusts_and_perturbed_lifts_a_report_is_not_complete(
     assert ">NOT COMPLETE<" in text and ">GO<" not in text
     for sentence in ("The wind limit was not computed", "No perturbed lifts were simulated"):
         assert f'title="not judged">–</span>{sentence}' in text
+
+
+@pytest.mark.parametrize(("entered", "verdict"), [(9.43, True), (9.5, False)])
+def test_the_counter_jib_of_a_plain_urdf_is_compared_with_the_one_entered(
+    tmp_path: Path, entered: float, verdict: bool
+) -> None:
+    (tmp_path / "mine.urdf").write_text(load_crane().urdf)  # drawn to 9.425 m
+    crane = load_crane(tmp_path / "mine.urdf")
+    site = replace(read_site("open_yard"), crane={"counter_jib": entered})
+    lift = SimpleNamespace(clearance=Clearance(crane, site))
+    analysis: Any = SimpleNamespace(crane=crane, site=site, certificate=SimpleNamespace(lift=lift))
+    check = counter_jib_entered(analysis)
+    assert (check.verdict is Verdict.HOLDS) is verdict and "reaches 9.43 m" in check.sentence
 
 
 def test_another_crane_is_not_judged_by_the_chart_of_the_shipped_one(

@@ -17,7 +17,7 @@ from hypothesis import given
 from numpy.testing import assert_allclose
 
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.errors import CraneError, DataError, MissingRole, ModelError, OutOfRange, UnknownName
+from cranedyn.errors import CraneError, DataError, MissingRole, ModelError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, arguments, describe
@@ -91,7 +91,7 @@ gravity=0.0 => gravity is .* m/s²; allowed is .*> 0
 gravity=-9.81 => gravity is .* m/s²; allowed is .*> 0
 gravity=math.nan => gravity is .* m/s²; allowed is .*> 0
 gravity=math.inf => gravity is .* m/s²; allowed is .*> 0
-gravity="down" => gravity is .* m/s²; allowed is .*> 0
+gravity="down" => gravity is down; allowed is .*> 0 .m/s²
 gravity=1e308 => ModelError: masses, lengths or gravity are beyond what a number holds
 trolley_min=30 => range of trolley_joint is 30 to 22 m; allowed is finite, lower below upper
 hoist_init=50 => hoist_joint at the start is 50.0 m; allowed is 3.4 to 26.4
@@ -100,7 +100,7 @@ payload_mass=5e-324 => payload mass is 5e-324 kg; allowed is 1e-15 to 1e30
 payload_mass=1e-310 => payload mass is 1e-310 kg; allowed is 1e-15 to 1e30
 payload_mass=1e-200 => payload mass is 1e-200 kg; allowed is 1e-15 to 1e30
 payload_mass=1e-20 => payload mass is 1e-20 kg; allowed is 1e-15 to 1e30
-payload_mass=1e20 => smallest eigenvalue .* allowed is > 1e-10: masses differ too
+payload_mass=1e20 => smallest eigenvalue .* allowed is > 1e-10: its masses and
 payload_mass=1e200 => value of mass in link hook_link .* number up to 1e\+30
 pivot_height=1e29 => ModelError: masses and lengths differ so much that accelerations lose all their
 hoist_min=1e-9, hoist_init=1e-9, **POINT => ModelError: so much that accelerations lose all their
@@ -313,8 +313,13 @@ def test_a_crane_without_initial_values_starts_hanging_in_the_middle_of_its_rang
 
 def test_a_plain_urdf_takes_no_arguments(urdf: str, tmp_path: Path) -> None:
     (tmp_path / "mine.urdf").write_text(urdf)
-    with pytest.raises(UnknownName, match="no argument 'payload_mass'"):
+    with pytest.raises(DataError, match="has no arguments, so that payload_mass cannot be set"):
         load_crane(tmp_path / "mine.urdf", payload_mass=2)
+
+
+def test_a_file_that_is_missing_is_named_as_missing_whatever_is_set_in_it(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"Cannot read .*nosuch\.urdf"):
+        load_crane(tmp_path / "nosuch.urdf", payload_mass=2)
 
 
 def _hoist_from_trolley(text: str) -> str:
@@ -477,15 +482,15 @@ xyz="0 1 0"/> => xyz="0 -1 0"/> => ModelError: swing_tangential_joint along \[0.
 xyz="1 0 0"/> => xyz="-1 0 0"/> => ModelError: swing_radial_joint along \[-1.0, 0.0, 0.0\] of the
 <mass value="500.0"/> => <mass value="nan"/> => value of mass in link trolley_link .* 'nan'
 <mass value="500.0"/> => <mass value="-1"/> => mass of link trolley_link .* is -1 kg
-<mass value="1000.0"/> => <mass value="0"/> => payload mass is 0.0 kg; allowed is 1e-15 to 1e30
+<mass value="1000.0"/> => <mass value="0"/> => payload mass in .* is 0.0 kg; allowed is 1e-15 to
 ixx="400.0" => ixx="4OO" => ixx of inertia in link hook_link .* is '4OO'; allowed is a decimal
 ixx="400.0" => ixx="-400.0" => inertia of link hook_link in .* positive semidefinite
 INERTIA => ixx="20" ixy="0" ixz="0" iyy="20" iyz="0" izz="60" => is 20, 20, 60 kg m²; allowed .* sum
 INERTIA => ixx="40" ixy="39" ixz="0" iyy="40" iyz="0" izz="40" => is 1, 40, 79 kg m²; allowed .* sum
-lower="3.4" => lower="0" => shortest cable is 0.0 m; allowed is > 0
+lower="3.4" => lower="0" => shortest cable in .* is 0.0 m; allowed is > 0
 "initial_value">15.0< => "initial_value">99< => hoist_joint at the start is 99 m; allowed is 3.4
-"initial_value">15.0< => "initial_value">up< => hoist_joint at the start is up m; allowed is a nu
-damping="1.0" => damping="-1.0" => damping of swing_radial_joint is -1.0; allowed is >= 0
+"initial_value">15.0< => "initial_value">up< => hoist_joint at the start is up; allowed is a number
+damping="1.0" => damping="-1.0" => damping of swing_radial_joint in .* is -1.0 N m s/rad; allowed
 """
 """Texts of a URDF, others in their place, and the error that refuses the crane. Pinocchio's parser
 would drop, double or ignore many of them, saying so on standard error at most.

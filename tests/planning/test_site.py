@@ -159,8 +159,9 @@ def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
     [
         ("[ground]\nheight = 1.0\n", "", "[site] ground: there is none; a site needs a table"),
         ("height = 1.0", "height = nan", "line 5, [ground] height: height is nan m; allowed is a"),
-        ("height = 1.0", 'height = "low"', "line 5, [ground] height: height is low m; allowed is"),
-        ("[5.0, 6.0]", "[5.0]", "line 12, [box] centre: centre is '[5.0]' m; allowed is 2 numbers"),
+        ("height = 1.0", 'height = "low"', "height: height is low; allowed is a number [m]"),
+        ("[5.0, 6.0]", "[5.0]", "line 12, [box] centre: centre is '[5.0]'; allowed is 2 numbers"),
+        ("height = 1.0", "height = 1,5", "(at line 5, column 11). Use a decimal point: 1.5."),
         ("centre = [9.0", "center = [9.0", "line 16, [box] center: There is no field 'center'"),
         ("3.0]\nyaw", "0.0]\nyaw", "line 17, [box] size: one of size is 0.0 m; allowed is > 0"),
         ("size = [1.0, 2.0, 3.0]\nyaw", "yaw", "line 14, [box] size: it is missing"),

@@ -11,7 +11,15 @@ import numpy as np
 import scipy
 from llvmlite import ir
 
-from cranedyn.checks import ShortRepr, check_choice, finite, number, whole, within
+from cranedyn.checks import (
+    ShortRepr,
+    check_choice,
+    finite,
+    number,
+    weight_matrix,
+    whole,
+    within,
+)
 from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
 from cranedyn.compiled.binding import Instant, aligned_copy
 from cranedyn.compiled.horizon import model
@@ -395,9 +403,7 @@ def _weights(
     """
     layout = crane.layout
     r = usual_input_weight(accelerations) if input_weight is None else input_weight
-    r = finite("input weight", r, (layout.m, layout.m))
-    if not np.allclose(r, r.T) or np.linalg.eigvalsh(r).min() <= 0.0:
-        raise OutOfRange("input weight", r.tolist(), "symmetric and positive definite")
+    r = weight_matrix("input weight", r, layout.m, definite=True)
     return scipy.linalg.block_diag(np.eye(2 * layout.n), r)
 
 

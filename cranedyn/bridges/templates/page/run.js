@@ -29,7 +29,8 @@
  * @property {number[]} damping By joint.
  * @property {({effort: number, width: number} | null)[]} friction Dry friction by joint.
  * @property {number[][]} load Corners of the load in the frame of its joint [m].
- * @property {{hoist: number} | null} rope Drive of a rigid rope.
+ * @property {{hoist: number, sign: number} | null} rope Drive of a rigid rope, and 1 if the rope grows
+ *   longer with its coordinate, else -1.
  * @property {number} lead Time by which positions run ahead of rates [s].
  * @property {Record<string, string[]>} columns
  * @property {object} record What `load_crane` loads the crane from.
@@ -254,8 +255,9 @@ class Run {
     this.asked = this.asked.map((x, i) => x + (before[i] + kernel.reference[i]) / 2 * period);
     this.account(middle, power, rope);
     if (crane.rope) {
-      const {hoist} = crane.rope, joint = crane.drives[hoist];
-      this.tension = resistance(crane, joint, this.state.v[joint]) - kernel.row.effort[hoist];
+      const {hoist, sign} = crane.rope, joint = crane.drives[hoist];
+      const opposing = resistance(crane, joint, this.state.v[joint]);
+      this.tension = sign * (opposing - kernel.row.effort[hoist]);
     } else this.tension = null;
     this.event = this.ended(rope);
     if (this.task) this.judge(rope[rope.length - 1]);

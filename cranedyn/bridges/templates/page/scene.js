@@ -113,6 +113,7 @@ class Scene {
     /** Radius about the load that nothing hides in the view that follows it [m]. */
     this.clearing = 0.5 + Math.hypot(...crane.load[7].map((x, k) => x - crane.load[3][k])) / 2;
     this.height = this.reach = 0;
+    this.lengthwise = false;
     this.middle = [0, 0, 0];
     this._move(crane.start);
     this._measure();
@@ -195,13 +196,24 @@ class Scene {
 
   /** Measure the crane as it stands, for the views of all of it. */
   _measure() {
-    const {kinematics, crane: {shapes, ground, joints}, boom, turning} = this;
-    const places = shapes.map(({joint, translation}) => kinematics.point(joint, translation));
-    places.push([0, 0, ground], this.load);
+    const {kinematics, crane: {shapes, ground, joints, drives, start}, boom, turning} = this;
+    const placed = () => [...shapes.map(({joint, translation}) => kinematics.point(joint, translation)), this.load];
+    const places = [...placed(), [0, 0, ground]];
+    // A crane that does not turn may travel out of the picture: all of its way is in it.
+    for (const i of turning ? [] : drives) {
+      for (const end of [joints[i].lower, joints[i].upper]) {
+        if (joints[i].kind !== "prismatic" || Math.abs(end) > 1e6) continue;
+        this._move(Object.assign([...start], {[i]: end}));
+        places.push(...placed());
+      }
+    }
+    this._move(start);
     const [low, high] = [Math.min, Math.max].map(end =>
       [0, 1, 2].map(k => end(...places.map(place => place[k]))));
     /** Height [m], distance from the middle to the farthest end [m], and middle of the crane [m]. */
     this.height = high[2] - ground;
+    /** Whether it reaches farther along X than along Y. */
+    this.lengthwise = high[0] - low[0] > high[1] - low[1];
     this.middle = low.map((x, k) => turning && k < 2 ? 0 : (x + high[k]) / 2);
     this.reach = Math.max(5, turning && boom >= 0 ? joints[boom].upper : 0,
       ...[low, high].flatMap(ends => [0, 1].map(k => Math.abs(ends[k] - this.middle[k]))));
@@ -358,6 +370,8 @@ class Scene {
       up = height + 1.05 * zoom * reach / TANGENT / Math.min(1, aspect);
       [target[0], target[1], target[2]] = [middle[0], middle[1] - 0.1, crane.ground];
     } else if (view === "side") {
+      // A crane that does not turn is seen square to its longer side.
+      if (!this.turning) [dx, dy] = this.lengthwise ? [1, 0] : [0, -1];
       const ahead = this.turning ? 0.3 * reach : 0;
       [target[0], target[1], target[2]] = [middle[0] + ahead * dx, middle[1] + ahead * dy, middle[2]];
       [right, up] = [far, 0.06 * far];

@@ -1,0 +1,103 @@
+"""Whether a load swings as a point at the end of its rope, or as its rotational inertia has it.
+
+The inertias of the cranes of this project belong to loads of a tonne. Under a load of some hundred
+grams they would slow the swing many times over, and nothing in a run would look wrong. So a crane
+says when its compound pendulum is not the point pendulum that its rope lets one expect.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.model.crane import Crane
+from cranedyn.model.springs import rest_stiffness
+
+LARGEST_DIFFERENCE = 0.2
+"""Relative difference of the two periods from which on a crane says so. Loads on ropes of the usual
+length differ by a few per cent at most."""
+
+_RESTORED = 1e-3
+"""Frequency over the highest one below which a joint, such as a swivel, turns freely."""
+
+
+@dataclass(frozen=True)
+class Pendulum:
+    """The slowest swing of a load at the start of its crane, drives locked.
+
+    Attributes:
+        period: Its period [s].
+        length: Distance from the uppermost swing joint to the centre of mass of the load [m].
+        point_period: Period of a point at that distance, 2π √(l/g) [s].
+    """
+
+    period: float
+    length: float
+    point_period: float
+
+
+def pendulum(crane: Crane) -> Pendulum | None:
+    """Return the slowest swing of a load; None if the crane does not hang or nothing swings."""
+    carriers = crane.model.supports[crane.payload.body + 1].tolist()
+    swings = [i for i in crane.swings.tolist() if i + 1 in carriers]
+    if not swings or not crane.rest.hangs:
+        return None
+    model, data, q = crane.model, crane.data, crane.rest.q
+    among = np.ix_(swings, swings)
+    stiffness = rest_stiffness(model, data, crane.springs, q, crane.coupling)[among]
+    try:
+        # K x = ω² M x by the factors of M: loading a crane need not wait for SciPy.
+        factor = np.linalg.cholesky(crane.mass_matrix(q)[among])
+        half = np.linalg.solve(factor, stiffness)
+        squares = np.linalg.eigvalsh(np.linalg.solve(factor, half.T))
+    except np.linalg.LinAlgError:  # masses that differ too much for double precision
+        return None
+    if not np.isfinite(squares).all():
+        return None
+    squares = squares[squares > _RESTORED**2 * squares.max()]
+    pin.forwardKinematics(model, data, q)
+    load = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
+    length = float(np.linalg.norm(load - data.oMi[swings[0] + 1].translation))
+    if not len(squares) or not length > 0.0:
+        return None
+    return Pendulum(
+        2.0 * math.pi / math.sqrt(float(squares.min())),
+        length,
+        2.0 * math.pi * math.sqrt(length / crane.gravity),
+    )
+
+
+def pendulum_note(crane: Crane) -> tuple[str, ...]:
+    """Return a sentence for `Crane.assumptions` if the load of a crane does not swing as a point at
+    the end of its rope; none if it does.
+    """
+    swing = pendulum(crane)
+    if swing is None:
+        return ()
+    ratio = swing.period / swing.point_period
+    if abs(ratio - 1.0) <= LARGEST_DIFFERENCE:
+        return ()
+    sentence = (
+        f"At the start the load swings with a period of {swing.period:.3g} s; a point load "
+        f"{swing.length:.3g} m below the pivot would swing with {swing.point_period:.3g} s."
+    )
+    if ratio < 1.0:
+        return (f"{sentence} Masses above the load, or springs, make the difference.",)
+    of_mass = crane.payload_mass * swing.length**2
+    rotational = of_mass * (ratio**2 - 1.0)
+    sentence = (
+        f"{sentence} Rotational inertias make the difference: {rotational:.3g} kg m², where mass "
+        f"times length squared is {of_mass:.3g} kg m²."
+    )
+    arguments = crane.record.get("arguments")
+    if isinstance(arguments, dict):
+        defaults = [name for name in ("payload_inertia", "dummy_inertia") if name not in arguments]
+        if defaults:
+            sentence += (
+                f" {' and '.join(defaults)} are at their defaults, which are those of a load of a "
+                "tonne; set them to the size of this load."
+            )
+    return (sentence,)
