@@ -37,6 +37,7 @@ from cranedyn.model.joints import (
 from cranedyn.model.layout import Layout
 from cranedyn.model.machines import read_machine
 from cranedyn.model.mjcf import read_mjcf
+from cranedyn.model.sdf import read_sdf
 from cranedyn.model.springs import read_springs
 from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
 from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
@@ -92,8 +93,9 @@ def load_crane(
 
     Args:
         urdf: A ``.xacro`` file, which is expanded and may run any Python expression: load only
-            files whose programs you would run, too. Any other file is plain URDF or MJCF: nothing
-            in it is run, fetched or read from elsewhere. None is the tower crane of this project.
+            files whose programs you would run, too. Any other file is plain URDF, MJCF or SDF:
+            nothing in it is run, fetched or read from elsewhere. None is the tower crane of this
+            project.
         machine: Name of a machine of the library, see `cranedyn.model.machines`; values change
             those of the machine.
         from_record: A Parquet file of a run, an identified twin (``.json``), or the `record` of a
@@ -168,10 +170,13 @@ def load_crane(
 def _foreign_crane(
     text: str, path: Path, options: _Options, swing: bool | Mapping[str, float]
 ) -> Crane:
-    """Return the crane of a foreign URDF or MJCF, completed."""
+    """Return the crane of a foreign URDF, MJCF or SDF, completed."""
     robot, notes = parse_urdf(text, path), list[str]()
     if robot.tag == "mujoco":
         robot, notes = read_mjcf(robot, path)
+    if robot.tag == "sdf":
+        foreign = read_sdf(robot, path)
+        robot, notes = foreign.robot, foreign.notes
     check_urdf(robot, path)
     notes += complete_limits(robot, options.driven)
     if not (swing or notes):
