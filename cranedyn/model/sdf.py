@@ -28,14 +28,15 @@ NEWEST_VERSION = 12
 """Newest version 1.x of SDF that is read."""
 
 FRAME_SEMANTICS_VERSION = 7
-"""Version 1.x from which poses name their frame by relative_to, and axes theirs by expressed_in."""
+"""Version 1.x from which poses name their frame by relative_to only, axes theirs by expressed_in,
+and no two elements of a model have one name."""
 
 JOINT_FRAME_AXES_VERSION = 5
 """Version 1.x from which an axis is written in the joint frame unless it says otherwise; before, it
 is written in the model frame."""
 
-ROTATION_FORMAT_VERSION = 9
-"""Version 1.x from which the rotation of a pose may be in degrees or a quaternion."""
+QUATERNION_TOLERANCE = 1e-3
+"""Largest deviation of the length of a quaternion from 1: rounded digits."""
 
 DEFAULT_GRAVITY = 9.8
 """Gravity of a world that says none [m/s²], by the specification."""
@@ -66,8 +67,10 @@ _WORLD_CHILDREN = (
 
 _LINK_CHILDREN = (
     "gravity enable_wind self_collide kinematic must_be_base_link velocity_decay pose inertial "
-    "collision visual sensor projector audio_sink audio_source battery light particle_emitter frame"
+    "collision visual sensor projector audio_sink audio_source battery light particle_emitter "
+    "frame contact"
 )
+"""The last is an extension of Bullet."""
 
 _JOINT_CHILDREN = (
     "parent child gearbox_ratio gearbox_reference_body thread_pitch screw_thread_pitch axis axis2 "
@@ -99,13 +102,18 @@ _CHILDREN = {
 """Children of the elements that decide about the dynamics, by the specification. Any other child is
 refused, since a misspelt element would be lost."""
 
+_LIMIT = re.compile(
+    r"[+-]?((\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|inf|infinity)", re.ASCII | re.IGNORECASE
+)
+"""Text of a limit, which may be infinite."""
+
 _REPEATED = frozenset(
     "frame link joint plugin gripper include model collision visual sensor light projector "
     "audio_source audio_sink battery particle_emitter actor road state population physics".split()
 )
 """Elements of which there may be several in one parent."""
 
-_LEFT_OUT = frozenset({"gripper", "actor", "road", "wind", "state", "battery"})
+_LEFT_OUT = frozenset({"gripper", "actor", "road", "wind", "state", "battery", "contact"})
 """Elements that may act on a crane, or place it, and are left out with a note."""
 
 _SCENERY = re.compile(r"model://(sun|ground_plane)/?|https?://\S*/models/(Sun|Ground Plane)")
@@ -339,10 +347,13 @@ class _Reader:
     def _limit(self, limits: ET.Element | None, tag: str, default: float, context: str) -> float:
         """Return an end of a range; infinite if the joint has no end there."""
         text = "" if limits is None else _text(limits, tag)
-        if text.lower().lstrip("+-") in ("", "inf", "infinity"):
-            negative = text.startswith("-")
-            return default if not text else (-math.inf if negative else math.inf)
-        value = self._number(limits, tag, "0", context)
+        if not text:
+            return default
+        if not _LIMIT.fullmatch(text):
+            raise OutOfRange(
+                f"{tag} of {context} in {self.path}", quoted(text), "a decimal number or inf"
+            )
+        value = float(text)  # converters from URDF write ±1.79769e+308 for none
         return math.copysign(math.inf, value) if abs(value) >= INFINITE_LIMIT else value
 
     def _gravity(self, world: ET.Element) -> float:
@@ -370,19 +381,13 @@ class _Reader:
             return pin.SE3.Identity()
         rotation = pose.get("rotation_format", "euler_rpy")
         degrees = _is_true(pose.get("degrees", "false"))
-        if self.version < ROTATION_FORMAT_VERSION and (degrees or rotation != "euler_rpy"):
-            raise ModelError(
-                f"The pose of {context} in {self.path} has a rotation in degrees or as a "
-                f"quaternion, which SDF has from version 1.{ROTATION_FORMAT_VERSION} on; the file "
-                f"is of version 1.{self.version}."
-            )
         if rotation == "quat_xyzw":
             numbers = self._numbers(element, "pose", "0 0 0 0 0 0 1", context)
             quaternion = numbers[3:]
             length = float(np.linalg.norm(quaternion))
-            if not length > 0.0:
+            if abs(length - 1.0) > QUATERNION_TOLERANCE:
                 raise OutOfRange(
-                    f"quaternion of {context} in {self.path}", "0 0 0 0", "of a length > 0"
+                    f"length of the quaternion of {context} in {self.path}", f"{length:.6g}", "1"
                 )
             turn = pin.Quaternion(quaternion / length).matrix()
         elif rotation == "euler_rpy":
@@ -421,10 +426,11 @@ class _Reader:
                     f"{self.path} has two elements with the name {quoted(frame.name)}, a "
                     f"{other.kind} and a {frame.kind}; allowed is one."
                 )
-            if frame.kind == "joint":
+            joint = frame if frame.kind == "joint" else other
+            joint.name += "_joint"  # as libsdformat renames it
+            scope.members[f"joint {name}"] = joint
+            if joint is frame:
                 key = f"joint {name}"
-            else:
-                scope.members[f"joint {name}"] = other
         scope.members[key] = frame
         self.frames.append(frame)
         if len(self.frames) > MAX_FRAMES:
@@ -485,14 +491,14 @@ class _Reader:
         pose = element.find("pose")
         if pose is None:
             return None
-        older = self.version < FRAME_SEMANTICS_VERSION
-        key, other = ("frame", "relative_to") if older else ("relative_to", "frame")
-        if pose.get(other):
+        name = pose.get("relative_to", "")  # libsdformat takes it in any version
+        older_name = pose.get("frame", "")
+        if older_name and (name or self.version >= FRAME_SEMANTICS_VERSION):
             raise ModelError(
-                f"The pose of {user} in {self.path} has the attribute {other}; SDF of version "
-                f"1.{self.version} names the frame by {key}."
+                f"The pose of {user} in {self.path} has the attribute frame; SDF of version "
+                f"1.{self.version} names the frame by relative_to."
             )
-        name = pose.get(key)
+        name = name or older_name
         return self._find(scope, name, f"a pose of {user}") if name else None
 
     def _base(self, frame: _Frame) -> _Frame:
@@ -602,6 +608,7 @@ class _Reader:
         for model in models:
             if model.static:
                 self._note(f"The {model} is static and stands still; its looks are left out.")
+        self._check_connected(moving)
         links = [frame for frame in self.frames if frame.kind == "link" and not frame.static]
         joints = [frame for frame in self.frames if frame.kind == "joint" and not frame.static]
         inbound = self._inbound(joints)
@@ -639,6 +646,31 @@ class _Reader:
                 ET.SubElement(drive, "command_interface", name="effort")
         return robot
 
+    def _check_connected(self, models: list[_Frame]) -> None:
+        """Check that joints of the world connect all models that move."""
+        groups = {model: {model} for model in models}
+        for joint in self.world.members.values():
+            if joint.kind != "joint":
+                continue
+            tops = [self._top(self._end(joint, tag)) for tag in ("parent", "child")]
+            if all(top in groups for top in tops):
+                merged = groups[tops[0]] | groups[tops[1]]
+                for model in merged:
+                    groups[model] = merged
+        apart = [model for model in models if model not in groups[models[0]]]
+        if apart:
+            raise ModelError(
+                f"{self.path} has models that move without a joint between them: "
+                f"{', '.join(quoted(model.name) for model in [models[0], *apart][:5])}; write each "
+                "to a file of its own."
+            )
+
+    def _top(self, frame: _Frame) -> _Frame:
+        """Return the model of the world in which a frame is, or the frame itself in the world."""
+        while frame.scope not in (None, self.world):
+            frame = self._scope(frame)
+        return frame
+
     def _inbound(self, joints: list[_Frame]) -> dict[_Frame, _Frame]:
         """Return the joint of each link that carries it."""
         inbound: dict[_Frame, _Frame] = {}
@@ -658,7 +690,7 @@ class _Reader:
         return inbound
 
     def _check_anchors(self, links: list[_Frame], inbound: dict[_Frame, _Frame]) -> None:
-        """Check that one link at most is on no joint, and that the rest hangs on it or the world."""
+        """Check that all bodies hang on the world, or on the only link that is on no joint."""
         roots = [link for link in links if link not in inbound]
         anchored = False
         for joint in inbound.values():
@@ -707,9 +739,7 @@ class _Reader:
 
     def _ball_axes(self, joint: _Frame) -> list[_Axis]:
         """Return the two horizontal axes that a ball joint is read as."""
-        self._note(
-            f"The ball {joint} turns about X, then Y of the world, not about the vertical."
-        )
+        self._note(f"The ball {joint} turns about X, then Y of the world, not about the vertical.")
         if joint.element.find("axis") is not None:
             self._note(f"<axis> of {joint}, which is a ball, has no effect.")
         to_joint = self.pose(joint).rotation.T
@@ -728,23 +758,16 @@ class _Reader:
         vector = vector / length
         xyz = axis.find("xyz")
         expressed_in = "" if xyz is None else xyz.get("expressed_in", "")
-        in_model = axis.find("use_parent_model_frame")
-        if self.version >= FRAME_SEMANTICS_VERSION and in_model is not None:
+        in_model = _is_true(_text(axis, "use_parent_model_frame", "false"))
+        if in_model and (expressed_in or self.version >= FRAME_SEMANTICS_VERSION):
             raise ModelError(
                 f"The {context} in {self.path} has use_parent_model_frame, which SDF has up to "
-                f"version 1.6; say expressed_in='__model__' in version 1.{self.version}."
-            )
-        if self.version < FRAME_SEMANTICS_VERSION and expressed_in:
-            raise ModelError(
-                f"The {context} in {self.path} has expressed_in, which SDF has from version 1.7 "
-                f"on; the file is of version 1.{self.version}."
+                f"version 1.6; say <xyz expressed_in='__model__'> in version 1.{self.version}."
             )
         scope = self._scope(joint)
         if expressed_in:
             frame = self._find(scope, expressed_in, context)
-        elif self.version < JOINT_FRAME_AXES_VERSION or _is_true(
-            _text(axis, "use_parent_model_frame", "false")
-        ):
+        elif in_model or self.version < JOINT_FRAME_AXES_VERSION:
             frame = scope
         else:
             return vector
@@ -874,9 +897,7 @@ class _Reader:
             entries = {"multiplier": repr(multiplier), "offset": repr(offset)}
             ET.SubElement(element, "mimic", entries | {"joint": mimic.get("joint", "")})
 
-    def _add_link(
-        self, robot: ET.Element, link: _Frame, origin: pin.SE3, *, moves: bool
-    ) -> None:
+    def _add_link(self, robot: ET.Element, link: _Frame, origin: pin.SE3, *, moves: bool) -> None:
         """Append a link of the URDF whose frame has a pose in the world."""
         self._check_link(link)
         element = ET.SubElement(robot, "link", name=link.name)

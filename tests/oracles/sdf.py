@@ -141,12 +141,14 @@ def skew(vector: np.ndarray) -> np.ndarray:
 def dynamics(
     tree: Tree, names: list[str], q: np.ndarray, gravity: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mass matrix and torques of gravity at coordinates of named axes."""
+    """Return mass matrix and torques of gravity at coordinates of named axes, others at zero."""
     n = len(names)
     mass_matrix, torque = np.zeros((n, n)), np.zeros(n)
     for body in tree.bodies:
         turn, jacobian = np.eye(4), np.zeros((6, n))
         for name in body.carriers:
+            if name not in names:
+                continue
             i = names.index(name)
             jacobian[:, i] = _adjoint(turn) @ tree.screws[name]
             twist = np.zeros((4, 4))
@@ -222,6 +224,8 @@ class RandomSdf:
             "<ixy>0.01</ixy><ixz>-0.02</ixz><iyz>0.015</iyz></inertia>"
         )
         pose = self._pose([], relative=False)
+        if self.plain:  # DART ignores the rotation
+            pose = f"<pose>{self._numbers(3)} 0 0 0</pose>"
         return f"<inertial>{pose}<mass>{self.rng.uniform(0.5, 5.0)}</mass>{tensor}</inertial>"
 
     def _axis(self, tag: str, frames: list[str], bounded: bool) -> str:
