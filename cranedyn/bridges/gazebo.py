@@ -19,7 +19,10 @@ from cranedyn.bridges.joints import (
     check_inertias,
     finite_form,
     joints,
+    readme,
+    remove_control,
     urdf_element,
+    write_length_spring,
     xml_bytes,
 )
 from cranedyn.bridges.target import new_folder
@@ -99,6 +102,9 @@ def export(
     """Write a run for Gazebo Classic 11; ``run.sh`` in the folder runs it there and writes
     ``log.csv``, with the columns of a trajectory.
 
+    Plugins and transmissions of the crane's own file are replaced, and a load on two falls has the
+    yaw stiffness of the length at the start; then a README.md in the folder says so.
+
     Args:
         folder: New folder.
         program: Run to export.
@@ -123,6 +129,8 @@ def export(
         raise OutOfRange("erp", erp, "0 to 1")
     every = whole("control instants between rows", every, 1)
     robot = urdf_element(program.crane)
+    notes = remove_control(robot)
+    notes += write_length_spring(program.crane, robot)
     check_inertias(program.crane, robot, "Gazebo")
     affine = program.tables()
     moving = joints(program.crane, robot)
@@ -135,9 +143,7 @@ def export(
             [affine.integral_gain, np.minimum(affine.limit, np.finfo(float).max), affine.integral]
         ),
     }
-    model = anchor_to_world(robot, "Gazebo")
-    for tag in model.findall("ros2_control"):
-        model.remove(tag)
+    model = anchor_to_world(program.crane, robot, "Gazebo")
     model.append(_plugin(program, moving, every, overwritten))
     scene = world(program.crane.gravity, program.dt, solver, erp)
     add(add(scene[0], "include"), "uri", "model://crane")
@@ -151,6 +157,8 @@ def export(
         (draft / "models" / "crane").mkdir(parents=True)
         (draft / "models" / "crane" / "model.urdf").write_bytes(xml_bytes(model))
         (draft / "models" / "crane" / "model.config").write_bytes(xml_bytes(config))
+        if notes:
+            (draft / "README.md").write_text(readme("crane", notes), encoding="utf-8")
         (draft / "world.sdf").write_bytes(xml_bytes(scene))
         for name, rows in tables.items():
             text = "".join(",".join(map(repr, row)) + "\n" for row in rows.tolist())
