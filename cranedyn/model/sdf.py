@@ -371,7 +371,11 @@ class _Reader:
                 "m/s²",
             )
         if -z != STANDARD_GRAVITY:
-            self._note(f"The world of the file has a gravity of {-z:.9g} m/s².")
+            gravity = f"{-z:.9g}"
+            self._note(
+                f"The world of the file has a gravity of {gravity} m/s²; --gravity {gravity} takes "
+                "it."
+            )
         return float(-z)
 
     def _raw_pose(self, element: ET.Element, context: str) -> pin.SE3:

@@ -26,6 +26,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from tests.helpers import ROOT, files, quickly
+from tests.oracles.sdf import build_probe, dynamics, read_with_libsdformat
 from tests.system.test_cross_engines import DT, PERIOD
 
 DRIVES = ["yaw_joint", "trolley_joint", "hoist_joint"]
@@ -546,3 +547,30 @@ def test_a_rope_that_stretches_is_refused_where_the_drum_is_unknown(tmp_path: Pa
     crane = load_crane(rope_stiffness=1e7)
     with pytest.raises(ModelError, match=r"hoist_joint has an armature, .* rope_stiffness 0"):
         ros2.export(tmp_path / "out", crane)
+
+
+@pytest.mark.slow
+def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_path: Path) -> None:
+    probe = build_probe(tmp_path)
+    cranes = {
+        "usual": load_crane(),
+        "hook": load_crane(hook_mass=200.0, hook_inertia=20.0, damp_sling=3.0),
+        "falls": load_crane(hook_mass=200.0, hook_inertia=20.0, fall_spacing=1.0),
+    }
+    for name, crane in cranes.items():
+        urdf = ros2.export(tmp_path / name, crane) / "urdf" / "crane.urdf"
+        tree = read_with_libsdformat(probe, urdf)
+        joints = [joint.name for joint in crane.layout.joints]
+        assert sorted(tree.screws) == sorted(joints)
+        q = crane.start.q + 0.1
+        mass, weight = dynamics(tree, joints, q, crane.gravity)
+        expected = pin.crba(crane.model, crane.data, q)
+        expected = np.triu(expected) + np.triu(expected, 1).T
+        # rounding: some ten products of matrices
+        assert_allclose(mass, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+        gravity = pin.computeGeneralizedGravity(crane.model, crane.data, q)
+        assert_allclose(weight, gravity, rtol=0.0, atol=1e-13 * np.abs(gravity).max())
+        assert [tree.springs[joint][2] for joint in joints] == crane.damping.tolist()
+    # a closed form: weight times the square of half the spacing over the length
+    stiffness = 1200.0 * crane.gravity * 0.25 / 15.0
+    assert tree.springs["load_yaw_joint"][0] == pytest.approx(stiffness)

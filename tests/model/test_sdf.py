@@ -109,7 +109,7 @@ def test_a_crane_of_gz_sim_is_read_with_its_limits_drives_springs_and_looks(tmp_
     for expected in (
         "travel_joint is driven: the plugin",
         "1 kg m² about each axis, the default of SDF",
-        "The world of the file has a gravity of 1.62 m/s².",
+        "The world of the file has a gravity of 1.62 m/s²; --gravity 1.62 takes it.",
         "model floor is static",
         "model://ground_plane",
         "A visual of link cart is of a shape without a size here and left out.",

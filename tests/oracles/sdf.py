@@ -64,10 +64,17 @@ class Body:
 
 @dataclass
 class Tree:
-    """Bodies, and the screws of the axes in the world, (ω, v) of shape (6,), by name."""
+    """What moves, as libsdformat says it.
+
+    Attributes:
+        bodies: The bodies.
+        screws: Screws of the axes in the world, (ω, v) of shape (6,), by name.
+        springs: Stiffness, reference and damping of the first axis of each joint, shape (3,).
+    """
 
     bodies: list[Body]
     screws: dict[str, np.ndarray]
+    springs: dict[str, np.ndarray]
 
 
 def read_with_libsdformat(probe: Path, file: Path) -> Tree:
@@ -78,6 +85,7 @@ def read_with_libsdformat(probe: Path, file: Path) -> Tree:
     parents: dict[str, str] = {}
     axes_above: dict[str, list[str]] = {}
     screws: dict[str, np.ndarray] = {}
+    springs: dict[str, np.ndarray] = {}
     extra: list[tuple[str, int, Body]] = []
     for line in run.stdout.splitlines():
         kind, name, *words = line.split()
@@ -87,6 +95,8 @@ def read_with_libsdformat(probe: Path, file: Path) -> Tree:
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             pose = _matrix(numbers[:7]) @ _matrix(numbers[8:15])
             bodies[name] = Body(numbers[7], pose, tensor)
+        elif kind == "spring":
+            springs[name] = np.array([float(word) for word in words])
         elif kind == "joint":
             joint_type, parent, child = TYPES_OF_SDFORMAT[int(words[0])], words[1], words[2]
             prefix = name.rpartition("::")[0]
@@ -111,7 +121,8 @@ def read_with_libsdformat(probe: Path, file: Path) -> Tree:
     for child, count, body in extra:
         chain = _carriers(child, parents, axes_above)
         body.carriers = chain[: len(chain) - len(axes_above[child]) + count]
-    return Tree([*bodies.values(), *(body for _, _, body in extra)], screws)
+    between_axes = [body for _, _, body in extra]
+    return Tree([*bodies.values(), *between_axes], screws, springs)
 
 
 def _carriers(link: str, parents: dict[str, str], axes: dict[str, list[str]]) -> list[str]:
