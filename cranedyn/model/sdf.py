@@ -955,6 +955,14 @@ class _Reader:
             for j, b in enumerate("xyz"):
                 key = "i" + "".join(sorted(a + b))
                 moments[i, j] = self._number(tensor, key, "1" if a == b else "0", context)
+        principal = np.linalg.eigvalsh(moments)
+        if not principal[0] >= 0.0:
+            raise OutOfRange(
+                f"principal moments of inertia of {context} in {self.path}",
+                ", ".join(f"{moment:.6g}" for moment in principal),
+                ">= 0",
+                "kg m²",
+            )
         if inertial is None:
             return pin.Inertia(mass, np.zeros(3), moments)
         pose = inertial.find("pose")

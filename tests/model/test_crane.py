@@ -365,7 +365,7 @@ REFUSALS = {
     ),
     "not XML": (lambda u: "solid crane", "is not XML"),
     "half a file": (lambda u: u[:5000], "is not XML"),
-    "no robot": (lambda u: "<sdf/>", "is not a URDF that can be loaded"),
+    "no robot": (lambda u: "<scene/>", "is not a URDF that can be loaded"),
     "empty": (lambda u: "", "is not XML"),
 }
 

@@ -277,6 +277,11 @@ REFUSED = {
         '<joint name="k" type="revolute"><parent>a</parent><child>b</child><axis/></joint></model>',
         "two joints with the child b, j and k",
     ),
+    "negative inertia": (
+        '<link name="a"/>',
+        '<link name="a"><inertial><inertia><ixy>3</ixy></inertia></inertial></link>',
+        "principal moments of inertia of link a in .* is -2, 1, 4 kg m²; allowed is >= 0",
+    ),
     "no axis": ("<axis><xyz>0 1 0</xyz></axis>", "", "is revolute and needs <axis>"),
     "axis": ("<xyz>0 1 0</xyz>", "<xyz>0 0 0</xyz>", "xyz of axis of joint j .* is 0 0 0"),
     "words": (
