@@ -370,6 +370,17 @@ REFUSALS = {
 }
 
 
+def test_a_crane_whose_hoist_no_drive_moves_has_its_payload_as_the_last_point(
+    tmp_path: Path,
+) -> None:
+    text = describe()
+    control = text[text.index("<ros2_control") : text.index("</ros2_control>")]
+    path = tmp_path / "free.urdf"
+    path.write_text(text.replace(f"{control}</ros2_control>", ""))
+    crane = load_crane(path, driven=["yaw_joint", "trolley_joint"])
+    assert [point.name for point in crane.points] == ["payload", "trolley"]
+
+
 @pytest.mark.parametrize(("change", "sentence"), REFUSALS.values(), ids=REFUSALS)
 def test_what_is_no_crane_is_refused_in_a_sentence(
     change: Callable[[str], str], sentence: str, urdf: str, load: Load
