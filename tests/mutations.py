@@ -1628,23 +1628,24 @@ cranedyn/bridges/ros2.py
 ? ros2::the_efforts_before_the_first_command_hold_the_crane_where_it_starts
 - states["effort"] = joint.holding
 + states["effort"] = 0.0
-cranedyn/model/sdf.py
+cranedyn/model/sdf_frames.py
 * roll and yaw of SDF are exchanged
 ? sdf::random_trees_move_for_two_seconds_as_in_dart
 - turn = pin.rpy.rpyToMatrix(angles)
 + turn = pin.rpy.rpyToMatrix(angles[::-1])
+* a placement_frame of SDF moves nothing
+? sdf::random_trees_of_all_versions_move_as_libsdformat_places_them
+- return placement * in_model.inverse()
++ return placement
+cranedyn/model/sdf.py
 * axes of SDF 1.4 are taken in the joint frame
 ? sdf::random_trees_of_all_versions_move_as_libsdformat_places_them
 - elif in_model or self.version < JOINT_FRAME_AXES_VERSION:
 + elif in_model:
 * a link of SDF without gravity falls all the same
 ? sdf::what_no_crane_has_is_refused_by_name
-- if not _is_true(_text(link.element, "gravity", "true")):
+- if not is_true(child_text(link.element, "gravity", "true")):
 + if False:
-* a placement_frame of SDF moves nothing
-? sdf::random_trees_of_all_versions_move_as_libsdformat_places_them
-- return placement * in_model.inverse()
-+ return placement
 * a misspelt element of SDF is lost
 ? sdf::what_no_crane_has_is_refused_by_name
 - if child.tag not in known:
@@ -1652,6 +1653,14 @@ cranedyn/model/sdf.py
 * whatever names a joint in SDF drives it
 ? sdf::a_crane_of_gz_sim_is_read_with_its_limits_drives_springs_and_looks
 - if not _DRIVING_PLUGIN.search(name) or _PASSIVE_PLUGIN.search(name):
++ if False:
+* bodies of SDF that nothing holds are fixed to the ground
+? sdf::what_no_crane_has_is_refused_by_name
+- if len(roots) + anchored > 1:
++ if False:
+* a second model of SDF is taken as a part of the first
+? sdf::models_without_a_joint_between_them_are_refused_by_name
+- if apart:
 + if False:
 cranedyn/bridges/mjcf.py
 * MuJoCo turns about the moving axes

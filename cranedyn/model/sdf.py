@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,24 +19,18 @@ import pinocchio as pin
 
 from cranedyn.errors import ModelError, OutOfRange, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT, STANDARD_GRAVITY
+from cranedyn.model.sdf_frames import (
+    FRAME_SEMANTICS_VERSION,
+    SdfFrame,
+    SdfFrames,
+    child_text,
+    is_true,
+)
 from cranedyn.model.urdf import are_numbers, inertial_element, numbers_text, set_placement
-
-OLDEST_VERSION = 4
-"""Oldest version 1.x of SDF that is read; older ones name links by attributes."""
-
-NEWEST_VERSION = 12
-"""Newest version 1.x of SDF that is read."""
-
-FRAME_SEMANTICS_VERSION = 7
-"""Version 1.x from which poses name their frame by relative_to only, axes theirs by expressed_in,
-and no two elements of a model have one name."""
 
 JOINT_FRAME_AXES_VERSION = 5
 """Version 1.x from which an axis is written in the joint frame unless it says otherwise; before, it
 is written in the model frame."""
-
-QUATERNION_TOLERANCE = 1e-3
-"""Largest deviation of the length of a quaternion from 1: rounded digits."""
 
 DEFAULT_GRAVITY = 9.8
 """Gravity of a world that says none [m/s²], by the specification."""
@@ -56,9 +50,6 @@ LIGHT_MASS = 1e-6
 
 LIGHT_INERTIA = 1e-9
 """Moment of inertia of the body between the two axes of a joint [kg m²]."""
-
-MAX_FRAMES = 2000
-"""Largest number of links, joints, models and frames in a file."""
 
 _WORLD_CHILDREN = (
     "gravity magnetic_field atmosphere gui physics scene light frame model joint actor plugin road "
@@ -161,30 +152,6 @@ class ForeignModel:
     notes: list[str]
 
 
-@dataclass(eq=False)
-class _Frame:
-    """A frame of an SDF file.
-
-    Attributes:
-        name: Name with those of its models before it, for example ``boom::hook``.
-        kind: world, model, link, joint or frame.
-        element: Its element.
-        scope: Model or world in which it is declared; None of the world.
-        static: Whether it is in a model that does not move.
-        members: Frames that a model or a world declares, by their names in it.
-    """
-
-    name: str
-    kind: str
-    element: ET.Element
-    scope: _Frame | None = None
-    static: bool = False
-    members: dict[str, _Frame] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        return f"{self.kind} {quoted(self.name or self.element.get('name', ''))}"
-
-
 @dataclass(frozen=True)
 class _Axis:
     """One axis of a joint.
@@ -221,25 +188,8 @@ def read_sdf(root: ET.Element, path: Path) -> ForeignModel:
     return _Reader(root, path).read()
 
 
-class _Reader:
-    """Reader of one file.
-
-    Attributes:
-        path: The file, for error messages.
-        version: x of the version 1.x.
-        notes: What was assumed so far.
-        world: Frame of the world.
-        frames: All frames in their order.
-    """
-
-    def __init__(self, root: ET.Element, path: Path) -> None:
-        self.path = path
-        self.root = root
-        self.version = _version(root, path)
-        self.notes: list[str] = []
-        self.frames: list[_Frame] = []
-        self.world = _Frame("world", "world", ET.Element("world"))
-        self._poses: dict[_Frame, pin.SE3] = {self.world: pin.SE3.Identity()}
+class _Reader(SdfFrames):
+    """Reader of one file: what it may hold, and the URDF that it becomes."""
 
     def read(self) -> ForeignModel:
         """Return the crane of the file."""
@@ -253,9 +203,9 @@ class _Reader:
         if tops[0].tag == "world":
             self.world.element = tops[0]
             gravity = self._gravity(tops[0])
-            self._declare_members(self.world, "")
+            self.declare_members(self.world, "")
         else:
-            self._declare(tops[0], self.world, "")
+            self.declare(tops[0], self.world, "")
         for frame in self.frames:
             self.pose(frame)
         robot = self._robot()
@@ -274,7 +224,7 @@ class _Reader:
         for child in element:
             if child.tag.startswith("{") or ":" in child.tag:
                 tag = child.tag.rpartition("}")[2]
-                self._note(f"<{tag}> of {context}, an extension of SDF, is left out.")
+                self.note(f"<{tag}> of {context}, an extension of SDF, is left out.")
                 continue
             if child.tag not in known:
                 raise ModelError(
@@ -287,7 +237,7 @@ class _Reader:
                 )
             seen.add(child.tag)
             if child.tag in _LEFT_OUT:
-                self._note(f"<{child.tag}> of {context} is left out.")
+                self.note(f"<{child.tag}> of {context} is left out.")
             if child.tag == "population":
                 raise ModelError(
                     f"{self.path} has a population of models; allowed are models one by one."
@@ -301,9 +251,9 @@ class _Reader:
 
     def _check_include(self, include: ET.Element) -> None:
         """Leave out scenery, and refuse any other model of another file."""
-        uri = _text(include, "uri")
-        if _SCENERY.fullmatch(uri) or _is_true(_text(include, "static", "false")):
-            self._note(f"The included model {quoted(uri)} does not move and is left out.")
+        uri = child_text(include, "uri")
+        if _SCENERY.fullmatch(uri) or is_true(child_text(include, "static", "false")):
+            self.note(f"The included model {quoted(uri)} does not move and is left out.")
             return
         raise ModelError(
             f"{self.path} includes {quoted(uri)}, and no other file is read; merge the files into "
@@ -314,39 +264,18 @@ class _Reader:
         """Say what becomes of a plugin that may act on the crane."""
         name = _plugin_name(plugin)
         if _ROS_CONTROL_PLUGIN.search(name):
-            self._note(
+            self.note(
                 f"The plugin {quoted(name)} takes its joints from a URDF elsewhere; name them by "
                 "driven, or --driven."
             )
         elif not (_DRIVING_PLUGIN.search(name) or _PASSIVE_PLUGIN.search(name)):
-            self._note(f"What the plugin {quoted(name)} does is left out.")
-
-    def _note(self, sentence: str) -> None:
-        """Add a note once."""
-        if sentence not in self.notes:
-            self.notes.append(sentence)
+            self.note(f"What the plugin {quoted(name)} does is left out.")
 
     # --- numbers ----------------------------------------------------------------------------------
 
-    def _numbers(
-        self, parent: ET.Element | None, tag: str, default: str, context: str
-    ) -> np.ndarray:
-        """Return the numbers of a child of an element, as many as its default has."""
-        text = default if parent is None else _text(parent, tag, default)
-        texts = text.split()
-        count = len(default.split())
-        if len(texts) != count or not are_numbers(texts):
-            kind = "a decimal number" if count == 1 else f"{count} decimal numbers"
-            raise OutOfRange(f"{tag} of {context} in {self.path}", repr(text), f"{kind} up to 1e30")
-        return np.array([float(number) for number in texts])
-
-    def _number(self, parent: ET.Element | None, tag: str, default: str, context: str) -> float:
-        """Return the number of a child of an element."""
-        return float(self._numbers(parent, tag, default, context)[0])
-
     def _limit(self, limits: ET.Element | None, tag: str, default: float, context: str) -> float:
         """Return an end of a range; infinite if the joint has no end there."""
-        text = "" if limits is None else _text(limits, tag)
+        text = "" if limits is None else child_text(limits, tag)
         if not text:
             return default
         if not _LIMIT.fullmatch(text):
@@ -362,7 +291,7 @@ class _Reader:
         if self.version < 6 and world.find("gravity") is None:
             physics = world.find("physics")  # where it stood before version 1.6
             element = world if physics is None else physics
-        x, y, z = self._numbers(element, "gravity", f"0 0 {-DEFAULT_GRAVITY}", "world").tolist()
+        x, y, z = self.numbers(element, "gravity", f"0 0 {-DEFAULT_GRAVITY}", "world").tolist()
         if x or y or not z < 0.0:
             raise OutOfRange(
                 f"gravity of the world in {self.path}",
@@ -372,232 +301,11 @@ class _Reader:
             )
         if -z != STANDARD_GRAVITY:
             gravity = f"{-z:.9g}"
-            self._note(
+            self.note(
                 f"The world of the file has a gravity of {gravity} m/s²; --gravity {gravity} takes "
                 "it."
             )
         return float(-z)
-
-    def _raw_pose(self, element: ET.Element, context: str) -> pin.SE3:
-        """Return the numbers of the <pose> of an element as a placement."""
-        pose = element.find("pose")
-        if pose is None or not (pose.text or "").strip():
-            return pin.SE3.Identity()
-        rotation = pose.get("rotation_format", "euler_rpy")
-        degrees = _is_true(pose.get("degrees", "false"))
-        if rotation == "quat_xyzw":
-            numbers = self._numbers(element, "pose", "0 0 0 0 0 0 1", context)
-            quaternion = numbers[3:]
-            length = float(np.linalg.norm(quaternion))
-            if abs(length - 1.0) > QUATERNION_TOLERANCE:
-                raise OutOfRange(
-                    f"length of the quaternion of {context} in {self.path}", f"{length:.6g}", "1"
-                )
-            turn = pin.Quaternion(quaternion / length).matrix()
-        elif rotation == "euler_rpy":
-            numbers = self._numbers(element, "pose", "0 0 0 0 0 0", context)
-            angles = np.radians(numbers[3:]) if degrees else numbers[3:]
-            turn = pin.rpy.rpyToMatrix(angles)
-        else:
-            raise ModelError(
-                f"The pose of {context} in {self.path} has the rotation_format {quoted(rotation)}; "
-                "allowed are euler_rpy and quat_xyzw."
-            )
-        return pin.SE3(turn, numbers[:3])
-
-    # --- frames -----------------------------------------------------------------------------------
-
-    def _declare(self, element: ET.Element, scope: _Frame, prefix: str) -> None:
-        """Enter the frame of an element and, for a model, those in it."""
-        name = element.get("name", "")
-        if not name:
-            raise ModelError(f"{self.path} has a {element.tag} without a name.")
-        if name in ("world", "__root__") or (name.startswith("__") and name.endswith("__")):
-            raise ModelError(
-                f"{self.path} has a {element.tag} with the name {quoted(name)}, which SDF keeps "
-                "for itself; rename it."
-            )
-        frame = _Frame(prefix + name, element.tag, element, scope, scope.static)
-        if element.tag == "model" and _is_true(_text(element, "static", "false")):
-            frame.static = True
-        key = name
-        if name in scope.members:
-            other = scope.members[name]
-            # Before frame semantics a joint may have the name of a link; no pose names a joint.
-            names_joint = "joint" in (frame.kind, other.kind) and frame.kind != other.kind
-            if self.version >= FRAME_SEMANTICS_VERSION or not names_joint:
-                raise ModelError(
-                    f"{self.path} has two elements with the name {quoted(frame.name)}, a "
-                    f"{other.kind} and a {frame.kind}; allowed is one."
-                )
-            joint = frame if frame.kind == "joint" else other
-            joint.name += "_joint"  # as libsdformat renames it
-            scope.members[f"joint {name}"] = joint
-            if joint is frame:
-                key = f"joint {name}"
-        scope.members[key] = frame
-        self.frames.append(frame)
-        if len(self.frames) > MAX_FRAMES:
-            raise ModelError(
-                f"{self.path} has more than {MAX_FRAMES} links, joints and frames; allowed are "
-                f"{MAX_FRAMES}."
-            )
-        if element.tag == "model":
-            hidden = scope is self.world and not frame.static and self._is_single(frame)
-            self._declare_members(frame, "" if hidden else f"{frame.name}::")
-
-    def _is_single(self, model: _Frame) -> bool:
-        """Return whether a model is the only one of the world that moves: its links keep their
-        names.
-        """
-        moving = [
-            child
-            for child in self.world.element.iterfind("model")
-            if not _is_true(_text(child, "static", "false"))
-        ]
-        return not moving or moving == [model.element]
-
-    def _declare_members(self, scope: _Frame, prefix: str) -> None:
-        for child in scope.element:
-            if child.tag in ("link", "joint", "frame", "model"):
-                self._declare(child, scope, prefix)
-
-    def _find(self, scope: _Frame, name: str, user: str) -> _Frame:
-        """Return the frame of a name in a model or the world.
-
-        Args:
-            scope: Model or world in which the name is used.
-            name: The name; frames of nested models are named as ``model::frame``.
-            user: What uses the name, for the error message.
-        """
-        if name == "__model__" and scope.kind == "model":
-            return scope
-        if name == "world" and scope is self.world:
-            return scope
-        if name in scope.members:  # older files write model::link as one name
-            return scope.members[name]
-        frame = scope
-        for part in name.split("::"):
-            if part not in frame.members:
-                listed = ", ".join(quoted(member) for member in frame.members) or "none"
-                raise ModelError(
-                    f"{self.path} has {user}, which names {quoted(name)}; the names in {frame} "
-                    f"are {listed}."
-                )
-            frame = frame.members[part]
-        return frame
-
-    def _scope(self, frame: _Frame) -> _Frame:
-        return self.world if frame.scope is None else frame.scope
-
-    def _named_base(self, element: ET.Element, scope: _Frame, user: str) -> _Frame | None:
-        """Return the frame that the <pose> of an element names; None if it names none."""
-        pose = element.find("pose")
-        if pose is None:
-            return None
-        name = pose.get("relative_to", "")  # libsdformat takes it in any version
-        older_name = pose.get("frame", "")
-        if older_name and (name or self.version >= FRAME_SEMANTICS_VERSION):
-            raise ModelError(
-                f"The pose of {user} in {self.path} has the attribute frame; SDF of version "
-                f"1.{self.version} names the frame by relative_to."
-            )
-        name = name or older_name
-        return self._find(scope, name, f"a pose of {user}") if name else None
-
-    def _base(self, frame: _Frame) -> _Frame:
-        """Return the frame in which the pose of a frame is written."""
-        scope = self._scope(frame)
-        named = self._named_base(frame.element, scope, str(frame))
-        if named is not None:
-            return named
-        if frame.kind == "joint":
-            return self._end(frame, "child")
-        attached = frame.element.get("attached_to") if frame.kind == "frame" else None
-        return self._find(scope, attached, str(frame)) if attached else scope
-
-    def _end(self, joint: _Frame, tag: str) -> _Frame:
-        """Return the frame that a joint names as its parent or child."""
-        name = _text(joint.element, tag)
-        if not name:
-            raise ModelError(f"The {joint} in {self.path} needs a {tag}.")
-        if name == "world":
-            if tag == "child":
-                raise ModelError(
-                    f"The {joint} in {self.path} has the child world; allowed is a link."
-                )
-            return self.world
-        return self._find(self._scope(joint), name, f"the {tag} of {joint}")
-
-    def pose(self, frame: _Frame) -> pin.SE3:
-        """Return the pose of a frame in the world with all joints at zero."""
-        chain: dict[_Frame, None] = {}
-        while frame not in self._poses:
-            if frame in chain:
-                raise ModelError(
-                    f"{self.path} has poses that are relative to each other in a circle through "
-                    f"the {frame}."
-                )
-            chain[frame] = None
-            frame = self._base(frame)
-        pose = self._poses[frame]
-        for inner in reversed(chain):
-            pose = pose * self._placement(inner)
-            self._poses[inner] = pose
-        return pose
-
-    def _placement(self, frame: _Frame) -> pin.SE3:
-        """Return the pose of a frame in the frame in which it is written."""
-        placement = self._raw_pose(frame.element, str(frame))
-        name = frame.element.get("placement_frame") if frame.kind == "model" else None
-        if not name:
-            return placement
-        inner = self._find(frame, name, f"the placement_frame of {frame}")
-        # The pose says where that frame is, not where the model frame is.
-        in_model = pin.SE3.Identity()
-        passed: set[_Frame] = set()
-        while inner is not frame:
-            if inner in passed:
-                raise ModelError(
-                    f"{self.path} has poses that are relative to each other in a circle through "
-                    f"the {inner}."
-                )
-            passed.add(inner)
-            in_model = self._placement(inner) * in_model
-            inner = self._base(inner)
-        return placement * in_model.inverse()
-
-    def body(self, frame: _Frame) -> _Frame:
-        """Return the link, or the world, with which a frame moves."""
-        passed: set[_Frame] = set()
-        while frame.kind not in ("link", "world"):
-            if frame in passed:
-                raise ModelError(
-                    f"{self.path} has frames that are attached to each other in a circle through "
-                    f"the {frame}."
-                )
-            passed.add(frame)
-            if frame.kind == "joint":
-                frame = self._end(frame, "child")
-            elif frame.kind == "model":
-                frame = self._canonical(frame)
-            else:
-                attached = frame.element.get("attached_to")
-                scope = self._scope(frame)
-                frame = self._find(scope, attached, str(frame)) if attached else scope
-        return self.world if frame.static else frame
-
-    def _canonical(self, model: _Frame) -> _Frame:
-        """Return the frame to which a model is attached: that which it names, its first link, or
-        its first model.
-        """
-        if name := model.element.get("canonical_link"):
-            return self._find(model, name, f"the canonical_link of {model}")
-        for kind in ("link", "model"):
-            for member in model.members.values():
-                if member.kind == kind:
-                    return member
-        raise ModelError(f"The {model} in {self.path} has no link.")
 
     # --- the URDF ---------------------------------------------------------------------------------
 
@@ -611,7 +319,7 @@ class _Reader:
             )
         for model in models:
             if model.static:
-                self._note(f"The {model} is static and stands still; its looks are left out.")
+                self.note(f"The {model} is static and stands still; its looks are left out.")
         self._check_connected(moving)
         links = [frame for frame in self.frames if frame.kind == "link" and not frame.static]
         joints = [frame for frame in self.frames if frame.kind == "joint" and not frame.static]
@@ -632,7 +340,7 @@ class _Reader:
                 _fixed(robot, f"{link.name}_to_the_ground", "world", link.name, origins[link])
             else:
                 axes = self._axes(joint)
-                parent = self.body(self._end(joint, "parent"))
+                parent = self.body(self.end(joint, "parent"))
                 self._add_joint(robot, joint, axes, link, parent, origins[parent], springs)
                 for index in driven.get(joint, ()):
                     if index >= len(axes):
@@ -650,13 +358,13 @@ class _Reader:
                 ET.SubElement(drive, "command_interface", name="effort")
         return robot
 
-    def _check_connected(self, models: list[_Frame]) -> None:
+    def _check_connected(self, models: list[SdfFrame]) -> None:
         """Check that joints of the world connect all models that move."""
         groups = {model: {model} for model in models}
         for joint in self.world.members.values():
             if joint.kind != "joint":
                 continue
-            tops = [self._top(self._end(joint, tag)) for tag in ("parent", "child")]
+            tops = [self._top(self.end(joint, tag)) for tag in ("parent", "child")]
             if all(top in groups for top in tops):
                 merged = groups[tops[0]] | groups[tops[1]]
                 for model in merged:
@@ -669,20 +377,20 @@ class _Reader:
                 "to a file of its own."
             )
 
-    def _top(self, frame: _Frame) -> _Frame:
+    def _top(self, frame: SdfFrame) -> SdfFrame:
         """Return the model of the world in which a frame is, or the frame itself in the world."""
         while frame.scope not in (None, self.world):
-            frame = self._scope(frame)
+            frame = self.scope_of(frame)
         return frame
 
-    def _inbound(self, joints: list[_Frame]) -> dict[_Frame, _Frame]:
+    def _inbound(self, joints: list[SdfFrame]) -> dict[SdfFrame, SdfFrame]:
         """Return the joint of each link that carries it."""
-        inbound: dict[_Frame, _Frame] = {}
+        inbound: dict[SdfFrame, SdfFrame] = {}
         for joint in joints:
-            child = self.body(self._end(joint, "child"))
+            child = self.body(self.end(joint, "child"))
             if child is self.world:
                 continue  # it moves a static model, which it cannot
-            if child is self.body(self._end(joint, "parent")):
+            if child is self.body(self.end(joint, "parent")):
                 raise ModelError(f"The {joint} in {self.path} connects {child} with itself.")
             if child in inbound:
                 raise ModelError(
@@ -693,12 +401,12 @@ class _Reader:
             inbound[child] = joint
         return inbound
 
-    def _check_anchors(self, links: list[_Frame], inbound: dict[_Frame, _Frame]) -> None:
+    def _check_anchors(self, links: list[SdfFrame], inbound: dict[SdfFrame, SdfFrame]) -> None:
         """Check that all bodies hang on the world, or on the only link that is on no joint."""
         roots = [link for link in links if link not in inbound]
         anchored = False
         for joint in inbound.values():
-            anchored |= self.body(self._end(joint, "parent")) is self.world
+            anchored |= self.body(self.end(joint, "parent")) is self.world
         if len(roots) + anchored > 1:
             free = ", ".join(quoted(root.name) for root in roots[:5])
             raise ModelError(
@@ -706,11 +414,11 @@ class _Reader:
                 "them by joints, of the type fixed where they stand still, or leave them out."
             )
         for root in roots:
-            self._note(
+            self.note(
                 f"No joint connects {quoted(root.name)} with the world; it is read as fixed there."
             )
 
-    def _axes(self, joint: _Frame) -> list[_Axis]:
+    def _axes(self, joint: SdfFrame) -> list[_Axis]:
         """Return the axes of a joint, none for a fixed one."""
         kind = joint.element.get("type", "")
         if kind not in _AXES_OF_TYPES:
@@ -738,39 +446,39 @@ class _Reader:
             )
         for tag in ("axis", "axis2"):
             if tag not in tags and joint.element.find(tag) is not None:
-                self._note(f"<{tag}> of {joint}, which is {kind}, has no effect.")
+                self.note(f"<{tag}> of {joint}, which is {kind}, has no effect.")
         return axes
 
-    def _ball_axes(self, joint: _Frame) -> list[_Axis]:
+    def _ball_axes(self, joint: SdfFrame) -> list[_Axis]:
         """Return the two horizontal axes that a ball joint is read as."""
-        self._note(f"The ball {joint} turns about X, then Y of the world, not about the vertical.")
+        self.note(f"The ball {joint} turns about X, then Y of the world, not about the vertical.")
         if joint.element.find("axis") is not None:
-            self._note(f"<axis> of {joint}, which is a ball, has no effect.")
+            self.note(f"<axis> of {joint}, which is a ball, has no effect.")
         to_joint = self.pose(joint).rotation.T
         return [
             _Axis(f"{joint.name}_x", "continuous", to_joint[:, 0], None),
             _Axis(f"{joint.name}_y", "continuous", to_joint[:, 1], None),
         ]
 
-    def _direction(self, joint: _Frame, axis: ET.Element, tag: str) -> np.ndarray:
+    def _direction(self, joint: SdfFrame, axis: ET.Element, tag: str) -> np.ndarray:
         """Return the unit vector of an axis in the frame of its joint."""
         context = f"{tag} of {joint}"
-        vector = self._numbers(axis, "xyz", "0 0 1", context)
+        vector = self.numbers(axis, "xyz", "0 0 1", context)
         length = float(np.linalg.norm(vector))
         if not length > 0.0:
             raise OutOfRange(f"xyz of {context} in {self.path}", "0 0 0", "a length > 0")
         vector = vector / length
         xyz = axis.find("xyz")
         expressed_in = "" if xyz is None else xyz.get("expressed_in", "")
-        in_model = _is_true(_text(axis, "use_parent_model_frame", "false"))
+        in_model = is_true(child_text(axis, "use_parent_model_frame", "false"))
         if in_model and (expressed_in or self.version >= FRAME_SEMANTICS_VERSION):
             raise ModelError(
                 f"The {context} in {self.path} has use_parent_model_frame, which SDF has up to "
                 f"version 1.6; say <xyz expressed_in='__model__'> in version 1.{self.version}."
             )
-        scope = self._scope(joint)
+        scope = self.scope_of(joint)
         if expressed_in:
-            frame = self._find(scope, expressed_in, context)
+            frame = self.find(scope, expressed_in, context)
         elif in_model or self.version < JOINT_FRAME_AXES_VERSION:
             frame = scope
         else:
@@ -780,10 +488,10 @@ class _Reader:
     def _add_joint(
         self,
         robot: ET.Element,
-        joint: _Frame,
+        joint: SdfFrame,
         axes: list[_Axis],
-        link: _Frame,
-        parent: _Frame,
+        link: SdfFrame,
+        parent: SdfFrame,
         parent_pose: pin.SE3,
         springs: list[ET.Element],
     ) -> None:
@@ -815,22 +523,22 @@ class _Reader:
             self._add_limits(element, axis)
             self._add_dynamics(element, axis, springs)
             if not last:
-                self._note(f"A body of {LIGHT_MASS:g} kg is between the axes of {joint}.")
+                self.note(f"A body of {LIGHT_MASS:g} kg is between the axes of {joint}.")
                 between = ET.SubElement(robot, "link", name=below)
                 inertia = LIGHT_INERTIA * np.eye(3)
                 between.append(inertial_element(pin.Inertia(LIGHT_MASS, np.zeros(3), inertia)))
             above = below
             placement = pin.SE3.Identity()
 
-    def _check_joint_physics(self, joint: _Frame) -> None:
+    def _check_joint_physics(self, joint: SdfFrame) -> None:
         """Refuse settings of engines that move a joint or cut it."""
         force = joint.element.find("physics/ode/max_force")
         if force is not None:
-            largest = self._number(joint.element.find("physics/ode"), "max_force", "0", str(joint))
+            largest = self.number(joint.element.find("physics/ode"), "max_force", "0", str(joint))
             if largest != 0.0:
-                self._note(f"The motor of ODE (max_force) at {joint} is left out.")
+                self.note(f"The motor of ODE (max_force) at {joint} is left out.")
         cut = joint.element.find("physics/simbody/must_be_loop_joint")
-        if cut is not None and _is_true((cut.text or "").strip()):
+        if cut is not None and is_true((cut.text or "").strip()):
             raise ModelError(f"The {joint} in {self.path} closes a loop; a crane is a tree.")
 
     def _add_limits(self, element: ET.Element, axis: _Axis) -> None:
@@ -844,7 +552,7 @@ class _Reader:
         effort = self._limit(limits, "effort", -1.0, context)
         velocity = self._limit(limits, "velocity", -1.0, context)
         if low == high == 0.0:
-            self._note(f"The {context} has no range and is read as fixed.")
+            self.note(f"The {context} has no range and is read as fixed.")
             element.set("type", "fixed")
             for tag in ("axis", "limit"):
                 for child in element.findall(tag):
@@ -870,7 +578,7 @@ class _Reader:
             return low, high
         lower = low if math.isfinite(low) else min(-reach, high - reach)
         upper = high if math.isfinite(high) else max(reach, low + reach)
-        self._note(
+        self.note(
             f"{axis.name} has no limit at one end or both; {lower:g} to {upper:g} {unit} is taken."
         )
         return lower, upper
@@ -881,27 +589,25 @@ class _Reader:
             return
         context = f"joint {quoted(axis.name)}"
         dynamics = axis.element.find("dynamics")
-        numbers = {
-            tag: self._number(dynamics, tag, "0", context) for tag in ("damping", "friction")
-        }
+        numbers = {tag: self.number(dynamics, tag, "0", context) for tag in ("damping", "friction")}
         ET.SubElement(element, "dynamics", {tag: repr(value) for tag, value in numbers.items()})
-        stiffness = self._number(dynamics, "spring_stiffness", "0", context)
+        stiffness = self.number(dynamics, "spring_stiffness", "0", context)
         if stiffness != 0.0:
             spring = ET.Element("gazebo", reference=axis.name)
             ET.SubElement(spring, "springStiffness").text = repr(stiffness)
-            reference = self._number(dynamics, "spring_reference", "0", context)
+            reference = self.number(dynamics, "spring_reference", "0", context)
             ET.SubElement(spring, "springReference").text = repr(reference)
             springs.append(spring)
-        if self._number(axis.element, "initial_position", "0", context) != 0.0:
-            self._note(f"The initial_position of {context} is left out; Gazebo ignores it, too.")
+        if self.number(axis.element, "initial_position", "0", context) != 0.0:
+            self.note(f"The initial_position of {context} is left out; Gazebo ignores it, too.")
         if (mimic := axis.element.find("mimic")) is not None:
-            multiplier = self._number(mimic, "multiplier", "1", context)
-            offset = self._number(mimic, "offset", "0", context)
-            offset -= multiplier * self._number(mimic, "reference", "0", context)
+            multiplier = self.number(mimic, "multiplier", "1", context)
+            offset = self.number(mimic, "offset", "0", context)
+            offset -= multiplier * self.number(mimic, "reference", "0", context)
             entries = {"multiplier": repr(multiplier), "offset": repr(offset)}
             ET.SubElement(element, "mimic", entries | {"joint": mimic.get("joint", "")})
 
-    def _add_link(self, robot: ET.Element, link: _Frame, origin: pin.SE3, *, moves: bool) -> None:
+    def _add_link(self, robot: ET.Element, link: SdfFrame, origin: pin.SE3, *, moves: bool) -> None:
         """Append a link of the URDF whose frame has a pose in the world."""
         self._check_link(link)
         element = ET.SubElement(robot, "link", name=link.name)
@@ -911,19 +617,19 @@ class _Reader:
             for body in link.element.iterfind(tag):
                 self._add_shape(element, body, link, origin)
 
-    def _check_link(self, link: _Frame) -> None:
+    def _check_link(self, link: SdfFrame) -> None:
         """Refuse what makes a link move otherwise than a rigid body in gravity."""
-        if not _is_true(_text(link.element, "gravity", "true")):
+        if not is_true(child_text(link.element, "gravity", "true")):
             raise ModelError(
                 f"The {link} in {self.path} has no gravity; allowed is gravity on all links."
             )
-        if _is_true(_text(link.element, "kinematic", "false")):
+        if is_true(child_text(link.element, "kinematic", "false")):
             raise ModelError(
                 f"The {link} in {self.path} is kinematic, moved without forces; leave that out."
             )
         decay = link.element.find("velocity_decay")
         for tag in ("linear", "angular"):
-            value = self._number(decay, tag, "0", f"velocity_decay of {link}")
+            value = self.number(decay, tag, "0", f"velocity_decay of {link}")
             if value != 0.0:
                 raise OutOfRange(
                     f"{tag} velocity_decay of {link} in {self.path}",
@@ -931,30 +637,30 @@ class _Reader:
                     "0: say it as damping of joints",
                 )
 
-    def _inertia(self, link: _Frame, moves: bool) -> pin.Inertia:
+    def _inertia(self, link: SdfFrame, moves: bool) -> pin.Inertia:
         """Return the inertia of a link in its SDF frame; defaults are noted if it moves."""
         context = str(link)
         inertial = link.element.find("inertial")
-        if inertial is not None and _is_true(inertial.get("auto", "false")):
+        if inertial is not None and is_true(inertial.get("auto", "false")):
             raise ModelError(
                 f"The {link} in {self.path} has its mass computed from its collision shapes "
                 "(auto); say mass and inertia: gz sdf -p --expand-auto-inertials prints them."
             )
         tensor = None if inertial is None else inertial.find("inertia")
         if moves and (inertial is None or inertial.find("mass") is None):
-            self._note(f"The {link} has no mass; 1 kg is taken, the default of SDF.")
+            self.note(f"The {link} has no mass; 1 kg is taken, the default of SDF.")
         if moves and tensor is None:
-            self._note(f"The {link} has no inertia; 1 kg m² about each axis, the default of SDF.")
+            self.note(f"The {link} has no inertia; 1 kg m² about each axis, the default of SDF.")
         added = None if inertial is None else inertial.find("fluid_added_mass")
         for term in () if added is None else added:
-            if self._number(added, term.tag, "0", context) != 0.0:
+            if self.number(added, term.tag, "0", context) != 0.0:
                 raise ModelError(f"The {link} in {self.path} has fluid_added_mass; allowed is 0.")
-        mass = self._number(inertial, "mass", "1", context)
+        mass = self.number(inertial, "mass", "1", context)
         moments = np.empty((3, 3))
         for i, a in enumerate("xyz"):
             for j, b in enumerate("xyz"):
                 key = "i" + "".join(sorted(a + b))
-                moments[i, j] = self._number(tensor, key, "1" if a == b else "0", context)
+                moments[i, j] = self.number(tensor, key, "1" if a == b else "0", context)
         principal = np.linalg.eigvalsh(moments)
         if not principal[0] >= 0.0:
             raise OutOfRange(
@@ -971,22 +677,22 @@ class _Reader:
                 f"The inertial of {link} in {self.path} has a pose relative to another frame; "
                 "allowed is one in the frame of its link."
             )
-        centre = self._raw_pose(inertial, f"the inertial of {link}")
+        centre = self.raw_pose(inertial, f"the inertial of {link}")
         return centre.act(pin.Inertia(mass, np.zeros(3), moments))
 
     def _add_shape(
-        self, element: ET.Element, body: ET.Element, link: _Frame, origin: pin.SE3
+        self, element: ET.Element, body: ET.Element, link: SdfFrame, origin: pin.SE3
     ) -> None:
         """Append a visual or a collision whose shape a URDF has, to a link of the URDF."""
         geometry = body.find("geometry")
         shape = None if geometry is None else _urdf_shape(self, geometry, str(link))
         if shape is None:
-            self._note(f"A {body.tag} of {link} is of a shape without a size here and left out.")
+            self.note(f"A {body.tag} of {link} is of a shape without a size here and left out.")
             return
         user = f"a {body.tag} of {link}"
-        named = self._named_base(body, self._scope(link), user)
+        named = self.named_base(body, self.scope_of(link), user)
         base = self.pose(link if named is None else named)
-        placement = origin.actInv(base * self._raw_pose(body, user))
+        placement = origin.actInv(base * self.raw_pose(body, user))
         copy = ET.SubElement(element, body.tag)
         set_placement(copy, placement)
         ET.SubElement(copy, "geometry").append(shape)
@@ -998,9 +704,9 @@ class _Reader:
 
     # --- drives -----------------------------------------------------------------------------------
 
-    def _driven(self) -> dict[_Frame, list[int]]:
+    def _driven(self) -> dict[SdfFrame, list[int]]:
         """Return the axes, by their indices, of each joint that a plugin commands."""
-        driven: dict[_Frame, list[int]] = {}
+        driven: dict[SdfFrame, list[int]] = {}
         models = [frame for frame in self.frames if frame.kind == "model" and not frame.static]
         for scope in [self.world, *models]:
             for plugin in scope.element.iterfind("plugin"):
@@ -1009,59 +715,28 @@ class _Reader:
                     continue
                 for entry in plugin.iterfind("joint_name"):
                     joint = self._commanded(scope, (entry.text or "").strip(), name)
-                    index = self._number(plugin, "joint_index", "0", f"plugin {quoted(name)}")
+                    index = self.number(plugin, "joint_index", "0", f"plugin {quoted(name)}")
                     driven.setdefault(joint, [])
                     if int(index) not in driven[joint]:
                         driven[joint].append(int(index))
-                    self._note(f"{joint.name} is driven: the plugin {quoted(name)} commands it.")
+                    self.note(f"{joint.name} is driven: the plugin {quoted(name)} commands it.")
             for entry in scope.element.iterfind("ros2_control/joint"):
                 if entry.find("command_interface") is not None:
                     joint = self._commanded(scope, entry.get("name", ""), "ros2_control")
                     driven.setdefault(joint, [0])
         return driven
 
-    def _commanded(self, scope: _Frame, name: str, plugin: str) -> _Frame:
+    def _commanded(self, scope: SdfFrame, name: str, plugin: str) -> SdfFrame:
         """Return the joint of a name that a plugin commands."""
         joint = scope.members.get(f"joint {name}")
         if joint is None:
-            joint = self._find(scope, name, f"the plugin {quoted(plugin)}")
+            joint = self.find(scope, name, f"the plugin {quoted(plugin)}")
         if joint.kind != "joint":
             raise ModelError(
                 f"{self.path} has the plugin {quoted(plugin)}, which commands the {joint}; allowed "
                 "is a joint."
             )
         return joint
-
-
-def _version(root: ET.Element, path: Path) -> int:
-    """Return x of the version 1.x of an SDF file."""
-    text = root.get("version", "")
-    allowed = f"1.{OLDEST_VERSION} to 1.{NEWEST_VERSION}"
-    match = re.fullmatch(r"1\.(\d{1,3})", text.strip(), re.ASCII)
-    if match is None or not OLDEST_VERSION <= int(match[1]) <= NEWEST_VERSION:
-        raise OutOfRange(
-            f"version of the SDF file {path}",
-            quoted(text) if text else "left out",
-            f"{allowed}; gz sdf -p converts older files",
-        )
-    return int(match[1])
-
-
-def _text(parent: ET.Element, tag: str, default: str = "") -> str:
-    """Return the text of a child of an element, or the default where it has none."""
-    return (parent.findtext(tag) or "").strip() or default
-
-
-def _is_true(text: str) -> bool:
-    """Return whether a text means true in SDF.
-
-    Raises:
-        OutOfRange: If it means neither true nor false.
-    """
-    word = text.strip().lower()
-    if word not in ("true", "false", "1", "0"):
-        raise OutOfRange("a yes or no in an SDF file", quoted(text), "true, false, 1 or 0")
-    return word in ("true", "1")
 
 
 def _plugin_name(plugin: ET.Element) -> str:
@@ -1086,6 +761,6 @@ def _urdf_shape(reader: _Reader, geometry: ET.Element, context: str) -> ET.Eleme
         element = ET.Element(shape.tag)
         for key in keys[shape.tag]:
             default = "1 1 1" if key == "size" else "1"
-            element.set(key, numbers_text(reader._numbers(shape, key, default, context)))
+            element.set(key, numbers_text(reader.numbers(shape, key, default, context)))
         return element
     return None
