@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cranedyn.bridges.joints import (
+    GAZEBO_LEAST_MASS,
     ExportedJoint,
     add,
     anchor_to_world,
@@ -131,7 +132,7 @@ def export(
     robot = urdf_element(program.crane)
     notes = remove_control(robot)
     notes += write_length_spring(program.crane, robot)
-    check_inertias(program.crane, robot, "Gazebo")
+    check_inertias(program.crane, robot, "Gazebo", least_mass=GAZEBO_LEAST_MASS)
     affine = program.tables()
     moving = joints(program.crane, robot)
     tables = {

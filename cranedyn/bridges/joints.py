@@ -28,6 +28,10 @@ _GAZEBO_DYNAMICS = frozenset(
 )
 """Tags in <gazebo> that make a link stand still, weigh nothing or move in a viscous medium."""
 
+GAZEBO_LEAST_MASS = 1e-6
+"""Mass up to which libsdformat, with which Gazebo reads a URDF, drops a link and all that it
+carries without a word [kg]; tried with version 12."""
+
 _MASS_ARGUMENTS = {
     "hook_link": "hook_mass and hook_inertia",
     "sling_link": "hook_mass and hook_inertia",
@@ -322,7 +326,12 @@ def xml_bytes(root: ET.Element) -> bytes:
 
 
 def check_inertias(
-    crane: Crane, robot: ET.Element, program: str, merged: frozenset[str] = frozenset()
+    crane: Crane,
+    robot: ET.Element,
+    program: str,
+    *,
+    merged: frozenset[str] = frozenset(),
+    least_mass: float = 0.0,
 ) -> None:
     """Check that every moving link has mass and inertia of its own; some engines drop a link
     without them and all that it carries.
@@ -332,8 +341,10 @@ def check_inertias(
         robot: Its URDF.
         program: Program for which it is exported, for the error message.
         merged: Links that need none, since the exporter writes them as one body with the next.
+        least_mass: Mass up to which the program drops a link [kg].
 
     Raises:
+        OutOfRange: If a link is too light for the program.
         ModelError: If a link has none; the message names it, and the argument that gives it one.
     """
     names = {joint.name for joint in crane.layout.joints}
@@ -344,6 +355,13 @@ def check_inertias(
         if name not in moving or name in merged:
             continue
         numbers = _mass_and_moments(link)
+        if len(numbers) == 4 and 0.0 < numbers[0] <= least_mass:
+            raise OutOfRange(
+                f"mass of the link {quoted(name)}",
+                numbers[0],
+                f"> {least_mass:g}: {program} drops a lighter link and all that it carries",
+                "kg",
+            )
         if len(numbers) != 4 or min(numbers) <= 0.0:
             arguments = _MASS_ARGUMENTS.get(name) if own_crane else None
             advice = f", by {arguments}" if arguments else ""

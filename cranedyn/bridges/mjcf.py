@@ -69,7 +69,7 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
     """
     file = with_ending(file, ".xml")
     robot = urdf_element(crane)
-    check_inertias(crane, robot, "MuJoCo", _merged_links(crane, robot))
+    check_inertias(crane, robot, "MuJoCo", merged=_merged_links(crane, robot))
     text = xml_bytes(mjcf(crane, robot, number("dt", dt, "s", "> 0")))
     with new_file(file) as draft:
         draft.write_bytes(text)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from cranedyn.bridges.gazebo import world
 from cranedyn.bridges.joints import (
+    GAZEBO_LEAST_MASS,
     ExportedJoint,
     add,
     anchor_to_world,
@@ -106,7 +107,7 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
     notes = remove_control(robot)
     notes += write_length_spring(crane, robot)
     anchor_to_world(crane, robot, "ROS")
-    check_inertias(crane, robot, "Gazebo")
+    check_inertias(crane, robot, "Gazebo", least_mass=GAZEBO_LEAST_MASS)
     moving = joints(crane, robot)
     robot.append(_control(moving))
     name_of_plugin = "gz_ros2_control::GazeboSimROS2ControlPlugin"

@@ -31,8 +31,9 @@ _NUMBERS = frozenset(
 _ABSENT = ("frictionloss", "stiffness")
 """Properties of joints that are not carried over."""
 
-_LIGHT = {"pos": "0 0 0", "mass": "1e-6", "diaginertia": "1e-9 1e-9 1e-9"}
-"""Body between two joints of one body [kg, kg m²]: other programs drop a link without."""
+_LIGHT = {"pos": "0 0 0", "mass": "1e-5", "diaginertia": "1e-9 1e-9 1e-9"}
+"""Body between two joints of one body [kg, kg m²]: other programs drop a link without, and
+Gazebo one of at most 1e-6 kg."""
 
 _REACH = {"prismatic": 1e3, "revolute": math.pi}
 """Range to either side of a joint without one [m or rad]."""

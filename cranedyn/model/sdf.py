@@ -45,8 +45,9 @@ TURN_REACH = 31.4159
 """Range to the side of a turning joint at which it has no end [rad], as that of a continuous joint.
 """
 
-LIGHT_MASS = 1e-6
-"""Mass of the body between the two axes of a joint [kg]: other programs drop a link without one."""
+LIGHT_MASS = 1e-5
+"""Mass of the body between the two axes of a joint [kg]: other programs drop a link without one, as
+Gazebo does with one of at most 1e-6 kg."""
 
 LIGHT_INERTIA = 1e-9
 """Moment of inertia of the body between the two axes of a joint [kg m²]."""
@@ -111,13 +112,18 @@ _SCENERY = re.compile(r"model://(sun|ground_plane)/?|https?://\S*/models/(Sun|Gr
 """Addresses of included models that neither move nor touch a crane."""
 
 _DRIVING_PLUGIN = re.compile(
-    r"joint_?(position|trajectory|velocity)?_?controller|apply_?joint_?force", re.IGNORECASE
+    r"joint[-_]?(position|trajectory|velocity)?[-_]?controller|apply[-_]?joint[-_]?force",
+    re.IGNORECASE,
 )
 """Names of plugins that command the joints that they name."""
 
+_TRAJECTORY_PLUGIN = re.compile(r"joint[-_]?trajectory[-_]?controller", re.IGNORECASE)
+"""Names of plugins that command all joints of their model where they name none."""
+
 _PASSIVE_PLUGIN = re.compile(
-    r"state_?publisher|pose_?publisher|odometry_?publisher|physics|user_?commands|"
-    r"scene_?broadcaster|sensors?|imu|force_?torque|contact|altimeter|magnetometer|navsat|log",
+    r"(state|pose|odometry)[-_]?publisher|user[-_]?commands|scene[-_]?broadcaster|"
+    r"force[-_]?torque|(?<![a-z])(physics|sensors?|imu|contact|altimeter|magnetometer|navsat)"
+    r"(?![a-z])",
     re.IGNORECASE,
 )
 """Names of plugins that measure, draw or compute, and do not act on a crane."""
@@ -711,10 +717,9 @@ class _Reader(SdfFrames):
         for scope in [self.world, *models]:
             for plugin in scope.element.iterfind("plugin"):
                 name = _plugin_name(plugin)
-                if not _DRIVING_PLUGIN.search(name) or _PASSIVE_PLUGIN.search(name):
+                if not _DRIVING_PLUGIN.search(name):
                     continue
-                for entry in plugin.iterfind("joint_name"):
-                    joint = self._commanded(scope, (entry.text or "").strip(), name)
+                for joint in self._commanded_joints(scope, plugin, name):
                     index = self.number(plugin, "joint_index", "0", f"plugin {quoted(name)}")
                     driven.setdefault(joint, [])
                     if int(index) not in driven[joint]:
@@ -725,6 +730,20 @@ class _Reader(SdfFrames):
                     joint = self._commanded(scope, entry.get("name", ""), "ros2_control")
                     driven.setdefault(joint, [0])
         return driven
+
+    def _commanded_joints(
+        self, scope: SdfFrame, plugin: ET.Element, plugin_name: str
+    ) -> list[SdfFrame]:
+        """Return the joints that a plugin commands."""
+        names = [(entry.text or "").strip() for entry in plugin.iterfind("joint_name")]
+        if names or not _TRAJECTORY_PLUGIN.search(plugin_name):
+            return [self._commanded(scope, name, plugin_name) for name in names]
+        joints = []
+        for member in scope.members.values():
+            single = _AXES_OF_TYPES.get(member.element.get("type", "")) == 1
+            if member.kind == "joint" and single:
+                joints.append(member)
+        return joints
 
     def _commanded(self, scope: SdfFrame, name: str, plugin: str) -> SdfFrame:
         """Return the joint of a name that a plugin commands."""

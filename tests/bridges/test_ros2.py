@@ -21,11 +21,12 @@ from numpy.testing import assert_allclose
 from cranedyn.bridges import gazebo, ros2
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.pinocchio import full
-from cranedyn.errors import DataError, ModelError
+from cranedyn.errors import DataError, ModelError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from tests.helpers import ROOT, files, quickly
+from tests.model.test_sdf import BRIDGE
 from tests.oracles.sdf import build_probe, dynamics, read_with_libsdformat
 from tests.system.test_cross_engines import DT, PERIOD
 
@@ -552,9 +553,11 @@ def test_a_rope_that_stretches_is_refused_where_the_drum_is_unknown(tmp_path: Pa
 @pytest.mark.slow
 def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_path: Path) -> None:
     probe = build_probe(tmp_path)
+    (tmp_path / "bridge.sdf").write_text(BRIDGE)
     cranes = {
         "usual": load_crane(),
         "hook": load_crane(hook_mass=200.0, hook_inertia=20.0, damp_sling=3.0),
+        "light body": load_crane(tmp_path / "bridge.sdf"),
         "falls": load_crane(hook_mass=200.0, hook_inertia=20.0, fall_spacing=1.0),
     }
     for name, crane in cranes.items():
@@ -574,3 +577,17 @@ def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_p
     # a closed form: weight times the square of half the spacing over the length
     stiffness = 1200.0 * crane.gravity * 0.25 / 15.0
     assert tree.springs["load_yaw_joint"][0] == pytest.approx(stiffness)
+
+
+@pytest.mark.parametrize("exporter", ["ros2", "gazebo"])
+def test_a_link_so_light_that_gazebo_drops_it_and_all_below_is_refused(
+    exporter: str, tmp_path: Path
+) -> None:
+    (tmp_path / "light.urdf").write_text(load_crane(dummy_mass=1e-6).urdf)
+    crane = load_crane(tmp_path / "light.urdf")
+    with pytest.raises(OutOfRange, match=r"swing_r_link is 1e-06 kg; allowed is > 1e-06: Gazebo"):
+        if exporter == "ros2":
+            ros2.export(tmp_path / "out", crane)
+        else:
+            program = gazebo.Program(crane, hold_controller(crane), None, crane.start, 1.0)
+            gazebo.export(tmp_path / "out", program)

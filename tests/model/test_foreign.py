@@ -242,7 +242,7 @@ def test_mjcf_is_read_and_moves_as_mujoco_moves_it(tmp_path: Path) -> None:
         parent = text if "/" not in tag else text.find("worldbody")
         parent.remove(text.find(tag))
     text.find("compiler").set("inertiafromgeom", "auto")
-    light = '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/>'
+    light = '<inertial pos="0 0 0" mass="1e-5" diaginertia="1e-9 1e-9 1e-9"/>'
     joint = '<joint name="s{}" axis="{}" damping="0.5"/>'
     content = ET.tostring(text, encoding="unicode").replace("</worldbody>", "</body></worldbody>")
     for old, new in (

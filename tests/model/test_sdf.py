@@ -113,7 +113,7 @@ def test_a_crane_of_gz_sim_is_read_with_its_limits_drives_springs_and_looks(tmp_
         "model floor is static",
         "model://ground_plane",
         "A visual of link cart is of a shape without a size here and left out.",
-        "A body of 1e-06 kg is between the axes of joint rope.",
+        "A body of 1e-05 kg is between the axes of joint rope.",
     ):
         assert expected in notes
     assert read(BRIDGE).gravity == 1.62
@@ -380,6 +380,33 @@ def test_limits_without_end_are_those_of_converters_from_urdf() -> None:
     limits = "<limit><lower>-1.79769e+308</lower><upper>1.79769e+308</upper></limit></axis>"
     joint = read(ARM.replace("</axis>", limits)).robot.find("joint[@name='j']")
     assert joint is not None and joint.get("type") == "continuous"
+
+
+@pytest.mark.parametrize(
+    ("plugin", "driven"),
+    [
+        ('name="gz::sim::systems::JointController"><joint_name>j</joint_name>', ["j"]),
+        ('filename="gz-sim-joint-controller-system"><joint_name>j</joint_name>', ["j"]),
+        ('name="gz::sim::systems::ApplyJointForce"><joint_name>j</joint_name>', ["j"]),
+        ('name="gz::sim::systems::JointTrajectoryController">', ["j"]),
+        ('name="gz::sim::systems::JointPositionController">', []),
+        ('name="gz::sim::systems::JointStatePublisher"><joint_name>j</joint_name>', []),
+        ('name="gz::sim::systems::Thruster"><joint_name>j</joint_name>', []),
+    ],
+)
+def test_a_plugin_drives_a_joint_if_it_commands_it(plugin: str, driven: list[str]) -> None:
+    model = read(ARM.replace("</model>", f"<plugin {plugin}</plugin></model>"))
+    drives = [drive.get("name") for drive in model.robot.iterfind("ros2_control/joint")]
+    assert drives == driven
+    left_out = [note for note in model.notes if note.startswith("What the plugin")]
+    assert bool(left_out) == ("Thruster" in plugin)
+
+
+def test_a_plugin_that_commands_what_is_no_joint_is_refused() -> None:
+    for name, message in (("k", "names k; the names in model m are a, b, j"), ("b", "the link b")):
+        plugin = f'<plugin name="JointController"><joint_name>{name}</joint_name></plugin></model>'
+        with pytest.raises(ModelError, match=message):
+            read(ARM.replace("</model>", plugin))
 
 
 def test_a_ball_turns_about_the_two_horizontal_axes_wherever_its_frame_points() -> None:

@@ -22,7 +22,7 @@ TYPES_OF_SDFORMAT = {3: "fixed", 2: "continuous", 5: "prismatic", 6: "revolute",
                      9: "universal"}  # fmt: skip
 """Names of the types of joints that are compared, by their numbers in libsdformat 12."""
 
-LIGHT_MASS = 1e-6
+LIGHT_MASS = 1e-5
 """Mass of the body between two axes of a joint [kg], as the reader says in its notes."""
 
 LIGHT_INERTIA = 1e-9
