@@ -1634,12 +1634,12 @@ cranedyn/model/sdf_frames.py
 - turn = pin.rpy.rpyToMatrix(angles)
 + turn = pin.rpy.rpyToMatrix(angles[::-1])
 * a placement_frame of SDF moves nothing
-? sdf::random_trees_of_all_versions_move_as_libsdformat_places_them
+? sdf::the_pose_of_a_model_is_that_of_its_placement_frame
 - return placement * in_model.inverse()
 + return placement
 cranedyn/model/sdf.py
 * axes of SDF 1.4 are taken in the joint frame
-? sdf::random_trees_of_all_versions_move_as_libsdformat_places_them
+? sdf::an_axis_is_written_in_the_model_frame_up_to_1_4_and_in_its_joint_after_that
 - elif in_model or self.version < JOINT_FRAME_AXES_VERSION:
 + elif in_model:
 * a link of SDF without gravity falls all the same

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -380,6 +381,32 @@ def test_limits_without_end_are_those_of_converters_from_urdf() -> None:
     limits = "<limit><lower>-1.79769e+308</lower><upper>1.79769e+308</upper></limit></axis>"
     joint = read(ARM.replace("</axis>", limits)).robot.find("joint[@name='j']")
     assert joint is not None and joint.get("type") == "continuous"
+
+
+@pytest.mark.parametrize(
+    ("version", "flag", "axis"),
+    [
+        ("1.4", "", [0.0, 1.0, 0.0]),
+        ("1.5", "", [0.0, math.cos(0.5), math.sin(0.5)]),
+        ("1.6", "<use_parent_model_frame>true</use_parent_model_frame>", [0.0, 1.0, 0.0]),
+        ("1.7", "", [0.0, math.cos(0.5), math.sin(0.5)]),
+    ],
+)
+def test_an_axis_is_written_in_the_model_frame_up_to_1_4_and_in_its_joint_after_that(
+    version: str, flag: str, axis: list[float]
+) -> None:
+    model, _ = built(ARM.replace("1.8", version).replace("</axis>", f"{flag}</axis>"))
+    data = model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(1))
+    jacobian = pin.getJointJacobian(model, data, 1, pin.LOCAL_WORLD_ALIGNED).reshape(6)
+    assert_allclose(jacobian[3:], axis, atol=1e-15)
+
+
+def test_the_pose_of_a_model_is_that_of_its_placement_frame() -> None:
+    text = ARM.replace('name="m">', 'name="m" placement_frame="b"><pose>5 0 0 0 0 0</pose>')
+    model, _ = built(text)
+    assert_allclose(model.jointPlacements[1].translation, [5.0, 0.0, 0.0], atol=1e-15)
+    assert_allclose(model.jointPlacements[1].rotation, np.eye(3), atol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -33,12 +33,12 @@ def build_probe(folder: Path) -> Path:
     """Compile the program that prints what libsdformat makes of a file; skip without it."""
     compiler, config = shutil.which("g++"), shutil.which("pkg-config")
     if compiler is None or config is None:
-        pytest.skip("g++ or pkg-config is not installed")
+        pytest.skip("g++ or pkg-config is not installed: run .ci/sdformat as root")
     flags = subprocess.run(
         [config, "--cflags", "--libs", "sdformat12"], capture_output=True, text=True, check=False
     )
     if flags.returncode:
-        pytest.skip("libsdformat is not installed: apt-get install libsdformat-dev")
+        pytest.skip("libsdformat is not installed: run .ci/sdformat as root")
     program = folder / "sdformat_probe"
     words = [compiler, "-O0", "-std=c++17", str(PROBE), "-o", str(program), *flags.stdout.split()]
     subprocess.run(words, check=True)
