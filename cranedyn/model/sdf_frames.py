@@ -78,6 +78,8 @@ class SdfFrames:
         self.frames: list[SdfFrame] = []
         self.world = SdfFrame("world", "world", ET.Element("world"))
         self._poses: dict[SdfFrame, pin.SE3] = {self.world: pin.SE3.Identity()}
+        self._placements: dict[SdfFrame, pin.SE3] = {}
+        self._moving_models: list[ET.Element] | None = None
 
     def note(self, sentence: str) -> None:
         """Add a note once."""
@@ -174,12 +176,13 @@ class SdfFrames:
         """Return whether a model is the only one of the world that moves: its links keep their
         names.
         """
-        moving = [
-            child
-            for child in self.world.element.iterfind("model")
-            if not is_true(child_text(child, "static", "false"))
-        ]
-        return not moving or moving == [model.element]
+        if self._moving_models is None:
+            self._moving_models = [
+                child
+                for child in self.world.element.iterfind("model")
+                if not is_true(child_text(child, "static", "false"))
+            ]
+        return not self._moving_models or self._moving_models == [model.element]
 
     def declare_members(self, scope: SdfFrame, prefix: str) -> None:
         """Enter the frames that a model or the world declares, with a prefix to their names."""
@@ -273,7 +276,17 @@ class SdfFrames:
         return pose
 
     def _placement(self, frame: SdfFrame) -> pin.SE3:
-        """Return the pose of a frame in the frame in which it is written."""
+        """Return the pose of a frame in the frame in which it is written.
+
+        It is kept, since the placement frame of each of several nested models may be in the
+        innermost one.
+        """
+        if frame not in self._placements:
+            self._placements[frame] = self._new_placement(frame)
+        return self._placements[frame]
+
+    def _new_placement(self, frame: SdfFrame) -> pin.SE3:
+        """Return the placement of a frame that is not known yet."""
         placement = self.raw_pose(frame.element, str(frame))
         name = frame.element.get("placement_frame") if frame.kind == "model" else None
         if not name:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -370,6 +371,23 @@ def test_a_long_chain_of_frames_is_no_deep_recursion() -> None:
         "<parent>a", '<pose relative_to="a"/><parent>a'
     )
     assert built(text)[1] == ["j"]
+
+
+def test_placement_frames_in_the_innermost_of_many_models_are_read_at_once() -> None:
+    depth = 40
+    inner = '<link name="tip"><pose>1 0 0 0 0 0</pose></link>'
+    for level in range(depth):
+        path = "::".join([*(f"m{i}" for i in reversed(range(level))), "tip"])
+        inner = f'<model name="m{level}" placement_frame="{path}">{inner}</model>'
+    joint = '<joint name="k" type="prismatic"><parent>world</parent><child>CHILD</child><axis/>'
+    child = "::".join([*(f"m{i}" for i in reversed(range(depth - 1))), "tip"])
+    end = inner.rindex("</model>")
+    text = inner[:end] + joint.replace("CHILD", child) + "</joint>" + inner[end:]
+    began = time.perf_counter()
+    model, _ = built(f'<sdf version="1.9">{text}</sdf>')
+    # Every model is where its tip is, at the origin.
+    assert_allclose(model.jointPlacements[1].translation, np.zeros(3), atol=1e-12)
+    assert time.perf_counter() - began < 5.0  # it doubled with each model
 
 
 def test_a_joint_with_the_name_of_a_link_is_renamed_as_libsdformat_does() -> None:
