@@ -13,13 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from cranedyn.bridges.joints import (
+    GAZEBO_LEAST_MASS,
     ExportedJoint,
     add,
     anchor_to_world,
     check_inertias,
     finite_form,
+    give_light_bodies,
     joints,
+    readme,
+    remove_control,
     urdf_element,
+    write_length_spring,
     xml_bytes,
 )
 from cranedyn.bridges.target import new_folder
@@ -99,6 +104,9 @@ def export(
     """Write a run for Gazebo Classic 11; ``run.sh`` in the folder runs it there and writes
     ``log.csv``, with the columns of a trajectory.
 
+    Plugins and transmissions of the crane's own file are replaced, and a load on two falls has the
+    yaw stiffness of the length at the start; then a README.md in the folder says so.
+
     Args:
         folder: New folder.
         program: Run to export.
@@ -123,7 +131,10 @@ def export(
         raise OutOfRange("erp", erp, "0 to 1")
     every = whole("control instants between rows", every, 1)
     robot = urdf_element(program.crane)
-    check_inertias(program.crane, robot, "Gazebo")
+    notes = remove_control(robot)
+    notes += write_length_spring(program.crane, robot)
+    give_light_bodies(program.crane, robot)
+    check_inertias(program.crane, robot, "Gazebo", least_mass=GAZEBO_LEAST_MASS)
     affine = program.tables()
     moving = joints(program.crane, robot)
     tables = {
@@ -135,9 +146,7 @@ def export(
             [affine.integral_gain, np.minimum(affine.limit, np.finfo(float).max), affine.integral]
         ),
     }
-    model = anchor_to_world(robot, "Gazebo")
-    for tag in model.findall("ros2_control"):
-        model.remove(tag)
+    model = anchor_to_world(program.crane, robot, "Gazebo")
     model.append(_plugin(program, moving, every, overwritten))
     scene = world(program.crane.gravity, program.dt, solver, erp)
     add(add(scene[0], "include"), "uri", "model://crane")
@@ -151,6 +160,8 @@ def export(
         (draft / "models" / "crane").mkdir(parents=True)
         (draft / "models" / "crane" / "model.urdf").write_bytes(xml_bytes(model))
         (draft / "models" / "crane" / "model.config").write_bytes(xml_bytes(config))
+        if notes:
+            (draft / "README.md").write_text(readme("crane", notes), encoding="utf-8")
         (draft / "world.sdf").write_bytes(xml_bytes(scene))
         for name, rows in tables.items():
             text = "".join(",".join(map(repr, row)) + "\n" for row in rows.tolist())

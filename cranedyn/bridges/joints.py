@@ -5,10 +5,13 @@ and its URDF as XML.
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.pinocchio import full, holding_effort
@@ -16,7 +19,42 @@ from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
 from cranedyn.interfaces import Controller
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
-from cranedyn.model.urdf import parse_urdf
+from cranedyn.model.urdf import inertial_element, parse_urdf
+
+_PACKAGE_FILE = re.compile(r"package://([A-Za-z][A-Za-z0-9_-]*)/")
+"""Address of a file in a ROS package."""
+
+_GAZEBO_DYNAMICS = frozenset(
+    "static gravity turnGravityOff kinematic dampingFactor velocity_decay".split()
+)
+"""Tags in <gazebo> that make a link stand still, weigh nothing or move in a viscous medium."""
+
+GAZEBO_LEAST_MASS = 1e-6
+"""Mass up to which libsdformat, with which Gazebo reads a URDF, drops a link and all that it
+carries without a word [kg]; tried with version 12."""
+
+LIGHT_BODY_MASS = 10.0 * GAZEBO_LEAST_MASS
+"""Mass of a body between two axes in the files of other programs [kg]."""
+
+LIGHT_BODY_INERTIA = 1e-9
+"""Its inertia about each axis [kg m²]."""
+
+_MASS_ARGUMENTS = {
+    "hook_link": "hook_mass and hook_inertia",
+    "sling_link": "hook_mass and hook_inertia",
+    "falls_link": "hook_mass and hook_inertia",
+    "swing_r_link": "dummy_mass and dummy_inertia",
+    "swing_t_link": "dummy_mass and dummy_inertia",
+    "trolley_link": "trolley_inertia",
+    "payload_link": "payload_inertia",
+}
+"""Arguments of the tower crane of this project that give a link mass and inertia."""
+
+_ARMATURE_ARGUMENTS = {
+    "hoist_joint": "rope_stiffness 0, a rope that does not stretch,",
+    "yaw_joint": "tower_twist_stiffness 0, a tower that does not twist,",
+}
+"""Values of the tower crane of this project with which a joint has no armature."""
 
 
 def state_names(crane: Crane) -> list[str]:
@@ -76,34 +114,174 @@ class ExportedJoint(Joint):
 
 
 def urdf_element(crane: Crane, *, keep_package_meshes: bool = False) -> ET.Element:
-    """Return the crane's URDF as XML, without comments, and without meshes except those of ROS
-    packages on demand, its axes of length one: other programs take a very short axis for none.
+    """Return the crane's URDF as XML, as other programs take it.
 
-    Raises:
-        ModelError: If it has a rope or two falls, whose stiffness changes with their length.
+    Comments are left out, and so are meshes and textures, except those of ROS packages on demand.
+    Axes have length one: other programs take a very short axis for none.
     """
     robot = parse_urdf(crane.urdf, "the crane")
     for link in robot.iterfind("link"):
         for body in [*link.iterfind("visual"), *link.iterfind("collision")]:
             mesh = body.find("geometry/mesh")
-            package_mesh = mesh is not None and mesh.get("filename", "").startswith("package://")
-            if mesh is not None and not (keep_package_meshes and package_mesh):
+            kept = keep_package_meshes and mesh is not None and package_of(mesh)
+            if mesh is not None and not kept:
                 link.remove(body)  # a file of its own
-    for tag, what in (
-        ("ropeStiffness", "rope that stretches"),
-        ("fallSpacing", "load on two falls"),
-    ):
-        if next(robot.iter(tag), None) is not None:
-            raise ModelError(
-                f"The crane has a {what}; no format that is exported knows a stiffness that "
-                "changes with the length."
-            )
+    for material in robot.iter("material"):
+        for texture in material.findall("texture"):
+            if not (keep_package_meshes and package_of(texture)):
+                material.remove(texture)
     for axis in robot.iter("axis"):
         if xyz := axis.get("xyz"):
             numbers = vector(xyz).tolist()
             if not math.isclose(length := math.hypot(*numbers), 1.0):
                 axis.set("xyz", " ".join(repr(number / length) for number in numbers))
     return robot
+
+
+def package_of(element: ET.Element) -> str:
+    """Return the ROS package in which the file of a mesh or texture is, empty if in none."""
+    match = _PACKAGE_FILE.match(element.get("filename", ""))
+    return match[1] if match else ""
+
+
+def remove_control(robot: ET.Element) -> list[str]:
+    """Remove from a URDF, in place, what controls or holds the crane in other programs.
+
+    An exported crane is moved by the interfaces that the exporter writes. A second plugin, or the
+    file of the first one's settings, which is on the machine on which the URDF was written, would
+    act beside them. Removed, too, are tags that make a link move otherwise than in this project,
+    such as one without gravity.
+
+    Returns:
+        A sentence on each element that was removed, for the reader of the export.
+    """
+    notes = []
+    for tag in ("ros2_control", "transmission"):
+        for element in robot.findall(tag):
+            robot.remove(element)
+            if tag == "transmission":
+                notes.append(f"The transmission {quoted(element.get('name', ''))} is replaced.")
+    for block in robot.findall("gazebo"):
+        for child in list(block):
+            name = child.get("name") or child.get("filename") or (child.text or "").strip()
+            where = block.get("reference", "the crane")
+            if child.tag == "plugin":
+                notes.append(f"The plugin {quoted(name)} is left out.")
+            elif child.tag in _GAZEBO_DYNAMICS:
+                notes.append(f"<{child.tag}> {quoted(name)} of {quoted(where)} is left out.")
+            else:
+                continue
+            block.remove(child)
+        if len(block) == 0:
+            robot.remove(block)
+    return notes
+
+
+@dataclass(frozen=True)
+class LengthSpring:
+    """A spring whose stiffness changes with the length of the rope, at one length.
+
+    Attributes:
+        joint: Name of its joint.
+        stiffness: Stiffness at that length [N/m or N m/rad].
+        length: The length [m].
+        pulls_only: Whether it does not push.
+        validity: Where it holds, in whole sentences.
+    """
+
+    joint: str
+    stiffness: float
+    length: float
+    pulls_only: bool
+    validity: str
+
+
+def freeze_length(crane: Crane, robot: ET.Element, program: str) -> LengthSpring | None:
+    """Take the rope, or the two falls, of a URDF as a spring at the length of the start, in place.
+
+    No format that is exported knows a stiffness that changes with the length. The tag of the rope
+    or of the falls is removed from the URDF; its caller writes the spring.
+
+    Args:
+        crane: The crane.
+        robot: Its URDF.
+        program: Program for which it is exported, for the error message.
+
+    Returns:
+        The spring; None if there is neither a rope that stretches nor a load on two falls.
+
+    Raises:
+        ModelError: If the rope does not stretch but goes slack.
+    """
+    for block in robot.findall("gazebo"):
+        for child in [*block.findall("ropeStiffness"), *block.findall("fallSpacing")]:
+            block.remove(child)
+        if len(block) == 0:
+            robot.remove(block)
+    rope, falls = crane.springs.rope, crane.springs.bifilar
+    names = [joint.name for joint in crane.layout.joints]
+    if rope is not None:
+        if rope.inextensible:
+            raise ModelError(
+                f"The crane has a rope that goes slack and does not stretch, which {program} does "
+                "not know; give it a stiffness (rope_stiffness > 0, EA in N) or leave it out "
+                "(rope_stiffness 0)."
+            )
+        length = float(crane.start.q[rope.length])
+        return LengthSpring(
+            names[rope.stretch],
+            float(rope.stiffness) / length,
+            length,
+            True,
+            f"The rope has the stiffness EA/l = {rope.stiffness / length:.9g} N/m of the length "
+            f"l = {length:.9g} m at the start. At another length l the true stiffness is "
+            f"{length:.9g} m/l times that. The force EA (s/l)²/2 of a stretched rope on the hoist, "
+            "with the stretch s, is neglected.",
+        )
+    if falls is not None:
+        length = float(crane.start.q[falls.length])
+        return LengthSpring(
+            names[falls.yaw],
+            float(falls.stiffness) / length,
+            length,
+            False,
+            f"The two falls have the yaw stiffness W a²/l = {falls.stiffness / length:.9g} N m/rad "
+            f"of the length l = {length:.9g} m at the start. At another length l the true "
+            f"stiffness is {length:.9g} m/l times that. The torque is linear in the yaw ψ instead "
+            "of proportional to sin ψ, 1 % too large at 14 degrees, and the lift of the load by "
+            "its yaw is neglected.",
+        )
+    return None
+
+
+def write_length_spring(crane: Crane, robot: ET.Element) -> list[str]:
+    """Write the spring of `freeze_length` into a URDF in the tags of Gazebo, in place.
+
+    Returns:
+        Where the spring holds, a sentence or more; nothing if there is none.
+
+    Raises:
+        ModelError: As `freeze_length`.
+    """
+    spring = freeze_length(crane, robot, "Gazebo")
+    if spring is None:
+        return []
+    block = add(robot, "gazebo", reference=spring.joint)
+    add(block, "springStiffness", repr(spring.stiffness))
+    add(block, "springReference", "0")
+    notes = [spring.validity]
+    if spring.pulls_only:
+        notes.append("The spring also pushes, so it holds only while the rope is taut.")
+    return notes
+
+
+def readme(name: str, notes: Sequence[str]) -> str:
+    """Return the README of an exported folder: its title, and what the export left out."""
+    listed = "".join(f"* {note}\n" for note in notes) or "* Nothing was left out but meshes.\n"
+    return (
+        f"# {name}\n\nA crane, written by cranedyn. What differs from the file of the crane, and "
+        f"where it holds:\n\n{listed}"
+    )
 
 
 def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
@@ -154,34 +332,89 @@ def xml_bytes(root: ET.Element) -> bytes:
     return ET.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def check_inertias(crane: Crane, robot: ET.Element, program: str) -> None:
+def check_inertias(
+    crane: Crane,
+    robot: ET.Element,
+    program: str,
+    *,
+    merged: frozenset[str] = frozenset(),
+    least_mass: float = 0.0,
+) -> None:
     """Check that every moving link has mass and inertia of its own; some engines drop a link
     without them and all that it carries.
 
+    Args:
+        crane: The crane.
+        robot: Its URDF.
+        program: Program for which it is exported, for the error message.
+        merged: Links that need none, since the exporter writes them as one body with the next.
+        least_mass: Mass up to which the program drops a link [kg].
+
     Raises:
-        ModelError: If a link has none; the message names it.
+        OutOfRange: If a link is too light for the program.
+        ModelError: If a link has none; the message names it, and the argument that gives it one.
     """
     names = {joint.name for joint in crane.layout.joints}
     moving = {ends(joint)[1] for joint in robot.iterfind("joint") if joint.get("name") in names}
+    own_crane = "arguments" in crane.record
     for link in robot.iterfind("link"):
-        name, inertial = link.get("name", ""), link.find("inertial")
-        if name not in moving:
+        name = link.get("name", "")
+        if name not in moving or name in merged:
             continue
-        numbers = [
-            float(number)
-            for tag, keys in (("mass", ["value"]), ("inertia", ["ixx", "iyy", "izz"]))
-            for element in ([] if inertial is None else inertial.iterfind(tag))
-            for key in keys
-            if (number := element.get(key)) is not None
-        ]
+        numbers = _mass_and_moments(link)
+        if len(numbers) == 4 and 0.0 < numbers[0] <= least_mass:
+            raise OutOfRange(
+                f"mass of the link {quoted(name)}",
+                numbers[0],
+                f"> {least_mass:g}: {program} drops a lighter link and all that it carries",
+                "kg",
+            )
         if len(numbers) != 4 or min(numbers) <= 0.0:
+            arguments = _MASS_ARGUMENTS.get(name) if own_crane else None
+            advice = f", by {arguments}" if arguments else ""
             raise ModelError(
                 f"The link {quoted(name)} has no mass or no inertia, with which {program} drops "
-                "it; allowed are numbers > 0."
+                f"it; allowed are numbers > 0{advice}."
             )
 
 
-def anchor_to_world(robot: ET.Element, program: str) -> ET.Element:
+def give_light_bodies(crane: Crane, robot: ET.Element) -> None:
+    """Give mass and inertia to the links of a crane by another hand that stand between two axes of
+    one body and have none, in place: programs that read a URDF would drop all that they carry.
+    """
+    if "arguments" in crane.record:
+        return  # a crane of this project, whose arguments give its links a mass
+    carrying = {ends(joint)[0] for joint in robot.iterfind("joint")}
+    for link in robot.iterfind("link"):
+        if link.get("name") in carrying - {"world"} and link.find("inertial") is None:
+            inertia = LIGHT_BODY_INERTIA * np.eye(3)
+            link.append(inertial_element(pin.Inertia(LIGHT_BODY_MASS, np.zeros(3), inertia)))
+
+
+def massless_links(robot: ET.Element) -> frozenset[str]:
+    """Return the names of the links without any mass, inertia or looks."""
+    names = []
+    for link in robot.iterfind("link"):
+        if not any(_mass_and_moments(link)) and link.find("visual") is None:
+            names.append(link.get("name", ""))
+    return frozenset(names)
+
+
+def _mass_and_moments(link: ET.Element) -> list[float]:
+    """Return mass and moments of inertia about the axes of a link, as far as the URDF says them."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return []
+    numbers = []
+    for tag, keys in (("mass", ["value"]), ("inertia", ["ixx", "iyy", "izz"])):
+        for element in inertial.iterfind(tag):
+            for key in keys:
+                if (text := element.get(key)) is not None:
+                    numbers.append(float(text))
+    return numbers
+
+
+def anchor_to_world(crane: Crane, robot: ET.Element, program: str) -> ET.Element:
     """Change a URDF so that Gazebo loads all of it: make the link ``world`` its root, and give
     every link fixed to that an inertial.
 
@@ -195,9 +428,12 @@ def anchor_to_world(robot: ET.Element, program: str) -> ET.Element:
     for joint in robot.iterfind("joint"):
         dynamics = joint.find("dynamics")
         if dynamics is not None and float(dynamics.get("armature", "0")):
+            name = joint.get("name", "")
+            argument = _ARMATURE_ARGUMENTS.get(name) if "arguments" in crane.record else None
+            advice = f", which {argument} gives" if argument else ""
             raise ModelError(
-                f"The joint {quoted(joint.get('name', ''))} has an armature, the inertia of its "
-                "motor, which Gazebo does not know; allowed is 0."
+                f"The joint {quoted(name)} has an armature, the inertia of its motor, which Gazebo "
+                f"does not know; allowed is 0{advice}."
             )
     children = {ends(joint)[1] for joint in robot.iterfind("joint")}
     links = {link.get("name", ""): link for link in robot.iterfind("link")}

@@ -82,7 +82,6 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     Raises:
         DataError: If the extra ``mcap`` is not installed, the ending is not .mcap, or the file
             exists or cannot be written.
-        ModelError: If the crane has a rope that stretches.
         OutOfRange: If the run has no row, begins before time 0, or is of another crane.
     """
     check_installed()

@@ -5,18 +5,23 @@ visuals, and its start as a keyframe.
 from __future__ import annotations
 
 import argparse
+import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from cranedyn.bridges.joints import (
+    LengthSpring,
     add,
     check_inertias,
     ends,
+    freeze_length,
     joints,
+    massless_links,
     urdf_element,
     vector,
     xml_bytes,
@@ -27,13 +32,23 @@ from cranedyn.data.files import with_ending
 from cranedyn.errors import ModelError, quoted
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
+from cranedyn.model.urdf import numbers_text
 
 TARGET = "FILE"
 EXAMPLE = "crane.xml"
 
+SLACK_LENGTH = 1e3
+"""Length by which a rope may be slack in MuJoCo [m]: further than any hoist reaches."""
+
 
 def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
     """Write a crane as an MJCF file.
+
+    A rope that stretches is a tendon that pulls and does not push, and two falls are a spring
+    against the yaw, both with the stiffness of the length at the start; the text ``validity`` in
+    the file says where that holds. Links without mass between two joints become one body with both
+    joints. The number ``JOINT_rate_limit`` is the largest rate of a drive that has one; MuJoCo
+    itself limits no rates.
 
     Its step is that of `simulate`: semi-implicit Euler with damping at the rates before the step.
     Each drive is a motor that takes its effort [N m or N] as control, within the drive's limits;
@@ -48,14 +63,14 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
 
     Raises:
         DataError: If the ending is not .xml, or the file exists or cannot be written.
-        ModelError: If the crane has a moving link without mass or inertia, a shape without size, a
-            mesh, or a rope that stretches.
+        ModelError: If the crane has a moving link without mass or inertia that carries no other, a
+            shape without size, or a rope that goes slack without stretching.
         OutOfRange: If the step is not positive.
     """
     file = with_ending(file, ".xml")
     crane.require_independent_joints("The export to MuJoCo")
     robot = urdf_element(crane)
-    check_inertias(crane, robot, "MuJoCo")
+    check_inertias(crane, robot, "MuJoCo", merged=_merged_links(crane, robot))
     text = xml_bytes(mjcf(crane, robot, number("dt", dt, "s", "> 0")))
     with new_file(file) as draft:
         draft.write_bytes(text)
@@ -78,16 +93,87 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
         for c in m.iterfind("color")
     }
     moving = joints(crane, robot)
+    spring = freeze_length(crane, robot, "MuJoCo")
     _Tree(crane, robot, colours).grow(add(root, "worldbody"))
     actuators = add(root, "actuator")
     for joint in moving:
         if joint.driven:
             name, limits = joint.name.removesuffix("_joint"), f"{-joint.effort!r} {joint.effort!r}"
             add(actuators, "motor", name=name, joint=joint.name, ctrlrange=limits)
+    _add_length_spring(root, spring)
+    _add_rate_limits(root, crane)
     start = " ".join(repr(joint.start) for joint in moving)
     holding = " ".join(repr(joint.holding) for joint in moving if joint.driven)
     add(add(root, "keyframe"), "key", name="start", qpos=start, ctrl=holding)
     return root
+
+
+def _add_length_spring(root: ET.Element, spring: LengthSpring | None) -> None:
+    """Append the spring of a rope or of two falls to a model, and where it holds."""
+    if spring is None:
+        return
+    custom = add(root, "custom")
+    add(custom, "text", name="validity", data=spring.validity)
+    if not spring.pulls_only:
+        joint = root.find(f".//joint[@name={_xpath_text(spring.joint)}]")
+        assert joint is not None  # the tree was grown from the same crane
+        joint.attrib |= {"stiffness": repr(spring.stiffness), "springref": "0"}
+        return
+    # Between the two lengths there is no force: the tendon pulls above 0 and does not push below.
+    tendon = add(
+        add(root, "tendon"),
+        "fixed",
+        name="rope",
+        stiffness=repr(spring.stiffness),
+        springlength=f"{-SLACK_LENGTH!r} 0",
+    )
+    add(tendon, "joint", joint=spring.joint, coef="1")
+
+
+def _xpath_text(name: str) -> str:
+    """Return a name between the quotation marks that it does not hold, for a path in XML."""
+    return f"'{name}'" if "'" not in name else f'"{name}"'
+
+
+def _add_rate_limits(root: ET.Element, crane: Crane) -> None:
+    """Append the rate limits of the drives as custom numbers, which MuJoCo keeps."""
+    for joint, limit in zip(crane.layout.driven, crane.rate_limit.tolist(), strict=True):
+        if math.isfinite(limit):
+            custom = root.find("custom")
+            if custom is None:
+                custom = add(root, "custom")
+            add(custom, "numeric", name=f"{joint.name}_rate_limit", data=repr(limit))
+
+
+def _merged_links(crane: Crane, robot: ET.Element) -> frozenset[str]:
+    """Return the links that are written as one body with the next: those that move, have no mass
+    and no looks, and carry exactly one other link.
+    """
+    moving = {joint.name for joint in crane.layout.joints}
+    parents = []
+    candidates = massless_links(robot)
+    below = set()
+    for joint in robot.iterfind("joint"):
+        parent, child = ends(joint)
+        parents.append(parent)
+        if joint.get("name") in moving:
+            below.add(child)
+    return frozenset(name for name in candidates & below if parents.count(name) == 1)
+
+
+@dataclass(frozen=True)
+class _PendingJoint:
+    """A joint above a link without mass, to be written in the body of the next link.
+
+    Attributes:
+        index: Index of its coordinate.
+        anchor: Its origin in the frame of that body [m].
+        direction: Its axis in that frame.
+    """
+
+    index: int
+    anchor: np.ndarray
+    direction: np.ndarray
 
 
 class _Tree:
@@ -97,6 +183,7 @@ class _Tree:
         self.links = {link.get("name", ""): link for link in robot.iterfind("link")}
         self.moving = {joint.name: i for i, joint in enumerate(crane.layout.joints)}
         self.crane, self.colours = crane, colours
+        self.merged = _merged_links(crane, robot)
         self.children: dict[str, list[tuple[str, ET.Element]]] = {}
         below = set()
         for joint in robot.iterfind("joint"):
@@ -114,12 +201,42 @@ class _Tree:
         for visual in self.links[link].iterfind("visual"):
             self._geom(body, visual, link)
         for child, joint in self.children.get(link, []):
-            inner = add(body, "body", name=child, **_pose(joint))
-            if (i := self.moving.get(joint.get("name", ""))) is not None:
-                inner.append(_joint(self.crane, i, joint.find("axis")))
-            if (inertial := self.links[child].find("inertial")) is not None:
-                inner.append(_inertial(inertial))
-            self._fill(inner, child)
+            self._add_body(body, child, joint)
+
+    def _add_body(self, body: ET.Element, child: str, joint: ET.Element) -> None:
+        """Append the body of a link to that of its parent.
+
+        MuJoCo takes no moving body without mass. Its joints, which act in their order, are
+        written in the next body instead, in whose frame they stand where they stood.
+        """
+        pending: list[_PendingJoint] = []
+        placement = pin.SE3.Identity()
+        while child in self.merged:
+            step = _placement(joint)
+            pending = _seen_from(pending, step)
+            index = self.moving[joint.get("name", "")]
+            pending.append(_PendingJoint(index, np.zeros(3), _direction(joint)))
+            placement = placement * step
+            ((child, joint),) = self.children[child]
+        inner = add(body, "body", name=child)
+        if pending:
+            step = _placement(joint)
+            placement = placement * step
+            x, y, z, w = pin.Quaternion(placement.rotation).coeffs().tolist()
+            inner.set("pos", numbers_text(placement.translation))
+            inner.set("quat", f"{w!r} {x!r} {y!r} {z!r}")
+            for above in _seen_from(pending, step):
+                element = _joint(self.crane, above.index, None)
+                element.set("axis", numbers_text(above.direction))
+                element.set("pos", numbers_text(above.anchor))
+                inner.append(element)
+        else:
+            inner.attrib |= _pose(joint)
+        if (i := self.moving.get(joint.get("name", ""))) is not None:
+            inner.append(_joint(self.crane, i, joint.find("axis")))
+        if (inertial := self.links[child].find("inertial")) is not None:
+            inner.append(_inertial(inertial))
+        self._fill(inner, child)
 
     def _geom(self, body: ET.Element, visual: ET.Element, link: str) -> None:
         for shape in visual.iterfind("geometry/*"):
@@ -149,6 +266,28 @@ def _pose(element: ET.Element) -> dict[str, str]:
     origin = element.find("origin")
     pose = {} if origin is None else {"pos": origin.get("xyz", ""), "euler": origin.get("rpy", "")}
     return {name: " ".join(text.split()) for name, text in pose.items() if text}
+
+
+def _placement(joint: ET.Element) -> pin.SE3:
+    """Return the placement of a joint of a URDF in its parent link."""
+    pose = _pose(joint)
+    turn = pin.rpy.rpyToMatrix(vector(pose.get("euler", "0 0 0")))
+    return pin.SE3(turn, vector(pose.get("pos", "0 0 0")))
+
+
+def _direction(joint: ET.Element) -> np.ndarray:
+    """Return the axis of a joint of a URDF, shape (3,)."""
+    axis = joint.find("axis")
+    return vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
+
+
+def _seen_from(pending: Sequence[_PendingJoint], step: pin.SE3) -> list[_PendingJoint]:
+    """Return joints in a frame that is placed in theirs."""
+    seen = []
+    for joint in pending:
+        direction = step.rotation.T @ joint.direction
+        seen.append(_PendingJoint(joint.index, step.actInv(joint.anchor), direction))
+    return seen
 
 
 def _joint(crane: Crane, i: int, axis: ET.Element | None) -> ET.Element:

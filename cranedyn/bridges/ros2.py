@@ -13,12 +13,18 @@ from pathlib import Path
 
 from cranedyn.bridges.gazebo import world
 from cranedyn.bridges.joints import (
+    GAZEBO_LEAST_MASS,
     ExportedJoint,
     add,
     anchor_to_world,
     check_inertias,
+    give_light_bodies,
     joints,
+    package_of,
+    readme,
+    remove_control,
     urdf_element,
+    write_length_spring,
     xml_bytes,
 )
 from cranedyn.bridges.target import new_folder
@@ -64,7 +70,10 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
     Only the drives have command interfaces; the passive joints have states, position and velocity,
     so that nothing overwrites their swing. Initial values put every joint into its range and let
     each drive exert, until its first command, the effort that holds the crane there. The URDF has
-    no comments, and of meshes those of ROS packages; gravity acts on all links.
+    no comments, and of meshes those of ROS packages, on which the package then depends; gravity
+    acts on all links. Plugins and transmissions of the crane's own file are replaced. A load on two
+    falls has the yaw stiffness of the length at the start. The package's README.md says what was
+    left out, and where the stiffness holds.
 
     Args:
         folder: New folder.
@@ -74,9 +83,10 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
         dt: Physics step of the worlds [s].
 
     Raises:
-        DataError: If the folder exists or cannot be written, or ROS does not allow the name.
+        DataError: If the folder exists or cannot be written, ROS does not allow the name, or it is
+            the name of a package with meshes of the crane.
         ModelError: If the crane has a link without mass or inertia, a joint with an armature, or
-            a rope that stretches.
+            a rope that goes slack without stretching.
         OutOfRange: If the step is not positive.
     """
     folder = Path(folder)
@@ -88,11 +98,19 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
             "single underlines."
         )
     number("dt", dt, "s", "> 0")
-    robot = anchor_to_world(urdf_element(crane, keep_package_meshes=True), "ROS")
-    check_inertias(crane, robot, "Gazebo")
+    robot = urdf_element(crane, keep_package_meshes=True)
+    mesh_packages = _mesh_packages(robot)
+    if name in mesh_packages:
+        raise DataError(
+            f"Meshes of the crane are in the ROS package {name}, which a new package of this name "
+            "would hide; choose another name (--name)."
+        )
+    notes = remove_control(robot)
+    notes += write_length_spring(crane, robot)
+    anchor_to_world(crane, robot, "ROS")
+    give_light_bodies(crane, robot)
+    check_inertias(crane, robot, "Gazebo", least_mass=GAZEBO_LEAST_MASS)
     moving = joints(crane, robot)
-    for tag in robot.findall("ros2_control"):
-        robot.remove(tag)
     robot.append(_control(moving))
     name_of_plugin = "gz_ros2_control::GazeboSimROS2ControlPlugin"
     plugin = add(
@@ -110,8 +128,9 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
         (draft / "config" / "controllers.yaml").write_text(
             _controllers([joint.name for joint in moving if joint.driven])
         )
+        (draft / "README.md").write_text(readme(name, notes), encoding="utf-8")
         trees = {
-            "package.xml": _package(name),
+            "package.xml": _package(name, mesh_packages),
             "urdf/crane.urdf": robot,
             "worlds/crane.sdf": _gz_world(crane, dt),
             "worlds/classic.sdf": world(crane.gravity, dt, "world", 0.8),
@@ -164,17 +183,30 @@ def _yaml(name: str) -> str:
     return f'"{"".join(plain)}"'
 
 
-def _package(name: str) -> ET.Element:
+def _mesh_packages(robot: ET.Element) -> list[str]:
+    """Return the names of the ROS packages in which meshes and textures of a URDF are."""
+    packages = set()
+    for tag in ("mesh", "texture"):
+        for element in robot.iter(tag):
+            packages.add(package_of(element))
+    return sorted(packages - {""})
+
+
+def _package(name: str, mesh_packages: Sequence[str]) -> ET.Element:
+    """Return the package.xml of a package that also uses other packages with meshes."""
     package = ET.Element("package", format="3")
     add(package, "name", name)
     add(package, "version", "0.1.0")
-    about = "A tower crane, three driven and two passive joints, written by cranedyn."
+    about = "A crane with driven and passive joints, written by cranedyn."
     add(package, "description", about)
     add(package, "maintainer", "nobody", email="nobody@example.org")
     add(package, "license", "MIT")
     add(package, "buildtool_depend", "ament_cmake")
     for dependency in DEPENDENCIES:
         add(package, "exec_depend", dependency)
+    for dependency in mesh_packages:
+        if dependency not in DEPENDENCIES:
+            add(package, "exec_depend", dependency)
     add(add(package, "export"), "build_type", "ament_cmake")
     return package
 

@@ -47,6 +47,7 @@ class CraneValues(TypedDict, total=False):
     payload_izz: float  # kg m^2
 
     hook_mass: float  # kg
+    hook_inertia: float  # kg m^2
     sling_length: float  # m
     damp_sling: float  # N m s/rad
     lug_height: float  # m

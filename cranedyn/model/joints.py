@@ -336,9 +336,10 @@ def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tup
         points.append(Point("trolley" if "trolley" in roles else "pivot", swings[0], np.zeros(3)))
     if "hoist" in roles:
         hook = roles.index("hoist")
-        below = joints[hook + 1] if hook < payload else joints[hook]
-        # the stretch of the rope, or the yaw on two falls
-        hook += not below.driven and abs(below.axis[2]) >= ALIGNED
+        if hook < payload:
+            below = joints[hook + 1]
+            # the stretch of the rope, or the yaw on two falls
+            hook += not below.driven and abs(below.axis[2]) >= ALIGNED
         if hook != payload:
             points.append(centre("hook", hook))
     return tuple(points)

@@ -41,6 +41,7 @@ from cranedyn.model.machines import read_machine
 from cranedyn.model.mimics import coupling_of, limit_leaders, read_mimics
 from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.pendulum import pendulum_note
+from cranedyn.model.sdf import read_sdf
 from cranedyn.model.springs import read_springs
 from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
 from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
@@ -54,6 +55,9 @@ _RECORD_TYPES = {
     "check_axes": bool,
 }
 """Entries of a record of a crane and their types."""
+
+_FOREIGN_FORMATS = {"mujoco": read_mjcf, "sdf": read_sdf}
+"""Readers of other formats than URDF by the tag of their root."""
 
 _LEAST_EIGENVALUE = 1e-10
 """Least eigenvalue of the scaled mass matrix, so that its inverse keeps some digits of a double."""
@@ -110,8 +114,9 @@ def load_crane(
 
     Args:
         urdf: A ``.xacro`` file, which is expanded and may run any Python expression: load only
-            files whose programs you would run, too. Any other file is plain URDF or MJCF: nothing
-            in it is run, fetched or read from elsewhere. None is the tower crane of this project.
+            files whose programs you would run, too. Any other file is plain URDF, MJCF or SDF:
+            nothing in it is run, fetched or read from elsewhere. None is the tower crane of this
+            project.
         machine: Name of a machine of the library, see `cranedyn.model.machines`; values change
             those of the machine.
         from_record: A Parquet file of a run, an identified twin (``.json``), or the `record` of a
@@ -199,10 +204,10 @@ def _foreign_crane(
     swing: bool | Mapping[str, float],
     locked: Locked,
 ) -> Crane:
-    """Return the crane of a foreign URDF or MJCF, completed."""
+    """Return the crane of a foreign URDF, MJCF or SDF, completed."""
     robot, notes = parse_urdf(text, path), list[str]()
-    if robot.tag == "mujoco":
-        foreign = read_mjcf(robot, path)
+    if robot.tag in _FOREIGN_FORMATS:
+        foreign = _FOREIGN_FORMATS[robot.tag](robot, path)
         robot, notes = foreign.robot, foreign.notes
         options = options.in_gravity(foreign.gravity, path)
     check_urdf(robot, path)

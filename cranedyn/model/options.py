@@ -20,7 +20,7 @@ def add_crane_options(parser: argparse._ActionsContainer) -> None:
     """
     add, text = parser.add_argument, "a real crane; describe --machines names all"
     add("--machine", metavar="NAME", help=text)
-    text = "another crane: a plain URDF or MJCF, or a .xacro that you trust"
+    text = "another crane: a plain URDF, MJCF or SDF, or a .xacro that you trust"
     add("--urdf", metavar="FILE", help=text)
     text = "hang the hook of that URDF on a rope; length:=, mass:= and damping:= may be given"
     add("--swing", nargs="*", metavar="name:=value", help=text)

@@ -113,10 +113,12 @@ class Springs:
         )
 
     def carrying(self, model: pin.Model) -> Springs:
-        """Return springs whose two falls carry the weight that a model has below them."""
+        """Return springs whose two falls carry the weight that a model has below them: all that
+        the joint of their length moves, whether it yaws or not.
+        """
         if (falls := self.bifilar) is None:
             return self
-        mass = sum(model.inertias[body].mass for body in list(model.subtrees[falls.yaw + 1]))
+        mass = sum(model.inertias[body].mass for body in list(model.subtrees[falls.length + 1]))
         weight = -float(model.gravity.linear[2]) * mass
         stiffness = weight * (0.5 * falls.spacing) ** 2
         return replace(self, bifilar=falls._replace(stiffness=stiffness))

@@ -5,9 +5,9 @@ prints, its files are whole or not there.
 from __future__ import annotations
 
 import csv
+import math
 import re
 import shlex
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +15,7 @@ import pytest
 from benchmarks import bridges
 from cranedyn import plugins
 from cranedyn.__main__ import main
-from cranedyn.bridges.joints import urdf_element
+from cranedyn.bridges import mjcf, ros2
 from cranedyn.bridges.target import new_file, new_folder
 from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
@@ -166,10 +166,27 @@ def test_a_target_that_exists_stays_as_it_is(
     assert target.read_text() == "mine"
 
 
-def test_a_crane_with_a_rope_that_stretches_or_with_two_falls_is_refused() -> None:
-    tag = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'
-    text = load_crane().urdf.replace("</robot>", tag)
-    with pytest.raises(CraneError, match="has a rope that stretches"):
-        urdf_element(replace(load_crane(), urdf_source=lambda: text))
-    with pytest.raises(CraneError, match="has a load on two falls"):
-        urdf_element(load_crane(fall_spacing=2.0))
+def test_a_rope_that_goes_slack_without_stretching_is_refused_with_the_number_that_helps(
+    tmp_path: Path,
+) -> None:
+    crane = load_crane(rope_stiffness=math.inf)
+    for exporter, target in ((mjcf, "crane.xml"), (ros2, "crane")):
+        with pytest.raises(CraneError, match=r"goes slack .* \(rope_stiffness > 0, EA in N\)"):
+            exporter.export(tmp_path / target, crane)
+
+
+def test_a_link_without_inertia_is_refused_with_the_argument_that_gives_it_one(
+    tmp_path: Path,
+) -> None:
+    message = "link hook_link has no mass or no inertia, .* by hook_mass and hook_inertia"
+    point, solid = load_crane(hook_mass=200.0), load_crane(hook_mass=200.0, hook_inertia=20.0)
+    for exporter, target in ((mjcf, "crane.xml"), (ros2, "crane")):
+        with pytest.raises(CraneError, match=message):
+            exporter.export(tmp_path / target, point)
+        assert exporter.export(tmp_path / target, solid).exists()
+
+
+def test_a_crane_of_another_file_is_told_no_argument_of_the_tower_crane(tmp_path: Path) -> None:
+    (tmp_path / "other.urdf").write_text(load_crane(hook_mass=200.0).urdf)
+    with pytest.raises(CraneError, match=r"allowed are numbers > 0\.$"):
+        mjcf.export(tmp_path / "crane.xml", load_crane(tmp_path / "other.urdf"))

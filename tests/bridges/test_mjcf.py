@@ -189,3 +189,114 @@ def test_an_axis_of_any_length_is_the_same_axis(length: str, tmp_path: Path) -> 
     (tmp_path / "usual").mkdir()
     _, usual, _ = opened(tmp_path / "usual", load_crane())
     assert np.array_equal(model.jnt_axis, usual.jnt_axis)
+
+
+def accelerations_there_and_here(
+    engine: tuple[Any, Any, Any], c: Crane, state: State, effort: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the accelerations of MuJoCo, and those of Pinocchio under efforts on the joints."""
+    mujoco, model, data = engine
+    data.qpos[:], data.qvel[:] = state
+    mujoco.mj_forward(model, data)
+    here = pin.aba(c.model, c.data, state.q, state.v, effort - c.damping * state.v)
+    return data.qacc.copy(), here
+
+
+def state_at_length(c: Crane, stretch: float = 0.0) -> State:
+    """Return a moving state with the rope as long as at the start."""
+    rng = np.random.default_rng(3)
+    q = c.start.q + 0.1 * rng.normal(size=c.layout.n)
+    length = c.layout.index("l")
+    q[length] = c.start.q[length]
+    if c.springs.rope is not None:
+        q[c.springs.rope.stretch] = stretch
+    return State(q, 0.3 * rng.normal(size=c.layout.n))
+
+
+def test_a_double_pendulum_with_a_solid_hook_moves_as_here(tmp_path: Path) -> None:
+    c = load_crane(hook_mass=200.0, hook_inertia=20.0, damp_sling=3.0)
+    state = state_at_length(c)
+    there, here = accelerations_there_and_here(opened(tmp_path, c), c, state, np.zeros(c.layout.n))
+    assert_allclose(there, here, rtol=0.0, atol=1e-12 * np.abs(here).max())  # rounding
+
+
+@pytest.mark.parametrize("stretch", [0.02, -0.02])
+def test_a_rope_that_stretches_pulls_as_here_and_pushes_as_little(
+    stretch: float, tmp_path: Path
+) -> None:
+    c = load_crane(rope_stiffness=1e7, rope_damping=500.0)
+    state = state_at_length(c, stretch)
+    rope = c.springs.rope
+    assert rope is not None
+    effort = c.springs.effort(state.q)
+    # What the text in the file says is neglected: the derivative of EA s²/(2 l) by l.
+    strain = max(stretch, 0.0) / state.q[rope.length]
+    effort[rope.length] -= 0.5 * rope.stiffness * strain * strain
+    engine = opened(tmp_path, c)
+    there, here = accelerations_there_and_here(engine, c, state, effort)
+    assert_allclose(there, here, rtol=0.0, atol=1e-12 * np.abs(here).max())  # rounding
+    assert effort[rope.stretch] == pytest.approx(-1e7 / 15.0 * 0.02 if stretch > 0.0 else 0.0)
+    text = ET.parse(tmp_path / "crane.xml").find("custom/text[@name='validity']")
+    assert text is not None
+    assert "EA/l = 666666.667 N/m of the length l = 15 m" in text.get("data", "")
+
+
+def test_a_crane_with_a_rope_that_stretches_hangs_still_from_its_keyframe_on(
+    tmp_path: Path,
+) -> None:
+    c = load_crane(rope_stiffness=1e7, rope_damping=500.0)
+    mujoco, model, data = opened(tmp_path, c)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    start = data.qpos.copy()
+    assert start.tolist() == c.start.q.tolist()
+    mujoco.mj_step(model, data, 2000)
+    # For 1 s the hoist falls by the force that is neglected, EA (s/l)²/2, on drum and load, half of
+    # which swings: t² F / (2 m) bounds it, with the drum of 5000 kg alone.
+    rope = c.springs.rope
+    assert rope is not None
+    strain = start[rope.stretch] / start[rope.length]
+    assert np.abs(data.qpos - start).max() <= 0.5 * rope.stiffness * strain**2 / 2.0 / 5000.0
+
+
+def test_two_falls_resist_yaw_as_here_for_small_yaws(tmp_path: Path) -> None:
+    c = load_crane(fall_spacing=1.0, hook_mass=200.0, hook_inertia=20.0)
+    state = state_at_length(c)
+    falls = c.springs.bifilar
+    assert falls is not None
+    effort = np.zeros(c.layout.n)
+    # What the text in the file says: W a²/l, linear in the yaw, and no lift.
+    weight = 1200.0 * c.gravity
+    effort[falls.yaw] = -weight * 0.5**2 / 15.0 * state.q[falls.yaw]
+    there, here = accelerations_there_and_here(opened(tmp_path, c), c, state, effort)
+    assert_allclose(there, here, rtol=0.0, atol=1e-11 * np.abs(here).max())  # rounding
+
+
+TURNED = """<robot name="turned"><link name="world"/>
+<link name="between"/>
+<link name="load"><inertial><origin xyz="0.1 0.2 -1"/><mass value="3"/>
+<inertia ixx="0.2" iyy="0.3" izz="0.25" ixy="0.01" ixz="0" iyz="0"/></inertial></link>
+<joint name="first" type="revolute"><parent link="world"/><child link="between"/>
+<origin xyz="1 2 3" rpy="0.3 0.4 0.5"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="10" velocity="2"/></joint>
+<joint name="second" type="prismatic"><parent link="between"/><child link="load"/>
+<origin xyz="0.3 -0.2 0.5" rpy="-0.7 0.2 0.9"/><axis xyz="0.6 0 0.8"/>
+<limit lower="-2" upper="2" effort="10" velocity="3"/></joint></robot>"""
+"""A link without mass between two joints whose frames are turned and apart."""
+
+
+def test_a_link_without_mass_is_one_body_with_the_next_and_moves_as_here(tmp_path: Path) -> None:
+    (tmp_path / "turned.urdf").write_text(TURNED)
+    c = load_crane(tmp_path / "turned.urdf", driven=["second"])
+    engine = opened(tmp_path, c)
+    _, model, data = engine
+    assert [model.joint(i).name for i in range(model.njnt)] == ["first", "second"]
+    assert model.nbody == 2
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        state = State(rng.uniform(-1.5, 1.5, size=2), rng.normal(size=2))
+        there, here = accelerations_there_and_here(engine, c, state, np.zeros(2))
+        assert_allclose(there, here, rtol=0.0, atol=1e-12 * np.abs(here).max())  # rounding
+        load = pin.Data(c.model)
+        pin.forwardKinematics(c.model, load, state.q)
+        assert_allclose(data.body("load").xpos, load.oMi[2].translation, atol=1e-12)
+    assert model.numeric("second_rate_limit").data.tolist() == [3.0]

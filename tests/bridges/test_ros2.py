@@ -14,17 +14,20 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.bridges import ros2
+from cranedyn.bridges import gazebo, ros2
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.pinocchio import full
-from cranedyn.errors import ModelError
+from cranedyn.errors import DataError, ModelError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from tests.helpers import ROOT, files, quickly
+from tests.model.test_sdf import BRIDGE
+from tests.oracles.sdf import build_probe, dynamics, read_with_libsdformat
 from tests.system.test_cross_engines import DT, PERIOD
 
 DRIVES = ["yaw_joint", "trolley_joint", "hoist_joint"]
@@ -443,3 +446,148 @@ def test_a_crane_that_hangs_on_another_root_is_hung_on_the_world(tmp_path: Path)
     parent = "joint[@name='fixed_to_the_world']/parent[@link='world']"
     assert ET.parse(path).getroot().find(parent) is not None
     assert load_crane(path).model.nq == 5
+
+
+OWN_CONTROL = """<transmission name="slew_gear"><joint name="yaw_joint"/></transmission>
+<gazebo><plugin filename="libgz_ros2_control-system.so" name="gz_ros2_control::Theirs">
+<parameters>/home/somebody/ws/config/controllers.yaml</parameters></plugin></gazebo>
+<gazebo reference="hook_link"><turnGravityOff>true</turnGravityOff><mu1>0.2</mu1></gazebo>
+</robot>"""
+"""Control of the file's own, with a path of a machine, and a link without gravity."""
+
+
+@pytest.mark.parametrize("exporter", ["ros2", "gazebo"])
+def test_control_of_the_file_is_replaced_and_named(exporter: str, tmp_path: Path) -> None:
+    (tmp_path / "crane.urdf").write_text(describe().replace("</robot>", OWN_CONTROL))
+    crane, folder = load_crane(tmp_path / "crane.urdf"), tmp_path / "out"
+    if exporter == "ros2":
+        urdf = ros2.export(folder, crane) / "urdf" / "crane.urdf"
+    else:
+        program = gazebo.Program(crane, hold_controller(crane), None, crane.start, 1.0)
+        urdf = gazebo.export(folder, program) / "models" / "crane" / "model.urdf"
+    robot = ET.parse(urdf).getroot()
+    ours = {"ros2": "gz_ros2_control::GazeboSimROS2ControlPlugin", "gazebo": "drives"}[exporter]
+    plugins = robot.findall("gazebo/plugin")
+    assert [plugin.get("name") for plugin in plugins] == [ours]
+    assert robot.find("transmission") is None
+    assert robot.find(".//turnGravityOff") is None
+    assert robot.find("gazebo[@reference='hook_link']/mu1") is not None
+    assert "/home/somebody" not in urdf.read_text()
+    readme = (folder / "README.md").read_text()
+    assert "The plugin gz_ros2_control::Theirs is left out." in readme
+    assert "The transmission slew_gear is replaced." in readme
+    assert "<turnGravityOff> true of hook_link is left out." in readme
+
+
+def with_meshes(folder: Path, *names: str) -> Path:
+    """Write the tower crane with meshes, or with a texture for names that are of pictures."""
+    text = describe()
+    for name in names:
+        if name.endswith(".png"):
+            paint = f'<material name="paint"><texture filename="{name}"/></material>'
+            looks = f'<visual><geometry><sphere radius="1"/></geometry>{paint}</visual></link>'
+        else:
+            looks = f'<visual><geometry><mesh filename="{name}"/></geometry></visual></link>'
+        text = text.replace("</link>", looks, 1)
+    (folder / "meshes.urdf").write_text(text)
+    return folder / "meshes.urdf"
+
+
+def test_the_package_depends_on_the_packages_whose_meshes_it_keeps(tmp_path: Path) -> None:
+    path = with_meshes(
+        tmp_path,
+        "package://site_parts/meshes/hook.stl",
+        "package://Older-Parts/jib.dae",
+        "package://paints/red.png",
+        "/home/somebody/mast.stl",
+        "/home/somebody/blue.png",
+    )
+    folder = ros2.export(tmp_path / "out", load_crane(path))
+    needed = [entry.text for entry in ET.parse(folder / "package.xml").iter("exec_depend")]
+    assert needed == [*ros2.DEPENDENCIES, "Older-Parts", "paints", "site_parts"]
+    assert "/home/somebody" not in (folder / "urdf" / "crane.urdf").read_text()
+
+
+def test_a_package_that_would_hide_that_of_its_meshes_is_refused(tmp_path: Path) -> None:
+    crane = load_crane(with_meshes(tmp_path, "package://site_parts/hook.stl"))
+    with pytest.raises(DataError, match=r"in the ROS package site_parts, .* \(--name\)"):
+        ros2.export(tmp_path / "site_parts", crane)
+    ros2.export(tmp_path / "site_parts", crane, name="site_crane")
+
+
+def test_two_falls_are_exported_with_the_stiffness_of_the_length_at_the_start(
+    tmp_path: Path,
+) -> None:
+    crane = load_crane(fall_spacing=1.0, hook_mass=200.0, hook_inertia=20.0, hoist_init=10.0)
+    folder = ros2.export(tmp_path / "out", crane)
+    same = load_crane(folder / "urdf" / "crane.urdf")
+    yaw = same.layout.index("load_yaw")
+    # a closed form: weight times the square of half the spacing over the length
+    assert same.springs.stiffness[yaw] == pytest.approx(1200.0 * same.gravity * 0.25 / 10.0)
+    assert same.springs.bifilar is None
+    assert "of the length l = 10 m at the start" in (folder / "README.md").read_text()
+
+
+def test_a_double_pendulum_on_two_falls_weighs_in_dart_what_it_weighs_here(tmp_path: Path) -> None:
+    dart = pytest.importorskip(
+        "dartpy", reason="dartpy is not installed: pip install 'cranedyn[dart]'"
+    )
+    crane = load_crane(fall_spacing=1.0, hook_mass=200.0, hook_inertia=20.0)
+    urdf = ros2.export(tmp_path / "out", crane) / "urdf" / "crane.urdf"
+    skeleton = dart.utils.DartLoader().parseSkeleton(str(urdf))
+    q = crane.start.q + 0.1 * np.random.default_rng(1).normal(size=crane.layout.n)
+    skeleton.setPositions(q)
+    expected = pin.crba(crane.model, crane.data, q)
+    expected = np.triu(expected) + np.triu(expected, 1).T
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    # rounding
+    assert (np.abs(skeleton.getMassMatrix() - expected) <= 1e-12 * size).all()
+
+
+def test_a_rope_that_stretches_is_refused_where_the_drum_is_unknown(tmp_path: Path) -> None:
+    crane = load_crane(rope_stiffness=1e7)
+    with pytest.raises(ModelError, match=r"hoist_joint has an armature, .* rope_stiffness 0"):
+        ros2.export(tmp_path / "out", crane)
+
+
+@pytest.mark.slow
+def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_path: Path) -> None:
+    probe = build_probe(tmp_path)
+    (tmp_path / "bridge.sdf").write_text(BRIDGE)
+    cranes = {
+        "usual": load_crane(),
+        "hook": load_crane(hook_mass=200.0, hook_inertia=20.0, damp_sling=3.0),
+        "light body": load_crane(tmp_path / "bridge.sdf"),
+        "falls": load_crane(hook_mass=200.0, hook_inertia=20.0, fall_spacing=1.0),
+    }
+    for name, crane in cranes.items():
+        urdf = ros2.export(tmp_path / name, crane) / "urdf" / "crane.urdf"
+        tree = read_with_libsdformat(probe, urdf)
+        joints = [joint.name for joint in crane.layout.joints]
+        assert sorted(tree.screws) == sorted(joints)
+        q = crane.start.q + 0.1
+        mass, weight = dynamics(tree, joints, q, crane.gravity)
+        expected = pin.crba(crane.model, crane.data, q)
+        expected = np.triu(expected) + np.triu(expected, 1).T
+        # rounding: some ten products of matrices
+        assert_allclose(mass, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+        gravity = pin.computeGeneralizedGravity(crane.model, crane.data, q)
+        assert_allclose(weight, gravity, rtol=0.0, atol=1e-13 * np.abs(gravity).max())
+        assert [tree.springs[joint][2] for joint in joints] == crane.damping.tolist()
+    # a closed form: weight times the square of half the spacing over the length
+    stiffness = 1200.0 * crane.gravity * 0.25 / 15.0
+    assert tree.springs["load_yaw_joint"][0] == pytest.approx(stiffness)
+
+
+@pytest.mark.parametrize("exporter", ["ros2", "gazebo"])
+def test_a_link_so_light_that_gazebo_drops_it_and_all_below_is_refused(
+    exporter: str, tmp_path: Path
+) -> None:
+    (tmp_path / "light.urdf").write_text(load_crane(dummy_mass=1e-6).urdf)
+    crane = load_crane(tmp_path / "light.urdf")
+    with pytest.raises(OutOfRange, match=r"swing_r_link is 1e-06 kg; allowed is > 1e-06: Gazebo"):
+        if exporter == "ros2":
+            ros2.export(tmp_path / "out", crane)
+        else:
+            program = gazebo.Program(crane, hold_controller(crane), None, crane.start, 1.0)
+            gazebo.export(tmp_path / "out", program)

@@ -370,9 +370,20 @@ REFUSALS = {
     ),
     "not XML": (lambda u: "solid crane", "is not XML"),
     "half a file": (lambda u: u[:5000], "is not XML"),
-    "no robot": (lambda u: "<sdf/>", "is not a URDF that can be loaded"),
+    "no robot": (lambda u: "<scene/>", "is not a URDF that can be loaded"),
     "empty": (lambda u: "", "is not XML"),
 }
+
+
+def test_a_crane_whose_hoist_no_drive_moves_has_its_payload_as_the_last_point(
+    tmp_path: Path,
+) -> None:
+    text = describe()
+    control = text[text.index("<ros2_control") : text.index("</ros2_control>")]
+    path = tmp_path / "free.urdf"
+    path.write_text(text.replace(f"{control}</ros2_control>", ""))
+    crane = load_crane(path, driven=["yaw_joint", "trolley_joint"])
+    assert [point.name for point in crane.points] == ["payload", "trolley"]
 
 
 @pytest.mark.parametrize(("change", "sentence"), REFUSALS.values(), ids=REFUSALS)

@@ -49,6 +49,7 @@ from experiments import a1, a2, a3, harness, report
 from experiments.harness.document import read_document
 from tests.helpers import RESULT
 from tests.model.mjcf_models import random_model
+from tests.model.test_sdf import BRIDGE
 from tests.studies import squares
 from tests.system.fuzz.api import namespace
 from tests.system.fuzz.core import NUMBERS, Broken, Generator, check_line, outcome
@@ -130,7 +131,9 @@ def check_finite(what: str, *numbers: Any) -> None:
 
 @cache
 def _cranes() -> dict[str, bytes]:
-    """The crane with two shapes to a link, so that most of the text counts; and a xacro of it."""
+    """The crane with two shapes to a link, so that most of the text counts; a xacro of it; and an
+    overhead crane in SDF.
+    """
     robot = ET.fromstring(describe())
     for link in robot.iterfind("link"):
         for shape in link.findall("visual")[2:]:
@@ -139,7 +142,11 @@ def _cranes() -> dict[str, bytes]:
     xacro = text.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
     argument = '<xacro:arg name="mass" default="1000.0"/><link'
     xacro = xacro.replace("<link", argument, 1).replace('"1000.0" />', '"$(arg mass)"/>')
-    return {"crane.urdf": text.encode(), "crane.xacro": xacro.encode()}
+    return {
+        "crane.urdf": text.encode(),
+        "crane.xacro": xacro.encode(),
+        "crane.sdf": BRIDGE.encode(),
+    }
 
 
 def _use_crane(path: Path) -> None:

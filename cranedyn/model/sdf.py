@@ -1,0 +1,765 @@
+"""A crane in SDF, the format of Gazebo and gz sim, as a URDF of its joints and masses.
+
+SDF places links, joints and free frames by poses that may be written relative to each other, while
+a URDF places each joint in its parent link and each link at its joint. The poses of both formats
+hold with all joints at zero, so the reader resolves every SDF pose to the world first and then
+expresses it in the links of the URDF.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.errors import ModelError, OutOfRange, quoted
+from cranedyn.model.crane import NO_RATE_LIMIT
+from cranedyn.model.foreign import ForeignModel
+from cranedyn.model.sdf_frames import (
+    FRAME_SEMANTICS_VERSION,
+    SdfFrame,
+    SdfFrames,
+    child_text,
+    is_true,
+)
+from cranedyn.model.urdf import are_numbers, inertial_element, numbers_text, set_placement
+
+JOINT_FRAME_AXES_VERSION = 5
+"""Version 1.x from which an axis is written in the joint frame unless it says otherwise; before, it
+is written in the model frame."""
+
+DEFAULT_GRAVITY = 9.8
+"""Gravity of a world that says none [m/s²], by the specification."""
+
+INFINITE_LIMIT = 1e16
+"""Limit from which on a joint has no end [rad or m], by the specification."""
+
+SLIDE_REACH = 1e3
+"""Range to the side of a sliding joint at which it has no end [m]."""
+
+TURN_REACH = 31.4159
+"""Range to the side of a turning joint at which it has no end [rad], as that of a continuous joint.
+"""
+
+LIGHT_MASS = 1e-5
+"""Mass of the body between the two axes of a joint [kg]: other programs drop a link without one, as
+Gazebo does with one of at most 1e-6 kg."""
+
+LIGHT_INERTIA = 1e-9
+"""Moment of inertia of the body between the two axes of a joint [kg m²]."""
+
+_WORLD_CHILDREN = (
+    "gravity magnetic_field atmosphere gui physics scene light frame model joint actor plugin road "
+    "spherical_coordinates state population audio wind include"
+)
+
+_LINK_CHILDREN = (
+    "gravity enable_wind self_collide kinematic must_be_base_link velocity_decay pose inertial "
+    "collision visual sensor projector audio_sink audio_source battery light particle_emitter "
+    "frame contact"
+)
+"""The last is an extension of Bullet."""
+
+_JOINT_CHILDREN = (
+    "parent child gearbox_ratio gearbox_reference_body thread_pitch screw_thread_pitch axis axis2 "
+    "physics pose sensor frame"
+)
+
+_AXIS_CHILDREN = "xyz use_parent_model_frame dynamics limit initial_position mimic"
+
+_CHILDREN = {
+    tag: frozenset(children.split())
+    for tag, children in {
+        "sdf": "world model light actor",
+        "world": _WORLD_CHILDREN,
+        "model": "static self_collide allow_auto_disable enable_wind frame pose link joint plugin "
+        "gripper include model ros2_control",
+        "link": _LINK_CHILDREN,
+        "inertial": "mass pose inertia density auto_inertia_params fluid_added_mass frame",
+        "inertia": "ixx ixy ixz iyy iyz izz",
+        "velocity_decay": "linear angular",
+        "joint": _JOINT_CHILDREN,
+        "axis": _AXIS_CHILDREN,
+        "axis2": _AXIS_CHILDREN,
+        "dynamics": "damping friction spring_reference spring_stiffness",
+        "limit": "lower upper effort velocity stiffness dissipation",
+        "mimic": "multiplier offset reference",
+        "frame": "pose",
+    }.items()
+}
+"""Children of the elements that decide about the dynamics, by the specification. Any other child is
+refused, since a misspelt element would be lost."""
+
+_LIMIT = re.compile(
+    r"[+-]?((\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|inf|infinity)", re.ASCII | re.IGNORECASE
+)
+"""Text of a limit, which may be infinite."""
+
+_REPEATED = frozenset(
+    "frame link joint plugin gripper include model collision visual sensor light projector "
+    "audio_source audio_sink battery particle_emitter actor road state population physics".split()
+)
+"""Elements of which there may be several in one parent."""
+
+_LEFT_OUT = frozenset({"gripper", "actor", "road", "wind", "state", "battery", "contact"})
+"""Elements that may act on a crane, or place it, and are left out with a note."""
+
+_SCENERY = re.compile(r"model://(sun|ground_plane)/?|https?://\S*/models/(Sun|Ground Plane)")
+"""Addresses of included models that neither move nor touch a crane."""
+
+_DRIVING_PLUGIN = re.compile(
+    r"joint[-_]?(position|trajectory|velocity)?[-_]?controller|apply[-_]?joint[-_]?force",
+    re.IGNORECASE,
+)
+"""Names of plugins that command the joints that they name."""
+
+_TRAJECTORY_PLUGIN = re.compile(r"joint[-_]?trajectory[-_]?controller", re.IGNORECASE)
+"""Names of plugins that command all joints of their model where they name none."""
+
+_PASSIVE_PLUGIN = re.compile(
+    r"(state|pose|odometry)[-_]?publisher|user[-_]?commands|scene[-_]?broadcaster|"
+    r"force[-_]?torque|(?<![a-z])(physics|sensors?|imu|contact|altimeter|magnetometer|navsat)"
+    r"(?![a-z])",
+    re.IGNORECASE,
+)
+"""Names of plugins that measure, draw or compute, and do not act on a crane."""
+
+_ROS_CONTROL_PLUGIN = re.compile(r"ros2?_control", re.IGNORECASE)
+"""Names of plugins whose joints stand in a URDF elsewhere."""
+
+_AXES_OF_TYPES = {
+    "revolute": 1,
+    "continuous": 1,
+    "prismatic": 1,
+    "fixed": 0,
+    "universal": 2,
+    "revolute2": 2,
+    "ball": 0,
+}
+"""Number of axes that a joint of each type says."""
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """One axis of a joint.
+
+    Attributes:
+        name: Name of its joint in the URDF.
+        kind: Type of that joint.
+        direction: Unit vector in the frame of the SDF joint.
+        element: Its element in the SDF; None for those of a ball joint.
+    """
+
+    name: str
+    kind: str
+    direction: np.ndarray
+    element: ET.Element | None
+
+
+def read_sdf(root: ET.Element, path: Path) -> ForeignModel:
+    """Return the URDF of an SDF file, and what was assumed.
+
+    Read are links, joints, free frames and nested models of versions 1.4 to 1.12, with the defaults
+    of the specification. A universal joint and two revolute joints in series become two revolute
+    joints; so does a ball joint, which loses the rotation about the vertical, because a rope does
+    not turn its load. Joints that a plugin commands are driven. No other file is read.
+
+    Args:
+        root: Root of the SDF.
+        path: File for error messages.
+
+    Raises:
+        ModelError: If the file includes others, holds what no crane has, or is no valid SDF.
+        OutOfRange: If a number is none, or has no effect here.
+    """
+    return _Reader(root, path).read()
+
+
+class _Reader(SdfFrames):
+    """Reader of one file: what it may hold, and the URDF that it becomes."""
+
+    def read(self) -> ForeignModel:
+        """Return the crane of the file."""
+        self._check_children(self.root)
+        tops = [child for child in self.root if child.tag in ("world", "model")]
+        if len(tops) != 1:
+            raise ModelError(
+                f"{self.path} has {len(tops)} worlds and models in <sdf>; allowed is one."
+            )
+        gravity = None
+        if tops[0].tag == "world":
+            self.world.element = tops[0]
+            gravity = self._gravity(tops[0])
+            self.declare_members(self.world, "")
+        else:
+            self.declare(tops[0], self.world, "")
+        for frame in self.frames:
+            self.pose(frame)
+        robot = self._robot()
+        return ForeignModel(robot, gravity, self.notes)
+
+    # --- what a file may hold ---------------------------------------------------------------------
+
+    def _check_children(self, element: ET.Element) -> None:
+        """Refuse children that the specification does not have, or has once only, at any depth."""
+        known = _CHILDREN.get(element.tag)
+        if known is None:
+            return
+        name = element.get("name")
+        context = f"<{element.tag}>" if name is None else f"{element.tag} {quoted(name)}"
+        seen = set()
+        for child in element:
+            if child.tag.startswith("{") or ":" in child.tag:
+                tag = child.tag.rpartition("}")[2]
+                self.note(f"<{tag}> of {context}, an extension of SDF, is left out.")
+                continue
+            if child.tag not in known:
+                raise ModelError(
+                    f"{self.path} has <{child.tag}> in {context}, which SDF does not have there; "
+                    f"allowed are {', '.join(sorted(known))}."
+                )
+            if child.tag in seen and child.tag not in _REPEATED:
+                raise ModelError(
+                    f"{self.path} has two elements <{child.tag}> in {context}; allowed is one."
+                )
+            seen.add(child.tag)
+            if child.tag in _LEFT_OUT:
+                self.note(f"<{child.tag}> of {context} is left out.")
+            if child.tag == "population":
+                raise ModelError(
+                    f"{self.path} has a population of models; allowed are models one by one."
+                )
+            if child.tag == "include":
+                self._check_include(child)
+            elif child.tag == "plugin":
+                self._note_plugin(child)
+            else:
+                self._check_children(child)
+
+    def _check_include(self, include: ET.Element) -> None:
+        """Leave out scenery, and refuse any other model of another file."""
+        uri = child_text(include, "uri")
+        if _SCENERY.fullmatch(uri) or is_true(child_text(include, "static", "false")):
+            self.note(f"The included model {quoted(uri)} does not move and is left out.")
+            return
+        raise ModelError(
+            f"{self.path} includes {quoted(uri)}, and no other file is read; merge the files into "
+            f"one by: gz sdf -p {quoted(self.path)}."
+        )
+
+    def _note_plugin(self, plugin: ET.Element) -> None:
+        """Say what becomes of a plugin that may act on the crane."""
+        name = _plugin_name(plugin)
+        if _ROS_CONTROL_PLUGIN.search(name):
+            self.note(
+                f"The plugin {quoted(name)} takes its joints from a URDF elsewhere; name them by "
+                "driven, or --driven."
+            )
+        elif not (_DRIVING_PLUGIN.search(name) or _PASSIVE_PLUGIN.search(name)):
+            self.note(f"What the plugin {quoted(name)} does is left out.")
+
+    # --- numbers ----------------------------------------------------------------------------------
+
+    def _limit(self, limits: ET.Element | None, tag: str, default: float, context: str) -> float:
+        """Return an end of a range; infinite if the joint has no end there."""
+        text = "" if limits is None else child_text(limits, tag)
+        if not text:
+            return default
+        if not _LIMIT.fullmatch(text):
+            raise OutOfRange(
+                f"{tag} of {context} in {self.path}", quoted(text), "a decimal number or inf"
+            )
+        value = float(text)  # converters from URDF write ±1.79769e+308 for none
+        return math.copysign(math.inf, value) if abs(value) >= INFINITE_LIMIT else value
+
+    def _gravity(self, world: ET.Element) -> float:
+        """Return the gravity of a world [m/s²]."""
+        element = world
+        if self.version < 6 and world.find("gravity") is None:
+            physics = world.find("physics")  # where it stood before version 1.6
+            element = world if physics is None else physics
+        x, y, z = self.numbers(element, "gravity", f"0 0 {-DEFAULT_GRAVITY}", "world").tolist()
+        if x or y or not z < 0.0:
+            raise OutOfRange(
+                f"gravity of the world in {self.path}",
+                f"{x:g} {y:g} {z:g}",
+                "0 0 and a negative number: a crane stands upright",
+                "m/s²",
+            )
+        return float(-z)
+
+    # --- the URDF ---------------------------------------------------------------------------------
+
+    def _robot(self) -> ET.Element:
+        """Return the URDF."""
+        models = [frame for frame in self.world.members.values() if frame.kind == "model"]
+        moving = [model for model in models if not model.static]
+        if not moving:
+            raise ModelError(
+                f"{self.path} has no model that moves: static models have no joints for a crane."
+            )
+        for model in models:
+            if model.static:
+                self.note(f"The {model} is static and stands still; its looks are left out.")
+        self._check_connected(moving)
+        links = [frame for frame in self.frames if frame.kind == "link" and not frame.static]
+        joints = [frame for frame in self.frames if frame.kind == "joint" and not frame.static]
+        inbound = self._inbound(joints)
+        self._check_anchors(links, inbound)
+        robot = ET.Element("robot", name=moving[0].element.get("name", "crane"))
+        ET.SubElement(robot, "link", name="world")
+        origins = {self.world: pin.SE3.Identity()}
+        for link in links:
+            joint = inbound.get(link)
+            origins[link] = self.pose(link if joint is None else joint)
+        driven = self._driven()
+        springs: list[ET.Element] = []
+        drives: list[str] = []
+        for link in links:
+            joint = inbound.get(link)
+            if joint is None:
+                _fixed(robot, f"{link.name}_to_the_ground", "world", link.name, origins[link])
+            else:
+                axes = self._axes(joint)
+                parent = self.body(self.end(joint, "parent"))
+                self._add_joint(robot, joint, axes, link, parent, origins[parent], springs)
+                for index in driven.get(joint, ()):
+                    if index >= len(axes):
+                        raise ModelError(
+                            f"{self.path} has a plugin that commands axis {index} of {joint}, "
+                            f"which has {len(axes)}."
+                        )
+                    drives.append(axes[index].name)
+            self._add_link(robot, link, origins[link], moves=joint is not None)
+        robot.extend(springs)
+        if drives:
+            control = ET.SubElement(robot, "ros2_control", name="drives", type="system")
+            for name in drives:
+                drive = ET.SubElement(control, "joint", name=name)
+                ET.SubElement(drive, "command_interface", name="effort")
+        return robot
+
+    def _check_connected(self, models: list[SdfFrame]) -> None:
+        """Check that joints of the world connect all models that move."""
+        groups = {model: {model} for model in models}
+        for joint in self.world.members.values():
+            if joint.kind != "joint":
+                continue
+            tops = [self._top(self.end(joint, tag)) for tag in ("parent", "child")]
+            if all(top in groups for top in tops):
+                merged = groups[tops[0]] | groups[tops[1]]
+                for model in merged:
+                    groups[model] = merged
+        apart = [model for model in models if model not in groups[models[0]]]
+        if apart:
+            raise ModelError(
+                f"{self.path} has models that move without a joint between them: "
+                f"{', '.join(quoted(model.name) for model in [models[0], *apart][:5])}; write each "
+                "to a file of its own."
+            )
+
+    def _top(self, frame: SdfFrame) -> SdfFrame:
+        """Return the model of the world in which a frame is, or the frame itself in the world."""
+        while frame.scope not in (None, self.world):
+            frame = self.scope_of(frame)
+        return frame
+
+    def _inbound(self, joints: list[SdfFrame]) -> dict[SdfFrame, SdfFrame]:
+        """Return the joint of each link that carries it."""
+        inbound: dict[SdfFrame, SdfFrame] = {}
+        for joint in joints:
+            child = self.body(self.end(joint, "child"))
+            if child is self.world:
+                continue  # it moves a static model, which it cannot
+            if child is self.body(self.end(joint, "parent")):
+                raise ModelError(f"The {joint} in {self.path} connects {child} with itself.")
+            if child in inbound:
+                raise ModelError(
+                    f"{self.path} has two joints with the child {quoted(child.name)}, "
+                    f"{quoted(inbound[child].name)} and {quoted(joint.name)}; allowed is one: a "
+                    "crane is a tree."
+                )
+            inbound[child] = joint
+        return inbound
+
+    def _check_anchors(self, links: list[SdfFrame], inbound: dict[SdfFrame, SdfFrame]) -> None:
+        """Check that all bodies hang on the world, or on the only link that is on no joint."""
+        roots = [link for link in links if link not in inbound]
+        anchored = False
+        for joint in inbound.values():
+            anchored |= self.body(self.end(joint, "parent")) is self.world
+        if len(roots) + anchored > 1:
+            free = ", ".join(quoted(root.name) for root in roots[:5])
+            raise ModelError(
+                f"{self.path} has bodies that no joint connects with the crane: {free}; connect "
+                "them by joints, of the type fixed where they stand still, or leave them out."
+            )
+        for root in roots:
+            self.note(
+                f"No joint connects {quoted(root.name)} with the world; it is read as fixed there."
+            )
+
+    def _axes(self, joint: SdfFrame) -> list[_Axis]:
+        """Return the axes of a joint, none for a fixed one."""
+        kind = joint.element.get("type", "")
+        if kind not in _AXES_OF_TYPES:
+            raise ModelError(
+                f"The {joint} in {self.path} is of type {quoted(kind)}; allowed are "
+                f"{', '.join(_AXES_OF_TYPES)}."
+            )
+        if kind == "ball":
+            return self._ball_axes(joint)
+        axes = []
+        tags = ("axis", "axis2")[: _AXES_OF_TYPES[kind]]
+        for tag in tags:
+            element = joint.element.find(tag)
+            if element is None:
+                raise ModelError(f"The {joint} in {self.path} is {kind} and needs <{tag}>.")
+            name = joint.name if len(tags) == 1 else f"{joint.name}_{tag}"
+            turning = "continuous" if kind == "continuous" else "revolute"
+            axes.append(
+                _Axis(
+                    name,
+                    "prismatic" if kind == "prismatic" else turning,
+                    self._direction(joint, element, tag),
+                    element,
+                )
+            )
+        for tag in ("axis", "axis2"):
+            if tag not in tags and joint.element.find(tag) is not None:
+                self.note(f"<{tag}> of {joint}, which is {kind}, has no effect.")
+        return axes
+
+    def _ball_axes(self, joint: SdfFrame) -> list[_Axis]:
+        """Return the two horizontal axes that a ball joint is read as."""
+        self.note(f"The ball {joint} turns about X, then Y of the world, not about the vertical.")
+        if joint.element.find("axis") is not None:
+            self.note(f"<axis> of {joint}, which is a ball, has no effect.")
+        to_joint = self.pose(joint).rotation.T
+        return [
+            _Axis(f"{joint.name}_x", "continuous", to_joint[:, 0], None),
+            _Axis(f"{joint.name}_y", "continuous", to_joint[:, 1], None),
+        ]
+
+    def _direction(self, joint: SdfFrame, axis: ET.Element, tag: str) -> np.ndarray:
+        """Return the unit vector of an axis in the frame of its joint."""
+        context = f"{tag} of {joint}"
+        vector = self.numbers(axis, "xyz", "0 0 1", context)
+        length = float(np.linalg.norm(vector))
+        if not length > 0.0:
+            raise OutOfRange(f"xyz of {context} in {self.path}", "0 0 0", "a length > 0")
+        vector = vector / length
+        xyz = axis.find("xyz")
+        expressed_in = "" if xyz is None else xyz.get("expressed_in", "")
+        in_model = is_true(child_text(axis, "use_parent_model_frame", "false"))
+        if in_model and (expressed_in or self.version >= FRAME_SEMANTICS_VERSION):
+            raise ModelError(
+                f"The {context} in {self.path} has use_parent_model_frame, which SDF has up to "
+                f"version 1.6; say <xyz expressed_in='__model__'> in version 1.{self.version}."
+            )
+        scope = self.scope_of(joint)
+        if expressed_in:
+            frame = self.find(scope, expressed_in, context)
+        elif in_model or self.version < JOINT_FRAME_AXES_VERSION:
+            frame = scope
+        else:
+            return vector
+        return self.pose(joint).rotation.T @ (self.pose(frame).rotation @ vector)
+
+    def _add_joint(
+        self,
+        robot: ET.Element,
+        joint: SdfFrame,
+        axes: list[_Axis],
+        link: SdfFrame,
+        parent: SdfFrame,
+        parent_pose: pin.SE3,
+        springs: list[ET.Element],
+    ) -> None:
+        """Append the joints of the URDF that stand for one of the SDF.
+
+        Args:
+            robot: The URDF.
+            joint: The joint of the SDF.
+            axes: Its axes.
+            link: The link that it carries.
+            parent: The link that carries it.
+            parent_pose: Pose of that link of the URDF in the world.
+            springs: Elements for its springs, which are appended to these.
+        """
+        placement = parent_pose.actInv(self.pose(joint))
+        self._check_joint_physics(joint)
+        if not axes:
+            _fixed(robot, joint.name, parent.name, link.name, placement)
+            return
+        above = parent.name
+        for i, axis in enumerate(axes):
+            last = i == len(axes) - 1
+            below = link.name if last else f"{axis.name}_body"
+            element = ET.SubElement(robot, "joint", name=axis.name, type=axis.kind)
+            ET.SubElement(element, "parent", link=above)
+            ET.SubElement(element, "child", link=below)
+            set_placement(element, placement)
+            ET.SubElement(element, "axis", xyz=numbers_text(axis.direction))
+            self._add_limits(element, axis)
+            self._add_dynamics(element, axis, springs)
+            if not last:
+                self.note(f"A body of {LIGHT_MASS:g} kg is between the axes of {joint}.")
+                between = ET.SubElement(robot, "link", name=below)
+                inertia = LIGHT_INERTIA * np.eye(3)
+                between.append(inertial_element(pin.Inertia(LIGHT_MASS, np.zeros(3), inertia)))
+            above = below
+            placement = pin.SE3.Identity()
+
+    def _check_joint_physics(self, joint: SdfFrame) -> None:
+        """Refuse settings of engines that move a joint or cut it."""
+        force = joint.element.find("physics/ode/max_force")
+        if force is not None:
+            largest = self.number(joint.element.find("physics/ode"), "max_force", "0", str(joint))
+            if largest != 0.0:
+                self.note(f"The motor of ODE (max_force) at {joint} is left out.")
+        cut = joint.element.find("physics/simbody/must_be_loop_joint")
+        if cut is not None and is_true((cut.text or "").strip()):
+            raise ModelError(f"The {joint} in {self.path} closes a loop; a crane is a tree.")
+
+    def _add_limits(self, element: ET.Element, axis: _Axis) -> None:
+        """Append the limits of one axis, and make a joint whose ends coincide a fixed one."""
+        context = f"joint {quoted(axis.name)}"
+        limits = None if axis.element is None else axis.element.find("limit")
+        low, high = -math.inf, math.inf
+        if axis.kind != "continuous":
+            low = self._limit(limits, "lower", -math.inf, context)
+            high = self._limit(limits, "upper", math.inf, context)
+        effort = self._limit(limits, "effort", -1.0, context)
+        velocity = self._limit(limits, "velocity", -1.0, context)
+        if low == high == 0.0:
+            self.note(f"The {context} has no range and is read as fixed.")
+            element.set("type", "fixed")
+            for tag in ("axis", "limit"):
+                for child in element.findall(tag):
+                    element.remove(child)
+            return
+        if axis.kind == "revolute" and math.isinf(low) and math.isinf(high):
+            element.set("type", "continuous")
+        if axis.kind == "prismatic" or math.isfinite(low) or math.isfinite(high):
+            low, high = self._closed_range(axis, low, high)
+        if effort < 0.0 or math.isinf(effort):
+            effort = 0.0  # completed where a drive moves the joint
+        if velocity < 0.0 or math.isinf(velocity):
+            velocity = NO_RATE_LIMIT
+        numbers = {"effort": effort, "velocity": velocity}
+        if math.isfinite(low) and math.isfinite(high):
+            numbers |= {"lower": low, "upper": high}
+        ET.SubElement(element, "limit", {name: repr(value) for name, value in numbers.items()})
+
+    def _closed_range(self, axis: _Axis, low: float, high: float) -> tuple[float, float]:
+        """Return the range of a joint, closed where the file leaves it open."""
+        reach, unit = (SLIDE_REACH, "m") if axis.kind == "prismatic" else (TURN_REACH, "rad")
+        if math.isfinite(low) and math.isfinite(high):
+            return low, high
+        lower = low if math.isfinite(low) else min(-reach, high - reach)
+        upper = high if math.isfinite(high) else max(reach, low + reach)
+        self.note(
+            f"{axis.name} has no limit at one end or both; {lower:g} to {upper:g} {unit} is taken."
+        )
+        return lower, upper
+
+    def _add_dynamics(self, element: ET.Element, axis: _Axis, springs: list[ET.Element]) -> None:
+        """Append damping and friction of one axis, and its spring to the springs."""
+        if axis.element is None or element.get("type") == "fixed":
+            return
+        context = f"joint {quoted(axis.name)}"
+        dynamics = axis.element.find("dynamics")
+        numbers = {tag: self.number(dynamics, tag, "0", context) for tag in ("damping", "friction")}
+        ET.SubElement(element, "dynamics", {tag: repr(value) for tag, value in numbers.items()})
+        stiffness = self.number(dynamics, "spring_stiffness", "0", context)
+        if stiffness != 0.0:
+            spring = ET.Element("gazebo", reference=axis.name)
+            ET.SubElement(spring, "springStiffness").text = repr(stiffness)
+            reference = self.number(dynamics, "spring_reference", "0", context)
+            ET.SubElement(spring, "springReference").text = repr(reference)
+            springs.append(spring)
+        if self.number(axis.element, "initial_position", "0", context) != 0.0:
+            self.note(f"The initial_position of {context} is left out; Gazebo ignores it, too.")
+        if (mimic := axis.element.find("mimic")) is not None:
+            multiplier = self.number(mimic, "multiplier", "1", context)
+            offset = self.number(mimic, "offset", "0", context)
+            offset -= multiplier * self.number(mimic, "reference", "0", context)
+            entries = {"multiplier": repr(multiplier), "offset": repr(offset)}
+            ET.SubElement(element, "mimic", entries | {"joint": mimic.get("joint", "")})
+
+    def _add_link(self, robot: ET.Element, link: SdfFrame, origin: pin.SE3, *, moves: bool) -> None:
+        """Append a link of the URDF whose frame has a pose in the world."""
+        self._check_link(link)
+        element = ET.SubElement(robot, "link", name=link.name)
+        to_origin = origin.actInv(self.pose(link))
+        element.append(inertial_element(to_origin.act(self._inertia(link, moves))))
+        for tag in ("visual", "collision"):
+            for body in link.element.iterfind(tag):
+                self._add_shape(element, body, link, origin)
+
+    def _check_link(self, link: SdfFrame) -> None:
+        """Refuse what makes a link move otherwise than a rigid body in gravity."""
+        if not is_true(child_text(link.element, "gravity", "true")):
+            raise ModelError(
+                f"The {link} in {self.path} has no gravity; allowed is gravity on all links."
+            )
+        if is_true(child_text(link.element, "kinematic", "false")):
+            raise ModelError(
+                f"The {link} in {self.path} is kinematic, moved without forces; leave that out."
+            )
+        decay = link.element.find("velocity_decay")
+        for tag in ("linear", "angular"):
+            value = self.number(decay, tag, "0", f"velocity_decay of {link}")
+            if value != 0.0:
+                raise OutOfRange(
+                    f"{tag} velocity_decay of {link} in {self.path}",
+                    value,
+                    "0: say it as damping of joints",
+                )
+
+    def _inertia(self, link: SdfFrame, moves: bool) -> pin.Inertia:
+        """Return the inertia of a link in its SDF frame; defaults are noted if it moves."""
+        context = str(link)
+        inertial = link.element.find("inertial")
+        if inertial is not None and is_true(inertial.get("auto", "false")):
+            raise ModelError(
+                f"The {link} in {self.path} has its mass computed from its collision shapes "
+                "(auto); say mass and inertia: gz sdf -p --expand-auto-inertials prints them."
+            )
+        tensor = None if inertial is None else inertial.find("inertia")
+        if moves and (inertial is None or inertial.find("mass") is None):
+            self.note(f"The {link} has no mass; 1 kg is taken, the default of SDF.")
+        if moves and tensor is None:
+            self.note(f"The {link} has no inertia; 1 kg m² about each axis, the default of SDF.")
+        added = None if inertial is None else inertial.find("fluid_added_mass")
+        for term in () if added is None else added:
+            if self.number(added, term.tag, "0", context) != 0.0:
+                raise ModelError(f"The {link} in {self.path} has fluid_added_mass; allowed is 0.")
+        mass = self.number(inertial, "mass", "1", context)
+        moments = np.empty((3, 3))
+        for i, a in enumerate("xyz"):
+            for j, b in enumerate("xyz"):
+                key = "i" + "".join(sorted(a + b))
+                moments[i, j] = self.number(tensor, key, "1" if a == b else "0", context)
+        principal = np.linalg.eigvalsh(moments)
+        if not principal[0] >= 0.0:
+            raise OutOfRange(
+                f"principal moments of inertia of {context} in {self.path}",
+                ", ".join(f"{moment:.6g}" for moment in principal),
+                ">= 0",
+                "kg m²",
+            )
+        if inertial is None:
+            return pin.Inertia(mass, np.zeros(3), moments)
+        pose = inertial.find("pose")
+        if pose is not None and (pose.get("relative_to") or pose.get("frame")):
+            raise ModelError(
+                f"The inertial of {link} in {self.path} has a pose relative to another frame; "
+                "allowed is one in the frame of its link."
+            )
+        centre = self.raw_pose(inertial, f"the inertial of {link}")
+        return centre.act(pin.Inertia(mass, np.zeros(3), moments))
+
+    def _add_shape(
+        self, element: ET.Element, body: ET.Element, link: SdfFrame, origin: pin.SE3
+    ) -> None:
+        """Append a visual or a collision whose shape a URDF has, to a link of the URDF."""
+        geometry = body.find("geometry")
+        shape = None if geometry is None else _urdf_shape(self, geometry, str(link))
+        if shape is None:
+            self.note(f"A {body.tag} of {link} is of a shape without a size here and left out.")
+            return
+        user = f"a {body.tag} of {link}"
+        named = self.named_base(body, self.scope_of(link), user)
+        base = self.pose(link if named is None else named)
+        placement = origin.actInv(base * self.raw_pose(body, user))
+        copy = ET.SubElement(element, body.tag)
+        set_placement(copy, placement)
+        ET.SubElement(copy, "geometry").append(shape)
+        diffuse = body.find("material/diffuse")
+        colours = [] if diffuse is None else (diffuse.text or "").split()
+        if body.tag == "visual" and len(colours) in (3, 4) and are_numbers(colours):
+            material = ET.SubElement(copy, "material", name="")
+            ET.SubElement(material, "color", rgba=" ".join([*colours, "1"][:4]))
+
+    # --- drives -----------------------------------------------------------------------------------
+
+    def _driven(self) -> dict[SdfFrame, list[int]]:
+        """Return the axes, by their indices, of each joint that a plugin commands."""
+        driven: dict[SdfFrame, list[int]] = {}
+        models = [frame for frame in self.frames if frame.kind == "model" and not frame.static]
+        for scope in [self.world, *models]:
+            for plugin in scope.element.iterfind("plugin"):
+                name = _plugin_name(plugin)
+                if not _DRIVING_PLUGIN.search(name):
+                    continue
+                for joint in self._commanded_joints(scope, plugin, name):
+                    index = self.number(plugin, "joint_index", "0", f"plugin {quoted(name)}")
+                    driven.setdefault(joint, [])
+                    if int(index) not in driven[joint]:
+                        driven[joint].append(int(index))
+                    self.note(f"{joint.name} is driven: the plugin {quoted(name)} commands it.")
+            for entry in scope.element.iterfind("ros2_control/joint"):
+                if entry.find("command_interface") is not None:
+                    joint = self._commanded(scope, entry.get("name", ""), "ros2_control")
+                    driven.setdefault(joint, [0])
+        return driven
+
+    def _commanded_joints(
+        self, scope: SdfFrame, plugin: ET.Element, plugin_name: str
+    ) -> list[SdfFrame]:
+        """Return the joints that a plugin commands."""
+        names = [(entry.text or "").strip() for entry in plugin.iterfind("joint_name")]
+        if names or not _TRAJECTORY_PLUGIN.search(plugin_name):
+            return [self._commanded(scope, name, plugin_name) for name in names]
+        joints = []
+        for member in scope.members.values():
+            single = _AXES_OF_TYPES.get(member.element.get("type", "")) == 1
+            if member.kind == "joint" and single:
+                joints.append(member)
+        return joints
+
+    def _commanded(self, scope: SdfFrame, name: str, plugin: str) -> SdfFrame:
+        """Return the joint of a name that a plugin commands."""
+        joint = scope.members.get(f"joint {name}")
+        if joint is None:
+            joint = self.find(scope, name, f"the plugin {quoted(plugin)}")
+        if joint.kind != "joint":
+            raise ModelError(
+                f"{self.path} has the plugin {quoted(plugin)}, which commands the {joint}; allowed "
+                "is a joint."
+            )
+        return joint
+
+
+def _plugin_name(plugin: ET.Element) -> str:
+    """Return name and file of a plugin, by which its kind is known."""
+    return f"{plugin.get('name', '')} ({plugin.get('filename', '')})"
+
+
+def _fixed(robot: ET.Element, name: str, parent: str, child: str, placement: pin.SE3) -> None:
+    """Append a fixed joint to a URDF."""
+    element = ET.SubElement(robot, "joint", name=name, type="fixed")
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=child)
+    set_placement(element, placement)
+
+
+def _urdf_shape(reader: _Reader, geometry: ET.Element, context: str) -> ET.Element | None:
+    """Return a box, cylinder or sphere as in a URDF; None for any other shape."""
+    for shape in geometry:
+        keys = {"box": ["size"], "cylinder": ["radius", "length"], "sphere": ["radius"]}
+        if shape.tag not in keys:
+            continue
+        element = ET.Element(shape.tag)
+        for key in keys[shape.tag]:
+            default = "1 1 1" if key == "size" else "1"
+            element.set(key, numbers_text(reader.numbers(shape, key, default, context)))
+        return element
+    return None

@@ -1,0 +1,1 @@
+"""Independent computations against which tests compare."""
