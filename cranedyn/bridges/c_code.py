@@ -16,7 +16,7 @@ from typing import Any, get_args
 import numpy as np
 
 from cranedyn.bridges.controller_block import controller_block, vectors
-from cranedyn.bridges.target import check_free, new_folder
+from cranedyn.bridges.target import check_free, name_default_rates, new_folder
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
@@ -204,6 +204,8 @@ def run(options: argparse.Namespace) -> Path:
     if options.controller is not None:
         drive, make = CONTROLLERS[options.controller]
         controller = make(crane, options.period)
+    if drive != "effort" or options.controller == "predictive":
+        name_default_rates(crane)
     precision: Precision = "single" if options.single else "double"
     clock = {"dt": options.dt, "control_period": options.period}
     return export(crane, options.target, controller, drive=drive, precision=precision, **clock)

@@ -34,11 +34,11 @@ from cranedyn.bridges.browser_crane import (
     variations,
 )
 from cranedyn.bridges.exercises import SWING, Exercise, exercises, lift_exercise
-from cranedyn.bridges.target import check_free, new_file
+from cranedyn.bridges.target import check_free, name_default_rates, new_file
 from cranedyn.data.files import with_ending
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.bodies import bodies
-from cranedyn.dynamics.converters import Converters, converters, default_rates
+from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.lifting.chart import Falls, read_chart
@@ -446,8 +446,7 @@ def run(options: argparse.Namespace) -> Path:
         options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
     crane = crane_from_options(options)
-    for sentence in default_rates(crane):
-        print(sentence, file=sys.stderr)
+    name_default_rates(crane)
     if site is not None:
         refuse_contradictions(site, crane)
     return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)

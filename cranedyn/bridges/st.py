@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cranedyn.bridges.controller_block import controller_block
-from cranedyn.bridges.target import check_free, new_file
+from cranedyn.bridges.target import check_free, name_default_rates, new_file
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.structured_text import plcopen_xml, structured_text
 from cranedyn.data.files import with_ending
@@ -62,5 +62,7 @@ def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     crane = crane_from_options(options)
     drive, make = CONTROLLERS[options.controller]
+    if drive != "effort":
+        name_default_rates(crane)
     controller = make(crane, options.period)
     return export(crane, options.target, controller, drive=drive, control_period=options.period)

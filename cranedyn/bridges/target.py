@@ -1,16 +1,29 @@
-"""Target of an export: a new folder or file, written completely or not at all."""
+"""Target of an export: a new folder or file, written completely or not at all, and what is said of
+what is written.
+"""
 
 from __future__ import annotations
 
 import os
 import secrets
 import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from cranedyn.data.files import atomic_write, sync_folder
+from cranedyn.dynamics.converters import default_rates
 from cranedyn.errors import DataError
+from cranedyn.model.crane import Crane
+
+
+def name_default_rates(crane: Crane) -> None:
+    """Print a line to standard error for each drive whose converter has a default rate, since
+    whoever gets the export would take it for that of the crane.
+    """
+    for sentence in default_rates(crane):
+        print(sentence, file=sys.stderr)
 
 
 def check_free(target: Path) -> None:

@@ -20,6 +20,7 @@ from cranedyn.bridges.target import new_file, new_folder
 from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
 from experiments import a3, harness
+from tests.dynamics.test_converters import CART
 from tests.helpers import FAST, ROOT, python
 
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*/*.md")}
@@ -190,3 +191,16 @@ def test_a_crane_of_another_file_is_told_no_argument_of_the_tower_crane(tmp_path
     (tmp_path / "other.urdf").write_text(load_crane(hook_mass=200.0).urdf)
     with pytest.raises(CraneError, match=r"allowed are numbers > 0\.$"):
         mjcf.export(tmp_path / "crane.xml", load_crane(tmp_path / "other.urdf"))
+
+
+@pytest.mark.parametrize(
+    ("options", "named"), [("--drive velocity", True), ("--controller hold", False)]
+)
+def test_an_exported_crane_whose_rate_is_a_default_says_so(
+    options: str, named: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    (tmp_path / "cart.xml").write_text(CART)
+    words = ["export", "c", str(tmp_path / "made"), *options.split()]
+    assert main([*words, "--urdf", str(tmp_path / "cart.xml")]) == 0
+    assert ("rail has no velocity limit; its converter" in capsys.readouterr().err) is named

@@ -112,14 +112,13 @@ def test_a_crane_of_gz_sim_is_read_with_its_limits_drives_springs_and_looks(tmp_
     for expected in (
         "travel_joint is driven: the plugin",
         "1 kg m² about each axis, the default of SDF",
-        "The world of the file has a gravity of 1.62 m/s²; --gravity 1.62 takes it.",
         "model floor is static",
         "model://ground_plane",
         "A visual of link cart is of a shape without a size here and left out.",
         "A body of 1e-05 kg is between the axes of joint rope.",
     ):
         assert expected in notes
-    assert read(BRIDGE).gravity == 1.62
+    assert read(BRIDGE).gravity == crane.gravity == 1.62
     # a closed form: a compound pendulum of mass m, inertia I, length l and a spring k
     period = 2.0 * np.pi * np.sqrt((20.0 * 16.0 + 0.4) / (20.0 * crane.gravity * 4.0 + 3.0))
     start = crane.state(rope_axis=0.0, rope_axis2=crane.start.q[2] + 0.01)
@@ -252,8 +251,8 @@ REFUSED = {
     ),
     "friction": (
         "</axis>",
-        "<dynamics><friction>2</friction></dynamics></axis>",
-        "friction of joint j .* is 2.0; allowed is 0: only viscous damping",
+        "<dynamics><friction>-2</friction></dynamics></axis>",
+        "dry friction of joint j .* is -2.0; allowed is >= 0",
     ),
     "type": ('type="revolute"', 'type="screw"', "is of type screw; allowed are revolute"),
     "misspelt": (

@@ -20,7 +20,7 @@ import numpy as np
 
 from cranedyn.bridges.commissioning.served_crane import PERIOD, ServedCrane
 from cranedyn.bridges.commissioning.words import write_map
-from cranedyn.bridges.target import check_free, new_folder
+from cranedyn.bridges.target import check_free, name_default_rates, new_folder
 from cranedyn.checks import number
 from cranedyn.errors import CraneError, DataError, RunError
 from cranedyn.model.options import crane_from_options
@@ -187,7 +187,9 @@ def run(options: argparse.Namespace) -> int:
         raise DataError("There is nothing to serve; give --opcua, --modbus or --map.")
     number("speed", options.speed, "", "> 0")
     security = check_exposure(options)
-    plant = ServedCrane(crane_from_options(options), duration=options.duration)
+    crane = crane_from_options(options)
+    name_default_rates(crane)
+    plant = ServedCrane(crane, duration=options.duration)
     if options.map:
         print(f"Written to {write_map(options.map, plant.image.words)}.")
     if not (options.opcua or options.modbus):
