@@ -21,6 +21,11 @@ _FIVE_TURNS, _EFFORT = 31.4159, 1e6
 as those of the tower crane of this project."""
 
 
+MAX_MOVING_JOINTS = 128
+"""Largest number of joints that move. Pinocchio's data grow with the cube of it: with 400 joints
+they take 4 GB, with 900 they end the process."""
+
+
 def complete_limits(robot: ET.Element, driven: Sequence[str] | None) -> list[str]:
     """Give the joints of a checked URDF the limits that programs for CAD leave out, in place.
 
@@ -62,13 +67,15 @@ def joint_names(model: pin.Model) -> list[str]:
 
 
 def check_joints(model: pin.Model, path: Path) -> None:
-    """Check that a model has joints, each with one coordinate.
+    """Check that a model has joints, not too many, each with one coordinate.
 
     Raises:
         ModelError: If it does not.
     """
     if not joint_names(model):
         raise ModelError(f"{path} has no joint that moves.")
+    if (count := len(joint_names(model))) > MAX_MOVING_JOINTS:
+        raise ModelError(f"{path} has {count} joints that move; allowed are {MAX_MOVING_JOINTS}.")
     for i, name in enumerate(joint_names(model), start=1):
         if (model.joints[i].nq, model.joints[i].nv) != (1, 1):
             raise ModelError(

@@ -386,6 +386,20 @@ def test_a_crane_whose_hoist_no_drive_moves_has_its_payload_as_the_last_point(
     assert [point.name for point in crane.points] == ["payload", "trolley"]
 
 
+def test_a_chain_of_joints_that_would_take_all_memory_is_refused(tmp_path: Path) -> None:
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"'
+    parts = ['<link name="l0"/>']
+    for i in range(1, 900):
+        parts.append(
+            f'<link name="l{i}">{inertial} iyz="0"/></inertial></link><joint name="j{i}" '
+            f'type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/><axis xyz="1 0 0"/>'
+            '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        )
+    (tmp_path / "chain.urdf").write_text(f'<robot name="chain">{"".join(parts)}</robot>')
+    with pytest.raises(ModelError, match="has 899 joints that move; allowed are 128"):
+        load_crane(tmp_path / "chain.urdf", driven=["j1"])
+
+
 @pytest.mark.parametrize(("change", "sentence"), REFUSALS.values(), ids=REFUSALS)
 def test_what_is_no_crane_is_refused_in_a_sentence(
     change: Callable[[str], str], sentence: str, urdf: str, load: Load
