@@ -12,9 +12,9 @@ import numpy as np
 from scipy.interpolate import BSpline, CubicSpline
 
 from cranedyn.bridges import bags
-from cranedyn.checks import finite
-from cranedyn.data.external import Source, read_external
-from cranedyn.data.tables import column_names
+from cranedyn.checks import as_array, finite
+from cranedyn.data.external import Source, load_external
+from cranedyn.data.logs import open_log
 from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.errors import DataError
 from cranedyn.identification.sampling import Samples, SmoothCurve, is_irregular, samples, smooth
@@ -101,16 +101,21 @@ class Record:
         t = columns.get("t_s")
         if t is None:
             raise DataError(f"{name} has no column t_s; identification needs times [s].")
-        t = finite(f"t_s of {name}", t, ("rows",), unit="s")
+        t = as_array(f"t_s of {name}", t, ("rows",))
         recorded = {
-            key: finite(f"{key} of {name}", columns[key], (len(t),))
+            key: as_array(f"{key} of {name}", columns[key], (len(t),))
             for key in relevant_columns(crane, columns)
             if key != "t_s"
         }
+        # Nothing outside of these times is judged.
+        if since > -math.inf or until < math.inf:
+            mask = (t >= since - 1e-9) & (t <= until + 1e-9)
+            t, recorded = t[mask], {key: values[mask] for key, values in recorded.items()}
+        t = finite(f"t_s of {name}", t, ("rows",), unit="s")
+        for key, values in recorded.items():
+            finite(f"{key} of {name}", values, (len(t),))
         _check_clock(name, t)
         _check_positions(name, crane, recorded)
-        mask = (t >= since - 1e-9) & (t <= until + 1e-9)
-        t, recorded = t[mask], {key: values[mask] for key, values in recorded.items()}
         dead = _check_swings(name, crane, recorded)
         _check_length(cls(name, crane, t, recorded))
         recorded = {key: values for key, values in recorded.items() if key not in dead}
@@ -345,11 +350,11 @@ def load_record(
     """Load a record from a file; columns other than those of drives and swings are not read.
 
     Args:
-        path: ``.csv`` or ``.parquet`` with columns of cranedyn; ``.mcap`` or ``.bag`` with joint
-            states.
+        path: A table in a format of `cranedyn.data.logs`; or ``.mcap``, ``.db3``, ``.bag`` or a
+            folder of ROS 2 with joint states.
         crane: Crane with prior values.
-        sources: Names and units of columns of CSV and Parquet files, by the names of cranedyn,
-            see `cranedyn.data.external.parse_sources`.
+        sources: Names and units of the columns of a table, by the names of cranedyn, see
+            `cranedyn.data.external.parse_sources`.
         joints: Names of the joints in a recording of ROS by the symbols of coordinates.
         since: Start of the record [s], on its own clock.
         until: End of the record [s].
@@ -360,16 +365,27 @@ def load_record(
         UnknownName: If a source names an unknown column.
     """
     path = Path(path)
-    if path.suffix in bags.ENDINGS:
+    if bags.is_recording(path):
         present = {"t_s", *bags.joint_state_columns(path, joints)}
         names = relevant_columns(crane, present)
-        data = bags.read_joint_states(path, names, joints)
-    else:
-        sources = sources or {}
-        present = {"t_s", *column_names(path), *sources}
-        names = relevant_columns(crane, present)
-        data = read_external(path, list(dict.fromkeys([*names, *sources])), sources)
-    return Record.of(crane, data, name=path.name, since=since, until=until)
+        data: Mapping[str, np.ndarray] = bags.read_joint_states(
+            path, names, joints, since=since, until=until
+        )
+        return Record.of(crane, data, name=path.name, since=since, until=until)
+    sources = sources or {}
+    log = open_log(path)
+    names = relevant_columns(crane, {"t_s", *log.names, *sources})
+    table = load_external(
+        log,
+        list(dict.fromkeys([*names, *sources])),
+        sources,
+        since=since,
+        until=until,
+        filling="hold",
+    )
+    record = Record.of(crane, table.columns, name=path.name, since=since, until=until)
+    remarks = tuple(f"{path.name}: {remark}." for remark in table.remarks)
+    return replace(record, notes=(*remarks, *record.notes))
 
 
 def _check_clock(name: str, t: np.ndarray) -> None:
