@@ -60,18 +60,19 @@ class BoundedResult:
     content: np.ndarray
 
 
-def read_bounded(path: str | Path, kind: Kind) -> BoundedResult:
+def read_bounded(path: str | Path, kind: Kind, content: bytes | None = None) -> BoundedResult:
     """Read a binary file in a process of its own.
 
     Args:
         path: A regular file of at most `LARGEST_FILE` bytes.
         kind: What it is.
+        content: What to read instead; `path` is only a name for messages then.
 
     Raises:
         DataError: If it cannot be read, or reading it takes too much memory or time.
         CraneError: If a library that reads such files is not installed.
     """
-    with open_file(path) as file, tempfile.TemporaryFile() as output:
+    with _input(path, content) as file, tempfile.TemporaryFile() as output:
         if file.seek(0, os.SEEK_END) > LARGEST_FILE:
             raise DataError(f"Cannot read {path}: it is larger than {LARGEST_FILE / 1e6:g} MB.")
         file.seek(0)
@@ -92,6 +93,15 @@ def read_bounded(path: str | Path, kind: Kind) -> BoundedResult:
     if len(content) != header["bytes"]:
         raise DataError(f"Cannot read {path}: its reader broke off; the file is damaged.")
     return BoundedResult(header, content)
+
+
+def _input(path: str | Path, content: bytes | None) -> BinaryIO:
+    """Return a file, or a temporary one with a content."""
+    if content is None:
+        return open_file(path)
+    file = tempfile.TemporaryFile()
+    file.write(content)
+    return file
 
 
 def _run(path: str | Path, kind: Kind, file: BinaryIO, output: BinaryIO) -> int:

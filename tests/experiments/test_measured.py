@@ -113,7 +113,7 @@ def test_a_file_that_is_no_workbook_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("python_calamine", reason="extra measured is not installed")
     path = tmp_path / "a.xlsx"
     path.write_bytes(b"no workbook")
-    with pytest.raises(DataError, match="cannot be read as a workbook"):
+    with pytest.raises(DataError, match=r"Cannot read .*a\.xlsx"):
         list(read_workbook(path))
 
 
@@ -128,9 +128,9 @@ def test_a_mat_file_has_times_and_angles() -> None:
     columns = read_mat(mat(t=t, y=0.1 * t), "a")
     np.testing.assert_array_equal(columns["phi_rad"], 0.1 * t)
     for content, message in (
-        (mat(t=t), "cannot be read"),
-        (newer, "allowed are files of MATLAB 5 to 7.2"),
-        (b"no such file", "cannot be read"),
+        (mat(t=t), "a.mat has no vector y, but t; needed are t and y"),
+        (newer, "Cannot read a.mat: NotImplementedError: Please use HDF reader"),
+        (b"no such file", "Cannot read a.mat"),
         (mat(t=t[::-1], y=t), "a.mat, row 2: the time runs back"),
         (mat(t=t, y=50.0 * t), "a.mat, row 2: phi_rad is 50; allowed is up to 3.142"),
         (mat(t=t, y=np.where(t == 4.0, np.nan, 0.0)), "a.mat, row 5: phi_rad is nan"),
