@@ -42,7 +42,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 class Refusal(Exception):
-    """What is wrong with the file, as the end of the sentence "Cannot read FILE: ...". """
+    """What is wrong with the file, as the end of the sentence "Cannot read FILE: ..."."""
 
 
 def write(header: dict[str, Any], *parts: Any) -> None:
@@ -112,9 +112,7 @@ def read_mat() -> None:
     write_columns(columns(), remarks)
 
 
-def mat_columns(
-    name: str, value: Any, remarks: list[str], depth: int
-) -> Iterator[tuple[str, Any]]:
+def mat_columns(name: str, value: Any, remarks: list[str], depth: int) -> Iterator[tuple[str, Any]]:
     """Yield the columns of a variable: a vector, a matrix, or fields of a structure."""
     import numpy as np
 

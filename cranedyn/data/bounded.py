@@ -89,10 +89,10 @@ def read_bounded(path: str | Path, kind: Kind, content: bytes | None = None) -> 
             raise DataError(f"Cannot read {path}: {str(header['error']).rstrip('.')}.")
         if code != 0 or "bytes" not in header:
             raise DataError(f"Cannot read {path}: {_reason(code)}.")
-        content = np.frombuffer(output.read(), dtype=np.uint8)
-    if len(content) != header["bytes"]:
+        found = np.frombuffer(output.read(), dtype=np.uint8)
+    if len(found) != header["bytes"]:
         raise DataError(f"Cannot read {path}: its reader broke off; the file is damaged.")
-    return BoundedResult(header, content)
+    return BoundedResult(header, found)
 
 
 def _input(path: str | Path, content: bytes | None) -> BinaryIO:
