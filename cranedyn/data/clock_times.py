@@ -1,4 +1,6 @@
-"""Times as clocks and calendars write them: 10:15:30.5 and 2024-05-01T10:15:30.5+02:00."""
+"""Times as clocks and calendars write them: 10:15:30.5, 2024-05-01T10:15:30.5+02:00 and 01.05.2024
+10:15:30.5.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +14,16 @@ _CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2})([.,]\d+)?")
 """Hours, minutes, seconds and their fraction; hours may be missing where there is a fraction."""
 
 _DATE_TIME = re.compile(
-    r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d):(\d\d)([.,]\d+)?\s*(Z|[+-]\d\d(?::?\d\d)?)?"
+    r"(?:(?P<year>\d{4})(?P<mark>[-/])(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
+    r"|(?P<day_first>\d\d?)\.(?P<month_second>\d\d?)\.(?P<year_last>\d{4}))[T ]+"
+    r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d)(?P<fraction>[.,]\d+)?"
+    r"\s*(?P<zone>Z|[+-]\d\d(?::?\d\d)?)?"
 )
-"""Date and time of ISO 8601, with a fraction of a second and a time zone."""
+"""Date and time, with a fraction of a second and a time zone: the year first, as in ISO 8601, or
+day, month and year with points between."""
+
+_SLASHED = re.compile(r"\d\d?/\d\d?/\d{4}[T ]+\d\d?:\d\d.*")
+"""A date whose month may be the first or the second number."""
 
 _DAY = 86_400.0
 """Length of a day [s]."""
@@ -22,7 +31,7 @@ _DAY = 86_400.0
 
 def is_clock_time(text: str) -> bool:
     """Return whether a text is a time of a clock or a date with a time."""
-    return bool(_DATE_TIME.fullmatch(text) or _CLOCK.fullmatch(text))
+    return bool(_DATE_TIME.fullmatch(text) or _CLOCK.fullmatch(text) or _SLASHED.fullmatch(text))
 
 
 def clock_seconds(texts: Sequence[str]) -> np.ndarray:
@@ -48,13 +57,18 @@ def clock_seconds(texts: Sequence[str]) -> np.ndarray:
             continue
         if match := _DATE_TIME.fullmatch(text):
             kinds.add("date")
-            zones.add(match[8] is not None)
+            zones.add(match["zone"] is not None)
             seconds[row] = _date_seconds(match)
-            fractions[row] = _fraction(match[7])
+            fractions[row] = _fraction(match["fraction"])
         elif match := _CLOCK.fullmatch(text):
             kinds.add("clock")
             seconds[row] = _day_seconds(match, text)
             fractions[row] = _fraction(match[4])
+        elif _SLASHED.fullmatch(text):
+            raise ValueError(
+                f"{text!r} may have its day or its month first; write 2024-05-01T10:15:30 (ISO "
+                "8601)"
+            )
         else:
             raise ValueError(
                 f"{text!r} in data row {row + 1} is no time; allowed are seconds, h:m:s, and "
@@ -82,12 +96,15 @@ def _fraction(digits: str | None) -> float:
 
 def _date_seconds(match: re.Match[str]) -> float:
     """Return the whole seconds of a date with a time from the year 1 on."""
-    year, month, day, hour, minute, second = (int(match[k]) for k in range(1, 7))
+    year = int(match["year"] or match["year_last"])
+    month = int(match["month"] or match["month_second"])
+    day = int(match["day"] or match["day_first"])
+    hour, minute, second = (int(match[part]) for part in ("hour", "minute", "second"))
     try:
         days = date(year, month, day).toordinal()
     except ValueError:
         raise ValueError(f"{match[0]!r} has a date that is none") from None
-    zone = match[8] or "Z"
+    zone = match["zone"] or "Z"
     offset = 0.0
     if zone != "Z":
         minutes = int(zone[1:3]) * 60 + int(zone[3:].removeprefix(":") or 0)

@@ -312,10 +312,10 @@ def _filled(
     if not (t[1:] > t[:-1]).all():
         raise DataError(f"{path}: {names['t_s']} must increase from row to row.")
     base = np.ones(len(t), dtype=bool)
-    for column, values in found.items():
-        if column not in sparse:
-            base &= ~values.empty
-    if filling == "interpolate" and base.all():
+    full = [column for column in found if column not in sparse and column != "t_s"]
+    for column in full:
+        base &= ~found[column].empty
+    if filling == "interpolate" and not full:
         fastest = min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))
         base &= ~found[fastest].empty
     first, last = t[0], t[-1]

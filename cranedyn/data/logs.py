@@ -182,7 +182,7 @@ def _read_text(
     text_format = TextFormat(
         delimiter=layout.delimiter,
         decimal=layout.decimal,
-        width=len(layout.names),
+        labels=[name or f"#{i}" for i, name in enumerate(layout.names, start=1)],
         first_line=layout.first_line,
         words=layout.clocks & set(indices),
     )
@@ -214,8 +214,9 @@ def _clock_column(path: Path, name: str, texts: Sequence[str]) -> LoggedColumn:
         raise DataError(f"{path}: column {quoted(name)}: {error}.") from None
     empty = np.array([not text for text in texts], dtype=bool)
     first = next(filter(None, texts), "")
-    origin = f"from {first}" if "-" in first else "from 0:00:00"
-    return LoggedColumn(seconds, empty, f"its times count in seconds {origin}")
+    has_date = re.match(r"\d+[-./]\d+[-./]", first)
+    origin = f"from {first}" if has_date else "from 0:00:00"
+    return LoggedColumn(seconds, empty, f"times count in seconds {origin}")
 
 
 def _check_clocks(
@@ -270,7 +271,7 @@ def _read_parquet(
             ticks = nanoseconds.fill_null(0).to_numpy(zero_copy_only=False)
         first = ticks[np.argmin(empty)] if len(ticks) else 0
         seconds = np.where(empty, np.nan, (ticks - first) / 1e9)
-        columns.append(LoggedColumn(seconds, empty, "its times count in seconds from the first"))
+        columns.append(LoggedColumn(seconds, empty, "times count in seconds from the first"))
     return columns
 
 
@@ -389,7 +390,7 @@ def _sheet_column(
     if column not in sheet.dates:
         return LoggedColumn(values, empty)
     seconds = values - values[np.argmin(empty)]
-    return LoggedColumn(seconds, empty, "its times count in seconds from the first")
+    return LoggedColumn(seconds, empty, "times count in seconds from the first")
 
 
 FORMATS: dict[str, Callable[[Path], Log]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -123,14 +124,14 @@ class TextFormat:
     Attributes:
         delimiter: What separates cells.
         decimal: Decimal mark.
-        width: Number of cells of a row.
+        labels: Names of the columns, or their numbers, as in "#3".
         first_line: Index of the line of the first row, from 0.
         words: Indices of the columns that are read as words.
     """
 
     delimiter: str
     decimal: str
-    width: int
+    labels: Sequence[str]
     first_line: int
     words: Collection[int]
 
@@ -151,7 +152,7 @@ def csv_columns(
             the others, or a cell is no number.
     """
     path = Path(path)
-    names = [str(index) for index in range(text_format.width)]
+    names = [str(index) for index in range(len(text_format.labels))]
     wanted = list(dict.fromkeys(names[index] for index in indices))
     words = {names[index] for index in text_format.words}
     convert = pyarrow.csv.ConvertOptions(
@@ -174,13 +175,48 @@ def csv_columns(
         source = native or pa.BufferReader(content)
         blocks: list[pa.RecordBatch] = []
         size = 0
-        with pyarrow.csv.open_csv(source, read, parse, convert) as reader:
+        with (
+            _located(path, text_format),
+            pyarrow.csv.open_csv(source, read, parse, convert) as reader,
+        ):
             for block in reader:
                 blocks.append(block)
                 size += block.nbytes
                 _check_size(size, path)  # the file may grow meanwhile
             table = pa.Table.from_batches(blocks, reader.schema)
         return [table[names[index]].combine_chunks() for index in indices]
+
+
+@contextmanager
+def _located(path: Path, text_format: TextFormat) -> Iterator[None]:
+    """Turn errors of Arrow over a cell or a row into a `DataError` that names column and row."""
+    try:
+        yield
+    except pa.ArrowInvalid as error:
+        text = str(error)
+        # Arrow counts the lines above the table, too, and leaves out blank ones below.
+        row = re.search(r"Row #(\d+):", text)
+        place = f"data row {int(row[1]) - text_format.first_line}" if row else "some row"
+        cells = re.search(r"Expected (\d+) columns, got (\d+)", text)
+        if cells:
+            raise DataError(
+                f"{path} has {cells[2]} cells in {place} and {cells[1]} in the rows above; needed "
+                "is one number of cells. A line that was cut off at the end can be deleted."
+            ) from error
+        column = re.search(r"column #(\d+):", text)
+        value = re.search(r"invalid value '(.*)'", text, re.DOTALL)
+        if column and value:
+            label = quoted(text_format.labels[_read_index(text_format, int(column[1]))])
+            raise DataError(
+                f"{path}: column {label} holds {quoted(value[1])} in {place}, which is no number "
+                f"with the decimal mark {text_format.decimal!r}."
+            ) from error
+        raise
+
+
+def _read_index(text_format: TextFormat, column: int) -> int:
+    """Return the index of a column of the file by its number in a message of Arrow."""
+    return min(column, len(text_format.labels) - 1)
 
 
 def parquet_schema(path: str | Path) -> pa.Schema:

@@ -48,6 +48,10 @@ _KNOWN_UNITS = frozenset(
 """Units that a row of units may hold, in lower case."""
 
 
+_TIME_UNITS = frozenset("s sec ms us µs ns min".split())
+"""Units of time among them."""
+
+
 @dataclass(frozen=True)
 class TextLayout:
     """Layout of a text table.
@@ -334,7 +338,7 @@ def table_header(
     units = blank
     if len(fitted) > 1 and is_row_of_units(names):
         _, candidate, _ = fitted[-2]
-        if candidate is not None and all(candidate):
+        if candidate is not None and not any(map(_is_number, candidate)) and all(candidate):
             names, units, number = candidate, names, fitted[-2][0]
     remarks = []
     if number > 1:
@@ -360,9 +364,17 @@ def _fitted(cells: list[str], width: int) -> tuple[str, ...] | None:
 
 
 def is_row_of_units(cells: Sequence[str]) -> bool:
-    """Return whether cells are units: known ones, bare or in brackets, or nothing."""
+    """Return whether cells are units: known ones, in brackets or bare, or nothing. Bare ones have
+    one of time among them: "t, v, a" are names.
+    """
+    brackets = [unit_in_brackets(cell) == cell[1:-1].strip() for cell in cells if cell]
     bare = [unit_in_brackets(cell) or cell for cell in cells]
-    return any(cells) and all(not cell or cell.lower() in _KNOWN_UNITS for cell in bare)
+    known = any(cells) and all(not cell or cell.lower() in _KNOWN_UNITS for cell in bare)
+    return known and (all(brackets) or any(cell.lower() in _TIME_UNITS for cell in bare))
+
+
+def _is_number(cell: str) -> bool:
+    return any(number.fullmatch(cell) for number in _NUMBERS.values())
 
 
 def unit_in_brackets(name: str) -> str:
