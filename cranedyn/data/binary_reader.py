@@ -96,7 +96,7 @@ def matrix_columns(name: str, array: Any, remarks: list[str]) -> Iterator[tuple[
 # --- MATLAB 4 to 7.2 ------------------------------------------------------------------------------
 
 
-def read_mat() -> None:
+def read_matlab_arrays() -> None:
     """Read variables and fields of structures of a file of MATLAB up to version 7.2."""
     from scipy.io import loadmat
 
@@ -192,7 +192,7 @@ def dataset_columns(
 # --- workbooks ------------------------------------------------------------------------------------
 
 
-def read_workbook() -> None:
+def read_workbook_cells() -> None:
     """Read the sheets of a workbook: a matrix of numbers each, and the cells that hold words."""
     from python_calamine import CalamineWorkbook
 
@@ -298,9 +298,9 @@ def read_rosbag2() -> None:
 
 
 READERS = {
-    "mat": read_mat,
+    "mat": read_matlab_arrays,
     "hdf5": read_hdf5,
-    "workbook": read_workbook,
+    "workbook": read_workbook_cells,
     "rosbag2": read_rosbag2,
 }
 """Readers by kind of file."""

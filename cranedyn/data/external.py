@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from cranedyn.data.logs import Log, LoggedColumn, open_log
+from cranedyn.data.logs import LoggedColumn, LoggedTable, open_log
 from cranedyn.data.text_layout import unit_in_brackets
 from cranedyn.errors import DataError, UnknownName, printable, quoted
 
@@ -146,7 +146,7 @@ def read_external(
 
 
 def load_external(
-    log: Log,
+    log: LoggedTable,
     columns: Sequence[str],
     sources: Mapping[str, Source] | None = None,
     *,
@@ -201,7 +201,7 @@ def load_external(
     return ExternalTable(data, tuple(remarks))
 
 
-def _indices(log: Log, origin: Mapping[str, Source]) -> dict[str, int]:
+def _indices(log: LoggedTable, origin: Mapping[str, Source]) -> dict[str, int]:
     """Return the indices of columns in a file by our name.
 
     Raises:
@@ -231,7 +231,7 @@ class _Unit(NamedTuple):
     remark: str = ""
 
 
-def _unit(log: Log, column: str, source: Source, index: int) -> _Unit:
+def _unit(log: LoggedTable, column: str, source: Source, index: int) -> _Unit:
     """Return the unit of a column of a file, as the user says it.
 
     Raises:

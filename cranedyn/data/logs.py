@@ -1,8 +1,8 @@
 """Tables as programs log them, in any supported format: named columns of numbers.
 
 `open_log` finds the format of a file by its content and its ending. Each format is one function of
-`FORMATS`, which returns a `Log`: names, units, and a function that reads columns. What was decided
-about the file is said in `Log.remarks`, and what is ambiguous is refused.
+`FORMATS`, which returns a `LoggedTable`: names, units, and a function that reads columns. What was decided
+about the file is said in `LoggedTable.remarks`, and what is ambiguous is refused.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cranedyn.data.text_layout import (
     BLANKS,
     SAMPLE,
     TextLayout,
-    refuse,
+    not_a_table,
     table_header,
     text_layout,
 )
@@ -67,7 +67,7 @@ class LoggedColumn:
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class LoggedTable:
     """Table of a file of another program, whose columns are read when they are asked for.
 
     Attributes:
@@ -111,7 +111,7 @@ class Log:
         return tuple(name or f"#{i}" for i, name in enumerate(self.names, start=1))
 
 
-def open_log(path: str | Path) -> Log:
+def open_log(path: str | Path) -> LoggedTable:
     """Open a file of another program.
 
     Raises:
@@ -157,7 +157,7 @@ _HDF5 = (".h5", ".hdf5", ".hdf")
 # --- text -----------------------------------------------------------------------------------------
 
 
-def _open_text(path: Path) -> Log:
+def _open_text(path: Path) -> LoggedTable:
     """Open a text table, such as CSV."""
     with open_file(path) as file:
         sample = file.read(SAMPLE)
@@ -167,8 +167,10 @@ def _open_text(path: Path) -> Log:
     try:
         layout = text_layout(sample, complete=complete)
     except ValueError as error:
-        raise refuse(path, error) from None
-    return Log(path, layout.names, layout.units, layout.remarks, partial(_read_text, path, layout))
+        raise not_a_table(path, error) from None
+    return LoggedTable(
+        path, layout.names, layout.units, layout.remarks, partial(_read_text, path, layout)
+    )
 
 
 def _read_text(
@@ -236,12 +238,14 @@ def _check_clocks(
 # --- Parquet --------------------------------------------------------------------------------------
 
 
-def _open_parquet(path: Path) -> Log:
+def _open_parquet(path: Path) -> LoggedTable:
     """Open a Parquet file."""
     schema = parquet_schema(path)
     names = tuple(schema.names)
     clocks = frozenset(i for i, field in enumerate(schema) if pa.types.is_timestamp(field.type))
-    return Log(path, names, ("",) * len(names), (), partial(_read_parquet, path, names, clocks))
+    return LoggedTable(
+        path, names, ("",) * len(names), (), partial(_read_parquet, path, names, clocks)
+    )
 
 
 def _read_parquet(
@@ -278,7 +282,7 @@ def _read_parquet(
 # --- MATLAB and HDF5 ------------------------------------------------------------------------------
 
 
-def _open_arrays(kind: Kind, path: Path) -> Log:
+def _open_arrays(kind: Kind, path: Path) -> LoggedTable:
     """Open a file of arrays: .mat or HDF5."""
     result = read_bounded(path, kind)
     names = tuple(str(name) for name in result.header["names"])
@@ -287,7 +291,7 @@ def _open_arrays(kind: Kind, path: Path) -> Log:
         reason = f": {'; '.join(remarks)}" if remarks else ""
         raise DataError(f"{path} holds no vector of numbers{reason}.")
     read = partial(_read_arrays, path, result, names)
-    return Log(path, names, ("",) * len(names), remarks, read)
+    return LoggedTable(path, names, ("",) * len(names), remarks, read)
 
 
 def _read_arrays(
@@ -317,7 +321,7 @@ def _read_arrays(
 # --- workbooks ------------------------------------------------------------------------------------
 
 
-def _open_workbook(path: Path) -> Log:
+def _open_workbook(path: Path) -> LoggedTable:
     """Open a workbook. Where several sheets hold a table, names are those of sheet and column, as
     in "Sheet1!time".
     """
@@ -347,7 +351,7 @@ def _open_workbook(path: Path) -> Log:
         remarks += [f"{place}{remark}" for remark in header.remarks]
         places += [(sheet, first, column) for column in range(width)]
     read = partial(_read_workbook, path, places)
-    return Log(path, tuple(names), tuple(units), tuple(remarks), read)
+    return LoggedTable(path, tuple(names), tuple(units), tuple(remarks), read)
 
 
 def _read_workbook(
@@ -393,7 +397,7 @@ def _sheet_column(
     return LoggedColumn(seconds, empty, "times count in seconds from the first")
 
 
-FORMATS: dict[str, Callable[[Path], Log]] = {
+FORMATS: dict[str, Callable[[Path], LoggedTable]] = {
     "text": _open_text,
     "parquet": _open_parquet,
     "mat": partial(_open_arrays, "mat"),

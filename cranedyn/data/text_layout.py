@@ -387,6 +387,6 @@ def unit_in_brackets(name: str) -> str:
     return (match[1] or match[2] or "").strip()
 
 
-def refuse(path: object, error: ValueError) -> DataError:
+def not_a_table(path: object, error: ValueError) -> DataError:
     """Return the error that a file has no layout that can be read."""
     return DataError(f"Cannot read {path} as a table: {error}.")
