@@ -1,8 +1,8 @@
 """Tables as programs log them, in any supported format: named columns of numbers.
 
 `open_log` finds the format of a file by its content and its ending. Each format is one function of
-`FORMATS`, which returns a `LoggedTable`: names, units, and a function that reads columns. What was decided
-about the file is said in `LoggedTable.remarks`, and what is ambiguous is refused.
+`FORMATS`, which returns a `LoggedTable`: names, units, and a function that reads columns. What was
+decided about the file is said in `LoggedTable.remarks`, and what is ambiguous is refused.
 """
 
 from __future__ import annotations
