@@ -1503,6 +1503,10 @@ cranedyn/data/text_layout.py
 ? text_layout::an_ambiguous_table_is_refused
 - if len(delimiters) > 1:
 + if False:
+* names of a table whose rows begin with a number are shifted
+? text_layout::an_ambiguous_table_is_refused
+- and len(cells) > 1 and ends_empty:
++ and len(cells) > 1:
 * a header of another number of names is passed over
 ? text_layout::an_ambiguous_table_is_refused
 - if is_comment:

@@ -343,7 +343,7 @@ def _open_workbook(path: Path) -> LoggedTable:
             for i in range(first)
             if any(cell != "" for cell in sheet.row(i))
         ]
-        header = table_header(above, width, first + 1)
+        header = table_header(above, width, first + 1, ends_empty=False)
         prefix = f"{sheet.name}!" if len(tables) > 1 else ""
         names += [f"{prefix}{name or f'#{j}'}" for j, name in enumerate(header.names, start=1)]
         units += header.units

@@ -304,11 +304,16 @@ def _header(lines: Sequence[str], rows: _Rows) -> TableHeader:
         comment = _COMMENT.match(line)
         cells = _split(line[comment.end() :], rows.delimiter) if comment else rows.cells[number]
         above.append((number + 1, cells, comment is not None))
-    return table_header(above, rows.width, rows.first + 1)
+    ends_empty = not any(
+        cells[-1]
+        for number, cells in rows.cells.items()
+        if number >= rows.first and len(cells) == rows.width
+    )
+    return table_header(above, rows.width, rows.first + 1, ends_empty=ends_empty)
 
 
 def table_header(
-    above: Sequence[tuple[int, list[str], bool]], width: int, first: int
+    above: Sequence[tuple[int, list[str], bool]], width: int, first: int, *, ends_empty: bool
 ) -> TableHeader:
     """Return the names and units above the first row of a table.
 
@@ -316,6 +321,7 @@ def table_header(
         above: Number, cells, and whether it is a comment, of each line above the first row.
         width: Number of cells of a row.
         first: Number of the line of the first row.
+        ends_empty: Whether the last cell of all rows is empty, which needs no name.
 
     Raises:
         ValueError: If the line above the rows is neither a comment nor a header of them.
@@ -324,7 +330,9 @@ def table_header(
     if not above:
         remark = f"it has no header; its columns are #1 to #{width}"
         return TableHeader(blank, blank, (remark,))
-    fitted = [(number, _fitted(cells, width), comment) for number, cells, comment in above]
+    fitted = [
+        (number, _fitted(cells, width, ends_empty), comment) for number, cells, comment in above
+    ]
     number, names, is_comment = fitted[-1]
     if names is None:
         if is_comment:
@@ -350,13 +358,14 @@ def table_header(
     return TableHeader(names, units, tuple(remarks))
 
 
-def _fitted(cells: list[str], width: int) -> tuple[str, ...] | None:
+def _fitted(cells: list[str], width: int, ends_empty: bool) -> tuple[str, ...] | None:
     """Return cells as a header of so many columns, None if they are no such header. A delimiter at
-    the end of the rows or of the header alone makes one more.
+    the end of the rows or of the header alone makes one more; a row that begins with its number,
+    which has no name, is another table.
     """
     if len(cells) == width + 1 and not cells[-1]:
         cells = cells[:-1]
-    elif len(cells) == width - 1 and len(cells) > 1:
+    elif len(cells) == width - 1 and len(cells) > 1 and ends_empty:
         cells = [*cells, ""]
     if len(cells) != width or not any(cells):
         return None

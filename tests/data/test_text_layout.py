@@ -85,6 +85,7 @@ def test_a_character_that_the_sample_cuts_is_no_other_encoding() -> None:
         ("t;a\n0,5;1.5\n1,5;2.5\n", "one decimal mark"),
         ("t;a\n1.234,5;1\n2.345,5;2\n", "one decimal mark"),
         ("t;u;words\n1;2;a,1,2\n3;4;b,2,3\n", "',' and ';' separate its cells equally well"),
+        ("a,b\n1,0.1,0.2\n2,0.1,0.2\n", "line 1 has 2 cells and the rows below it have 3"),
         ("hello\nworld\n", "has no rows of two numbers"),
         ("t,a\n", "has no rows of two numbers"),
         ("\0\0\1\2,\3", "it is not text"),
