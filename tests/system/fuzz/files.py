@@ -11,6 +11,7 @@ import re
 import tempfile
 import warnings
 import xml.etree.ElementTree as ET
+import zipfile
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from functools import cache, partial
@@ -404,13 +405,36 @@ def _arrays() -> dict[str, bytes]:
 
 
 @cache
-def _workbooks() -> dict[str, bytes]:
+def _workbook() -> bytes:
     from tests.experiments.test_measured import workbook
 
     rows: list[list[object]] = [["time", "angle", "rope"]]
     rows += [[0.02 * k, 0.1, 15.0] for k in range(20)]
     with tempfile.TemporaryDirectory() as folder:
-        return {"a.xlsx": workbook(Path(folder) / "a.xlsx", [rows]).read_bytes()}
+        return workbook(Path(folder) / "a.xlsx", [rows]).read_bytes()
+
+
+@cache
+def _sheets() -> dict[str, bytes]:
+    """The parts of a workbook, which are packed again: a wrong byte of an archive ends it soon."""
+    with zipfile.ZipFile(io.BytesIO(_workbook())) as archive:
+        contents = {name.replace("/", "+"): archive.read(name) for name in archive.namelist()}
+    return contents | {"a.xlsx": _workbook()}
+
+
+def _use_sheet(path: Path) -> None:
+    if path.suffix == ".xlsx":
+        _use_log(path)
+        return
+    whole = path.with_name("whole.xlsx")
+    with (
+        zipfile.ZipFile(io.BytesIO(_workbook())) as archive,
+        zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as changed,
+    ):
+        for name in archive.namelist():
+            is_changed = name.replace("/", "+") == path.name
+            changed.writestr(name, path.read_bytes() if is_changed else archive.read(name))
+    _use_log(whole)
 
 
 @cache
@@ -418,10 +442,14 @@ def _hierarchies() -> dict[str, bytes]:
     import h5py
 
     with tempfile.TemporaryDirectory() as folder:
-        with h5py.File(Path(folder) / "a.h5", "w") as file:
+        with h5py.File(Path(folder) / "packed.h5", "w") as file:
             for name in ("t", "phi", "rope"):
-                file.create_dataset(name, data=np.arange(60.0), chunks=(20,), compression="gzip")
-        return {"a.h5": (Path(folder) / "a.h5").read_bytes()}
+                values = 0.02 * np.arange(60.0)
+                file.create_dataset(name, data=values, chunks=(20,), compression="gzip")
+        with h5py.File(Path(folder) / "plain.h5", "w") as file:
+            for name in ("t", "phi", "rope"):
+                file.create_dataset(name, data=0.02 * np.arange(60.0))
+        return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
 
 
 def _use_log(path: Path) -> None:
@@ -491,7 +519,7 @@ GENERATORS = [
     edits_of("bag", _bags, _use_bag),
     edits_of("log", _logs, _use_log),
     edits_of("MATLAB", _arrays, _use_log),
-    edits_of("workbook", _workbooks, _use_log),
+    edits_of("workbook", _sheets, _use_sheet),
     edits_of("HDF5", _hierarchies, _use_log),
     edits_of("database", _databases, _use_bag),
 ]
