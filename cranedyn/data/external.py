@@ -183,7 +183,9 @@ def load_external(
     for column, values in found.items():
         if units[column].remark:
             remarks.append(units[column].remark)
-        scaled = values.values * _factor(column, units[column].name)
+        # What is not finite, or no longer, is refused below.
+        with np.errstate(invalid="ignore", over="ignore"):
+            scaled = values.values * _factor(column, units[column].name)
         found[column] = LoggedColumn(scaled, values.empty)
     names = {column: printable(log.labels[index]) for column, index in indices.items()}
     rows = _rows_between(found, since, until)

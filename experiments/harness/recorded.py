@@ -38,9 +38,8 @@ def add_files(parser: Parser, columns: Sequence[str], *uses: str) -> None:
     """
     add_mode(parser, "files", *uses, "columns", "joints")
     text = (
-        f"analyse files with columns {', '.join(columns)} instead of simulating: CSV and other "
-        "text tables, Parquet, .mat, .xlsx, or joint states in .mcap, .db3, .bag or a folder of "
-        "ROS 2"
+        f"analyse files with columns {', '.join(columns)} instead of simulating: CSV, Parquet, "
+        ".mat, .xlsx, or .mcap, .db3, .bag and folders of ROS 2 with joint states"
     )
     parser.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
     add_sources(parser, "--from and {} file")
@@ -54,9 +53,8 @@ def add_sources(parser: Parser, place: str) -> None:
         place: What these arguments need, with braces for the ending of a file: "{} FILE".
     """
     text = (
-        "what columns of tables are called, and their units where they are others than ours, as "
-        "phi_rad=Angle[deg] t_s=time[ms]; a name with brackets stands between quotation marks, "
-        "as phi_rad='\"Angle [1]\"[deg]', and #3 is the third column"
+        "what columns of tables are called, or #3 for the third, and their units where they are "
+        "others than ours, as phi_rad=Angle[deg] t_s=time[ms]"
     )
     parser.common.add_argument(
         "--columns", nargs="+", action="extend", default=[], metavar="OURS=NAME[UNIT]", help=text

@@ -293,8 +293,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.example = f"{parser.prog} run.csv --drives motion"
     add = parser.add_argument
     text = (
-        "records of one crane with a swing and the drives: CSV and other text tables, Parquet, "
-        ".mat, .xlsx, .mcap, .db3, .bag, or a folder of ROS 2; without any the examples are "
+        "records of one crane, such as .csv, .mat, .xlsx or .mcap; without any the examples are "
         "identified"
     )
     add("files", nargs="*", metavar="FILE", default=[], help=text)
@@ -311,11 +310,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, end, default in (("since", "before", -math.inf), ("until", "after", math.inf)):
         text = f"leave out what was recorded {end} this time [s]"
         add(f"--{name}", type=float, default=default, metavar="T", help=text)
-    text = (
-        "signs of swings, 1 as recorded and -1 for the other one; by default a swing that is not "
-        "explained as recorded is tried either way, and both likelihoods are reported"
-    )
-    add("--sign", nargs="+", default=[], metavar="phi=-1", help=text)
+    text = "sign of a swing, 1 as recorded; by default both are tried if that does not explain it"
+    add("--sign", nargs="+", default=[], metavar="S", help=text)
     harness.add_sources(parser, "{} FILE")
     add_crane_options(parser.common)
     text, default = "prior value of gravity [m/s²]", STANDARD_GRAVITY
