@@ -233,8 +233,8 @@ def _phase_table(readings: dict[float, Reading]) -> ResultTable:
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the hoisting, or analyse recorded files."""
     if options.files:
-        readings = harness.analyse_files(options, COLUMNS, lambda _, data: read_run(data))
-        return Outcome([_summary(dict(readings))])
+        files = harness.analyse_files(options, COLUMNS, lambda _, data: read_run(data))
+        return Outcome([files.noted(_summary(dict(files.results)))])
     trajectory = run(setup)
     stiff = run(setup, stiffness={"l": STIFF_HOIST[0]}, damping={"l": STIFF_HOIST[1]})
     ours, hard = read_run(trajectory), read_run(stiff)

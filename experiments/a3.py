@@ -218,11 +218,11 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse recorded files."""
     if options.files:
-        compared = harness.analyse_files(
+        files = harness.analyse_files(
             options, COLUMNS, lambda _, data: agreement(*by_paper(data)[1:3])
         )
-        rows = [(file, EQUATION, result) for file, result in compared]
-        return Outcome([_table([*rows, ("article", "", PUBLISHED)])])
+        rows = [(file, EQUATION, result) for file, result in files.results]
+        return Outcome([files.noted(_table([*rows, ("article", "", PUBLISHED)]))])
     position = {"radius": options.radius, "length": options.length}
     soft, stiff = run(setup, **position), run(setup, STIFF_SLEW, **position)
     results = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}

@@ -1560,7 +1560,114 @@ cranedyn/lifting/checks.py
 ? judgement::a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further
 - limit >= required.wind
 + broken >= required.wind
+cranedyn/data/bounded.py
+* a binary file of any size is read
+? logs::memory_time_and_size_are_bounded
+- if file.seek(0, os.SEEK_END) > LARGEST_FILE:
++ if False:
+* a reader of a binary file may take any time
+? logs::memory_time_and_size_are_bounded
+- timeout=WALL_TIME,
++ timeout=None,
+cranedyn/data/binary_reader.py
+* a reader of a binary file may take all memory
+? logs::memory_time_and_size_are_bounded
+- resource.RLIMIT_AS: memory,
++ resource.RLIMIT_AS: resource.RLIM_INFINITY,
+* links to other files are followed
+? logs::data_of_hdf5_in_other_files_are_not_opened
+- if not isinstance(group.get(key, getlink=True), h5py.HardLink):
++ if False:
+* data sets that lie in other files are read
+? logs::data_of_hdf5_in_other_files_are_not_opened
+- if item.is_virtual or item.external:
++ if False:
+* a view of a database is read, which may call functions
+? mcap::a_database_whose_tables_are_views_is_refused
+- kinds.get("topics") != "table" or kinds
++ kinds
+cranedyn/data/external.py
+* a unit that a file says is overlooked
+? logs::a_unit_that_the_file_says_and_the_user_does_not_is_refused
+- if theirs not in factors or factors[theirs] == factor:
++ if True:
+* what lies outside of since and until is judged
+? logs::nothing_outside_of_since_and_until_is_judged
+- rows = _rows_between(found, since, until)
++ rows = _rows_between(found, -math.inf, math.inf)
+* a swing may be missing for any time
+? logs::a_swing_that_is_missing_for_long_is_refused
+- longest > _LONGEST_GAP * usual:
++ longest > 1e9 * usual:
+* a topic holds its next value
+? logs::a_topic_holds_its_value_until_its_next_one
+- np.arange(len(t)), side="right") - 1
++ np.arange(len(t)), side="right")
+cranedyn/data/text_layout.py
+* a comma of thousands is taken for a decimal mark
+? text_layout::an_ambiguous_table_is_refused
+- if with_comma and all(
++ if False and all(
+* of two delimiters that fit one is guessed
+? text_layout::an_ambiguous_table_is_refused
+- if len(delimiters) > 1:
++ if False:
+* names of a table whose rows begin with a number are shifted
+? text_layout::an_ambiguous_table_is_refused
+- and len(cells) > 1 and ends_empty:
++ and len(cells) > 1:
+* a header of another number of names is passed over
+? text_layout::an_ambiguous_table_is_refused
+- if is_comment:
++ if True:
+cranedyn/data/clock_times.py
+* a clock falls back at midnight
+? clock_times::times_are_seconds
+- seconds[present[1:]] += _DAY * np.cumsum(steps < -0.5 * _DAY)
++ pass
+* a time zone is overlooked
+? clock_times::times_are_seconds
+- 3600.0 * hour + 60.0 * minute + second - offset
++ 3600.0 * hour + 60.0 * minute + second
+cranedyn/data/logs.py
+* times are read as numbers
+? logs::times_are_no_angles
+- if index in clocks and not may_be_time:
++ if False:
+cranedyn/bridges/bags.py
+* a folder is left by its links
+? mcap::a_folder_that_is_no_recording_is_a_sentence
+- entry.is_file() and not entry.is_symlink()
++ entry.is_file()
+experiments/measured/sources.py
+* git runs what a clone configures
+? measured::programs_that_a_clone_names_do_not_run
+- env=environment,
++ env={**os.environ, "GIT_DIR": str(clone.resolve() / ".git")},
+cranedyn/identification/period.py
+* a rate has the spectrum of its angle
+? period::the_period_of_a_swing_or_its_rate_is_that_of_its_spectrum
+- power[1:] /= frequencies[1:] ** 2
++ pass
+* a period is told of less than two
+? period::no_period_is_told_where_none_dominates_or_too_little_was_recorded
+- if total <= 0.0 or not LEAST_PERIODS <= peak < len(power) - 1:
++ if total <= 0.0 or not 1 <= peak < len(power) - 1:
+cranedyn/identification/problem.py
+* a sign that was stated is tried otherwise
+? assumed::a_stated_sign_is_not_tried_otherwise
+- if name not in self.stated_signs}
++ if True}
+cranedyn/identification/assumed.py
+* what was stated counts as assumed
+? assumed::what_was_stated_is_not_assumed
+- name not in prior.values and
++ True and
 cranedyn/identification/estimate.py
+* a swing is turned without a word
+? assumed::a_swing_of_the_other_sign_is_a_decision_with_both_likelihoods
+- signs=_sign_decisions(results, best)
++ signs=()
 * errors with a memory count as if they had none
 ? estimate::coloured_errors_widen_the_intervals_and_never_narrow_them
 - covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)
@@ -1612,6 +1719,14 @@ cranedyn/identification/parameters.py
 - quarter = 0.25 * min(
 + quarter = 0.25 * max(
 cranedyn/identification/record.py
+* a crane that cannot swing so is identified
+? period::a_crane_that_cannot_swing_in_the_period_of_a_record_is_refused_with_its_inertias
+- if own < possible.shortest / _IMPOSSIBLE:
++ if False:
+* a record is judged by the period of the crane that is believed in
+? period::a_record_is_long_enough_by_its_own_period
+- return self.recorded_period or self.swing_period
++ return self.swing_period
 * a gap of a tenth of a period is a fault of a fast clock
 ? record::missing_rows_are_allowed_within_a_tenth_of_a_period
 - max(_GAP * np.median(steps), _GAP_SHARE * period)

@@ -1,9 +1,12 @@
-"""Import of ROS recordings: columns of a trajectory from joint states in .mcap and .bag files."""
+"""Import of ROS recordings: columns of a trajectory from joint states in .mcap, .db3 and .bag files
+and in folders of ROS 2.
+"""
 
 from __future__ import annotations
 
 import bz2
 import math
+import os
 import struct
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,13 +19,20 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from cranedyn.bridges.mcap import check_installed
+from cranedyn.data.bounded import read_bounded
 from cranedyn.data.files import open_file
 from cranedyn.data.tables import LARGEST
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.model.layout import ROLES
 
-ENDINGS = (".mcap", ".bag")
-"""Endings of files that can be read."""
+ENDINGS = (".mcap", ".bag", ".db3")
+"""Endings of files that can be read: MCAP and SQLite of ROS 2, bags of ROS 1."""
+
+FOLDER_ENDINGS = (".mcap", ".db3")
+"""Endings of the files in a folder that ``ros2 bag record`` made."""
+
+_ZSTANDARD = b"\x28\xb5\x2f\xfd"
+"""First bytes of a compressed message; one that is not compressed begins with a zero."""
 
 TYPE = "sensor_msgs/msg/JointState"
 TOPIC = "/joint_states"
@@ -48,6 +58,9 @@ _MOST = 100_000_000
 _BLOCK = 1_000_000
 """Bytes of a chunk that are decompressed at a time."""
 
+_ROUND_OFF = 1e-9
+"""Round-off of a time at which a record begins or ends [s]."""
+
 _END = struct.pack("<BQ20x8B", 2, 20, *b"\x89MCAP0\r\n")
 """Footer of an MCAP file, at which its reader ends."""
 
@@ -56,19 +69,26 @@ Raw = tuple[str, int, bytes]
 
 
 def read_joint_states(
-    path: str | Path, columns: Sequence[str], names: Mapping[str, str] | None = None
+    path: str | Path,
+    columns: Sequence[str],
+    names: Mapping[str, str] | None = None,
+    *,
+    since: float = -math.inf,
+    until: float = math.inf,
 ) -> dict[str, np.ndarray]:
-    """Read columns of a trajectory from the joint states in a recording of ROS 2 (.mcap) or ROS 1
-    (.bag).
+    """Read columns of a trajectory from the joint states in a recording of ROS 2 (.mcap, .db3, or
+    the folder of them) or ROS 1 (.bag).
 
     Messages are taken from ``/joint_states``, or from the only topic of that type. Times are those
     of their headers, or of logging where headers have none, and count from the first message.
     Message definitions in the file are ignored: JointState is standard.
 
     Args:
-        path: File to read.
+        path: File or folder to read.
         columns: Coordinates, rates and efforts by their names in a trajectory, and ``t_s``.
         names: Names of joints by the symbols of coordinates, where they differ from `NAMES`.
+        since: Time of the first row [s] from the first message on; earlier ones are not judged.
+        until: Time of the last row [s].
 
     Returns:
         The columns by name, shape (n,) each.
@@ -79,7 +99,7 @@ def read_joint_states(
         UnknownName: If `names` has an unknown coordinate.
     """
     with _parsing(Path(path), names) as named:
-        return _columns(Path(path), columns, named)
+        return _columns(Path(path), columns, named, since, until)
 
 
 def joint_state_columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[str]:
@@ -103,6 +123,45 @@ def joint_state_columns(path: str | Path, names: Mapping[str, str] | None = None
     ]
 
 
+def is_recording(path: str | Path) -> bool:
+    """Return whether a path is taken for a recording of ROS: by the ending of a file, or since it
+    is a folder.
+    """
+    return Path(path).suffix.lower() in ENDINGS or os.path.isdir(path)
+
+
+def recorded_files(path: Path) -> list[Path]:
+    """Return the files of a recording: the path itself, or those of a folder of ROS 2 in the order
+    of their names. Its metadata.yaml is not read, and links, which may lead out of the folder, are
+    not followed.
+
+    Raises:
+        DataError: If a folder has no such files, or packed ones.
+    """
+    if not os.path.isdir(path):
+        return [path]
+    try:
+        entries = sorted(path.iterdir())
+    except OSError as error:
+        raise DataError(f"Cannot read {path}: {error.strerror}.") from error
+    packed = [entry for entry in entries if entry.name.endswith((".db3.zstd", ".mcap.zstd"))]
+    if packed:
+        raise DataError(
+            f"Cannot read {path}: {quoted(packed[0].name)} is packed; unpack it by zstd -d."
+        )
+    files = [
+        entry
+        for entry in entries
+        if entry.suffix.lower() in FOLDER_ENDINGS and entry.is_file() and not entry.is_symlink()
+    ]
+    if not files:
+        raise DataError(
+            f"Cannot read {path}: it is a folder without a recording of ROS 2; allowed is one with "
+            f"{' or '.join(FOLDER_ENDINGS)} files."
+        )
+    return files
+
+
 @contextmanager
 def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[dict[str, str]]:
     """Yield the names of the joints by symbol; convert any error of a parser to a `DataError`.
@@ -115,9 +174,12 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[dict[str, 
     for symbol in names or {}:
         if symbol not in NAMES:
             raise UnknownName("coordinate", symbol, NAMES)
-    with open_file(path) as file:
-        if file.seek(0, 2) > LARGEST:
-            raise DataError(f"Cannot read {path}: it is larger than {LARGEST / 1e6:g} MB.")
+    size = 0
+    for part in recorded_files(path):
+        with open_file(part) as file:
+            size += file.seek(0, os.SEEK_END)
+    if size > LARGEST:
+        raise DataError(f"Cannot read {path}: it is larger than {LARGEST / 1e6:g} MB.")
     try:
         yield {**NAMES, **(names or {})}
     except CraneError:
@@ -128,7 +190,9 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[dict[str, 
         ) from error
 
 
-def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> dict[str, np.ndarray]:
+def _columns(
+    path: Path, columns: Sequence[str], names: Mapping[str, str], since: float, until: float
+) -> dict[str, np.ndarray]:
     """Return columns in the order of their times, which count from the first [s]."""
     requested = [column for column in columns if column != "t_s"]
     stamps, logged, values = array("q"), array("q"), array("d")
@@ -140,13 +204,23 @@ def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> di
     times = np.array(stamps if any(stamps) else logged)
     order = np.argsort(times, kind="stable")
     times = times[order]
+    t = (times - times[:1]) / 1e9
+    rows = np.array(values).reshape(len(times), -1)[order]
+    within = (t >= since - _ROUND_OFF) & (t <= until + _ROUND_OFF)
+    times, t, rows = times[within], t[within], rows[within]
+    for column, numbers in zip(requested, rows.T, strict=True):
+        if not np.isfinite(numbers).all():
+            message = order[within][np.argmin(np.isfinite(numbers))] + 1
+            kind, symbol = _KINDS[column]
+            raise DataError(
+                f"{path}: {kind} of {names[symbol]} is not finite in its message {message}."
+            )
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise DataError(
             f"{path} has joint states at {len(times)} times, some of them the same; allowed are "
             "two or more that increase."
         )
-    rows = np.array(values).reshape(len(times), -1)[order]
-    data = dict(zip(requested, rows.T, strict=True)) | {"t_s": (times - times[0]) / 1e9}
+    data = dict(zip(requested, rows.T, strict=True)) | {"t_s": t}
     return {column: data[column] for column in columns}
 
 
@@ -154,10 +228,10 @@ def _states(path: Path) -> Iterator[tuple[int, Any]]:
     """Yield the joint states of a file in their order, each with its time of logging [ns]."""
     from rosbags.typesys import Stores, get_typestore
 
-    mcap = path.suffix == ".mcap"
-    source = partial(_mcap_messages if mcap else _bag_messages, path)
-    typestore = get_typestore(Stores.ROS2_HUMBLE if mcap else Stores.ROS1_NOETIC)
-    decode = typestore.deserialize_cdr if mcap else typestore.deserialize_ros1
+    is_ros1 = path.suffix.lower() == ".bag" and not os.path.isdir(path)
+    typestore = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    decode = typestore.deserialize_ros1 if is_ros1 else typestore.deserialize_cdr
+    source = partial(_messages, recorded_files(path))
     topics = sorted({topic for topic, *_ in source()})
     if TOPIC not in topics and len(topics) != 1:
         names = ", ".join(map(quoted, topics)) or "none"
@@ -186,9 +260,29 @@ def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, st
         )
     if (i := message.name.index(joint)) >= len(numbers):
         raise DataError(f"{path} has no {kind} of {joint} in its message {k}; {column} needs one.")
-    if not math.isfinite(value := float(numbers[i])):
-        raise DataError(f"{path}: {kind} of {joint} is not finite in its message {k}.")
-    return value
+    return float(numbers[i])
+
+
+def _messages(files: Sequence[Path]) -> Iterator[Raw]:
+    """Yield the messages of joint states in the files of a recording."""
+    readers = {".mcap": _mcap_messages, ".bag": _bag_messages, ".db3": _database_messages}
+    for file in files:
+        yield from readers[file.suffix.lower()](file)
+
+
+def _database_messages(path: Path) -> Iterator[Raw]:
+    """Yield the messages of joint states in an SQLite file of ROS 2."""
+    result = read_bounded(path, "rosbag2")
+    count = int(result.header["messages"])
+    unpack = _Unpacker()
+    table = result.content[: 24 * count].view("<i8").reshape(count, 3)
+    begin = 24 * count
+    for topic, time, size in table.tolist():
+        data = result.content[begin : begin + size].tobytes()
+        begin += size
+        if data.startswith(_ZSTANDARD):  # recorded with --compression-mode message
+            data = unpack("zstd", data)
+        yield str(result.header["topics"][topic]), time, data
 
 
 def _mcap_messages(path: Path) -> Iterator[Raw]:

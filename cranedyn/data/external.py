@@ -1,5 +1,7 @@
 """Files of other programs: their columns under our names and in our units, as the user states them;
 units are never guessed.
+
+`cranedyn.data.logs` says which files can be read.
 """
 
 from __future__ import annotations
@@ -7,12 +9,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from cranedyn.data.trajectory import check_increasing, read_columns
+from cranedyn.data.logs import LoggedColumn, LoggedTable, open_log
+from cranedyn.data.trajectory import check_increasing
 from cranedyn.errors import DataError, UnknownName, printable, quoted
 
 _FACTORS = {
@@ -27,24 +31,83 @@ _FACTORS = {
 }
 """Conversion factors to our unit, which ends the name of a column, by the unit of a file."""
 
-_SWINGS, _LARGEST_SWING = ("phi_rad", "theta_rad"), math.pi / 2
+_SPELLINGS = {
+    "sec": "s",
+    "seconds": "s",
+    "µs": "us",
+    "μs": "us",
+    "°": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "radians": "rad",
+    "°/s": "deg/s",
+    "N·m": "Nm",
+    "N m": "Nm",
+    "kN·m": "kNm",
+    "kN m": "kNm",
+}
+"""Our names of units by other names that files use."""
+
+_SWINGS = ("phi_rad", "theta_rad")
+"""Columns of swing angles."""
+
+_LARGEST_SWING = math.pi / 2
+"""Largest swing angle [rad]."""
+
+_ROUND_OFF = 1e-9
+"""Round-off of a time at which a record begins or ends [s]."""
+
+SPARSE = 0.2
+"""Share of empty cells above which a column belongs to another topic than the others, which reports
+at times of its own."""
+
+_LONGEST_GAP = 5.0
+"""Longest time between values of a swing that is in some rows only, in usual ones."""
+
+_ARGUMENT = re.compile(
+    r"""(?P<column>\w+)=
+    (?:"(?P<double>[^"]+)"|'(?P<single>[^']+)'|(?P<bare>(?:[^=\[\]]|\[[^\[\]]*\])+?))
+    (?:\s*\[(?P<unit>[^\[\]]+)\])?""",
+    re.VERBOSE,
+)
+"""An argument such as phi_rad=Swing[deg], with the name between quotation marks or not."""
+
+Filling = Literal["hold", "interpolate"]
+"""What stands in rows in which a column has no value, where rows of several topics are mixed: the
+value before, or one on the straight line between those before and after."""
 
 
 class Source(NamedTuple):
     """Column of a file.
 
     Attributes:
-        name: Name in the file.
+        name: Name in the file, or "#3" for the third column.
         unit: Unit in the file; empty for our unit.
+        whole: Name and unit as they were given, which may be the name of a column, too; empty if
+            only the name can be meant.
     """
 
     name: str
     unit: str = ""
+    whole: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ExternalTable:
+    """Columns of a file of another program.
+
+    Attributes:
+        columns: The columns by our name and in our units, shape (rows,) each.
+        remarks: What was decided about the file, a sentence each without its full stop.
+    """
+
+    columns: Mapping[str, np.ndarray]
+    remarks: tuple[str, ...]
 
 
 def parse_sources(arguments: Iterable[str]) -> dict[str, Source]:
-    """Return sources by the name of our column from arguments such as ``phi_rad=Swing[deg]`` or
-    ``l_m=rope``.
+    """Return sources by the name of our column from arguments such as ``phi_rad=Swing[deg]``,
+    ``l_m=rope``, ``phi_rad="a [b]"[deg]`` or ``l_m=#3``.
 
     Raises:
         DataError: If an argument has another form, or a column is given twice.
@@ -52,18 +115,21 @@ def parse_sources(arguments: Iterable[str]) -> dict[str, Source]:
     """
     sources: dict[str, Source] = {}
     for argument in arguments:
-        match = re.fullmatch(
-            r"(?P<column>\w+)=(?P<name>[^=\[\]]+)(\[(?P<unit>[^\[\]]+)\])?", argument
-        )
+        match = _ARGUMENT.fullmatch(argument)
         if match is None:
             raise DataError(
                 f"{quoted(argument)} is not a column; it is given as phi_rad=NAME or "
                 "phi_rad=NAME[deg]."
             )
-        column, source = match["column"], Source(match["name"].strip(), match["unit"] or "")
+        column, unit = match["column"], match["unit"] or ""
+        bare = (match["bare"] or "").strip()
+        name = match["double"] or match["single"] or bare
+        # "angle [deg]" may be a name with its unit, or a name that ends so.
+        whole = argument.partition("=")[2].strip() if bare and unit else ""
+        source = Source(name.strip(), unit, whole)
         if column in sources:
             raise DataError(f"The column {column} is given twice; leave one out.")
-        _factor(column, source)
+        _factor(column, source.unit)
         sources[column] = source
     return sources
 
@@ -71,20 +137,37 @@ def parse_sources(arguments: Iterable[str]) -> dict[str, Source]:
 def read_external(
     path: str | Path, columns: Sequence[str], sources: Mapping[str, Source] | None = None
 ) -> dict[str, np.ndarray]:
-    """Read columns of a file of another program, in our units.
-
-    Args:
-        path: A ``.csv`` or ``.parquet`` file.
-        columns: Our names of the columns needed.
-        sources: Name and unit in the file by our name; a column that is not listed has our name and
-            our unit.
+    """Read columns of a file of another program, in our units; see `load_external`.
 
     Returns:
         The columns by our name, shape (rows,) each.
+    """
+    return dict(load_external(open_log(path), columns, sources).columns)
+
+
+def load_external(
+    log: LoggedTable,
+    columns: Sequence[str],
+    sources: Mapping[str, Source] | None = None,
+    *,
+    since: float = -math.inf,
+    until: float = math.inf,
+    filling: Filling = "interpolate",
+) -> ExternalTable:
+    """Read columns of a file of another program, in our units.
+
+    Args:
+        log: The file, see `cranedyn.data.logs.open_log`.
+        columns: Our names of the columns needed.
+        sources: Name and unit in the file by our name; a column that is not listed has our name and
+            our unit.
+        since: Time of the first row [s], on the clock of the file; earlier ones are not judged.
+        until: Time of the last row [s].
+        filling: What stands in rows in which a column has no value.
 
     Raises:
-        DataError: As `cranedyn.data.trajectory.read_columns`; if time does not increase, or a swing
-            exceeds 90°.
+        DataError: If the file cannot be read, lacks a column, says another unit than the user,
+            or a value is missing or not finite; if time does not increase, or a swing exceeds 90°.
         UnknownName: If a source is given for none of these columns, or its unit does not fit.
     """
     sources = sources or {}
@@ -92,31 +175,52 @@ def read_external(
         if column not in columns:
             raise UnknownName("needed column", column, columns)
     origin = {column: sources.get(column, Source(column)) for column in columns}
-    values = read_columns(path, list(dict.fromkeys(source.name for source in origin.values())))
-    data = {
-        column: values[source.name] * _factor(column, source) for column, source in origin.items()
-    }
+    indices = _indices(log, origin)
+    units = {c: _unit(log, c, origin[c], indices[c]) for c in columns}
+    times = [column == "t_s" for column in columns]
+    found = dict(zip(columns, log.read(list(indices.values()), times), strict=True))
+    remarks = [*log.remarks, *(c.remark for c in found.values() if c.remark)]
+    for column, values in found.items():
+        if units[column].remark:
+            remarks.append(units[column].remark)
+        # What is not finite, or no longer, is refused below.
+        with np.errstate(invalid="ignore", over="ignore"):
+            scaled = values.values * _factor(column, units[column].name)
+        found[column] = LoggedColumn(scaled, values.empty)
+    names = {column: printable(log.labels[index]) for column, index in indices.items()}
+    rows = _rows_between(found, since, until)
+    found = {c: LoggedColumn(v.values[rows], v.empty[rows]) for c, v in found.items()}
+    _check_finite(log.path, found, names, rows)
+    if any(column.empty.any() for column in found.values()):
+        found = _filled(log.path, found, names, rows, filling, remarks)
+    data = {column: values.values for column, values in found.items()}
     t = data.get("t_s")
     if t is not None:
         if len(t) < 2:
-            raise DataError(f"{path} has too few rows, {len(t)}; it needs two rows or more.")
-        check_increasing(t, printable(origin["t_s"].name), path)
+            raise DataError(
+                f"{log.path} has too few rows, {len(t)} between the times asked for; it needs two "
+                "rows or more."
+            )
+        check_increasing(t, names["t_s"], log.path, rows)
     for column in _SWINGS:
         largest = float(np.abs(data[column]).max()) if column in data else 0.0
         if largest > _LARGEST_SWING:
-            name = printable(origin[column].name)
             raise DataError(
-                f"{path}: {name} is {largest:.4g} rad in some row; a swing is {_LARGEST_SWING:.4f} "
-                "rad (90 degrees) at most. If the file has degrees, say so: "
-                f"--columns {column}={name}[deg]."
+                f"{path}: {names[column]} is {largest:.4g} rad in some row; a swing is "
+                f"{_LARGEST_SWING:.4f} rad (90 degrees) at most. If the file has degrees, say so: "
+                f"--columns {column}={names[column]}[deg]."
             )
-    return data
 
 
-def _factor(column: str, source: Source) -> float:
-    """Return the factor from the unit of a source to the unit of our column."""
+def _unit_factors(column: str) -> Mapping[str, float]:
+    """Return the factors to the unit of our column by unit."""
     ending = max((unit for unit in _FACTORS if column.endswith(f"_{unit}")), key=len, default="")
-    factors = _FACTORS.get(ending, {})
-    if source.unit and source.unit not in factors:
-        raise UnknownName(f"unit of {column}", source.unit, factors or ["none"])
-    return factors.get(source.unit, 1.0)
+    return _FACTORS.get(ending, {})
+
+
+def _factor(column: str, unit: str) -> float:
+    """Return the factor from a unit, empty for ours, to the unit of our column."""
+    factors = _unit_factors(column)
+    if unit and unit not in factors:
+        raise UnknownName(f"unit of {column}", unit, factors or ["none"])
+    return factors.get(unit, 1.0)

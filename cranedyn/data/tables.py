@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -115,12 +117,147 @@ def metadata_of(path: str | Path) -> dict[bytes, bytes]:
         return dict(source.schema_arrow.metadata or {})
 
 
+@dataclass(frozen=True)
+class TextFormat:
+    """Format of a text table of another program.
+
+    Attributes:
+        delimiter: What separates cells.
+        decimal: Decimal mark.
+        labels: Names of the columns, or their numbers, as in "#3".
+        first_line: Index of the line of the first row, from 0.
+        words: Indices of the columns that are read as words.
+    """
+
+    delimiter: str
+    decimal: str
+    labels: Sequence[str]
+    first_line: int
+    words: Collection[int]
+
+
+def csv_columns(
+    path: str | Path, indices: Sequence[int], text_format: TextFormat, content: bytes | None = None
+) -> list[pa.Array]:
+    """Read columns of a text table of another program, null where a cell is empty.
+
+    Args:
+        path: The file.
+        indices: Indices of the columns, from 0.
+        text_format: Format of the table.
+        content: What to read instead of the file, in UTF-8.
+
+    Raises:
+        DataError: If the file cannot be read or is too large, a row has more or fewer cells than
+            the others, or a cell is no number.
+    """
+    path = Path(path)
+    names = [str(index) for index in range(len(text_format.labels))]
+    wanted = list(dict.fromkeys(names[index] for index in indices))
+    words = {names[index] for index in text_format.words}
+    convert = pyarrow.csv.ConvertOptions(
+        include_columns=wanted,
+        column_types={n: pa.string() if n in words else pa.float64() for n in wanted},
+        null_values=[""],
+        strings_can_be_null=True,
+        decimal_point=text_format.decimal,
+    )
+    read = pyarrow.csv.ReadOptions(
+        use_threads=False,
+        block_size=_BLOCK,
+        column_names=names,
+        skip_rows=text_format.first_line,
+    )
+    parse = pyarrow.csv.ParseOptions(delimiter=text_format.delimiter)
+    with _opened(path) as file:
+        _check_size(os.fstat(file.fileno()).st_size, path)
+        native = pa.OSFile(f"/dev/fd/{file.fileno()}") if content is None else None
+        source = native or pa.BufferReader(content)
+        blocks: list[pa.RecordBatch] = []
+        size = 0
+        with (
+            _located(path, text_format),
+            pyarrow.csv.open_csv(source, read, parse, convert) as reader,
+        ):
+            for block in reader:
+                blocks.append(block)
+                size += block.nbytes
+                _check_size(size, path)  # the file may grow meanwhile
+            table = pa.Table.from_batches(blocks, reader.schema)
+        return [table[names[index]].combine_chunks() for index in indices]
+
+
+@contextmanager
+def _located(path: Path, text_format: TextFormat) -> Iterator[None]:
+    """Turn errors of Arrow over a cell or a row into a `DataError` that names column and row."""
+    try:
+        yield
+    except pa.ArrowInvalid as error:
+        text = str(error)
+        # Arrow counts the lines above the table, too, and leaves out blank ones below.
+        row = re.search(r"Row #(\d+):", text)
+        place = f"data row {int(row[1]) - text_format.first_line}" if row else "some row"
+        cells = re.search(r"Expected (\d+) columns, got (\d+)", text)
+        if cells:
+            raise DataError(
+                f"{path} has {cells[2]} cells in {place} and {cells[1]} in the rows above; needed "
+                "is one number of cells. A line that was cut off at the end can be deleted."
+            ) from error
+        column = re.search(r"column #(\d+):", text)
+        value = re.search(r"invalid value '(.*)'", text, re.DOTALL)
+        if column and value:
+            label = quoted(text_format.labels[_read_index(text_format, int(column[1]))])
+            raise DataError(
+                f"{path}: column {label} holds {quoted(value[1])} in {place}, which is no number "
+                f"with the decimal mark {text_format.decimal!r}."
+            ) from error
+        raise
+
+
+def _read_index(text_format: TextFormat, column: int) -> int:
+    """Return the index of a column of the file by its number in a message of Arrow."""
+    return min(column, len(text_format.labels) - 1)
+
+
+def parquet_schema(path: str | Path) -> pa.Schema:
+    """Return the names and types of the columns of a Parquet file.
+
+    Raises:
+        DataError: If it cannot be read or is no Parquet file.
+    """
+    path = Path(path)
+    with _opened(path) as file, _source(file, path) as source:
+        return source.schema_arrow
+
+
+def parquet_columns(path: str | Path, columns: Sequence[str], numbers: Sequence[str]) -> pa.Table:
+    """Read columns of a Parquet file.
+
+    Args:
+        path: The file.
+        columns: Names of the columns.
+        numbers: Names of those that must be of numbers.
+
+    Raises:
+        DataError: As `read_table`, but for values that are missing or not finite.
+    """
+    path = Path(path)
+    with _opened(path) as file:
+        return _parquet(file, columns, path, numbers)
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[BinaryIO]:
     """Open a file and turn errors of Arrow into a `DataError`."""
+    with arrow_errors(path), open_file(path) as file:
+        yield file
+
+
+@contextmanager
+def arrow_errors(path: str | Path) -> Iterator[None]:
+    """Turn errors of Arrow over a file into a `DataError`."""
     try:
-        with open_file(path) as file:
-            yield file
+        yield
     except (OSError, ValueError, pa.ArrowException) as error:
         reason = str(error).strip().partition("\n")[0].rstrip(".")
         if "straddling" in reason:
@@ -145,10 +282,13 @@ def _source(file: BinaryIO, path: Path) -> Iterator[pyarrow.parquet.ParquetFile]
         yield source
 
 
-def _parquet(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
+def _parquet(
+    file: BinaryIO, columns: Sequence[str], path: Path, numbers: Sequence[str] | None = None
+) -> pa.Table:
+    """Read columns of a Parquet file, all of numbers or those named."""
     with _source(file, path) as source:
         _check_names(source.schema_arrow.names, columns, path)
-        _check_types(source.schema_arrow, columns, path)
+        _check_types(source.schema_arrow, columns if numbers is None else numbers, path)
         footer = source.metadata
         rows = sum(footer.row_group(i).num_rows for i in range(footer.num_row_groups))
         _check_size(8 * len(columns) * max(footer.num_rows, rows), path)

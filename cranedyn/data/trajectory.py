@@ -251,13 +251,16 @@ def _check_times(t: np.ndarray, least_rows: int, path: str | Path) -> None:
     check_increasing(t, "t_s", path)
 
 
-def check_increasing(t: np.ndarray, name: str, path: str | Path) -> None:
+def check_increasing(
+    t: np.ndarray, name: str, path: str | Path, rows: np.ndarray | None = None
+) -> None:
     """Check that times increase from row to row [s].
 
     Args:
         t: The times, two at least.
         name: Name of their column, for the error message.
         path: File that they are from, for the error message.
+        rows: Rows of the file that they are from, counted from 0; None for all.
 
     Raises:
         DataError: If they do not, with the first row in which one does not.
@@ -265,8 +268,9 @@ def check_increasing(t: np.ndarray, name: str, path: str | Path) -> None:
     falling = np.flatnonzero(~(t[1:] > t[:-1]))
     if len(falling):
         row = int(falling[0])
+        number = row + 2 if rows is None else int(rows[row + 1]) + 1
         raise DataError(
-            f"{path}: {name} must increase from row to row; in data row {row + 2} it is "
+            f"{path}: {name} must increase from row to row; in data row {number} it is "
             f"{t[row + 1]:.9g} s after {t[row]:.9g} s. Leave out rows that come twice, or sort "
             "them by time."
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,11 +24,37 @@ WHITE = 1e-3
 ENOUGH = 0.9
 """Share of the variance of a swing that an estimate must explain to be believed."""
 
-_LAGS, _FLOOR = 20, 1e-13
+SIGN_EVIDENCE = 10.0
+"""How much larger the logarithm of the likelihood must be with the other sign of a swing than with
+the recorded one, for the other one to be taken. Residuals that are not white make a difference look
+several times as sure as it is."""
+
+_LAGS = 20
+"""Number of lags of the test for white residuals."""
+
+_FLOOR = 1e-13
+"""Least eigenvalue of a correlation matrix that is not round-off."""
 
 _MEASURED_AGAIN = 24
 """How often smoothed motions are measured again to see how far estimates move. The standard
 deviation of so many draws is known within 15 %."""
+
+
+@dataclass(frozen=True)
+class SignDecision:
+    """With which sign a swing was taken, where the estimate did not explain it as recorded.
+
+    Attributes:
+        column: Name of the column.
+        is_turned: Whether the other sign was taken.
+        as_recorded: Largest logarithm of the likelihood of the records with the recorded sign.
+        turned: The same with the other sign.
+    """
+
+    column: str
+    is_turned: bool
+    as_recorded: float
+    turned: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +71,8 @@ class Estimate:
         white: Whether the residual of each channel is white noise. If not, the model lacks an
             effect; intervals are then no narrower than those of correlated errors.
         evaluations: Number of predictions of the records.
+        signs: Decisions about the signs of swings; none where the swings are explained as they
+            were recorded, or the user stated their signs.
     """
 
     model: Model
@@ -53,6 +82,7 @@ class Estimate:
     residuals: tuple[np.ndarray, ...]
     white: tuple[np.ndarray, ...]
     evaluations: int
+    signs: tuple[SignDecision, ...] = ()
 
     def value(self, name: str) -> float:
         """Return the estimate of a parameter of the crane, in its unit.
@@ -119,6 +149,18 @@ class Estimate:
         return min(shares)
 
     @cached_property
+    def log_likelihood(self) -> float:
+        """Logarithm of the likelihood of the records, of white normal errors whose variance is that
+        of the residual of each channel.
+        """
+        total = 0.0
+        for record in self.residuals:
+            for residual in record:
+                variance = max(float(np.mean(residual**2)), 1e-28)
+                total -= 0.5 * residual.size * (math.log(2.0 * math.pi * variance) + 1.0)
+        return total
+
+    @cached_property
     def at_bound(self) -> tuple[str, ...]:
         """Names of parameters that ended at a bound; their intervals are meaningless."""
         ends = zip(self.model.parameters, self.values.tolist(), strict=True)
@@ -132,8 +174,9 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
 
     Finite differences give the Jacobian; its columns are simulated in one batch. If the estimate
     explains less than `ENOUGH` of a swing, the search begins again from other delays of the swing
-    sensor, with each sign of each swing, and the best estimate counts; its `Estimate.model` has the
-    records with the signs found.
+    sensor, with each sign of each swing that the user did not state, and the most likely estimate
+    counts; its `Estimate.model` has the records with the signs found, and `Estimate.signs` says how
+    likely each is.
 
     Args:
         model: Records and parameters.
@@ -144,16 +187,43 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
             there are fewer rows than parameters.
     """
     check_units(model)
-    best = _fit(model, progress)
-    if best.least_explained[0] >= ENOUGH:
-        return best
-    done = best.evaluations
+    first = _fit(model, progress)
+    if first.least_explained[0] >= ENOUGH:
+        return first
+    results, done = [first], first.evaluations
     for alternative in model.alternatives():
-        result = _fit(alternative, progress, done)
-        done = result.evaluations
-        if result.least_explained[0] > best.least_explained[0]:
-            best = result
-    return replace(best, evaluations=done)
+        results.append(_fit(alternative, progress, done))
+        done = results[-1].evaluations
+    best = max(results, key=_preference)
+    return replace(best, evaluations=done, signs=_sign_decisions(results, best))
+
+
+def _turned_columns(estimate: Estimate) -> set[str]:
+    """Return the names of the swings that were taken with the other sign."""
+    records = estimate.model.records
+    return {column for record in records for column, sign in record.signs.items() if sign < 0}
+
+
+def _preference(estimate: Estimate) -> float:
+    """Return by what estimates with swings of either sign are compared: the likelihood, and less
+    for each sign that is not the recorded one.
+    """
+    return estimate.log_likelihood - SIGN_EVIDENCE * len(_turned_columns(estimate))
+
+
+def _sign_decisions(results: list[Estimate], best: Estimate) -> tuple[SignDecision, ...]:
+    """Return the decisions about the signs of swings that were tried either way."""
+    turned = [_turned_columns(result) for result in results]
+    decisions: list[SignDecision] = []
+    for column in sorted(set().union(*turned)):
+        kept = [r.log_likelihood for r, names in zip(results, turned, strict=True)
+                if column not in names]  # fmt: skip
+        other = [r.log_likelihood for r, names in zip(results, turned, strict=True)
+                 if column in names]  # fmt: skip
+        if kept and other:
+            is_turned = column in _turned_columns(best)
+            decisions.append(SignDecision(column, is_turned, max(kept), max(other)))
+    return tuple(decisions)
 
 
 def _fit(model: Model, progress: Callable[[int], object] | None, before: int = 0) -> Estimate:
@@ -301,7 +371,8 @@ def invert_information(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     Eigenvalues near zero are floored: such directions keep a large variance, where a
     pseudoinverse would give none.
     """
-    size = np.sqrt(np.diag(information))
+    # Round-off may leave a number below zero where nothing is determined.
+    size = np.sqrt(np.maximum(np.diag(information), 0.0))
     determined = size > 0.0
     unit = np.where(determined, size, 1.0)
     share, axes = np.linalg.eigh(information / np.outer(unit, unit))

@@ -8,9 +8,10 @@ import numpy as np
 
 from cranedyn.bridges.target import check_free
 from cranedyn.checks import number
-from cranedyn.data.external import Source, read_external
+from cranedyn.data.external import Source, load_external
 from cranedyn.data.files import write_text
-from cranedyn.data.tables import arrow, column_names, write_table
+from cranedyn.data.logs import open_log
+from cranedyn.data.tables import arrow, write_table
 from cranedyn.errors import DataError
 
 TEMPLATE, RECIPE = (
@@ -47,13 +48,13 @@ def write_gyroscope_record(path: str | Path, source: str | Path, length: float |
         DataError: If a file cannot be read or written, or is that of another app.
         OutOfRange: If the length is not positive.
     """
-    length, names = number("length of the cable", length, "m", "> 0"), column_names(source)
-    app = next((columns for columns in _APPS.values() if {*columns} <= {*names}), None)
+    length, log = number("length of the cable", length, "m", "> 0"), open_log(source)
+    app = next((columns for columns in _APPS.values() if {*columns} <= {*log.names}), None)
     if app is None:
         known = "; ".join(f"{', '.join(columns)} ({name})" for name, columns in _APPS.items())
         raise DataError(f"{source} has no columns of a gyroscope; allowed are {known}.")
     ours = ("t_s", "x_rad_s", "y_rad_s", "z_rad_s")
-    data = read_external(source, ours, dict(zip(ours, map(Source, app), strict=True)))
+    data = load_external(log, ours, dict(zip(ours, map(Source, app), strict=True))).columns
     rates = np.stack([data[name] for name in ours[1:]], axis=1)
     axis = np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
     columns = {"t_s": data["t_s"], "phi_dot_rad_s": rates @ axis, "l_m": 0.0 * data["t_s"] + length}

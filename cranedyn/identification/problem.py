@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from cranedyn.checks import check_choice
-from cranedyn.errors import DataError, OutOfRange
+from cranedyn.errors import DataError, OutOfRange, UnknownName
 from cranedyn.identification.parameters import (
     Drives,
     Parameter,
@@ -51,12 +51,14 @@ class EstimationProblem:
         records: The records.
         parameters: Parameters of the crane first, then the initial values of each record.
         drives: How the drives are simulated.
+        stated_signs: Columns of the swings whose signs the user stated.
     """
 
     prior: Prior
     records: tuple[Record, ...]
     parameters: tuple[Parameter, ...]
     drives: Drives
+    stated_signs: frozenset[str] = frozenset()
 
     @classmethod
     def of(
@@ -66,6 +68,7 @@ class EstimationProblem:
         names: Sequence[str] | None = None,
         *,
         drives: Drives | None = None,
+        signs: Mapping[str, int] | None = None,
     ) -> Self:
         """Return the problem of estimating parameters from records.
 
@@ -77,6 +80,8 @@ class EstimationProblem:
             drives: "motion" prescribes the recorded motion, "effort" applies the recorded efforts,
                 "hold" holds the drives at their setpoints by a brake; None for the motion where a
                 record has one, otherwise the efforts.
+            signs: Signs of swings by their symbols, 1 as recorded and -1 for the other one; what is
+                not listed may be turned if it is not explained as recorded.
 
         Raises:
             DataError: If there is no record, a column is missing, or a column is constant that a
@@ -95,13 +100,17 @@ class EstimationProblem:
             raise DataError(
                 f"A record has no effort of some drive; efforts that act need {needed}."
             )
+        stated = _stated_columns(prior, signs or {})
+        for column, sign in stated.items():
+            if sign < 0:
+                records = [r.turned(column) if column in r.columns else r for r in records]
         parameters = [parameter(prior, name) for name in chosen]
         parameters = [bound_lateness(p, records) for p in parameters]
         for p in parameters:
             _check_determined(p, records, mode)
         for i, record in enumerate(records):
             parameters += initial_parameters(record, i, mode)
-        return cls(prior, tuple(records), tuple(parameters), mode)
+        return cls(prior, tuple(records), tuple(parameters), mode, frozenset(stated))
 
     def alternatives(self) -> Iterator[Self]:
         """Yield the same problem with each swing of either sign, and with the search begun from
@@ -110,6 +119,7 @@ class EstimationProblem:
         swings = dict.fromkeys(
             record.swing_column(joint) for record in self.records for joint in record.swings
         )
+        swings = {name: None for name in swings if name not in self.stated_signs}
         delays = np.unique([0.0, *(0.6 * np.array(self.delay_bounds))]).tolist()
         for signs in product((1, -1), repeat=len(swings)):
             records = self.records
@@ -209,6 +219,26 @@ class EstimationProblem:
         record, rows = self.records[index], self.rows(index, until)
         channels = self.channels[index]
         return np.array([record.measured(channel.column)[rows] for channel in channels])
+
+
+def _stated_columns(prior: Prior, signs: Mapping[str, int]) -> dict[str, int]:
+    """Return the signs of the columns of swings whose signs the user stated.
+
+    Raises:
+        UnknownName: If there is no swing of a symbol.
+        OutOfRange: If a sign is neither 1 nor -1.
+    """
+    layout = prior.crane.layout
+    swings = {layout.joints[i].symbol: layout.joints[i] for i in prior.crane.swings.tolist()}
+    stated: dict[str, int] = {}
+    for symbol, sign in signs.items():
+        if symbol not in swings:
+            raise UnknownName("swing", symbol, swings)
+        if sign not in (1, -1):
+            raise OutOfRange(f"sign of {symbol}", sign, "1 or -1")
+        for column in swings[symbol].columns:
+            stated[column] = sign
+    return stated
 
 
 def _default_drives(records: Sequence[Record]) -> Drives:

@@ -12,11 +12,12 @@ import numpy as np
 from scipy.interpolate import BSpline, CubicSpline
 
 from cranedyn.bridges import bags
-from cranedyn.checks import finite
-from cranedyn.data.external import Source, read_external
-from cranedyn.data.tables import column_names
+from cranedyn.checks import as_array, finite
+from cranedyn.data.external import Source, load_external
+from cranedyn.data.logs import open_log
 from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.errors import DataError
+from cranedyn.identification.period import possible_periods, recorded_period
 from cranedyn.identification.sampling import Samples, SmoothCurve, is_irregular, samples, smooth
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
@@ -27,7 +28,18 @@ PERIODS, ROWS = 2.0, 40
 LARGEST_OFFSET = 0.25
 """Largest offset of a recorded position, as a share of the range of its drive."""
 
-_UPRIGHT, _STILL = math.pi / 2, 1e-9
+_UPRIGHT = math.pi / 2
+"""Largest swing [rad]."""
+
+_STILL = 1e-9
+"""Largest change of a column that does not move [rad or m]."""
+
+_IMPOSSIBLE = 1.25
+"""How far a recorded period lies beyond those of the crane, as a factor, where the crane cannot be
+that of the record. Swings of 90 degrees last 18 % longer than small ones."""
+
+_REMARKABLE = 1.1
+"""Factor between the period of a record and that of the crane from which on it is said."""
 
 _GAP, _GAP_SHARE = 5.0, 0.1
 """Longest gap between rows: usual steps of the clock, or, if that is longer, a share of a period of
@@ -63,6 +75,7 @@ class Record:
             record. The position of a drive and its rate have one curve, by the position.
         unsmoothed: Values as recorded of each column that was smoothed and has a fresh value in
             each row, by name, shape (rows,) each.
+        signs: Sign with which each column was taken that has not the recorded one, -1, by name.
     """
 
     name: str
@@ -73,6 +86,7 @@ class Record:
     resolution: Mapping[str, float] = field(default_factory=dict)
     curves: Mapping[str, SmoothCurve] = field(default_factory=dict)
     unsmoothed: Mapping[str, np.ndarray] = field(default_factory=dict)
+    signs: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -96,25 +110,33 @@ class Record:
 
         Raises:
             DataError: If there is no swing, all of it stands still or it is beyond 90 degrees, a
-                drive is out of its range, time jumps or does not increase, or it is too short.
+                drive is out of its range, time jumps or does not increase, it is too short, or the
+                crane cannot swing in the period of the record.
         """
         t = columns.get("t_s")
         if t is None:
             raise DataError(f"{name} has no column t_s; identification needs times [s].")
-        t = finite(f"t_s of {name}", t, ("rows",), unit="s")
+        t = as_array(f"t_s of {name}", t, ("rows",))
         recorded = {
-            key: finite(f"{key} of {name}", columns[key], (len(t),))
+            key: as_array(f"{key} of {name}", columns[key], (len(t),))
             for key in relevant_columns(crane, columns)
             if key != "t_s"
         }
+        # Nothing outside of these times is judged.
+        if since > -math.inf or until < math.inf:
+            mask = (t >= since - 1e-9) & (t <= until + 1e-9)
+            t, recorded = t[mask], {key: values[mask] for key, values in recorded.items()}
+        t = finite(f"t_s of {name}", t, ("rows",), unit="s")
+        for key, values in recorded.items():
+            finite(f"{key} of {name}", values, (len(t),))
         _check_clock(name, t)
         _check_positions(name, crane, recorded)
-        mask = (t >= since - 1e-9) & (t <= until + 1e-9)
-        t, recorded = t[mask], {key: values[mask] for key, values in recorded.items()}
         dead = _check_swings(name, crane, recorded)
-        _check_length(cls(name, crane, t, recorded))
         recorded = {key: values for key, values in recorded.items() if key not in dead}
         notes = [f"{name}: {key} never moves and is left out." for key in dead]
+        judged = cls(name, crane, t, recorded)
+        remarkable = _check_period(judged)
+        _check_length(judged)
         fresh = _resample(crane, t, recorded)
         t, recorded = fresh.t, fresh.columns
         notes += [f"{name}: {remark}" for remark in fresh.remarks]
@@ -131,7 +153,7 @@ class Record:
             crane=crane,
             t=t,
             columns=recorded,
-            notes=tuple(notes),
+            notes=(*notes, *remarkable),
             resolution=resolution,
             curves=fresh.curves,
             unsmoothed=fresh.unsmoothed,
@@ -161,20 +183,48 @@ class Record:
         return angle if angle in self.columns else rate
 
     @cached_property
-    def swing_period(self) -> float:
-        """Shortest period of small swings with the drives where they stand on average [s]."""
+    def mean_position(self) -> np.ndarray:
+        """Coordinates with the drives where they stand on average, shape (n,)."""
         layout, q = self.crane.layout, self.crane.start.q.copy()
         for joint, i in zip(layout.driven, layout.drives.tolist(), strict=True):
             if joint.columns[0] in self.columns:
                 q[i] = float(np.mean(self.columns[joint.columns[0]]))
-        fastest = float(natural_frequencies(self.crane, q, self.crane.swings)[-1])
+        return q
+
+    @cached_property
+    def swing_period(self) -> float:
+        """Shortest period of small swings of the crane with the drives where they stand on average
+        [s].
+        """
+        frequencies = natural_frequencies(self.crane, self.mean_position, self.crane.swings)
+        fastest = float(frequencies[-1])
         return 2.0 * math.pi / fastest if fastest > 0.0 else math.inf
+
+    @cached_property
+    def recorded_period(self) -> float | None:
+        """Shortest period of the recorded swings [s]; None where no period dominates any."""
+        periods = list[float]()
+        for joint in self.swings:
+            column = self.swing_column(joint)
+            is_rate = column == joint.columns[1]
+            period = recorded_period(self.t, self.columns[column], is_rate=is_rate)
+            if period is not None:
+                periods.append(period)
+        return min(periods, default=None)
+
+    @property
+    def judged_period(self) -> float:
+        """Period by which the record is judged [s]: its own, or that of the crane where the record
+        does not tell one.
+        """
+        return self.recorded_period or self.swing_period
 
     def turned(self, column: str) -> Record:
         """Return the record with the other sign of a column."""
         columns = {**self.columns, column: -self.columns[column]}
+        signs = {**self.signs, column: -self.signs.get(column, 1)}
         note = f"{self.name}: {column} has the other sign and is turned."
-        return replace(self, columns=columns, notes=(*self.notes, note))
+        return replace(self, columns=columns, notes=(*self.notes, note), signs=signs)
 
     def measured(self, column: str) -> np.ndarray:
         """Return what a prediction of a column is compared with, shape (rows,): the values as
@@ -345,11 +395,11 @@ def load_record(
     """Load a record from a file; columns other than those of drives and swings are not read.
 
     Args:
-        path: ``.csv`` or ``.parquet`` with columns of cranedyn; ``.mcap`` or ``.bag`` with joint
-            states.
+        path: A table in a format of `cranedyn.data.logs`; or ``.mcap``, ``.db3``, ``.bag`` or a
+            folder of ROS 2 with joint states.
         crane: Crane with prior values.
-        sources: Names and units of columns of CSV and Parquet files, by the names of cranedyn,
-            see `cranedyn.data.external.parse_sources`.
+        sources: Names and units of the columns of a table, by the names of cranedyn, see
+            `cranedyn.data.external.parse_sources`.
         joints: Names of the joints in a recording of ROS by the symbols of coordinates.
         since: Start of the record [s], on its own clock.
         until: End of the record [s].
@@ -360,16 +410,27 @@ def load_record(
         UnknownName: If a source names an unknown column.
     """
     path = Path(path)
-    if path.suffix in bags.ENDINGS:
+    if bags.is_recording(path):
         present = {"t_s", *bags.joint_state_columns(path, joints)}
         names = relevant_columns(crane, present)
-        data = bags.read_joint_states(path, names, joints)
-    else:
-        sources = sources or {}
-        present = {"t_s", *column_names(path), *sources}
-        names = relevant_columns(crane, present)
-        data = read_external(path, list(dict.fromkeys([*names, *sources])), sources)
-    return Record.of(crane, data, name=path.name, since=since, until=until)
+        data: Mapping[str, np.ndarray] = bags.read_joint_states(
+            path, names, joints, since=since, until=until
+        )
+        return Record.of(crane, data, name=path.name, since=since, until=until)
+    sources = sources or {}
+    log = open_log(path)
+    names = relevant_columns(crane, {"t_s", *log.names, *sources})
+    table = load_external(
+        log,
+        list(dict.fromkeys([*names, *sources])),
+        sources,
+        since=since,
+        until=until,
+        filling="hold",
+    )
+    record = Record.of(crane, table.columns, name=path.name, since=since, until=until)
+    remarks = tuple(f"{path.name}: {remark}." for remark in table.remarks)
+    return replace(record, notes=(*remarks, *record.notes))
 
 
 def _check_clock(name: str, t: np.ndarray) -> None:
@@ -428,7 +489,7 @@ def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) ->
 
 def _check_rates(record: Record) -> None:
     for key in map(record.swing_column, record.swings):
-        swing = np.ptp(record.columns[key]) / 2.0 * record.swing_period / (2.0 * math.pi)
+        swing = np.ptp(record.columns[key]) / 2.0 * record.judged_period / (2.0 * math.pi)
         if key.endswith("_s") and swing > _UPRIGHT:
             raise DataError(
                 f"{record.name}: {key} is that of a swing of {swing:.3g} rad; allowed are "
@@ -437,11 +498,65 @@ def _check_rates(record: Record) -> None:
             )
 
 
+def _check_period(record: Record) -> list[str]:
+    """Compare the period of a record with those that the crane can have, and return what is
+    remarkable, a sentence each.
+
+    Raises:
+        DataError: If the crane cannot swing in the period of the record, however long its cable.
+    """
+    own, crane = record.recorded_period, record.crane
+    if own is None or 1.0 / _REMARKABLE < own / record.swing_period < _REMARKABLE:
+        return []
+    offset = 0.0
+    if crane.winch is not None:
+        hoist = int(crane.layout.drives[crane.winch])
+        offset = LARGEST_OFFSET * float(crane.upper[hoist] - crane.lower[hoist])
+    possible = possible_periods(crane, record.mean_position, offset)
+    swing = " and ".join(record.swing_column(joint) for joint in record.swings)
+    heavy = _described_inertias(crane)
+    remedy = (
+        "State those of the crane that was recorded: --set payload_mass:=… payload_inertia:=… "
+        "dummy_mass:=… dummy_inertia:=…, or another description"
+    )
+    is_driven = any(
+        record.moves(column)
+        for joint in crane.layout.driven
+        for column in (*joint.columns, joint.setpoint_column)
+    )
+    if own < possible.shortest / _IMPOSSIBLE:
+        limit = f"{possible.shortest:.3g} s or more"
+    elif own > possible.longest * _IMPOSSIBLE and not is_driven:
+        limit = f"{possible.longest:.3g} s or less"
+    else:
+        return [
+            f"{record.name}: {swing} swings in {own:.3g} s, but the crane with {heavy} in "
+            f"{record.swing_period:.3g} s; a cable of another length, or other masses and "
+            "inertias, may explain that."
+        ]
+    raise DataError(
+        f"{record.name}: {swing} swings in {own:.3g} s, but the crane with {heavy} only in "
+        f"{limit}, whatever the length of its cable. {remedy}."
+    )
+
+
+def _described_inertias(crane: Crane) -> str:
+    """Return the mass and the inertia of the load in words, and those of the links on the way."""
+    inertia = float(np.max(np.diag(crane.payload_inertia)))
+    load = f"a load of {crane.payload_mass:g} kg and {inertia:g} kg m²"
+    if crane.winch is None:
+        return load
+    # The load hangs on the hoist, so that these bodies are links without a load.
+    links = [crane.model.inertias[i + 1].inertia for i in crane.swings.tolist()]
+    sizes = ", ".join(f"{float(np.max(np.diag(link))):g}" for link in links)
+    return f"{load} and links of {sizes} kg m² between its swing joints"
+
+
 def _check_length(record: Record) -> None:
     name, t = record.name, record.t
     if len(t) < ROWS:
         raise DataError(f"{name} has {len(t)} rows to go by; allowed are {ROWS} or more.")
-    period = record.swing_period if math.isfinite(record.swing_period) else 0.0
+    period = record.judged_period if math.isfinite(record.judged_period) else 0.0
     if t[-1] - t[0] < PERIODS * period:
         raise DataError(
             f"{name} lasts {t[-1] - t[0]:.3g} s; allowed is {PERIODS * period:.3g} s or more, "

@@ -43,8 +43,9 @@ GAIN_RESIDUAL = {"error": 0.017, "damping ratio": 0.000011, "amplitude": 0.00025
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run all cases, or analyse recorded files."""
     if options.files:
-        fits = [(file, *fit) for file, fit in harness.analyse_files(options, COLUMNS, _fit)]
-        return Outcome([tables.files_table(setup.crane, fits)])
+        files = harness.analyse_files(options, COLUMNS, _fit)
+        fits = [(file, *fit) for file, fit in files.results]
+        return Outcome([files.noted(tables.files_table(setup.crane, fits))])
     if options.identify:
         from experiments.a1.identify import identify_hoist
 

@@ -123,7 +123,7 @@ def _numbers_of_converters(setup: Setup) -> dict[str, object]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("compare", __doc__)
-    harness.add_setup(parser, "damp_swing")
+    harness.add_setup(parser)
     text = (
         "ideal: drives take what each strategy answers, efforts or accelerations; velocity: "
         "all drives have typical frequency converters, which take rates"

@@ -1,21 +1,26 @@
-"""Data that an experiment reads instead of simulating: CSV, Parquet, ROS, results of a sweep."""
+"""Data that an experiment reads instead of simulating: tables of other programs, recordings of ROS,
+results of a sweep.
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from cranedyn.bridges import bags
 from cranedyn.command import Parser
-from cranedyn.data.external import parse_sources, read_external
+from cranedyn.data.external import ExternalTable, load_external, parse_sources
+from cranedyn.data.logs import open_log
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.options import parse_pairs
 from cranedyn.sweep import results
 from experiments.harness.arguments import add_condition, add_mode
+from experiments.harness.table import ResultTable
 
 Analysis = TypeVar("Analysis")
 
@@ -34,7 +39,7 @@ def add_files(parser: Parser, columns: Sequence[str], *uses: str) -> None:
     add_mode(parser, "files", *uses, "columns", "joints")
     text = (
         f"analyse files with columns {', '.join(columns)} instead of simulating: CSV, Parquet, "
-        "or .mcap and .bag with joint states"
+        ".mat, .xlsx, or .mcap, .db3, .bag and folders of ROS 2 with joint states"
     )
     parser.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
     add_sources(parser, "--from and {} file")
@@ -48,28 +53,45 @@ def add_sources(parser: Parser, place: str) -> None:
         place: What these arguments need, with braces for the ending of a file: "{} FILE".
     """
     text = (
-        "what columns of CSV and Parquet files are called, and their units where they are "
+        "what columns of tables are called, or #3 for the third, and their units where they are "
         "others than ours, as phi_rad=Angle[deg] t_s=time[ms]"
     )
     parser.common.add_argument(
         "--columns", nargs="+", action="extend", default=[], metavar="OURS=NAME[UNIT]", help=text
     )
-    text = "names of joints in .mcap and .bag files, where they are not those of this crane"
+    text = "names of joints in recordings of ROS, where they are not those of this crane"
     parser.common.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)
 
     def has_file(options: argparse.Namespace, *, ros: bool) -> bool:
-        return any((Path(file).suffix in bags.ENDINGS) is ros for file in options.files or ())
+        return any(bags.is_recording(file) is ros for file in options.files or ())
 
     bag, table = place.format("an .mcap or .bag"), place.format("a .csv or .parquet")
     add_condition(parser, bag, lambda options: has_file(options, ros=True), "joints")
     add_condition(parser, table, lambda options: has_file(options, ros=False), "columns")
 
 
+@dataclass(frozen=True)
+class FileAnalyses(Generic[Analysis]):
+    """Analyses of recorded files.
+
+    Attributes:
+        results: Name of each file and its analysis.
+        remarks: What was decided about the files, a sentence each.
+    """
+
+    results: list[tuple[str, Analysis]]
+    remarks: tuple[str, ...]
+
+    def noted(self, table: ResultTable) -> ResultTable:
+        """Return a table with what was decided about the files in its note."""
+        return replace(table, note=" ".join([table.note, *self.remarks]).strip())
+
+
 def analyse_files(
     options: argparse.Namespace,
     columns: Sequence[str],
     analyse: Callable[[str, dict[str, np.ndarray]], Analysis],
-) -> list[tuple[str, Analysis]]:
+) -> FileAnalyses[Analysis]:
     """Return the names of the files of ``--from``, each with the analysis of its columns.
 
     Args:
@@ -80,28 +102,32 @@ def analyse_files(
     Raises:
         DataError: If a file cannot be read or analysed; the message begins with its name.
     """
-    analyses = []
+    results: list[tuple[str, Analysis]] = []
+    remarks: list[str] = []
     for file in options.files:
-        data = _read(file, columns, options)
+        table = _read(file, columns, options)
+        remarks += [f"{Path(file).name}: {remark}." for remark in table.remarks]
         try:
-            analyses.append((file, analyse(file, data)))
+            results.append((file, analyse(file, dict(table.columns))))
         except DataError as error:
             raise DataError(f"{file}: {error}") from error
-    return analyses
+    return FileAnalyses(results, tuple(remarks))
 
 
-def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> dict[str, np.ndarray]:
+def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> ExternalTable:
     """Return columns of a recorded file, time `t_s` and the cable length `l_m` among them.
 
     Raises:
-        DataError: As `read_external`; if a cable is shorter than a millimetre, an angle changes by
+        DataError: As `load_external`; if a cable is shorter than a millimetre, an angle changes by
             more than 10 rad/s, any other number is beyond a million of its unit, or rows are more
             than half a second apart.
     """
-    if Path(file).suffix in bags.ENDINGS:
-        data = bags.read_joint_states(file, columns, parse_pairs("joints", options.joints))
+    if bags.is_recording(file):
+        joints = parse_pairs("joints", options.joints)
+        table = ExternalTable(bags.read_joint_states(file, columns, joints), ())
     else:
-        data = read_external(file, columns, parse_sources(options.columns))
+        table = load_external(open_log(file), columns, parse_sources(options.columns))
+    data = table.columns
     for name, values in data.items():
         high = _FASTEST if name.endswith("_rad_s") else _LARGEST
         low = 1e-3 if name == "l_m" else -high
@@ -115,7 +141,7 @@ def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> dic
             f"{file}: t_s leaves a gap of {gap:g} s; allowed are {_LONGEST_GAP:g} s from row to "
             "row."
         )
-    return data
+    return table
 
 
 def swept_columns(folder: Path) -> dict[str, np.ndarray]:

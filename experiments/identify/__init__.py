@@ -9,8 +9,9 @@ from dataclasses import replace
 
 from cranedyn.checks import number
 from cranedyn.data.external import parse_sources
-from cranedyn.errors import DataError, quoted
+from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.identification import Estimate, Model, Prior, load_record
+from cranedyn.identification.assumed import inertia_effects
 from cranedyn.identification.estimate import ENOUGH
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -25,6 +26,7 @@ from experiments.identify.tables import (
     Identification,
     doubts,
     identify_records,
+    inertia_tables,
     of_trials,
     record_tables,
     values_table,
@@ -94,11 +96,29 @@ def files(options: argparse.Namespace, setup: Setup, prior: Prior) -> Outcome:
     names = [record.name for record in records]
     if len(set(names)) < len(names):
         raise DataError(f"Two records have one name: {', '.join(map(quoted, names))}.")
-    model = Model.of(prior, records, options.estimate, drives=options.drives)
+    model = Model.of(
+        prior, records, options.estimate, drives=options.drives, signs=_signs(options.sign)
+    )
     result = identify_records(model, setup, "records")
-    tables = [*record_tables(result, "", {}), *of_trials(_trials(result.estimate))]
+    progress = setup.reporter.message("assumed inertias", "changes tried")
+    effects = inertia_effects(result.estimate, progress)
+    tables = [
+        *record_tables(result, "", {}),
+        *inertia_tables(result.estimate, effects),
+        *of_trials(_trials(result.estimate)),
+    ]
     claims = [*_believed("The records", result), _white("The records", result)]
     return _outcome(result, tables, claims)
+
+
+def _signs(arguments: Sequence[str]) -> dict[str, int]:
+    """Return the signs of swings from arguments such as ``phi=-1``, by their symbols."""
+    signs: dict[str, int] = {}
+    for symbol, text in parse_pairs("sign", arguments).items():
+        if text not in ("1", "+1", "-1"):
+            raise OutOfRange(f"sign of {symbol}", quoted(text), "1 or -1")
+        signs[symbol] = int(text)
+    return signs
 
 
 def _believed(subject: str, result: Identification) -> list[Claim]:
@@ -273,8 +293,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.example = f"{parser.prog} run.csv --drives motion"
     add = parser.add_argument
     text = (
-        "records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
-        "without any the examples are identified"
+        "records of one crane, such as .csv, .mat, .xlsx or .mcap; without any the examples are "
+        "identified"
     )
     add("files", nargs="*", metavar="FILE", default=[], help=text)
     text = (
@@ -290,6 +310,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, end, default in (("since", "before", -math.inf), ("until", "after", math.inf)):
         text = f"leave out what was recorded {end} this time [s]"
         add(f"--{name}", type=float, default=default, metavar="T", help=text)
+    text = "sign of a swing, 1 as recorded; by default both are tried if that does not explain it"
+    add("--sign", nargs="+", default=[], metavar="S", help=text)
     harness.add_sources(parser, "{} FILE")
     add_crane_options(parser.common)
     text, default = "prior value of gravity [m/s²]", STANDARD_GRAVITY
@@ -301,7 +323,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--plant", choices=tuple(PLANTS), help=text)
     text = "number of processes, by default one for each processor"
     add("--workers", type=int, metavar="N", help=text)
-    of_files = "estimate", "drives", "since", "until", "urdf", "machine", "believed", "values"
+    of_files = (
+        "estimate",
+        "drives",
+        "sign",
+        "since",
+        "until",
+        "urdf",
+        "machine",
+        "believed",
+        "values",
+    )
     harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)
     text = "steps in which synthetic positions are recorded [m and degrees], 0 for exact ones"
     add("--resolution", type=float, metavar="STEP", help=text)

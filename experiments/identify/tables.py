@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.identification import Estimate, Model, Preflight, Twin, identify, preflight, twin_of
+from cranedyn.identification.assumed import InertiaEffect, assumed_inertias
+from cranedyn.identification.estimate import SIGN_EVIDENCE
 from cranedyn.identification.parameters import MEANINGS, Parameter, parameter
 from cranedyn.identification.preflight import Advice
 from experiments.harness import Column, ResultTable, Setup, finite_or_none, make_table
@@ -44,6 +46,7 @@ def record_tables(
     """Return the tables of records: numbers, residuals, and what they cannot tell."""
     return [
         values_table(result, subject, truth),
+        *_sign_tables(result.estimate, subject),
         _residual_table(result, subject),
         *doubts(result, subject),
     ]
@@ -115,6 +118,57 @@ def _residual_table(result: Identification, subject: str) -> ResultTable:
         note="White: by Ljung and Box at 0.1 %. If a column is not, the model lacks something, and "
         "intervals are widened to those of correlated errors.",
     )
+
+
+def _sign_tables(estimate: Estimate, subject: str) -> list[ResultTable]:
+    """Return the decisions about signs of swings with both likelihoods; no table if there was none
+    to make.
+    """
+    if not estimate.signs:
+        return []
+    table = make_table(
+        _titled("Signs of the swings", subject),
+        estimate.signs,
+        ("column", "", lambda one: one.column),
+        ("taken", "", lambda one: "turned" if one.is_turned else "as recorded"),
+        ("log-likelihood as recorded", ".1f", lambda one: one.as_recorded),
+        ("turned", ".1f", lambda one: one.turned),
+        note="The records are not explained as they are, so that each swing was tried either way. "
+        f"The other sign is taken where it makes the log-likelihood larger by {SIGN_EVIDENCE:g} at "
+        "least. --sign phi=1 or phi=-1 states it.",
+    )
+    return [table]
+
+
+def inertia_tables(estimate: Estimate, effects: Sequence[InertiaEffect]) -> list[ResultTable]:
+    """Return how far estimates move with masses and inertias that nobody stated; no table if all
+    were stated or estimated.
+    """
+    assumed = assumed_inertias(estimate)
+    if not effects:
+        return []
+
+    def moved(name: str) -> Column:
+        return f"Δ {name}", "+.3g", lambda effect: effect.moved.get(name)
+
+    values = ", ".join(f"{one.name} = {one.value:g} {one.unit}" for one in assumed)
+    worst = max(effects, key=lambda effect: effect.intervals)
+    note = f"Nobody stated {values}; --set states them. Intervals do not include what they move."
+    if worst.parameter:
+        note += (
+            f" Most moves {worst.parameter}, by {worst.intervals:.3g} half widths of its interval "
+            f"({worst.change})."
+        )
+    table = make_table(
+        "What was assumed of masses and inertias",
+        effects,
+        ("change", "", lambda effect: effect.change),
+        ("in half intervals", ".3g", lambda effect: finite_or_none(effect.intervals)),
+        ("of", "", lambda effect: effect.parameter),
+        *(moved(p.name) for p in estimate.model.own),
+        note=note,
+    )
+    return [table]
 
 
 def doubts(result: Identification, subject: str) -> list[ResultTable]:

@@ -6,17 +6,18 @@ readers take a clone that the user has made.
 
 from __future__ import annotations
 
-import io
+import os
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
-from cranedyn.errors import CraneError, DataError
+from cranedyn.data.bounded import read_bounded
+from cranedyn.data.workbooks import Sheet, read_sheets
+from cranedyn.errors import DataError, quoted
 
 Columns = dict[str, np.ndarray]
 
@@ -94,42 +95,39 @@ def read_workbook(path: Path) -> Iterator[Columns]:
 
     Raises:
         CraneError: If python-calamine is not installed.
-        DataError: If a column is missing, a cell is no number, or a number cannot be.
+        DataError: If the file cannot be read, a column is missing, a cell is no number, or a number
+            cannot be.
     """
-    try:
-        from python_calamine import CalamineError, CalamineWorkbook
-    except ImportError as error:
-        raise CraneError(
-            "To read a workbook install the extra measured: pip install 'cranedyn[measured]'."
-        ) from error
-    try:
-        workbook = CalamineWorkbook.from_path(path)
-        sheets = [
-            (name, workbook.get_sheet_by_name(name).to_python()) for name in workbook.sheet_names
-        ]
-    except (CalamineError, OSError) as error:
-        raise DataError(f"{path} cannot be read as a workbook: {error}.") from error
-    headings = [str(cell).strip() for cell in sheets[0][1][0]] if sheets and sheets[0][1] else []
+    sheets = read_sheets(path)
+    if not sheets:
+        raise DataError(f"{path.name} has no sheet; allowed is a workbook with one or more.")
+    first = sheets[0]
+    headings = [str(cell).strip() for cell in first.row(0)] if len(first.numbers) else []
     for name in _GANTRY_COLUMNS:
         if name not in headings:
-            raise DataError(f"{path.name}, sheet {sheets[0][0]}, row 1 has no column {name!r}.")
-    for name, cells in sheets:
-        body = [(i, row) for i, row in enumerate(cells, start=1) if any(c != "" for c in row)]
-        if body and [str(cell).strip() for cell in body[0][1]] == headings:
-            body = body[1:]
-        columns = {
-            ours: np.array([_cell(row, headings.index(theirs), path, name, i) for i, row in body])
-            for theirs, ours in _GANTRY_COLUMNS.items()
-        }
-        _check(columns, [i for i, _ in body], f"{path.name}, sheet {name}")
+            raise DataError(
+                f"{path.name}, sheet {quoted(first.name)}, row 1 has no column {name!r}."
+            )
+    for sheet in sheets:
+        rows = [i for i in range(len(sheet.numbers)) if any(cell != "" for cell in sheet.row(i))]
+        if rows and [str(cell).strip() for cell in sheet.row(rows[0])] == headings:
+            rows = rows[1:]
+        columns: Columns = {}
+        for theirs, ours in _GANTRY_COLUMNS.items():
+            column = headings.index(theirs)
+            columns[ours] = np.array([_cell(sheet, i, column, path) for i in rows])
+        _check(columns, [i + 1 for i in rows], f"{path.name}, sheet {sheet.name}")
         yield columns
 
 
-def _cell(row: Sequence[object], index: int, path: Path, sheet: str, number: int) -> float:
-    value = row[index] if index < len(row) else ""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise DataError(f"{path.name}, sheet {sheet}, row {number}: {value!r} is no number.")
-    return float(value)
+def _cell(sheet: Sheet, row: int, column: int, path: Path) -> float:
+    """Return the number in a cell."""
+    value = sheet.cell(row, column) if column < sheet.numbers.shape[1] else ""
+    if isinstance(value, str):
+        raise DataError(
+            f"{path.name}, sheet {quoted(sheet.name)}, row {row + 1}: {value!r} is no number."
+        )
+    return value
 
 
 def _check(columns: Columns, rows: list[int], context: str) -> None:
@@ -137,6 +135,10 @@ def _check(columns: Columns, rows: list[int], context: str) -> None:
     t = columns["t_s"]
     if len(t) < 2:
         raise DataError(f"{context} has {len(t)} rows of numbers; allowed are two or more.")
+    finite = np.isfinite(t)
+    if not finite.all():
+        row = rows[int(np.argmin(finite))]
+        raise DataError(f"{context}, row {row}: the time is {t[np.argmin(finite)]:g}.")
     steps = np.diff(t)
     if not (steps > 0.0).all():
         row = rows[int(np.argmin(steps)) + 1]
@@ -150,7 +152,14 @@ def _check(columns: Columns, rows: list[int], context: str) -> None:
             )
 
 
-_AAU_LENGTH, _THIN = 0.65, 10
+_AAU_LENGTH = 0.65
+"""Length of the cable of the container crane [m]."""
+
+_THIN = 10
+"""Every how many rows of its records are kept."""
+
+_GIT_TIME = 60.0
+"""Longest time that git may take to find a file of a clone [s]."""
 
 
 def _free_swing(
@@ -159,13 +168,7 @@ def _free_swing(
     """Return a reader of a record in the history of a clone, from where its trolley stands [s]."""
 
     def read(clone: Path) -> Iterator[tuple[str, Columns]]:
-        command = ["git", "-C", str(clone), "show", f"{commit}:{path}"]
-        try:
-            content = subprocess.run(command, capture_output=True, check=True).stdout
-        except (OSError, subprocess.CalledProcessError) as error:
-            raise DataError(
-                f"{clone} has no {path} in commit {commit}; is it that clone, with its history?"
-            ) from error
+        content = committed_file(clone, commit, path)
         name = Path(path).stem
         columns = read_mat(content, name)
         kept = columns["t_s"] >= since
@@ -174,19 +177,73 @@ def _free_swing(
     return read
 
 
+def committed_file(clone: Path, commit: str, path: str) -> bytes:
+    """Return a file of a commit of a clone.
+
+    A clone is data, and its configuration may name programs: one that fetches a missing object,
+    one that turns a file into text, one that shows a page. So git runs on an empty repository of
+    ours, which borrows nothing but the objects of the clone, and may not use any network.
+
+    Raises:
+        DataError: If the clone has no such commit or file, or git is not there.
+    """
+    objects = clone.resolve() / ".git" / "objects"
+    if not objects.is_dir():
+        raise DataError(f"{clone} has no folder .git/objects; is it that clone?")
+    # A path with a colon or a newline would be read as several.
+    with tempfile.TemporaryDirectory(prefix="cranedyn-") as folder:
+        repository = Path(folder)
+        (repository / "objects" / "info").mkdir(parents=True)
+        (repository / "refs").mkdir()
+        (repository / "HEAD").write_text("ref: refs/heads/none\n")
+        borrowed = repository / "borrowed"
+        borrowed.symlink_to(objects, target_is_directory=True)
+        environment = {
+            "PATH": os.environ.get("PATH", os.defpath),
+            "GIT_DIR": str(repository),
+            "GIT_ALTERNATE_OBJECT_DIRECTORIES": str(borrowed),
+            "GIT_CONFIG_NOSYSTEM": "1",
+            "GIT_CONFIG_GLOBAL": os.devnull,
+            "GIT_ALLOW_PROTOCOL": "none",
+            "GIT_NO_LAZY_FETCH": "1",
+            "GIT_TERMINAL_PROMPT": "0",
+            "GIT_NO_REPLACE_OBJECTS": "1",
+        }
+        try:
+            return subprocess.run(
+                ["git", "cat-file", "blob", f"{commit}:{path}"],
+                capture_output=True,
+                check=True,
+                env=environment,
+                cwd=folder,
+                timeout=_GIT_TIME,
+            ).stdout
+        except (OSError, subprocess.SubprocessError) as error:
+            raise DataError(
+                f"{clone} has no {path} in commit {commit}; is it that clone, with its history?"
+            ) from error
+
+
 def read_mat(content: bytes, name: str) -> Columns:
     """Return times and swing of a ``.mat`` file with the arrays t and y.
 
     Raises:
         DataError: If it is another file, or lacks one of them.
     """
-    try:
-        arrays = loadmat(io.BytesIO(content), variable_names=("t", "y"))
-        t, y = (np.asarray(arrays[key], dtype=float).ravel() for key in ("t", "y"))
-    except (MatReadError, ValueError, TypeError, KeyError, NotImplementedError, OSError) as error:
-        raise DataError(
-            f"{name}.mat cannot be read ({error}); allowed are files of MATLAB 5 to 7.2 with t, y."
-        ) from error
+    result = read_bounded(f"{name}.mat", "mat", content)
+    names = result.header["names"]
+    ends = np.cumsum(result.header["lengths"])
+    arrays: dict[str, np.ndarray] = {}
+    for variable in ("t", "y"):
+        if names.count(variable) != 1:
+            present = quoted(", ".join(names[:20])) if names else "none"
+            raise DataError(
+                f"{name}.mat has no vector {variable}, but {present}; needed are t and y."
+            )
+        index = names.index(variable)
+        numbers = result.content.view("<f8")
+        arrays[variable] = numbers[ends[index] - result.header["lengths"][index] : ends[index]]
+    t, y = arrays["t"], arrays["y"]
     if len(t) != len(y):
         raise DataError(f"{name}.mat has {len(t)} times and {len(y)} angles.")
     columns = {"t_s": t, "phi_rad": y, "l_m": np.full(len(t), _AAU_LENGTH)}

@@ -7,6 +7,7 @@ from __future__ import annotations
 import bz2
 import io
 import json
+import sqlite3
 import tracemalloc
 import xml.etree.ElementTree as ET
 import zlib
@@ -28,6 +29,8 @@ pytest.importorskip(
 
 from rosbags.highlevel import AnyReader  # noqa: E402
 from rosbags.rosbag1 import Writer as BagWriter  # noqa: E402
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin  # noqa: E402
+from rosbags.rosbag2 import Writer as FolderWriter  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 
 from cranedyn.__main__ import main  # noqa: E402
@@ -35,7 +38,7 @@ from cranedyn.bridges import bags, mcap  # noqa: E402
 from cranedyn.controllers import hold_controller  # noqa: E402
 from cranedyn.data.trajectory import Trajectory  # noqa: E402
 from cranedyn.dynamics.pinocchio import payload_position  # noqa: E402
-from cranedyn.errors import CraneError, OutOfRange  # noqa: E402
+from cranedyn.errors import CraneError, DataError, OutOfRange  # noqa: E402
 from cranedyn.model.load import load_crane  # noqa: E402
 from cranedyn.simulation.simulate import simulate  # noqa: E402
 from experiments import a1, a3, harness  # noqa: E402
@@ -253,6 +256,100 @@ def bag(path: Path, names: list[str], *, rows: int = 1401, **parts: Any) -> Path
         for time, one in joint_states(store, names, rows, position, start=epoch, interval=interval):
             writer.write(connection, time, store.serialize_ros1(one, bags.TYPE))
     return path
+
+
+def folder_of_ros2(path: Path, names: list[str], *, rows: int = 1401, **options: Any) -> Path:
+    """A folder as ``ros2 bag record`` makes it, with a free swing on 15 m, 20 rows a second.
+
+    Options are those of `rosbags.rosbag2.Writer.set_compression`, and the storage.
+    """
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    storage = options.pop("storage", StoragePlugin.SQLITE3)
+    unopened = FolderWriter(path, version=9, storage_plugin=storage)
+    if options:
+        unopened.set_compression(**options)
+
+    def position(k: int) -> list[float]:
+        return [0.1 * np.cos(2.0 * np.pi / 7.8 * 0.05 * k), 15.0] + [0.0] * (len(names) - 2)
+
+    epoch = 1_700_000_000 * 10**9
+    with unopened as writer:
+        words = writer.add_connection("/rosout", "std_msgs/msg/String", typestore=store)
+        states = writer.add_connection("/crane/state", bags.TYPE, typestore=store)
+        said = store.types["std_msgs/msg/String"](data="hello")
+        for time, one in joint_states(
+            store, names, rows, position, start=epoch, interval=50_000_000
+        ):
+            writer.write(words, time, store.serialize_cdr(said, "std_msgs/msg/String"))
+            writer.write(states, time, store.serialize_cdr(one, bags.TYPE))
+    return path
+
+
+def database(path: Path, names: list[str], *, rows: int) -> Path:
+    """The SQLite file of such a folder."""
+    made = folder_of_ros2(path.with_name(f"{path.stem}_folder"), names, rows=rows)
+    (file,) = made.glob("*.db3")
+    return file.rename(path)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"storage": StoragePlugin.MCAP},
+        {"mode": CompressionMode.MESSAGE, "fmt": CompressionFormat.ZSTD},
+    ],
+)
+def test_a_folder_of_ros_2_is_analysed_and_its_metadata_are_not_read(
+    options: Any, tmp_path: Path
+) -> None:
+    folder = folder_of_ros2(tmp_path / "bag", ["pendulum", "rope"], **options)
+    (folder / "metadata.yaml").write_text("!!python/object/apply:os.system ['false']")
+    words = ["--joints", "phi=pendulum", "l=rope", "--out", str(tmp_path / "out")]
+    with redirect_stdout(io.StringIO()):
+        assert a1.main(["--from", str(folder), *words]) == 0
+    (row,) = json.loads((tmp_path / "out" / "result.json").read_text())["tables"][0]["rows"]
+    assert row[1:3] == [15.0, pytest.approx(7.8, abs=1e-6)]
+
+
+def test_a_database_of_ros_2_is_read_like_its_folder(tmp_path: Path) -> None:
+    file = database(tmp_path / "a.db3", ["swing_radial_joint", "hoist_joint"], rows=30)
+    found = bags.read_joint_states(file, ["t_s", "phi_rad", "l_m"])
+    np.testing.assert_allclose(found["t_s"], 0.05 * np.arange(30), rtol=1e-12)
+    assert set(found["l_m"]) == {15.0}
+
+
+def test_a_folder_that_is_no_recording_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="it is a folder without a recording of ROS 2"):
+        bags.read_joint_states(tmp_path, ["l_m"])
+    (tmp_path / "a.db3").symlink_to("/etc/passwd")  # out of the folder: not followed
+    with pytest.raises(DataError, match="it is a folder without a recording of ROS 2"):
+        bags.read_joint_states(tmp_path, ["l_m"])
+    (tmp_path / "b.db3.zstd").write_bytes(b"")
+    with pytest.raises(DataError, match=r"b\.db3\.zstd is packed; unpack it"):
+        bags.read_joint_states(tmp_path, ["l_m"])
+
+
+def test_a_database_whose_tables_are_views_is_refused(tmp_path: Path) -> None:
+    """A view may call functions; a recording has none."""
+    database_ = sqlite3.connect(tmp_path / "a.db3")
+    database_.execute("CREATE VIEW topics AS SELECT 1 AS id")
+    database_.execute("CREATE TABLE messages (id)")
+    database_.commit()
+    database_.close()
+    with pytest.raises(DataError, match="it is no recording of ROS 2"):
+        bags.read_joint_states(tmp_path / "a.db3", ["l_m"])
+
+
+def test_messages_before_since_are_not_judged(tmp_path: Path) -> None:
+    """A sensor that starts with NaN."""
+    path = bag(tmp_path / "a.bag", ["swing_radial_joint", "hoist_joint"], rows=3, phi=float("nan"))
+    with pytest.raises(DataError, match="not finite in its message 1"):
+        bags.read_joint_states(path, ["t_s", "phi_rad"])
+    with pytest.raises(DataError, match="not finite in its message 2"):
+        bags.read_joint_states(path, ["t_s", "phi_rad"], since=0.04)
+    found = bags.read_joint_states(path, ["t_s", "l_m"], since=0.04)
+    assert found["t_s"].tolist() == [0.05, 0.1]
 
 
 @pytest.mark.parametrize(

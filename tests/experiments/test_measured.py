@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import subprocess
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from experiments.measured.drive import STEP as DRIVE_STEP
 from experiments.measured.drive import drive_table, fit_drive, simulate_trolley
 from experiments.measured.effects import CANDIDATES, Fit, fit, residue
 from experiments.measured.pendulum import STEP, logged, reported, simulate_swing, trolley
-from experiments.measured.sources import SOURCES, read_mat, read_workbook
+from experiments.measured.sources import SOURCES, committed_file, read_mat, read_workbook
 from tests import rrd
 
 HEADINGS = (
@@ -99,6 +100,7 @@ def test_a_workbook_has_a_record_a_sheet_and_headings_in_the_first(tmp_path: Pat
         ([list(HEADINGS), *table(), [1.0, 0, 0.4, 400.0, 0]], "row 7: phi_rad is 400; allowed"),
         ([list(HEADINGS), *table(), [1.0, "x", 0.4, 0.0, 0]], "row 7: 'x' is no number"),
         ([list(HEADINGS)], "sheet S1 has 0 rows of numbers"),
+        ([list(HEADINGS), *table(), [1e999, 0, 0.4, 0.0, 0]], "row 7: the time is inf|is no numb"),
     ],
 )
 def test_a_workbook_that_is_no_record_is_refused_with_sheet_and_row(
@@ -113,7 +115,7 @@ def test_a_file_that_is_no_workbook_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("python_calamine", reason="extra measured is not installed")
     path = tmp_path / "a.xlsx"
     path.write_bytes(b"no workbook")
-    with pytest.raises(DataError, match="cannot be read as a workbook"):
+    with pytest.raises(DataError, match=r"Cannot read .*a\.xlsx"):
         list(read_workbook(path))
 
 
@@ -128,9 +130,9 @@ def test_a_mat_file_has_times_and_angles() -> None:
     columns = read_mat(mat(t=t, y=0.1 * t), "a")
     np.testing.assert_array_equal(columns["phi_rad"], 0.1 * t)
     for content, message in (
-        (mat(t=t), "cannot be read"),
-        (newer, "allowed are files of MATLAB 5 to 7.2"),
-        (b"no such file", "cannot be read"),
+        (mat(t=t), "a.mat has no vector y, but t; needed are t and y"),
+        (newer, "Cannot read a.mat: NotImplementedError: Please use HDF reader"),
+        (b"no such file", "Cannot read a.mat"),
         (mat(t=t[::-1], y=t), "a.mat, row 2: the time runs back"),
         (mat(t=t, y=50.0 * t), "a.mat, row 2: phi_rad is 50; allowed is up to 3.142"),
         (mat(t=t, y=np.where(t == 4.0, np.nan, 0.0)), "a.mat, row 5: phi_rad is nan"),
@@ -164,6 +166,58 @@ def test_drag_centring_and_tilt_are_found_in_a_record_that_has_them() -> None:
         assert found.values[name] == pytest.approx(value, rel=0.02), name
     np.testing.assert_allclose(found.offsets, -0.03, atol=1e-4)
     assert (without.offsets < -0.031).all()  # shorter than it is
+
+
+def committed(folder: Path, content: bytes) -> tuple[Path, str]:
+    """A repository with a file in a commit, and its name."""
+    clone = folder / "clone"
+    clone.mkdir()
+    git = ["git", "-C", str(clone)]
+    subprocess.run([*git, "init", "-q"], check=True)
+    (clone / "a.mat").write_bytes(content)
+    subprocess.run([*git, "add", "."], check=True)
+    identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
+    subprocess.run([*git, *identity, "commit", "-qm", "x"], check=True)
+    found = subprocess.run([*git, "rev-parse", "HEAD"], check=True, capture_output=True, text=True)
+    return clone, found.stdout.strip()
+
+
+def test_a_file_of_a_commit_is_found_by_the_beginning_of_its_name(tmp_path: Path) -> None:
+    clone, commit = committed(tmp_path, b"content")
+    assert committed_file(clone, commit[:7], "a.mat") == b"content"
+    with pytest.raises(DataError, match=f"has no b.mat in commit {commit[:7]}"):
+        committed_file(clone, commit[:7], "b.mat")
+    with pytest.raises(DataError, match=r"has no folder \.git/objects"):
+        committed_file(tmp_path, commit, "a.mat")
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        '[diff "x"]\n\ttextconv = touch {ran}; cat\n',
+        "[core]\n\tpager = touch {ran}\n\tfsmonitor = touch {ran}\n\tsshCommand = touch {ran}\n",
+        "[core]\n\trepositoryformatversion = 1\n[extensions]\n\tpartialClone = origin\n"
+        '[remote "origin"]\n\turl = {other}\n\tpromisor = true\n'
+        '\tuploadpack = touch {ran}; git-upload-pack\n[protocol "file"]\n\tallow = always\n',
+    ],
+)
+def test_programs_that_a_clone_names_do_not_run(setting: str, tmp_path: Path) -> None:
+    """One that turns a file into text, one that shows it, and one that fetches a missing object."""
+    clone, commit = committed(tmp_path, b"content")
+    ran, other = tmp_path / "ran", tmp_path / "other.git"
+    subprocess.run(["git", "init", "-q", "--bare", str(other)], check=True)
+    with (clone / ".git" / "config").open("a") as config:
+        config.write(setting.format(ran=ran, other=other))
+    (clone / ".git" / "info" / "attributes").write_text("*.mat diff=x\n")
+    if "partialClone" in setting:
+        for path in (clone / ".git" / "objects").glob("??/*"):
+            if b"blob" in zlib.decompress(path.read_bytes())[:5]:
+                path.unlink()
+        with pytest.raises(DataError, match=r"has no a\.mat"):
+            committed_file(clone, commit, "a.mat")
+    else:
+        assert committed_file(clone, commit, "a.mat") == b"content"
+    assert not ran.exists()
 
 
 @pytest.mark.slow

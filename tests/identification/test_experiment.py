@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from cranedyn.data.trajectory import read
-from cranedyn.identification import read_twin
-from experiments import identify
+from cranedyn.identification import Prior, Twin, read_twin
+from experiments import compare, identify
 from experiments.gazebo import RECORDINGS
-from experiments.harness import ResultTable
+from experiments.harness import Outcome, ResultTable, Setup
 from experiments.harness.document import read_document
 from experiments.identify.coverage import NAMES
 from experiments.identify.figures import spectra
+from experiments.scenarios.perturbations import PERTURBATIONS
 from tests.helpers import ROOT
 from tests.identification.test_estimate import TRUTH, recorded
 
@@ -90,6 +91,9 @@ def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
         (["{l5}", "--joints", "l=NAME"], "--joints has no effect without an .mcap or .bag FILE"),
         (["{l5}", "--drives", "effort"], "A record has no effort of some drive"),
         (["--estimate", "delay"], "--estimate has no effect without a FILE"),
+        (["--sign", "phi=-1"], "--sign has no effect without a FILE"),
+        (["{l5}", "--sign", "phi=minus"], "sign of phi is minus; allowed is 1 or -1"),
+        (["{l5}", "--sign", "x=1"], "There is no swing 'x'; there are phi, theta"),
         (["--set", "payload_mass:=900"], "--set has no effect without a FILE"),
         (["--workers", "2"], "--workers has no effect without --coverage"),
         (["--coverage", "0"], "coverage is 0; allowed is a whole number >= 1"),
@@ -107,6 +111,43 @@ def test_what_cannot_be_is_one_sentence_and_leaves_no_file(
     assert error.count("\n") == 1
     assert sentence in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_what_was_assumed_and_how_a_file_was_read_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(0.0, 40.0, 0.05)
+    lines = [f"{a:.2f};{0.05 * np.cos(0.808 * a):.6f};15,0" for a in t.tolist()]
+    file = tmp_path / "site.csv"
+    file.write_text("\n".join(["t_s;phi_rad;l_m", *lines]).replace(".", ","))
+    words = ["--estimate", "l_offset", "--all", "--out", str(tmp_path / "out")]
+    assert identify.main([str(file), *words]) in (0, 1)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "semicolons separate its cells, with a decimal comma" in shown
+    assert "Nobody stated payload_mass = 1000 kg, payload_inertia = 400 kg m^2" in shown
+    assert "What was assumed of masses and inertias" in shown
+    tables = json.loads((tmp_path / "out" / "result.json").read_text())["tables"]
+    assert any("a point load" in str(table["rows"]) for table in tables)
+
+
+def test_a_twin_with_its_damping_goes_through_compare(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    twin = tmp_path / "twin.json"
+    with_damping = Twin(Prior(values={"damp_swing": 4000.0}).crane, {}, ("site.csv",))
+    with_damping.write(twin)
+    seen: list[Setup] = []
+
+    def remember(options: object, setup: Setup) -> Outcome:
+        seen.append(setup)
+        return Outcome([ResultTable("Nothing", [("a", "")], [("b",)])])
+
+    monkeypatch.setattr(compare, "experiment", remember)
+    assert compare.main(["--set", str(twin), "--out", str(tmp_path / "out")]) == 0
+    assert float(seen[0].values["damp_swing"]) == 4000.0
+    damped = next(case for case in PERTURBATIONS if case.name == "damped swing")
+    assert damped.values["damp_swing"] == 5000.0
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import re
 import tempfile
 import warnings
 import xml.etree.ElementTree as ET
+import zipfile
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from functools import cache, partial
@@ -28,7 +29,9 @@ import pytest
 import trimesh
 
 from cranedyn.controllers import hold_controller
+from cranedyn.data.external import Source, load_external
 from cranedyn.data.files import parse_json
+from cranedyn.data.logs import open_log
 from cranedyn.data.trajectory import Trajectory, read, read_columns
 from cranedyn.dynamics.pinocchio import acceleration, energy
 from cranedyn.errors import CraneError
@@ -410,6 +413,118 @@ def _use_building(path: Path) -> None:
     check_finite("a building model", *(solid.vertices for solid in read_ifc(path)))
 
 
+# --- tables of other programs ---------------------------------------------------------------------
+
+
+@cache
+def _logs() -> dict[str, bytes]:
+    """Text tables as programs of many kinds write them."""
+    rows = [(0.02 * k, 0.1 * np.cos(0.016 * k), 15.0) for k in range(60)]
+    points = [f"{t:.2f},{phi:.5f},{length:g}" for t, phi, length in rows]
+    commas = [row.replace(",", ";").replace(".", ",") for row in points]
+    clock = [f"2024-05-01T10:15:{t:09.6f}Z,{phi:.5f},{length:g}" for t, phi, length in rows]
+    topics = [f"{t:.2f},{phi:.5f}," if k % 2 else f"{t:.2f},,15" for k, (t, phi, _) in
+              enumerate(rows)]  # fmt: skip
+    blanks = [row.replace(",", "   ") for row in points]
+    tables = {
+        "plain.csv": ["time, angle, rope", *points],
+        "units.csv": ["Recorder 3;;", "", "time;angle;rope", "s;rad;m", *commas],
+        "clock.csv": ["time,angle,rope", *clock],
+        "topics.csv": ["__time,/swing/angle,/hoist/length", *topics],
+        "blanks.txt": ["# time angle rope", *blanks],
+        "none.csv": points,
+    }
+    contents = {name: "\n".join([*lines, ""]).encode() for name, lines in tables.items()}
+    return contents | {"wide.csv": contents["units.csv"].decode().encode("utf-16")}
+
+
+@cache
+def _arrays() -> dict[str, bytes]:
+    """Files of MATLAB, plain and compressed, with a structure."""
+    from scipy.io import savemat
+
+    t = np.arange(60) * 0.02
+    variables = {"t": t, "phi": 0.1 * np.cos(t), "rope": np.full(60, 15.0)}
+    contents: dict[str, bytes] = {}
+    for name, packed in (("plain.mat", False), ("packed.mat", True)):
+        sink = io.BytesIO()
+        savemat(sink, {**variables, "log": {"t": t, "y": np.ones((60, 2))}}, do_compression=packed)
+        contents[name] = sink.getvalue()
+    return contents
+
+
+@cache
+def _workbook() -> bytes:
+    from tests.experiments.test_measured import workbook
+
+    rows: list[list[object]] = [["time", "angle", "rope"]]
+    rows += [[0.02 * k, 0.1, 15.0] for k in range(20)]
+    with tempfile.TemporaryDirectory() as folder:
+        return workbook(Path(folder) / "a.xlsx", [rows]).read_bytes()
+
+
+@cache
+def _sheets() -> dict[str, bytes]:
+    """The parts of a workbook, which are packed again: a wrong byte of an archive ends it soon."""
+    with zipfile.ZipFile(io.BytesIO(_workbook())) as archive:
+        contents = {name.replace("/", "+"): archive.read(name) for name in archive.namelist()}
+    return contents | {"a.xlsx": _workbook()}
+
+
+def _use_sheet(path: Path) -> None:
+    if path.suffix == ".xlsx":
+        _use_log(path)
+        return
+    whole = path.with_name("whole.xlsx")
+    with (
+        zipfile.ZipFile(io.BytesIO(_workbook())) as archive,
+        zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as changed,
+    ):
+        for name in archive.namelist():
+            is_changed = name.replace("/", "+") == path.name
+            changed.writestr(name, path.read_bytes() if is_changed else archive.read(name))
+    _use_log(whole)
+
+
+@cache
+def _hierarchies() -> dict[str, bytes]:
+    import h5py
+
+    with tempfile.TemporaryDirectory() as folder:
+        with h5py.File(Path(folder) / "packed.h5", "w") as file:
+            for name in ("t", "phi", "rope"):
+                values = 0.02 * np.arange(60.0)
+                file.create_dataset(name, data=values, chunks=(20,), compression="gzip")
+        with h5py.File(Path(folder) / "plain.h5", "w") as file:
+            for name in ("t", "phi", "rope"):
+                file.create_dataset(name, data=0.02 * np.arange(60.0))
+        return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
+
+
+def _use_log(path: Path) -> None:
+    log = open_log(path)
+    for names in ("t", "phi", "rope"), ("time", "angle", "rope"), ("#1", "#2", "#3"):
+        if all(log.index(name) is not None for name in names):
+            columns = dict(zip(("t_s", "phi_rad", "l_m"), map(Source, names), strict=True))
+            break
+    else:
+        raise CraneError("Refused.")
+    for filling in ("hold", "interpolate"):
+        table = load_external(log, list(columns), columns, filling=filling)
+        check_finite("a table", *table.columns.values())
+        if not (np.diff(table.columns["t_s"]) > 0.0).all():
+            raise Broken("a table was read whose time does not increase", table.columns["t_s"])
+
+
+@cache
+def _databases() -> dict[str, bytes]:
+    from tests.bridges.test_mcap import database
+
+    with tempfile.TemporaryDirectory() as folder:
+        database(Path(folder) / "a.db3", ["hoist_joint", "swing_radial_joint"], rows=20)
+        return {"a.db3": (Path(folder) / "a.db3").read_bytes()}
+
+
 # --- recordings of ROS ----------------------------------------------------------------------------
 
 
@@ -452,4 +567,9 @@ GENERATORS = [
     edits_of("mesh", _meshes, _use_mesh),
     edits_of("building model", _buildings, _use_building),
     edits_of("bag", _bags, _use_bag),
+    edits_of("log", _logs, _use_log),
+    edits_of("MATLAB", _arrays, _use_log),
+    edits_of("workbook", _sheets, _use_sheet),
+    edits_of("HDF5", _hierarchies, _use_log),
+    edits_of("database", _databases, _use_bag),
 ]

@@ -1,0 +1,401 @@
+"""The layout of a text table of any program: encoding, delimiter, decimal mark, header and units.
+
+A layout is recognised from the beginning of a file. Where two layouts fit a file equally well it is
+refused, since each of them would give other numbers.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cranedyn.data.clock_times import is_clock_time
+from cranedyn.errors import DataError, quoted
+
+SAMPLE = 200_000
+"""Bytes at the beginning of a file by which its layout is recognised."""
+
+BLANKS = " "
+"""Delimiter of columns that any number of blanks and tabs separate."""
+
+_COMMENT = re.compile(r"\s*(#|%|//)+\s*")
+"""What a line of comment begins with."""
+
+_NUMBERS = {
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.I),
+    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.I),
+}
+"""How a number is written, by the decimal mark."""
+
+_DATE = re.compile(r"\d{1,4}([-./])\d{1,2}\1\d{1,4}")
+"""A date in a column of its own, which says nothing about the layout."""
+
+_DIGITS = re.compile(r"[-+\d.,;:|\s/eE]*\d[-+\d.,;:|\s/eE]*")
+"""What looks like numbers; if it is none, the delimiter or the decimal mark is another."""
+
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+")
+"""A number whose mark may be that of thousands, such as 1,500."""
+
+_KNOWN_UNITS = frozenset(
+    "s sec ms us µs ns min h rad mrad deg ° grad m mm cm km ft in rad/s mrad/s deg/s °/s rpm m/s "
+    "mm/s cm/s m/min km/h m/s² m/s^2 m/s2 rad/s² rad/s^2 deg/s² deg/s^2 n kn nm knm n·m nmm j kj w "
+    "kw v mv a ma hz kg t g bar pa kpa mpa % - 1 °c degc k bool count counts".split()
+)
+"""Units that a row of units may hold, in lower case."""
+
+
+_TIME_UNITS = frozenset("s sec ms us µs ns min".split())
+"""Units of time among them."""
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """Layout of a text table.
+
+    Attributes:
+        encoding: Encoding, by its name in Python.
+        delimiter: What separates cells; `BLANKS` for any number of blanks.
+        decimal: Decimal mark, "." or ",".
+        names: Names of the columns; empty where one has none.
+        units: Units of the columns in a row of their own; empty where there is none.
+        clocks: Indices of the columns that hold times such as 10:15:30.5 or 2024-05-01T10:15:30Z.
+        first_line: Index of the line of the first row, from 0.
+        remarks: What was recognised besides a plain table, a sentence each.
+    """
+
+    encoding: str
+    delimiter: str
+    decimal: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    clocks: frozenset[int]
+    first_line: int
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of numbers of a sample under one delimiter and decimal mark.
+
+    Attributes:
+        delimiter: The delimiter.
+        decimal: The decimal mark.
+        cells: Cells of each line of the sample, by the index of the line; blank lines are left out.
+        count: Number of lines that are rows of numbers.
+        width: Number of cells of a row.
+        first: Index of the line of the first row.
+    """
+
+    delimiter: str
+    decimal: str
+    cells: dict[int, list[str]]
+    count: int
+    width: int
+    first: int
+
+
+def text_encoding(sample: bytes) -> str:
+    """Return the encoding of a text, by its name in Python, from its first bytes.
+
+    Raises:
+        ValueError: If it is not text.
+    """
+    for mark, encoding in (
+        (codecs.BOM_UTF32_LE, ""),
+        (codecs.BOM_UTF32_BE, ""),
+        (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if sample.startswith(mark):
+            if not encoding:
+                raise ValueError("it is text in UTF-32; save it as UTF-8")
+            return encoding
+    # Digits and delimiters of UTF-16 have a zero in every second byte.
+    even, odd = sample[::2].count(0), sample[1::2].count(0)
+    if odd > 0.4 * len(sample) / 2 and not even:
+        return "utf-16-le"
+    if even > 0.4 * len(sample) / 2 and not odd:
+        return "utf-16-be"
+    if even or odd:
+        raise ValueError("it is not text")
+    try:
+        # The sample may end within a character.
+        codecs.getincrementaldecoder("utf-8")().decode(sample)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def text_layout(sample: bytes, *, complete: bool) -> TextLayout:
+    """Return the layout of a text table.
+
+    Args:
+        sample: Bytes at the beginning of the file.
+        complete: Whether they are the whole file.
+
+    Raises:
+        ValueError: If it is no table, or its layout is ambiguous; the text says why.
+    """
+    encoding = text_encoding(sample)
+    text = codecs.getincrementaldecoder(encoding)("replace").decode(sample)
+    lines = re.split(r"\r\n|\n|\r", text)
+    if not complete and len(lines) > 1:
+        lines.pop()  # the last line may be cut
+    rows = _recognised_rows(lines)
+    header = _header(lines, rows)
+    body = [cells for line, cells in rows.cells.items() if line >= rows.first]
+    body = [cells for cells in body if len(cells) == rows.width]
+    _check_decimal(rows, body)
+    remarks = list[str]()
+    if encoding != "utf-8" and encoding != "utf-8-sig":
+        name = {"cp1252": "Windows-1252, since it is not UTF-8"}.get(encoding, "UTF-16")
+        remarks.append(f"the text is taken for {name}")
+    if (rows.delimiter, rows.decimal) != (",", "."):
+        mark = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks", ",": "commas"}
+        point = "comma" if rows.decimal == "," else "point"
+        remarks.append(f"{mark[rows.delimiter]} separate its cells, with a decimal {point}")
+    return TextLayout(
+        encoding=encoding,
+        delimiter=rows.delimiter,
+        decimal=rows.decimal,
+        names=header.names,
+        units=header.units,
+        clocks=clock_columns(body, rows.width),
+        first_line=rows.first,
+        remarks=(*remarks, *header.remarks),
+    )
+
+
+def clock_columns(body: Sequence[Sequence[str]], width: int) -> frozenset[int]:
+    """Return the indices of the columns whose first cell that is not empty is a time."""
+    clocks = set[int]()
+    for j in range(width):
+        filled = (cells[j] for cells in body if cells[j])
+        if is_clock_time(next(filled, "")):
+            clocks.add(j)
+    return frozenset(clocks)
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line without blanks around them."""
+    if delimiter == BLANKS:
+        return line.split()
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error as error:
+        raise ValueError("it has a line that is no row of a table") from error
+    return [cell.strip() for cell in cells]
+
+
+def _is_row(cells: Sequence[str], decimal: str) -> bool:
+    """Return whether a line is a row: two cells with a number or a time, or one beside empty ones,
+    and none that would be numbers with another delimiter or decimal mark.
+    """
+    values = empty = words = 0
+    for cell in cells:
+        if not cell:
+            empty += 1
+        elif _NUMBERS[decimal].fullmatch(cell) or is_clock_time(cell):
+            values += 1
+        elif _DIGITS.fullmatch(cell) and not _DATE.fullmatch(cell):
+            return False
+        else:
+            words += 1
+    return values >= 2 or (values == 1 and empty >= 1 and words == 0)
+
+
+def _rows_of(lines: Sequence[str], delimiter: str, decimal: str) -> _Rows | None:
+    """Return the rows of a sample under a delimiter and a decimal mark; None if there is none."""
+    cells: dict[int, list[str]] = {}
+    row_widths: dict[int, int] = {}
+    for number, line in enumerate(lines):
+        if not line.strip():
+            continue
+        cells[number] = _split(line, delimiter)
+        if _is_row(cells[number], decimal):
+            row_widths[number] = len(cells[number])
+    if not row_widths:
+        return None
+    width, count = Counter(row_widths.values()).most_common(1)[0]
+    numbers = list(cells)
+    for place, number in enumerate(numbers):
+        following = numbers[place + 1 : place + 2]
+        if row_widths.get(number) == width and all(
+            row_widths.get(other) == width for other in following
+        ):
+            return _Rows(delimiter, decimal, cells, count, width, number)
+    return None
+
+
+def _recognised_rows(lines: Sequence[str]) -> _Rows:
+    """Return the rows under the only delimiter and decimal mark that fit the lines.
+
+    Raises:
+        ValueError: If none fits, or several.
+    """
+    pairs = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
+    fitting = _fitting(lines, pairs)
+    if not fitting:
+        fitting = _fitting(lines, [(",", ",")])  # "0,1","0,2"
+    if not fitting:
+        fitting = _fitting(lines, [(BLANKS, "."), (BLANKS, ",")])
+    if not fitting:
+        raise ValueError(
+            "it has no rows of two numbers or more with one delimiter (comma, semicolon, tab, bar "
+            "or blanks) and one decimal mark"
+        )
+    most = max(rows.count for rows in fitting)
+    best = [rows for rows in fitting if rows.count == most]
+    delimiters = {rows.delimiter for rows in best}
+    if len(delimiters) > 1:
+        names = " and ".join(sorted(map(repr, delimiters)))
+        raise ValueError(f"{names} separate its cells equally well; write it with one of them")
+    return best[0]  # without any decimal mark both fit, and the point comes first
+
+
+def _fitting(lines: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[_Rows]:
+    candidates = [_rows_of(lines, delimiter, decimal) for delimiter, decimal in pairs]
+    return [rows for rows in candidates if rows is not None]
+
+
+def _check_decimal(rows: _Rows, body: Sequence[Sequence[str]]) -> None:
+    """Check that a comma in numbers cannot be that of thousands.
+
+    Raises:
+        ValueError: If each number with a comma could have thousands.
+    """
+    if rows.decimal != ",":
+        return
+    with_comma = [cell for cells in body for cell in cells if "," in cell]
+    if with_comma and all(_THOUSANDS.fullmatch(cell) for cell in with_comma):
+        raise ValueError(
+            f"the comma in {quoted(with_comma[0])} may be a decimal mark or one of thousands; "
+            "write decimal points"
+        )
+
+
+@dataclass(frozen=True)
+class TableHeader:
+    """Names and units above the rows of a table.
+
+    Attributes:
+        names: Names of the columns; empty where one has none.
+        units: Units of the columns in a row of their own; empty where there is none.
+        remarks: Where they were found, a sentence each.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def _header(lines: Sequence[str], rows: _Rows) -> TableHeader:
+    """Return the names and units above the first row."""
+    above: list[tuple[int, list[str], bool]] = []
+    for number in rows.cells:
+        if number >= rows.first:
+            break
+        line = lines[number]
+        comment = _COMMENT.match(line)
+        cells = _split(line[comment.end() :], rows.delimiter) if comment else rows.cells[number]
+        above.append((number + 1, cells, comment is not None))
+    ends_empty = not any(
+        cells[-1]
+        for number, cells in rows.cells.items()
+        if number >= rows.first and len(cells) == rows.width
+    )
+    return table_header(above, rows.width, rows.first + 1, ends_empty=ends_empty)
+
+
+def table_header(
+    above: Sequence[tuple[int, list[str], bool]], width: int, first: int, *, ends_empty: bool
+) -> TableHeader:
+    """Return the names and units above the first row of a table.
+
+    Args:
+        above: Number, cells, and whether it is a comment, of each line above the first row.
+        width: Number of cells of a row.
+        first: Number of the line of the first row.
+        ends_empty: Whether the last cell of all rows is empty, which needs no name.
+
+    Raises:
+        ValueError: If the line above the rows is neither a comment nor a header of them.
+    """
+    blank = ("",) * width
+    if not above:
+        remark = f"it has no header; its columns are #1 to #{width}"
+        return TableHeader(blank, blank, (remark,))
+    fitted = [
+        (number, _fitted(cells, width, ends_empty), comment) for number, cells, comment in above
+    ]
+    number, names, is_comment = fitted[-1]
+    if names is None:
+        if is_comment:
+            remark = f"it has no header of {width} names; its columns are #1 to #{width}"
+            return TableHeader(blank, blank, (remark,))
+        raise ValueError(
+            f"line {number} has {len(above[-1][1])} cells and the rows below it have {width}; "
+            "allowed is a header with a name for each column, or none. A decimal comma beside "
+            "commas between the cells makes such a file, too"
+        )
+    units = blank
+    if len(fitted) > 1 and is_row_of_units(names):
+        _, candidate, _ = fitted[-2]
+        if candidate is not None and not any(map(_is_number, candidate)) and all(candidate):
+            names, units, number = candidate, names, fitted[-2][0]
+    remarks = []
+    if number > 1:
+        remarks.append(f"its header is line {number}")
+    if any(units):
+        remarks.append(f"line {fitted[-1][0]} holds units")
+    if first != fitted[-1][0] + 1:
+        remarks.append(f"its first row is line {first}")
+    return TableHeader(names, units, tuple(remarks))
+
+
+def _fitted(cells: list[str], width: int, ends_empty: bool) -> tuple[str, ...] | None:
+    """Return cells as a header of so many columns, None if they are no such header. A delimiter at
+    the end of the rows or of the header alone makes one more; a row that begins with its number,
+    which has no name, is another table.
+    """
+    if len(cells) == width + 1 and not cells[-1]:
+        cells = cells[:-1]
+    elif len(cells) == width - 1 and len(cells) > 1 and ends_empty:
+        cells = [*cells, ""]
+    if len(cells) != width or not any(cells):
+        return None
+    return tuple(cells)
+
+
+def is_row_of_units(cells: Sequence[str]) -> bool:
+    """Return whether cells are units: known ones, in brackets or bare, or nothing. Bare ones have
+    one of time among them: "t, v, a" are names.
+    """
+    brackets = [unit_in_brackets(cell) == cell[1:-1].strip() for cell in cells if cell]
+    bare = [unit_in_brackets(cell) or cell for cell in cells]
+    known = any(cells) and all(not cell or cell.lower() in _KNOWN_UNITS for cell in bare)
+    return known and (all(brackets) or any(cell.lower() in _TIME_UNITS for cell in bare))
+
+
+def _is_number(cell: str) -> bool:
+    return any(number.fullmatch(cell) for number in _NUMBERS.values())
+
+
+def unit_in_brackets(name: str) -> str:
+    """Return the unit at the end of a name such as "angle [deg]" or "Time (s)", empty if there is
+    none.
+    """
+    match = re.search(r"(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*$", name)
+    if match is None:
+        return ""
+    return (match[1] or match[2] or "").strip()
+
+
+def not_a_table(path: object, error: ValueError) -> DataError:
+    """Return the error that a file has no layout that can be read."""
+    return DataError(f"Cannot read {path} as a table: {error}.")

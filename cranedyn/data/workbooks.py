@@ -1,0 +1,83 @@
+"""Workbooks of spreadsheet programs (.xlsx, .xls, .xlsb, .ods): their sheets as cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cranedyn.data.bounded import read_bounded
+
+HEADER_ROWS = 200
+"""Number of rows at the top of a sheet among which the first row of numbers is looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Cells of a sheet.
+
+    Attributes:
+        name: Name of the sheet.
+        numbers: Numbers, NaN where a cell holds none, shape (rows, columns). Dates count in seconds
+            from 1970, times of day and durations in seconds.
+        words: Words by row and column, both from 0.
+        dates: Indices of the columns whose numbers are dates.
+        mixed: Indices of the columns in which some numbers are dates.
+    """
+
+    name: str
+    numbers: np.ndarray
+    words: Mapping[tuple[int, int], str]
+    dates: frozenset[int]
+    mixed: frozenset[int]
+
+    def cell(self, row: int, column: int) -> float | str:
+        """Return the number or the words of a cell, an empty text where it is empty."""
+        if word := self.words.get((row, column)):
+            return word
+        number = float(self.numbers[row, column])
+        return "" if np.isnan(number) else number
+
+    def row(self, row: int) -> list[float | str]:
+        """Return the cells of a row."""
+        return [self.cell(row, column) for column in range(self.numbers.shape[1])]
+
+    def first_row(self) -> int | None:
+        """Return the index of the first of two rows of numbers, or None if there are none: rows of
+        two numbers or more, or of one beside empty cells.
+        """
+        height = min(len(self.numbers), HEADER_ROWS)
+        rows = [self._is_row(i) for i in range(height)]
+        for i, is_row in enumerate(rows):
+            if is_row and (i + 1 == len(self.numbers) or rows[i + 1 : i + 2] == [True]):
+                return i
+        return None
+
+    def _is_row(self, row: int) -> bool:
+        numbers = int(np.isfinite(self.numbers[row]).sum())
+        words = sum((row, column) in self.words for column in range(self.numbers.shape[1]))
+        return numbers >= 2 or (numbers == 1 and words == 0 and self.numbers.shape[1] > 1)
+
+
+def read_sheets(path: str | Path) -> list[Sheet]:
+    """Read the sheets of a workbook.
+
+    Raises:
+        DataError: As `cranedyn.data.bounded.read_bounded`.
+        CraneError: If python-calamine is not installed.
+    """
+    result = read_bounded(path, "workbook")
+    numbers = result.content.view("<f8")
+    sheets: list[Sheet] = []
+    begin = 0
+    for described in result.header["sheets"]:
+        height, width = int(described["height"]), int(described["width"])
+        matrix = numbers[begin : begin + height * width].reshape(height, width)
+        begin += height * width
+        words = {(int(i), int(j)): str(text) for i, j, text in described["texts"]}
+        dates = frozenset(int(j) for j in described["clocks"])
+        mixed = frozenset(int(j) for j in described["mixed"])
+        sheets.append(Sheet(str(described["name"]), matrix, words, dates, mixed))
+    return sheets
