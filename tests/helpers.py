@@ -196,3 +196,15 @@ RESULT: dict[str, Any] = {
     "tables": [{"title": "t", "columns": ["c"], "formats": [".1f"], "rows": [[1.0]], "note": ""}],
 }  # fmt: skip
 """What an experiment writes as `result.json` where nothing was run."""
+
+HOSTILE_NAMES = (
+    "{{kernel}}",
+    "{{ marks }}",
+    "{% include 'document.html' %}",
+    r"$\frac$",
+    "$5 or $6",
+    "<img src=x onerror=alert(1)>",
+    "</title></script><script>alert(1)</script>",
+    "\"'><b>&amp;",
+)
+"""Names that are placeholders, formulas or elements to whoever does not take them for data."""

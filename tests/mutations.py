@@ -1087,6 +1087,16 @@ cranedyn/sites/assumptions.py
 ? assumptions::what_is_left_out_of_a_site_file_is_a_default_in_the_list
 - return Origin.ENTERED if value in station.entered else Origin.DEFAULT
 + return Origin.ENTERED
+cranedyn/plotting/html.py
+* a name is HTML
+? html::a_name_is_text_wherever_it_stands_and_makes_no_element
+- autoescape=True,
++ autoescape=False,
+cranedyn/plotting/figures.py
+* a name between dollar signs is a formula
+? figures::a_name_is_drawn_as_it_is_wherever_it_stands
+- text.set_parse_math(False)
++ pass
 cranedyn/sites/page.py
 * all that is commanded counts as lost
 ? plan::a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost
@@ -1967,6 +1977,10 @@ experiments/report.py
 - with ThreadPoolExecutor(options.jobs) as pool:
 + with ThreadPoolExecutor(1) as pool:
 cranedyn/plugins.py
+* a module that cannot be parsed hides the exporters of all packages
+? plugins::a_broken_exporter_of_another_package_takes_no_other_with_it
+- except (Exception, SystemExit):
++ except (ImportError, OSError):
 * an exporter of another package replaces one of ours
 ? plugins::an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours
 - value = _own(kind).get(name) or _foreign(kind).get(name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -39,6 +40,7 @@ from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import box, hull
 from cranedyn.references.limits import Limits
 from cranedyn.references.simple import hold
+from tests.helpers import HOSTILE_NAMES
 
 NODE = shutil.which("node")
 PERIOD = page.PERIOD
@@ -55,6 +57,22 @@ ITINERARY = [
 """Sticks from a control instant on: slew, trolley and hoist together and alone, then a rest."""
 
 INPUTS = [[k, "sticks", sticks] for k, sticks in ITINERARY]
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_a_name_is_data_of_the_page_whatever_it_contains(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page, "page_data", lambda crane: {"title": name})
+    text = page.page_html(load_crane())
+    scripts = re.findall(r"<script([^>]*)>(.*?)</script>", text, re.DOTALL)
+    (data,) = [body for head, body in scripts if 'id="data"' in head]
+    assert json.loads(data) == {"title": name}
+    monkeypatch.setattr(page, "page_data", lambda crane: {"title": "a"})
+    plain = re.findall(r"<script([^>]*)>(.*?)</script>", page.page_html(load_crane()), re.DOTALL)
+    assert [s for s in scripts if 'id="data"' not in s[0]] == [
+        s for s in plain if 'id="data"' not in s[0]
+    ]
 
 
 def script() -> str:

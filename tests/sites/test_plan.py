@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import re
 from dataclasses import replace
 from functools import cache
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from cranedyn.data.trajectory import read_columns
 from cranedyn.disturbances.wind import steady
@@ -24,7 +26,7 @@ from cranedyn.sites.plan import SLICE, SitePlan, plan_site
 from cranedyn.sites.simulate import SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, SiteWind
 from cranedyn.sites.site_file import read_crane_site
-from tests.helpers import ROOT
+from tests.helpers import HOSTILE_NAMES, ROOT
 
 slow = pytest.mark.slow
 
@@ -272,6 +274,22 @@ def test_a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost(tmp_path: Pat
         line.get_xydata() for line in page._plan(run).axes[0].lines if line.get_marker() == "x"
     ]
     assert np.linalg.norm(cross - load(run, 1, round(contact.t / 0.1))[:2]) < 0.5
+
+
+@slow
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_a_page_of_a_run_takes_names_for_data(name: str, tmp_path: Path) -> None:
+    quoted_name = json.dumps(name)  # a string of TOML, too
+    ends = "".join(
+        f"\n[[crane]]\nname = {n}\nposition = {p}\n"
+        for n, p in ((quoted_name, [0.0, 0.0, 0.0]), ('"b"', [90.0, 0.0, 0.0]))
+    )
+    wall = f"[[box]]\nname = {quoted_name}\ncentre = [30.0, 30.0]\nsize = [9.0, 9.0, 9.0]\n"
+    site = site_from(tmp_path, f"name = {quoted_name}\n{ends}{wall}")
+    run = simulate_site(site, [lambda t, states: np.zeros(3)] * 2, duration=1.0)
+    text = page.site_html(run)
+    assert f"<h1>Site: {escape(name)}</h1>" in text
+    assert "<img src=x" not in text and "<script" not in text and "<b>" not in text
 
 
 def test_the_site_file_of_the_how_to_is_read(tmp_path: Path) -> None:

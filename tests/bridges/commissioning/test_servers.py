@@ -219,7 +219,8 @@ def test_modbus_refuses_what_is_not_there_and_survives_garbage(served: Served) -
 def test_a_message_larger_than_the_buffer_closes_its_connection_before_it_is_collected(
     announced: int, greeted: bool, served: Served
 ) -> None:
-    with socket.create_connection(served.opcua, timeout=60.0) as stranger:
+    # asyncua itself closes a connection after 30 s without a session.
+    with socket.create_connection(served.opcua, timeout=20.0) as stranger:
         if greeted:
             url = b"opc.tcp://crane/"
             hello = struct.pack("<6I", 0, 65535, 65535, 0, 0, len(url)) + url
