@@ -1288,6 +1288,10 @@ cranedyn/planning/optimal.py
 - if tilt.max() > clearance.site.swing:
 + if False:
 cranedyn/planning/curve.py
+* a lift of years is planned until the memory is full
+? lift::a_motion_of_hours_is_refused_and_one_of_minutes_is_not
+- if not duration <= LONGEST_LIFT:
++ if duration > 1e300:
 * a path takes its corners at the rates of its legs
 ? proof::before_a_corner_a_path_already_reaches_the_next_way_and_after_it_still_the_last
 - begins = self.knots[:-1] - np.append(0.0, self.widths)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -293,3 +294,15 @@ def test_bad_input_is_a_sentence(planned: Lift) -> None:
         from_ground(planned, sink_rate=-0.1)
     with pytest.raises(OutOfRange, match="EA of the rope"):
         from_ground(planned, rope_stiffness=0.0)
+
+
+@pytest.mark.parametrize("speed", [1e-300, 1e-6, 5.0, 1e6, math.nan])
+def test_speeds_near_the_ground_that_cannot_be_meant_are_refused_before_anything_is_computed(
+    speed: float, planned: Lift
+) -> None:
+    fastest = planned.limits.rates[2]
+    assert fastest < 5.0
+    for name, words in (("creep", "creep speed"), ("sink_rate", "sink rate")):
+        with pytest.raises(OutOfRange, match=f"{words} is {speed} m/s; allowed is ") as refused:
+            from_ground(planned, **{name: speed})
+        assert math.isnan(speed) or f"0.001 to {fastest:g}" in str(refused.value)

@@ -18,6 +18,7 @@ from cranedyn.data.trajectory import read_columns
 from cranedyn.disturbances.wind import steady
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, DataError
+from cranedyn.planning.lift import NoWay
 from cranedyn.planning.solids import Solid, box, prism
 from cranedyn.recording import Run
 from cranedyn.sites import page
@@ -122,6 +123,25 @@ def test_a_lift_of_a_luffing_crane_without_a_way_is_refused(goal: list, words: s
     solids = (hall,) if "obstacle" in words else ()
     with pytest.raises(CraneError, match=words):
         plan_site(replace(site_of("luffing_between"), solids=solids), [("luffing", goal)])
+
+
+def test_a_plan_whose_lifts_are_all_left_out_lasts_no_time_and_can_be_printed() -> None:
+    plan = plan_site(site_of(), [("north", [500.0, 0.0, 16.0])], strict=False)
+    assert plan.refusals[0].startswith("Lift 1 of north alone: ")
+    assert (plan.lifts, plan.duration, plan.least) == ((), 0.0, 0.0)
+    assert repr(plan).startswith("Plan of 0 lifts in 0.0 s, drives need 0.0 s; ")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("acceleration", ["1e-300", "1e-9"])
+def test_drives_that_would_need_hours_are_refused_before_a_motion_is_made(
+    acceleration: str, tmp_path: Path
+) -> None:
+    drives = f"drives = {{rates = [4.0, 1.0, 1.0], accelerations = [{acceleration}, 0.1, 0.1]}}\n"
+    north = '[[crane]]\nname = "b"\nposition = [90.0, 0.0, 0.0]\n'
+    site = site_from(tmp_path, HEAD + drives + north)
+    with pytest.raises(NoWay, match=r"accelerations of .* is .* h; allowed is up to 2\.$"):
+        plan_site(site, [("a", [-20.0, 5.0, 15.0])])
 
 
 @slow
