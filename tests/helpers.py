@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import pickle
 import subprocess
 import sys
 import time
@@ -157,6 +158,11 @@ def within(seconds: float, holds: Callable[[], object]) -> bool:
         if time.process_time() > end:
             return False
     return True
+
+
+def pickled(value: Any) -> Any:
+    """A value after a way through bytes, as to another process."""
+    return pickle.loads(pickle.dumps(value))
 
 
 def files(folder: Path) -> list[str]:

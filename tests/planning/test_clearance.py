@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import coal
 import numpy as np
@@ -206,3 +208,13 @@ def _cube_of_triangles(edge: float) -> tuple[np.ndarray, np.ndarray]:
 
     cube = trimesh.creation.box([edge] * 3)
     return np.array(cube.vertices), np.array(cube.faces)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickled])
+def test_a_copy_has_the_same_distances(copied: Any) -> None:
+    asked = clearance(WALL).with_more_distance(0.1)
+    place = np.array([0.3, 12.0, 10.0])
+    distances = asked.distances(asked.q(place))
+    same = copied(asked)
+    assert same.distances(same.q(place)) == distances
+    assert same.swing_margin(place) == asked.swing_margin(place)

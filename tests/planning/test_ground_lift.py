@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -306,3 +308,19 @@ def test_speeds_near_the_ground_that_cannot_be_meant_are_refused_before_anything
         with pytest.raises(OutOfRange, match=f"{words} is {speed} m/s; allowed is ") as refused:
             from_ground(planned, **{name: speed})
         assert math.isnan(speed) or f"0.001 to {fastest:g}" in str(refused.value)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickled])
+def test_lifts_and_lifts_from_the_ground_are_copied_with_all_that_they_command(
+    copied: Any, lift: GroundLift
+) -> None:
+    same = copied(lift)
+    assert (same.motion.q == lift.motion.q).all() and same.phases == lift.phases
+    state = lift.crane.start
+    setpoint = lift.setpoint(0.0)
+    assert (
+        np.array(same.command(0.0, state, setpoint)) == lift.command(0.0, state, setpoint)
+    ).all()
+    place = lift.lift.ends[0]
+    assert same.lift.clearance.envelope(5.0) == lift.lift.clearance.envelope(5.0)
+    assert (same.lift.clearance.point(place) == lift.lift.clearance.point(place)).all()
