@@ -16,6 +16,7 @@ from cranedyn.planning.bodies import neighbour, shape_corners
 from cranedyn.planning.clearance import GROUND, MAST, ROUNDING, Clearance
 from cranedyn.planning.fields import Body, Field
 from cranedyn.planning.solids import body, box, hull, prism
+from tests.helpers import pickled
 from tests.planning.sites import HEIGHT, WALL, clearance, corners, crane, load_corners, site
 
 PLACES = st.tuples(st.floats(-3.0, 3.0), st.floats(4.0, 22.0), st.floats(4.0, 25.0)).map(np.array)

@@ -35,6 +35,7 @@ from cranedyn.planning.site_file import SITES, read_site
 from cranedyn.planning.solids import body, box
 from cranedyn.references.flat import smoothstep
 from cranedyn.verdict import Check, Verdict
+from tests.helpers import pickled
 
 pytestmark = pytest.mark.slow
 
@@ -318,9 +319,8 @@ def test_lifts_and_lifts_from_the_ground_are_copied_with_all_that_they_command(
     assert (same.motion.q == lift.motion.q).all() and same.phases == lift.phases
     state = lift.crane.start
     setpoint = lift.setpoint(0.0)
-    assert (
-        np.array(same.command(0.0, state, setpoint)) == lift.command(0.0, state, setpoint)
-    ).all()
+    command = np.array(lift.command(0.0, state, setpoint))
+    assert (command == same.command(0.0, state, setpoint)).all()
     place = lift.lift.ends[0]
     assert same.lift.clearance.envelope(5.0) == lift.lift.clearance.envelope(5.0)
     assert (same.lift.clearance.point(place) == lift.lift.clearance.point(place)).all()

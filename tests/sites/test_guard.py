@@ -16,6 +16,7 @@ from cranedyn.interfaces import State
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import MAX_INPUT, NO_TARGET, BoxGrant, BoxRequest, Guard
 from cranedyn.sites.working_wind import WorkingWind
+from tests.helpers import pickled
 from tests.sites.cases import BAD, ODD, at_rest, site_of, travelling_station
 
 pytestmark = pytest.mark.slow
