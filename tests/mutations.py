@@ -1919,6 +1919,10 @@ cranedyn/bridges/templates/page/assist.js
 + return this.shaped(asked, q);
 cranedyn/bridges/templates/page/kernel.js
 cranedyn/bridges/templates/page/run.js
+* a file of inputs is taken up to where it is wrong
+? page::a_file_that_holds_no_inputs_of_a_drive_is_refused_as_a_whole
+- if (reason !== null) return `Input
++ if (false) return `Input
 * an assistance may command what is no number
 ? page::no_state_makes_an_assistance_command_what_is_no_number
 - if (!rates.every(Number.isFinite))

@@ -415,6 +415,37 @@ def test_a_drive_replays_to_the_same_bits() -> None:
     assert (first["q"], first["v"]) == (second["q"], second["v"])
 
 
+REFUSED = [
+    (None, "The file has no list of inputs."),
+    ("text", "The file has no list of inputs."),
+    ({"length": 1}, "The file has no list of inputs."),
+    ([None], "Input 1 of the file is null; allowed is [instant, kind, value]."),
+    ([5], "Input 1 of the file is 5; allowed is [instant, kind, value]."),
+    ([[0, "stop", True], "stop"], 'Input 2 of the file is "stop"; allowed is'),
+    ([[0, "stop"]], 'Input 1 of the file is [0,"stop"]; allowed is'),
+    ([[-1, "stop", True]], 'The instant of input 1 of the file, [-1,"stop",true], is not a whole'),
+    ([[0.5, "stop", True]], "The instant of input 1 of the file, [0.5,"),
+    ([["0", "stop", True]], 'The instant of input 1 of the file, ["0",'),
+    ([[9, "stop", True], [8, "stop", False]], "is not a whole number from 9 on."),
+    ([[0, "constructor", 1]], "Input 1 of the file: The input constructor is impossible: 1."),
+    ([[0, ["stop"], True]], "Input 1 of the file: The input stop is impossible: true."),
+    ([[0, "sticks", [0, 1]]], "Input 1 of the file: The input sticks is impossible: [0,1]."),
+    ([[0, "sticks", [0, 1, None]]], "The input sticks is impossible: [0,1,null]."),
+    ([[0, "slider", ["wind_speed", 1e9]]], "The input slider is impossible"),
+    ([[0, "assist", "nobody"]], 'The input assist is impossible: "nobody".'),
+]
+"""What files of a drive hold that are refused as a whole, and why."""
+
+
+def test_a_file_that_holds_no_inputs_of_a_drive_is_refused_as_a_whole() -> None:
+    files = [{"file": content} for content, _ in REFUSED]
+    fine = [[0, "assist", "lqr"], [0, "sticks", [0, 1, 0]], [7, "stop", True]]
+    *refusals, accepted, empty = in_node(data_of("tower"), *files, {"file": fine}, {"file": []})
+    assert accepted is None and empty is None
+    for (content, words), refusal in zip(REFUSED, refusals, strict=True):
+        assert words in refusal, content
+
+
 @pytest.mark.parametrize("name", ["none", "shaped", "yielding", "lqr"])
 def test_a_drive_stops_before_the_end_of_its_range_by_any_ramp(name: str) -> None:
     full = [[0, "assist", name], [0, "sticks", [0, 1, 1]], [6000, "sticks", [0, -1, -1]]]
