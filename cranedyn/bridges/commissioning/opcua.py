@@ -141,11 +141,11 @@ async def _listen(server: Server) -> None:
     """Start a server whose connections are bounded."""
     # asyncua has no argument for the class of its socket server; it looks the name up in `start`.
     original = asyncua_server.BinaryServer
-    asyncua_server.BinaryServer = _BoundedServer
+    asyncua_server.BinaryServer = _BoundedServer  # type: ignore[misc]
     try:
         await server.start()
     finally:
-        asyncua_server.BinaryServer = original
+        asyncua_server.BinaryServer = original  # type: ignore[misc]
 
 
 async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any = None) -> Server:
