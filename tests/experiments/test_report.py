@@ -324,3 +324,5 @@ def test_what_a_result_says_is_data_of_the_page(name: str, tmp_path: Path) -> No
     assert f"<code>{escape(name)}</code>" in text
     assert f"</span>{escape(name)} <a" in text and "<img src=x" not in text and "<b>" not in text
     assert text.count("<script>") == 1
+    # The style sheet hides the heading above a list that holds nothing, not even a space.
+    assert '<h2>Newly found</h2>\n<ul class="claims"></ul>' in text
