@@ -241,7 +241,7 @@ def _export(parser: _Parser) -> None:
     """
     exporters = parser.add_subparsers(required=True, dest="exporter", metavar="EXPORTER")
     for name in plugins.names("exporter"):
-        text = plugins.description("exporter", name)
+        text = plugins.description("exporter", name).replace("%", "%%")  # no format of argparse
         exporter = exporters.add_parser(name, help=text, description=text)
         exporter.configure = lambda parser, name=name: _exporter(parser, name)
 

@@ -99,17 +99,21 @@ def command(run: Callable[[], int]) -> int:
         run: Function that does the work and returns the exit code.
 
     Returns:
-        That code; `REFUSED` after a `CraneError`, whose message is printed; `INTERRUPTED` after
-        Ctrl-C or SIGTERM; `FAILED` if the reader of standard output stops reading.
+        That code; `REFUSED` after a `CraneError`, whose message is printed, or if standard output
+        cannot be written, such as on a full disk; `INTERRUPTED` after Ctrl-C or SIGTERM; `FAILED`
+        if the reader of standard output stops reading.
     """
     try:
         with _sigterm_as_interrupt():
-            code = run()
+            try:
+                code = run()
+            except SystemExit:  # argparse has printed a help or an error
+                print(end="", flush=True)
+                raise
             print(end="", flush=True)
             return code
     except BrokenPipeError:
-        # Python flushes standard output at its end; see the note on SIGPIPE in its signal module.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return FAILED
     except KeyboardInterrupt as stop:
         print(str(stop) or "Interrupted.", file=sys.stderr)
@@ -118,10 +122,32 @@ def command(run: Callable[[], int]) -> int:
         if interrupted(error):
             print("Interrupted.", file=sys.stderr)
             return INTERRUPTED
+        if isinstance(error, OSError) and _output_is_broken():
+            _discard_output()
+            reason = error.strerror or error
+            print(f"error: Cannot write to standard output: {reason}.", file=sys.stderr)
+            return REFUSED
         if not isinstance(error, CraneError):
             raise
         print(f"error: {error}", file=sys.stderr)
         return REFUSED
+
+
+def _output_is_broken() -> bool:
+    """Return whether standard output does not take what has been printed."""
+    try:
+        print(end="", flush=True)  # what was not written the first time is still in its buffer
+    except OSError:
+        return True
+    return False
+
+
+def _discard_output() -> None:
+    """Send standard output nowhere from now on.
+
+    Python flushes it once more at its end; see the note on SIGPIPE in its signal module.
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def interrupted(error: BaseException | None) -> bool:

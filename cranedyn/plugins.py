@@ -17,11 +17,12 @@ import ast
 import sys
 from functools import cache
 from importlib.util import find_spec
+from inspect import signature
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Literal
 
-from cranedyn.errors import CraneError, UnknownName
+from cranedyn.errors import CraneError, UnknownName, printable
 
 Kind = Literal["engine", "exporter", "experiment", "command"]
 
@@ -38,27 +39,69 @@ def load(kind: Kind, name: str) -> Any:
 
     Raises:
         UnknownName: If there is no plugin of this name.
-        CraneError: If its package is not there, or fails to be imported.
+        CraneError: If its package is not there, fails to be imported, or has not what a plugin of
+            its kind needs.
     """
     value = _value(kind, name)
     try:
-        return resolve_name(value)
-    except (ImportError, AttributeError) as error:
-        raise CraneError(f"The {kind} {name} ({value}) cannot be loaded: {error}.") from error
+        plugin = resolve_name(value)
+        _check_parts(kind, plugin)
+    except CraneError:  # one of ours whose extra is not installed
+        raise
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # other people's code, which may also call sys.exit
+        reason = str(error)
+        if not isinstance(error, ImportError | AttributeError):
+            if name in _own(kind):
+                raise
+            reason = f"{type(error).__name__}: {error}"
+        raise CraneError(f"The {kind} {name} ({value}) cannot be loaded: {reason}.") from error
+    return plugin
 
 
 def description(kind: Kind, name: str) -> str:
     """Return the first paragraph of a plugin's documentation, without importing its module.
 
+    For a plugin that cannot be found or parsed it is "cannot be loaded".
+
     Raises:
         UnknownName: If there is no plugin of this name.
     """
+    value = _value(kind, name)
     try:
-        spec = find_spec(_value(kind, name).partition(":")[0])
+        spec = find_spec(value.partition(":")[0])  # imports the packages in which it lies
         text = Path((spec and spec.origin) or "").read_bytes()
-    except (ImportError, OSError):
+        documentation = ast.get_docstring(ast.parse(text)) or ""
+    except (Exception, SystemExit):  # one package's fault must not hide the plugins of others
         return "cannot be loaded"
-    return " ".join((ast.get_docstring(ast.parse(text)) or "").partition("\n\n")[0].split())
+    return printable(" ".join(documentation.partition("\n\n")[0].split()))
+
+
+_FUNCTIONS: dict[Kind, dict[str, str]] = {
+    "engine": {},
+    "exporter": {"add_arguments": "parser", "run": "options"},
+    "experiment": {"main": "argv"},
+    "command": {"main": "argv"},
+}
+"""Functions that the module of a plugin needs, and the argument of each."""
+
+
+def _check_parts(kind: Kind, plugin: Any) -> None:
+    """Check that a plugin has what others call.
+
+    Raises:
+        AttributeError: If something is missing or takes other arguments.
+    """
+    if kind == "exporter" and not isinstance(plugin.TARGET, str):
+        raise AttributeError("its TARGET is not a text")
+    if kind == "engine" and not isinstance(plugin, type):
+        raise AttributeError("it is not a class")
+    for function, argument in _FUNCTIONS[kind].items():
+        try:
+            signature(getattr(plugin, function)).bind(argument)
+        except TypeError as error:
+            raise AttributeError(f"its {function} is no function of ({argument})") from error
 
 
 def _value(kind: Kind, name: str) -> str:
@@ -107,7 +150,7 @@ def _installed(kind: Kind, *, own: bool) -> dict[str, str]:
     )
     entries = sorted(candidates, key=lambda entry: entry.name)
     return {
-        entry.name: f"{entry.module}:{entry.attr}" if entry.attr else entry.module
+        entry.name: "".join(entry.value.split())
         for entry in entries
         if (entry.dist is not None and entry.dist.name == "cranedyn") is own
     }

@@ -9,17 +9,14 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from datetime import date
-from html import escape
+from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
-from string import Template
 from typing import Any, get_args
 
-from cranedyn import __version__
 from cranedyn.checks import whole
 from cranedyn.command import INTERRUPTED, Parser, command
 from cranedyn.data.files import (
@@ -33,7 +30,7 @@ from cranedyn.data.files import (
 )
 from cranedyn.errors import DataError, UnknownName
 from cranedyn.interfaces import EngineName
-from cranedyn.plotting.html import IMAGE_TYPES, STYLE, image_address, mark_html, table_html
+from cranedyn.plotting.html import IMAGE_TYPES, PageTable, image_address, render
 from cranedyn.verdict import Check, Verdict, overall
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
@@ -66,8 +63,6 @@ PICTURES = (
 COMMAND = (sys.executable, "-m", "cranedyn", "run")
 """What runs an experiment."""
 
-_PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
-
 _LARGEST_FIGURE = 50_000_000
 """Most bytes of a figure."""
 
@@ -81,59 +76,106 @@ def page(folders: Sequence[Path]) -> str:
     Raises:
         DataError: If a result cannot be read.
     """
-    results, sections = [], []
+    entries = []
     for folder in folders:
         with naming_result(folder / "result.json"):
-            results.append(read_result(folder))
-            sections.append(_section(folder, results[-1]))
-    return _PAGE.substitute(_first(results), style=STYLE, sections="\n".join(sections))
-
-
-def _first(results: Sequence[dict[str, Any]]) -> dict[str, object]:
-    """Return the values of the first screen: what was judged, what holds, what is new, pictures."""
-    today, claims = date.today(), [claim for r in results for claim in r["claims"]]
-    figures = {
-        f"{r['experiment']}-{Path(f).stem}": _entry(r).title for r in results for f in r["figures"]
-    }
-
-    return {
-        "experiments": len(results),
-        "machines": escape(", ".join(sorted({r["machine"] for r in results}))),
-        "version": escape(__version__),
-        "date": f"{today.day} {today:%B %Y}",
-        "claims": len(claims),
-        "holding": sum(claim["holds"] is True for claim in claims),
-        "unknown": sum(claim["holds"] is None for claim in claims),
-        "mark": mark_html(_verdict(claims)),
-        "links": "".join(_link(r, _entry(r).title, r["claims"]) for r in results),
-        "failing": _listed(results, lambda claim: claim["holds"] is False),
-        "found": _listed(results, lambda claim: any(f in claim["sentence"] for f in FOUND)),
-        "pictures": "".join(
-            f'<a href="#{at}"><img alt="" data-of="{at}">{escape(figures[at])}</a>'
-            for at in PICTURES
-            if at in figures
-        ),
-    }
-
-
-def _listed(results: Sequence[dict[str, Any]], chosen: Callable[[Mapping[str, Any]], bool]) -> str:
-    """Return the chosen claims as items of a list, each a link to its experiment."""
-    return "".join(
-        f"<li>{_link(r, f'{_entry(r).title}: ' + c['sentence'], [c])}</li>"
-        for r in results
-        for c in filter(chosen, r["claims"])
+            entries.append(_page_entry(folder, read_result(folder)))
+    claims = [claim for entry in entries for claim in entry.claims]
+    return render(
+        Path(__file__).with_suffix(".html"),
+        experiments=entries,
+        verdict=overall(Check(claim.sentence, claim.verdict) for claim in claims),
+        claims=len(claims),
+        holding=sum(claim.verdict is Verdict.HOLDS for claim in claims),
+        unknown=sum(claim.verdict is Verdict.NOT_JUDGED for claim in claims),
+        machines=", ".join(sorted({entry.machine for entry in entries})),
+        failing=[claim for claim in claims if claim.verdict is Verdict.FAILS],
+        found=[claim for claim in claims if any(words in claim.sentence for words in FOUND)],
+        pictures=_first_pictures(entries),
     )
 
 
-def _link(result: Mapping[str, Any], text: str, claims: Sequence[Mapping[str, Any]]) -> str:
-    """Return a link to an experiment, with the sign of whether claims hold."""
-    mark = mark_html(_verdict(claims))
-    return f'<a href="#{escape(result["experiment"])}">{mark}{escape(text)}</a>'
+@dataclass(frozen=True)
+class PageClaim:
+    """A claim on the page.
+
+    Attributes:
+        name: Name of its experiment.
+        title: Title of its experiment.
+        sentence: The claim.
+        verdict: Whether it holds.
+    """
+
+    name: str
+    title: str
+    sentence: str
+    verdict: Verdict
 
 
-def _verdict(claims: Sequence[Mapping[str, Any]]) -> Verdict:
-    """Return the verdict of claims together."""
-    return overall(Check(claim["sentence"], claim["holds"]) for claim in claims)
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure of an experiment on the page.
+
+    Attributes:
+        id: Name of experiment and figure, to which links lead.
+        stem: Name of its file without the ending.
+        title: Title of its experiment.
+        caption: What it shows.
+        address: Data URL of the image.
+    """
+
+    id: str
+    stem: str
+    title: str
+    caption: str
+    address: str
+
+
+@dataclass(frozen=True)
+class PageEntry:
+    """An experiment on the page.
+
+    Attributes:
+        name: Name of the experiment.
+        title: Its title.
+        line: What it is about, in a line.
+        about: What it is about, in a paragraph.
+        command: Command line that makes it again.
+        claims: Its claims.
+        figures: Its figures.
+        tables: Its tables.
+        parameters: Its parameters as JSON.
+        versions: Packages and their versions.
+        machine: The machine on which it ran.
+    """
+
+    name: str
+    title: str
+    line: str
+    about: str
+    command: str
+    claims: list[PageClaim]
+    figures: list[ReportFigure]
+    tables: list[PageTable]
+    parameters: str
+    versions: str
+    machine: str
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict of all its claims together."""
+        return overall(Check(claim.sentence, claim.verdict) for claim in self.claims)
+
+    @property
+    def holding(self) -> int:
+        """Number of its claims that hold."""
+        return sum(claim.verdict is Verdict.HOLDS for claim in self.claims)
+
+
+def _first_pictures(entries: Sequence[PageEntry]) -> list[ReportFigure]:
+    """Return the figures of the first screen, as far as they were made."""
+    figures = {figure.id: figure for entry in entries for figure in entry.figures}
+    return [figures[name] for name in PICTURES if name in figures]
 
 
 def _entry(result: Mapping[str, Any]) -> Entry:
@@ -183,56 +225,59 @@ def _check_set(folder: Path, files: Mapping[str, str]) -> None:
             )
 
 
-def _section(folder: Path, result: dict[str, Any]) -> str:
-    entry, name, claims = _entry(result), escape(result["experiment"]), result["claims"]
-    command = escape(result["command"])
-    listed = "".join(
-        f"<li>{mark_html(_verdict([c]))}{escape(c['sentence'])} "
-        f'<a href="#{name}-command" title="{command}">command</a></li>'
-        for c in claims
+def _page_entry(folder: Path, result: Mapping[str, Any]) -> PageEntry:
+    """Return the result in a folder as an entry of the page."""
+    entry, name = _entry(result), str(result["experiment"])
+    claims = []
+    for claim in result["claims"]:
+        verdict = Verdict.of(claim["holds"])
+        claims.append(PageClaim(name, entry.title, claim["sentence"], verdict))
+    versions = [
+        f"{package} {version}" for package, version in result["versions"].items() if version
+    ]
+    about = result["about"]
+    return PageEntry(
+        name=name,
+        title=entry.title,
+        line=entry.line,
+        about=about[:1].upper() + about[1:],
+        command=result["command"],
+        claims=claims,
+        figures=_figures(folder, result, entry),
+        tables=[_table(table) for table in result["tables"]],
+        parameters=json.dumps(result["parameters"], indent=1, ensure_ascii=False),
+        versions=", ".join(versions),
+        machine=result["machine"],
     )
+
+
+def _figures(folder: Path, result: Mapping[str, Any], entry: Entry) -> list[ReportFigure]:
+    """Return the figures of a result, drawings where there are some."""
     if strange := set(result["figures"]) - set(result["files"]):
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
-    figures = "".join(
-        f'<figure id="{name}-{escape(stem)}">'
-        f"{figure_html(folder, f'{stem}.svg' if f'{stem}.svg' in result['files'] else file)}"
-        f"<figcaption>{escape(entry.caption(stem))}</figcaption></figure>"
-        for file in result["figures"]
-        for stem in [Path(file).stem]
-    )
-    versions = ", ".join(
-        f"{package} {version}" for package, version in result["versions"].items() if version
-    )
-    holding, verdict = sum(c["holds"] is True for c in claims), _verdict(claims)
-    return (
-        f'<section id="{name}"><details><summary><h2>{escape(entry.title)}</h2>'
-        f"<span>{escape(entry.line)}</span><span>{mark_html(verdict)}{holding} of "
-        f"{len(claims)}</span></summary>"
-        f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p>'
-        f'<p id="{name}-command"><code>{command}</code></p><ul class="claims">{listed}</ul>'
-        f"{figures}{''.join(map(_table, result['tables']))}"
-        "<details><summary>Parameters and versions</summary>"
-        f"<pre>{escape(json.dumps(result['parameters'], indent=1, ensure_ascii=False))}</pre>"
-        f'<p class="note">{escape(versions)}; {escape(result["machine"])}</p></details>'
-        "</details></section>"
-    )
+    figures = []
+    for file in result["figures"]:
+        stem = Path(file).stem
+        drawing = f"{stem}.svg"
+        address = figure_address(folder, drawing if drawing in result["files"] else file)
+        name = f"{result['experiment']}-{stem}"
+        figures.append(ReportFigure(name, stem, entry.title, entry.caption(stem), address))
+    return figures
 
 
-def _table(entry: dict[str, Any]) -> str:
-    """Return a table of a ``result.json`` as HTML."""
+def _table(entry: dict[str, Any]) -> PageTable:
+    """Return a table of a ``result.json`` as one of the page."""
     table = harness.ResultTable.of(entry)
     columns = [(header, not form) for header, form in table.columns]
-    return table_html(table.title, columns, table.shown(), table.note)
+    return PageTable(table.title, columns, table.shown(), table.note)
 
 
-def figure_html(folder: Path, name: str) -> str:
-    """Return a figure of a folder of results as HTML with the image embedded."""
+def figure_address(folder: Path, name: str) -> str:
+    """Return a figure of a folder of results as a data URL."""
     if Path(name).name != name or Path(name).suffix not in IMAGE_TYPES:
         raise ValueError(f"{name!r} is no figure in its folder")
     content = read_bytes(folder / name, _LARGEST_FIGURE)
-    return (
-        f'<img alt="{escape(Path(name).stem)}" src="{image_address(content, Path(name).suffix)}">'
-    )
+    return image_address(content, Path(name).suffix)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

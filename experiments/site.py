@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.special import pdtri
 
-from cranedyn.checks import number
+from cranedyn.checks import number, whole
 from cranedyn.interfaces import State
 from cranedyn.sites.assumptions import site_assumptions
 from cranedyn.sites.bodies import place_capsules
@@ -343,7 +343,11 @@ class Attack(NamedTuple):
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Work and attack on each site."""
+    # Before the shifts, which take minutes.
+    number("hours", options.hours, "h", "> 0")
     number("minutes", options.minutes, "min", "> 0")
+    whole("seed", options.seed, 0)
+    whole("cycles", options.cycles, 1)
     shifts, searches = [], math.ceil(options.minutes / SEARCH)
     update = setup.reporter.count("shifts and searches", len(options.site) * (1 + searches))
     for site in map(read_crane_site, options.site):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import pickle
 import subprocess
 import sys
 import time
@@ -159,6 +160,11 @@ def within(seconds: float, holds: Callable[[], object]) -> bool:
     return True
 
 
+def pickled(value: Any) -> Any:
+    """A value after a way through bytes, as to another process."""
+    return pickle.loads(pickle.dumps(value))
+
+
 def files(folder: Path) -> list[str]:
     """Everything below a folder."""
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
@@ -196,3 +202,15 @@ RESULT: dict[str, Any] = {
     "tables": [{"title": "t", "columns": ["c"], "formats": [".1f"], "rows": [[1.0]], "note": ""}],
 }  # fmt: skip
 """What an experiment writes as `result.json` where nothing was run."""
+
+HOSTILE_NAMES = (
+    "{{kernel}}",
+    "{{ marks }}",
+    "{% include 'document.html' %}",
+    r"$\frac$",
+    "$5 or $6",
+    "<img src=x onerror=alert(1)>",
+    "</title></script><script>alert(1)</script>",
+    "\"'><b>&amp;",
+)
+"""Names that are placeholders, formulas or elements to whoever does not take them for data."""

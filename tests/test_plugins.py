@@ -93,6 +93,46 @@ def test_an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of
     assert "<mujoco" in (tmp_path / "crane.xml").read_text()
 
 
+BROKEN = {
+    "syntax": ("def (:", "SyntaxError"),
+    "nul": ("a = 1\0", "SyntaxError: source code"),
+    "raises": ('raise ValueError("no")', "ValueError: no"),
+    "exits": ("import sys; sys.exit(7)", "SystemExit: 7"),
+    "without_target": ("def run(options): ...\ndef add_arguments(parser): ...", "module 'broken"),
+    "other_signature": (
+        "TARGET = 'FILE'\ndef run(options): ...\ndef add_arguments(): ...",
+        "its add_arguments is no function of (parser)",
+    ),
+    "percent": ('"""Takes 100 %(s) of it."""\nraise OSError', "OSError"),
+}
+"""Modules of exporters that cannot be used, and why they are refused."""
+
+
+@pytest.mark.slow
+def test_a_broken_exporter_of_another_package_takes_no_other_with_it(
+    lab: dict[str, str], tmp_path: Path
+) -> None:
+    entries = ["[cranedyn.exporters]", "deep = broken_package.module", "odd = no module at all"]
+    for name, (text, _) in BROKEN.items():
+        (tmp_path / f"broken_{name}.py").write_text(text)
+        entries.append(f"{name} = broken_{name}")
+    (tmp_path / "broken_package").mkdir()
+    (tmp_path / "broken_package" / "__init__.py").write_text("1 / 0")
+    (tmp_path / "broken_package" / "module.py").write_text('"""A module."""')
+    (tmp_path / "lab-1.0.dist-info" / "entry_points.txt").write_text("\n".join(entries))
+    listed = cranedyn(lab, "export", "--help")
+    assert listed.returncode == 0 and "Takes 100 %(s) of it." in listed.stdout
+    assert " ".join(listed.stdout.split()).count("cannot be loaded") == 4
+    assert cranedyn(lab, "export", "mjcf", tmp_path / "crane.xml").returncode == 0
+    reasons = {name: reason for name, (_, reason) in BROKEN.items()}
+    for name, reason in {**reasons, "deep": "ZeroDivisionError", "odd": ""}.items():
+        refused = cranedyn(lab, "export", name, tmp_path / "x")
+        assert refused.returncode == 2, name
+        assert refused.stderr.startswith(f"error: The exporter {name} (")
+        assert f") cannot be loaded: {reason}" in refused.stderr
+        assert refused.stderr.count("\n") == 1
+
+
 @pytest.mark.slow
 def test_an_engine_of_another_package_steps_a_run(lab: dict[str, str]) -> None:
     script = (

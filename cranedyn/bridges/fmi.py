@@ -236,6 +236,7 @@ class _Unit:
             "DT": repr(self._block.period),
             "RESET": f"{name}_reset",
             "STEP": f"{name}_step",
+            "LAST_COUNT": self._block.last,
             "STATES": len(starts),
             "START": starts[0] if starts else 0,
             "FIRST_STATE": first,

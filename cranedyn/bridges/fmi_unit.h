@@ -1,7 +1,7 @@
 /* What units of FMI 2 and FMI 3 share: variables, modes, steps and saved states of a function block.
 
-   unit.h, written for each unit, includes the block and defines TOKEN, DT, MODEL, RESET, STEP, OUTPUTS and ACCELERATIONS if the
-   block has them, STATES, START, FIRST_STATE, and the table VARIABLE. Value reference 0 is time; that of the last variable is validity. */
+   unit.h, written for each unit, includes the block and defines TOKEN, DT, RESET, STEP, OUTPUTS if the block has it, LAST_COUNT,
+   STATES, START, FIRST_STATE, and the table VARIABLE. Value reference 0 is time; that of the last variable is validity. */
 
 #include <math.h>
 #include <stdarg.h>
@@ -200,10 +200,42 @@ static Status serialize(Unit *unit, const Data *saved, unsigned char *bytes, siz
   return OK;
 }
 
+static bool is_flag(int32_t value) { return value == 0 || value == 1; }
+
+/* Whether bytes that come from elsewhere are a state that this unit could have had. The count of calls is an index of tables, and a
+   bool that is neither 0 nor 1 may not even be read in C. */
+static bool is_state(const Data *data) {
+  unsigned char fault;
+  memcpy(&fault, (const unsigned char *)data + offsetof(Data, model.fault), 1);
+  if (fault > 1 || data->model.count < 0 || data->model.count > LAST_COUNT) return false;
+  if (data->mode < INSTANTIATED || data->mode > TERMINATED || !isfinite(data->time)) return false;
+  if (!is_flag(data->stale) || !is_flag(data->invalid) || !is_flag(data->valid) || !is_flag(data->sound)) return false;
+  /* All numbers of the block stand before its count. */
+  const double *numbers = (const double *)(const void *)&data->model;
+  size_t n = (offsetof(Data, model.count) - offsetof(Data, model)) / sizeof *numbers;
+  for (size_t i = 0; i < n; i++)
+    if (!isfinite(numbers[i])) return false;
+  for (size_t i = 1; i < VALID; i++) {
+    double value = *(const double *)(const void *)((const char *)data + VARIABLE[i].offset);
+    if (!VARIABLE[i].output && !(isfinite(value) && value >= VARIABLE[i].least && value <= VARIABLE[i].most)) return false;
+  }
+  return true;
+}
+
 static Status deserialize(Unit *unit, const unsigned char *bytes, size_t size, Data **saved) {
   if (size != HEAD + sizeof **saved || memcmp(bytes, TOKEN, HEAD)) return tell(unit, ERROR, "This is no state of this unit.");
-  if (!*saved) *saved = malloc(sizeof **saved);
-  if (!*saved) return tell(unit, ERROR, "There is no memory for the state.");
-  memcpy(*saved, bytes + HEAD, sizeof **saved);
+  Data *data = malloc(sizeof *data);
+  if (!data) return tell(unit, ERROR, "There is no memory for the state.");
+  memcpy(data, bytes + HEAD, sizeof *data);
+  if (!is_state(data)) {
+    free(data);
+    return tell(unit, ERROR, "The bytes of the state are damaged: a number in them is outside of what this unit can have.");
+  }
+  if (*saved) {
+    **saved = *data;
+    free(data);
+  } else {
+    *saved = data;
+  }
   return OK;
 }

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from markupsafe import Markup
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -48,6 +49,7 @@ from cranedyn.planning.lift import refuse_contradictions
 from cranedyn.planning.site import Site
 from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import Solid
+from cranedyn.plotting.html import render
 from cranedyn.plotting.style import distinct_colours
 from cranedyn.recording.shapes import Shape, rope_line, shapes
 
@@ -114,20 +116,19 @@ def export(
 def page_html(crane: Crane, *options: Any) -> str:
     """Return the page as HTML, see `page_data`."""
     data = json.dumps(page_data(crane, *options), separators=(",", ":"), allow_nan=False)
-    sections = {
-        "style": _template("style.css"),
-        "data": data.replace("<", "\\u003c"),
-        "kernel": _template("kinematics.js", "kernel.js", "assist.js", "run.js", "worker.js"),
-        "page": _template("kinematics.js", "scene.js", "input.js", "page.js"),
-    }
-    text = _template("page.html")
-    for name, content in sections.items():
-        text = text.replace(f"{{{{{name}}}}}", content)
-    return text
+    # JSON in a script element ends at the first "</script", whatever is escaped otherwise.
+    return render(
+        _TEMPLATES / "page.html",
+        page_style=_source("style.css"),
+        data=Markup(data.replace("<", "\\u003c")),
+        kernel=_source("kinematics.js", "kernel.js", "assist.js", "run.js", "worker.js"),
+        script=_source("kinematics.js", "scene.js", "input.js", "page.js"),
+    )
 
 
-def _template(*names: str) -> str:
-    return "\n".join((_TEMPLATES / name).read_text("utf-8") for name in names)
+def _source(*names: str) -> Markup:
+    """Return files of the page's own style and scripts, which are put into it as they are."""
+    return Markup("\n".join((_TEMPLATES / name).read_text("utf-8") for name in names))
 
 
 def page_data(

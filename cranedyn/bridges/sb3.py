@@ -7,10 +7,11 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
 from cranedyn.bridges.task import OBSERVED
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, quoted
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -46,13 +47,22 @@ class _CraneVecEnv(VecEnv):
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         infos: list[dict[str, Any]] = [{} for _ in reward]
         self.returns += reward
-        for i in np.flatnonzero(terminated | truncated):
-            last = self._inputs(info["final_obs"][i : i + 1])[0]
+        ended = terminated | truncated
+        final = observation
+        if ended.any():
+            # Stable-Baselines3 wants the next episode to begin in the step that ends one.
+            if self.env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP:
+                final = info["final_obs"]
+            else:
+                fresh, _ = self.env.reset(options={"reset_mask": ended})
+                observation = np.where(ended[:, None], fresh, final)
+        for i in np.flatnonzero(ended):
+            last = self._inputs(final[i : i + 1])[0]
             infos[i] = {"terminal_observation": last, "TimeLimit.truncated": bool(truncated[i])}
             self.finished.append(float(self.returns[i]))
             self.returns[i] = 0.0
         shaped = self._shaping(reward).astype(np.float32)
-        return self._inputs(observation), shaped, terminated | truncated, infos
+        return self._inputs(observation), shaped, ended, infos
 
     def close(self) -> None:
         self.env.close()
@@ -76,8 +86,16 @@ def vec_env(
     """Return cranes as PPO and its like take them; `finished` lists the returns of their episodes.
 
     Args:
-        env: The cranes, made with ``autoreset_mode="SameStep"``.
+        env: The cranes, such as ``gym.make_vec`` makes them, of any ``autoreset_mode``.
         features: From observations, shape (n, 12), to inputs of the network, shape (n, k).
         shaping: From rewards to those that are learned from, shape (n,) each.
+
+    Raises:
+        CraneError: If these are other environments than `TowerCraneVectorEnv`.
     """
+    if not isinstance(env, TowerCraneVectorEnv):
+        raise CraneError(
+            f"vec_env adapts a TowerCraneVectorEnv, and this is {quoted(type(env).__name__)}; make "
+            "the cranes with gymnasium.make_vec without a vectorization_mode and without wrappers."
+        )
     return _CraneVecEnv(env, features, shaping)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cranedyn.data.files import atomic_write, sync_folder
+from cranedyn.data.files import atomic_write, check_writable, sync_folder
 from cranedyn.dynamics.converters import default_rates
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
@@ -40,6 +40,23 @@ def check_free(target: Path) -> None:
         raise DataError(
             f"Cannot write {target}: the folder {target.absolute().parent} does not exist."
         )
+
+
+def check_new_folder(target: Path) -> None:
+    """Check that a folder can be created and a file written into it, and create the folders above
+    it: for work that takes long and is written at its end.
+
+    Raises:
+        DataError: If the target exists, or the system refuses.
+    """
+    above = target.absolute().parent
+    try:
+        above.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DataError(f"Cannot write {target}: {reason}.") from error
+    check_free(target)
+    check_writable(target)
 
 
 @contextmanager

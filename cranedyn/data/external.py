@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cranedyn.data.logs import LoggedColumn, LoggedTable, open_log
+from cranedyn.data.text_layout import unit_in_brackets
 from cranedyn.data.trajectory import check_increasing
 from cranedyn.errors import DataError, UnknownName, printable, quoted
 
@@ -202,6 +203,173 @@ def load_external(
                 "rows or more."
             )
         check_increasing(t, names["t_s"], log.path, rows)
+    _check_swings(log.path, data, names)
+    return ExternalTable(data, tuple(remarks))
+
+
+def _indices(log: LoggedTable, origin: Mapping[str, Source]) -> dict[str, int]:
+    """Return the indices of columns in a file by our name.
+
+    Raises:
+        DataError: If the file lacks one.
+    """
+    indices: dict[str, int] = {}
+    for column, source in origin.items():
+        index = log.index(source.whole) if source.whole else None
+        if index is None:
+            index = log.index(source.name)
+        if index is not None:
+            indices[column] = index
+    missing = [source.name for column, source in origin.items() if column not in indices]
+    if missing:
+        needed = ", ".join(source.name for source in origin.values())
+        present = quoted(", ".join(log.labels))
+        raise DataError(
+            f"{log.path} has no column {', '.join(missing)}; needed are {needed}, it has {present}."
+        )
+    return indices
+
+
+class _Unit(NamedTuple):
+    """Unit of a column of a file, empty for our own, and what was decided about it."""
+
+    name: str
+    remark: str = ""
+
+
+def _unit(log: LoggedTable, column: str, source: Source, index: int) -> _Unit:
+    """Return the unit of a column of a file, as the user says it.
+
+    Raises:
+        DataError: If the user says none and the file says another than ours.
+    """
+    written = log.units[index] or unit_in_brackets(log.names[index])
+    theirs = _SPELLINGS.get(written, written)
+    factors = _unit_factors(column)
+    factor = _factor(column, source.unit)
+    if theirs not in factors or factors[theirs] == factor:
+        return _Unit(source.unit)
+    label = printable(log.labels[index])
+    if not source.unit:
+        raise DataError(
+            f"{log.path} says that {quoted(label)} is in {written}; say so, too: --columns "
+            f"'{column}=\"{label}\"[{theirs}]'."
+        )
+    remark = f"{column} is taken in {source.unit} although the file says {printable(written)}"
+    return _Unit(source.unit, remark)
+
+
+def _rows_between(found: Mapping[str, LoggedColumn], since: float, until: float) -> np.ndarray:
+    """Return the indices of the rows from one time to another that hold any value."""
+    filled = ~np.all([column.empty for column in found.values()], axis=0)
+    if "t_s" in found:
+        t = found["t_s"].values
+        if since > -math.inf or until < math.inf:
+            filled &= (t >= since - _ROUND_OFF) & (t <= until + _ROUND_OFF)
+    return np.flatnonzero(filled)
+
+
+def _check_finite(
+    path: Path, found: Mapping[str, LoggedColumn], names: Mapping[str, str], rows: np.ndarray
+) -> None:
+    """Check that all values that are there are finite, and that each row has a time.
+
+    Raises:
+        DataError: If one is not.
+    """
+    for column, values in found.items():
+        wrong = ~values.empty & ~np.isfinite(values.values)
+        if column == "t_s":
+            wrong |= values.empty
+        if wrong.any():
+            raise DataError(
+                f"{path}: column {names[column]} holds a value that is not finite, in data row "
+                f"{rows[np.argmax(wrong)] + 1}."
+            )
+
+
+def _filled(
+    path: Path,
+    found: Mapping[str, LoggedColumn],
+    names: Mapping[str, str],
+    rows: np.ndarray,
+    filling: Filling,
+    remarks: list[str],
+) -> dict[str, LoggedColumn]:
+    """Return columns without empty cells, of a table in which several topics report at times of
+    their own, as PlotJuggler writes it.
+
+    Rows in which a column of the fastest topic is empty are left out, and so are those before the
+    first and after the last value of any column.
+
+    Raises:
+        DataError: If a column has values nowhere, a value is missing in a column of few empty
+            cells, or a swing is missing for long.
+    """
+    sparse = [c for c, v in found.items() if v.empty.mean() > SPARSE]
+    for column in found if not sparse or "t_s" not in found else ():
+        if found[column].empty.any():
+            row = rows[np.argmax(found[column].empty)] + 1
+            raise DataError(
+                f"{path}: column {names[column]} holds a value that is not finite, in data row "
+                f"{row}; the cell is empty."
+            )
+    t = found["t_s"].values
+    if not (t[1:] > t[:-1]).all():
+        raise DataError(f"{path}: {names['t_s']} must increase from row to row.")
+    base = np.ones(len(t), dtype=bool)
+    full = [column for column in found if column not in sparse and column != "t_s"]
+    for column in full:
+        base &= ~found[column].empty
+    if filling == "interpolate" and not full:
+        fastest = min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))
+        base &= ~found[fastest].empty
+    first, last = t[0], t[-1]
+    for column in sparse:
+        present = np.flatnonzero(~found[column].empty)
+        if len(present) < 2:
+            raise DataError(
+                f"{path}: column {names[column]} has {len(present)} values; needed are two."
+            )
+        gaps = np.diff(t[present])
+        longest, usual = float(gaps.max()), float(np.median(gaps))
+        if column.startswith(("phi", "theta")) and longest > _LONGEST_GAP * usual:
+            raise DataError(
+                f"{path}: column {names[column]} has no value for {longest:.3g} s from "
+                f"{names['t_s']} = {t[present[np.argmax(gaps)]]:g} s on; allowed are "
+                f"{_LONGEST_GAP * usual:.3g} s, {_LONGEST_GAP:g} of its usual intervals."
+            )
+        first, last = max(first, t[present[0]]), min(last, t[present[-1]])
+        done = {
+            "hold": "the value before stands in the others",
+            "interpolate": "the others lie on straight lines between them",
+        }[filling]
+        remarks.append(
+            f"{column} has values in {len(present)} of {len(t)} rows, at most {longest:.3g} s "
+            f"apart; {done}"
+        )
+    base &= (t >= first) & (t <= last)
+    filled: dict[str, LoggedColumn] = {}
+    for column, values in found.items():
+        if column not in sparse:
+            filled[column] = LoggedColumn.full(values.values[base])
+            continue
+        present = np.flatnonzero(~values.empty)
+        if filling == "interpolate":
+            numbers = np.interp(t, t[present], values.values[present])
+        else:
+            latest = np.searchsorted(present, np.arange(len(t)), side="right") - 1
+            numbers = values.values[present[np.maximum(latest, 0)]]
+        filled[column] = LoggedColumn.full(numbers[base])
+    return filled
+
+
+def _check_swings(path: Path, data: Mapping[str, np.ndarray], names: Mapping[str, str]) -> None:
+    """Check that no swing is beyond 90 degrees.
+
+    Raises:
+        DataError: If one is.
+    """
     for column in _SWINGS:
         largest = float(np.abs(data[column]).max()) if column in data else 0.0
         if largest > _LARGEST_SWING:

@@ -53,6 +53,14 @@ _BEHIND, _COVERED = 1e-6, 0.1
 """Distance behind a face at which another support covers it [m], and depth below other faces up to
 which no point leaves a support through a covered face [m]."""
 
+_FARTHEST = 1e6
+"""Largest distance of a platform or of a corner of a hull from the origin along an axis [m]. There
+doubles tell places apart by 1e-10 m."""
+
+_THINNEST = 1e-6
+"""Least thickness of a hull and least side of a platform [m]. The planes of flatter bodies are
+decided by round-off, and Qhull fails on them."""
+
 Vector = Sequence[Any] | np.ndarray
 """Three numbers, or three arrays of them."""
 
@@ -82,7 +90,7 @@ class Platform:
         yaw: Its turn from X towards Y [rad].
 
     Raises:
-        OutOfRange: If a number is not finite, or a size not positive.
+        OutOfRange: If a number is not finite, farther than 1000 km, or a side less than 1 µm.
     """
 
     centre: tuple[float, float]
@@ -92,10 +100,13 @@ class Platform:
 
     def __post_init__(self) -> None:
         for name in ("centre", "size"):
-            allowed = "> 0" if name == "size" else "any"
-            values = [number(f"{name} of a platform", x, "m", allowed) for x in getattr(self, name)]
+            least = _THINNEST if name == "size" else -_FARTHEST
+            values = [
+                within(f"{name} of a platform", x, least, _FARTHEST, "m")
+                for x in getattr(self, name)
+            ]
             object.__setattr__(self, name, tuple(values))
-        number("height of a platform", self.height, "m")
+        within("height of a platform", self.height, -_FARTHEST, _FARTHEST, "m")
         number("yaw of a platform", self.yaw, "rad")
 
     @property
@@ -119,15 +130,21 @@ class Hull:
         corners: Corners in the world [m], shape (n, 3).
 
     Raises:
-        OutOfRange: If they are not finite or lie in a plane.
+        OutOfRange: If they are not finite, farther than 1000 km, or lie in a plane to within 1 µm.
     """
 
     corners: Sequence[Sequence[float]]
 
     def __post_init__(self) -> None:
         corners = finite("corners of a hull", self.corners, ("n", 3), unit="m")
-        if np.linalg.matrix_rank(np.diff(corners, axis=0)) < 3:
-            raise OutOfRange("corners of a hull", quoted(self.corners), "four not in a plane", "m")
+        farthest = float(np.abs(corners).max(initial=0.0))
+        within("coordinate of a corner of a hull", farthest, 0.0, _FARTHEST, "m")
+        # The spread across the plane that is fitted to the corners, which is their thickness.
+        centred = corners - corners.mean(axis=0) if len(corners) else np.zeros((1, 3))
+        normal = np.linalg.svd(centred)[2][-1]
+        if not np.ptp(centred @ normal) >= _THINNEST:
+            allowed = "four that are not in a plane, to within 1 µm"
+            raise OutOfRange("corners of a hull", quoted(self.corners), allowed, "m")
 
     @property
     def faces(self) -> tuple[Face, ...]:

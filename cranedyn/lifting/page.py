@@ -14,8 +14,6 @@ import subprocess
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
-from datetime import date
-from html import escape
 from importlib import metadata
 from pathlib import Path
 
@@ -28,10 +26,9 @@ from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.figures import LiftFigure
 from cranedyn.lifting.tables import Table
 from cranedyn.planning.perturbed import DRAG_COEFFICIENT
-from cranedyn.plotting.html import STYLE, mark_html, svg_address, table_html
+from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
 from cranedyn.recording.sketch import sketch
 from cranedyn.verdict import Check, Verdict, overall
-from cranedyn.version import __version__
 
 WORDS = {
     Verdict.HOLDS: "GO",
@@ -46,18 +43,7 @@ STATEMENT = (
     "the rigging, the weather and the people, and has read what is said here of its limits."
 )
 
-_SHEET = """
-.verdict { font-size: 3.2rem; font-weight: 800; line-height: 1; margin: 1rem 0 0.4rem; }
-.statement { border-left: 4px solid var(--line); padding-left: 0.8rem; max-width: 46rem; }
-main { max-width: 64rem; }
-section { margin-top: 1.6rem; padding-top: 0.8rem; }
-@media (min-width: 60rem) { body { display: block; } main { margin: 0 auto; } }
-@media print { section { break-before: auto; margin-top: 6mm; } figure { max-width: 100%; }
-  .verdict { font-size: 26pt; } .first { flex-wrap: nowrap; gap: 6mm; }
-  .first > div { flex: 1 1 auto; } .first figure { flex: 0 0 48mm; }
-  section.pages { break-before: page; } }
-"""
-
+_TEMPLATE = Path(__file__).with_name("templates") / "lift.html"
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
 """Browsers that print without a window, by their names on the path."""
@@ -92,15 +78,21 @@ def lift_html(
         command: The command that makes its numbers again; empty if there is none.
     """
     verdict = overall(checks)
-    style = {Verdict.HOLDS: "held", Verdict.FAILS: "fails", Verdict.NOT_JUDGED: "open"}
-    return document(
-        f"Lift: {analysis.site.name}",
-        f'<div class="first"><div><p class="verdict {style[verdict]}">'
-        f"{WORDS[verdict]}</p><p>{_reason(checks)}</p></div>{_picture(analysis)}</div>"
-        f'{checks_html(checks)}{_unusual_html(analysis)}<p class="statement">{STATEMENT}</p>'
-        f"{tables_html(tables)}"
-        f'<section class="pages"><h2>Figures</h2>{figures_html(figures)}</section>'
-        f"{_limits_html(analysis)}{_again_html(command)}",
+    return render(
+        _TEMPLATE,
+        title=f"Lift: {analysis.site.name}",
+        verdict=verdict,
+        word=WORDS[verdict],
+        reason=_reason(checks),
+        picture=_picture(analysis),
+        checks=worst_first(checks),
+        unusual=analysis.unusual,
+        statement=STATEMENT,
+        tables=page_tables(tables),
+        figures=page_figures(figures),
+        limits=limits_of(analysis),
+        command=command,
+        versions=_versions(),
     )
 
 
@@ -117,7 +109,7 @@ def _reason(checks: Sequence[Check]) -> str:
     )
 
 
-def _picture(analysis: LiftAnalysis) -> str:
+def _picture(analysis: LiftAnalysis) -> PageFigure:
     """Return a picture of the lift's own crane from the side, where the load is farthest out."""
     crane, run = analysis.crane, analysis.certificate.run
     trolley = crane.layout.role("trolley", "A picture of a lift")
@@ -129,18 +121,7 @@ def _picture(analysis: LiftAnalysis) -> str:
         f"The crane of this lift from the side, its trolley at {run.q[row, trolley]:.1f} m, where "
         "the load is farthest out."
     )
-    return (
-        f'<figure><img alt="{escape(caption)}" src="{svg_address(sketch(crane, shown))}">'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
-    )
-
-
-def _unusual_html(analysis: LiftAnalysis) -> str:
-    """Return entered values that are unusual, as HTML; empty if there are none."""
-    if not analysis.unusual:
-        return ""
-    lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in analysis.unusual)
-    return f"<h2>Unusual values, to be looked at</h2><ul>{lines}</ul>"
+    return PageFigure.of(sketch(crane, shown), caption)
 
 
 def limits_of(analysis: LiftAnalysis) -> list[str]:
@@ -182,64 +163,26 @@ def limits_of(analysis: LiftAnalysis) -> list[str]:
     return sentences
 
 
-def document(title: str, body: str) -> str:
-    """Return an HTML document that needs no other file, with its title, date and version first."""
-    today = date.today()
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-        'content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
-        f"<title>{escape(title)}</title><style>{STYLE}{_SHEET}</style></head><body>\n<main>"
-        f'<h1>{escape(title)}</h1><p class="lead">{today.day} {today:%B %Y} · cranedyn '
-        f"{escape(__version__)}</p>{body}</main></body></html>\n"
-    )
+def page_figures(figures: Sequence[LiftFigure]) -> list[PageFigure]:
+    """Return figures as those of a page."""
+    return [PageFigure.of(figure, caption) for figure, caption in figures]
 
 
-def checks_html(checks: Sequence[Check]) -> str:
-    """Return checks as HTML, those first that fail, then those that were not judged."""
-    order = [Verdict.FAILS, Verdict.NOT_JUDGED, Verdict.HOLDS]
-    ordered = sorted(checks, key=lambda check: order.index(check.verdict))
-    lines = (f"<li>{mark_html(check.verdict)}{escape(check.sentence)}</li>" for check in ordered)
-    return f'<ul class="claims">{"".join(lines)}</ul>'
+def page_tables(tables: Sequence[Table]) -> list[PageTable]:
+    """Return tables as those of a page."""
+    result = []
+    for table in tables:
+        columns = [(header, not form) for header, form in table.columns]
+        result.append(PageTable(table.title, columns, table.cells(), table.note))
+    return result
 
 
-def figures_html(figures: Sequence[LiftFigure]) -> str:
-    """Return figures with their captions as HTML."""
-    return "".join(
-        f'<figure><img alt="{escape(caption)}" src="{svg_address(figure)}"><figcaption>'
-        f"{escape(caption)}</figcaption></figure>"
-        for figure, caption in figures
-    )
-
-
-def tables_html(tables: Sequence[Table]) -> str:
-    """Return tables as HTML, each but the first in a section."""
-    first, *further = (
-        table_html(t.title, [(head, not form) for head, form in t.columns], t.cells(), t.note)
-        for t in tables
-    )
-    return first + "".join(f"<section>{text}</section>" for text in further)
-
-
-def _limits_html(analysis: LiftAnalysis) -> str:
-    """Return the limits of the model as HTML."""
-    limits = "".join(f"<li>{escape(sentence)}</li>" for sentence in limits_of(analysis))
-    return f"<section><h2>What these numbers do not say</h2><ul>{limits}</ul></section>"
-
-
-def _again_html(command: str) -> str:
-    """Return how to make the numbers again, and with which versions they were made."""
+def _versions() -> str:
+    """Return with which versions and on which machine the numbers were made."""
     packages = ("cranedyn", "pin", "numpy", "scipy")
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
-    again = ""
-    if command:
-        again = (
-            f"<p>Every number of this page: <code>{escape(command)}</code>. The folder of this "
-            "page has the run and its loads as Parquet.</p>"
-        )
     return (
-        f"<section><h2>Again</h2>{again}<p>Derivations of the factors: <code>cranedyn run factors"
-        f'</code>.</p><p class="note">python {platform.python_version()}, {versions}; '
-        f"{platform.system()} {platform.machine()}</p></section>"
+        f"python {platform.python_version()}, {versions}; {platform.system()} {platform.machine()}"
     )
 
 

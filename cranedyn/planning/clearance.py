@@ -142,6 +142,12 @@ class Clearance:
         """
         _ = self.joints
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return crane, site and contacts alone: coal's bodies cannot be pickled, and what is
+        computed from these three is computed again where it is needed.
+        """
+        return {"crane": self.crane, "site": self.site, "contacts": self.contacts}
+
     @cached_property
     def joints(self) -> Joints:
         """Indices of the joints among the coordinates."""

@@ -6,12 +6,14 @@ the length of a path is a duration.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from cranedyn.errors import OutOfRange
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.proof import unproven_parameter
 from cranedyn.references.limits import Limits
@@ -23,6 +25,9 @@ _RAMP = _STEP.integ(lbnd=-1)
 have four derivatives."""
 
 _SHARPEST, _HALVINGS = 1e-3, 9
+
+LONGEST_LIFT = 2.0 * 3600.0
+"""Longest motion that is planned [s]. With a row for each 5 ms longer ones fill some GB."""
 
 
 def interpolate_columns(t: np.ndarray, rows: np.ndarray, table: np.ndarray) -> np.ndarray:
@@ -48,6 +53,30 @@ def rest_to_rest_time(
     peak = np.minimum(rates, np.sqrt(distances * accelerations))
     cruise = np.divide(distances, peak, out=np.zeros_like(distances), where=distances > 0.0)
     return cruise + peak / accelerations
+
+
+def refuse_endless(duration: float, limits: Limits) -> None:
+    """Refuse a motion that would take so long that its rows do not fit into memory.
+
+    Args:
+        duration: Time that the drives need at least [s].
+        limits: Their limits.
+
+    Raises:
+        OutOfRange: If that is longer than `LONGEST_LIFT`.
+    """
+    if not duration <= LONGEST_LIFT:
+        raise OutOfRange(
+            f"time that drives need at rates of {_listed(limits.rates)} rad/s or m/s and "
+            f"accelerations of {_listed(limits.accelerations)} rad/s² or m/s²",
+            float(f"{duration / 3600.0:.3g}"),
+            f"up to {LONGEST_LIFT / 3600.0:g}",
+            "h",
+        )
+
+
+def _listed(numbers: Sequence[float]) -> str:
+    return ", ".join(f"{x:.3g}" for x in numbers)
 
 
 def straight_time(ends: np.ndarray, limits: Limits) -> float:

@@ -17,7 +17,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from cranedyn import theory
-from cranedyn.checks import number
+from cranedyn.checks import number, within
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import OFF_LEAD, Ground, Hull, box_corners, standing
@@ -44,6 +44,9 @@ from cranedyn.references.flat import cruise
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.simulate import simulate
 from cranedyn.verdict import Check
+
+LEAST_HOIST_SPEED = 1e-3
+"""Least creep speed or sink rate [m/s], with which slack and stretch of a rope take minutes."""
 
 SLACK = 0.05
 """Slack of the rope of a load that stands [m]."""
@@ -177,25 +180,29 @@ def from_ground(
     Args:
         lift: The planned lift; its load is a box.
         rope_stiffness: EA of a fall of the rope [N].
-        creep: Largest hoisting speed of the lift-off [m/s].
-        sink_rate: Largest speed of the set-down [m/s].
+        creep: Largest hoisting speed of the lift-off [m/s], from `LEAST_HOIST_SPEED` to the largest
+            rate of the hoist.
+        sink_rate: Largest speed of the set-down [m/s], in the same range.
         stands: Whether the load stands at the start and at the goal; else it hangs there.
 
     Raises:
-        OutOfRange: If a number is not positive.
+        OutOfRange: If a number is out of its range.
         NoWay: If the load would stand on or in a mesh that is not convex, or is no box.
         ModelError: If joints or links of the crane have names of those of a rope that stretches.
     """
     clearance, planned = lift.clearance, lift.timed.motion
     number("EA of the rope", rope_stiffness, "N", "> 0")
+    fastest = float(lift.limits.rates[lift.crane.layout.drive("l")])
+    creep = within("creep speed", creep, LEAST_HOIST_SPEED, fastest, "m/s")
+    sink_rate = within("sink rate", sink_rate, LEAST_HOIST_SPEED, fastest, "m/s")
     _refuse_unless_a_box(clearance.bodies.load)
     crane, sides = _on_rope(clearance, rope_stiffness)
     ends = clearance.point(lift.ends), clearance.bodies.spread + clearance.site.distance
     ground = ground_of(clearance.site, box_corners(*sides), within=ends)
 
-    def lowered(place: int, name: str, speed: float) -> np.ndarray:
+    def lowered(place: int, speed: float) -> np.ndarray:
         """Return q, v and a of a set-down and a pause after it, shape (3, rows, 5)."""
-        ramp = max(1.0, number(name, speed, "m/s", "> 0") / HOIST_ACCELERATION)
+        ramp = max(1.0, speed / HOIST_ACCELERATION)
         stands = _standing(crane, ground, planned(planned.arrival * -place).position)
         travel = SLACK + float(stands.q[crane.layout.index("rope_stretch")])
         duration = planned.period * math.ceil((travel / speed + ramp) / planned.period)
@@ -209,12 +216,12 @@ def from_ground(
     pieces: dict[str, np.ndarray] = {}
     if stands[0]:
         signs = np.array([1.0, -1.0, 1.0])[:, None, None]  # of q, v and a backward in time
-        raised = lowered(0, "creep speed", creep)[:, ::-1] * signs
+        raised = lowered(0, creep)[:, ::-1] * signs
         pause = np.repeat(raised[:, -1:], round(PAUSE / planned.period), axis=1)
         pieces |= {"lift-off": raised, "pause": pause}
     pieces["motion"] = np.stack([planned.q, planned.v, planned.a])
     if stands[1]:
-        pieces["set-down"] = lowered(-1, "sink rate", sink_rate)
+        pieces["set-down"] = lowered(-1, sink_rate)
     begins = planned.period * np.cumsum([0, *(rows.shape[1] for rows in pieces.values())])
     q, v, a = np.concatenate([*pieces.values()], axis=1)
     motion = Motion(planned.period, q, v, a, planned.drives)

@@ -19,6 +19,7 @@ from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import (
     Path,
     leg_durations,
+    refuse_endless,
     rest_to_rest_time,
     rounded_path,
     straight_time,
@@ -194,7 +195,8 @@ def plan_lift(
         NoWay: If there is no way, with the reason: the crane stands in an obstacle, the load is too
             heavy for the hoist, start or goal too close to an obstacle, an obstacle in the way of
             the jib, an end that is enclosed, or none found.
-        OutOfRange: If the crane does not reach start or goal.
+        OutOfRange: If the crane does not reach start or goal, or its drives are so slow that the
+            lift would take longer than `cranedyn.planning.curve.LONGEST_LIFT`.
         DataError: If a value of the site, the start or the goal cannot be meant, see
             `cranedyn.planning.plausibility`.
         MissingRole: If it is not a tower crane.
@@ -229,6 +231,7 @@ def plan_lift(
     lifts: list[Lift] = []
     for ends in _turns(first, last, slews):
         straight = straight_time(ends, limits)
+        refuse_endless(straight, limits)
         shortest = min((lift.timed.motion.arrival for lift in lifts), default=math.inf)
         if straight < shortest:
             lifts += _ways(clearance, ends, slews, limits, period, shortest)

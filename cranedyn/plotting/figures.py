@@ -13,6 +13,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import LogFormatter
 
 from cranedyn.data.files import atomic_write
 from cranedyn.data.time_series import TimeSeries
@@ -25,12 +27,34 @@ _DPI = 130
 
 
 class _NotebookFigure(Figure):
-    """A figure that notebooks display."""
+    """A figure that notebooks display, and whose texts are names and no formulas."""
+
+    def draw(self, renderer: Any) -> None:
+        """Draw as Matplotlib does, with texts as they are."""
+        take_texts_literally(self)
+        super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
         with mpl.rc_context(RC), io.BytesIO() as file:
             self.savefig(file, format="png", dpi=90)
             return file.getvalue()
+
+
+def take_texts_literally(figure: Figure) -> None:
+    """Show each text of a figure as it is written.
+
+    Matplotlib takes what stands between two dollar signs for a formula, so that a crane named "$5
+    or $6" would lose its signs, and one whose name is no formula would not be drawn at all. The
+    labels of logarithmic axes stay formulas, which Matplotlib writes itself.
+    """
+    formulas = set[int]()
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            if isinstance(axis.get_major_formatter(), LogFormatter):
+                formulas.update(id(label) for label in axis.get_ticklabels(which="both"))
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and id(text) not in formulas:
+            text.set_parse_math(False)
 
 
 def panels(
@@ -63,6 +87,7 @@ def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
         DataError: If a file cannot be written.
     """
     engine = figure.get_layout_engine()
+    take_texts_literally(figure)  # before their sizes are asked for
     with mpl.rc_context(RC):
         if engine is not None:
             dpi = figure.dpi  # panels stand as they do at the resolution of a picture
@@ -92,6 +117,7 @@ def svg(figure: Figure) -> bytes:
 
 def _picture(figure: Figure, ending: str, **arguments: Any) -> bytes:
     file = io.BytesIO()
+    take_texts_literally(figure)
     figure.savefig(file, format=ending, dpi=_DPI, **arguments)
     return file.getvalue()
 

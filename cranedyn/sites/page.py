@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from cranedyn.assumptions import check_entered
 from cranedyn.data.files import with_ending
 from cranedyn.lifting.figures import LiftFigure, solid_outlines
-from cranedyn.lifting.page import checks_html, document, figures_html, tables_html, write_html
+from cranedyn.lifting.page import page_figures, page_tables, write_html
 from cranedyn.lifting.tables import Row, Table
 from cranedyn.plotting.figures import panels
+from cranedyn.plotting.html import render, worst_first
 from cranedyn.plotting.style import COLOURS, run_colour
 from cranedyn.recording.shapes import CONTACT
 from cranedyn.sites.assumptions import site_assumptions
@@ -36,15 +37,19 @@ def write_page(run: SiteRun, path: str | Path) -> Path:
 
 def site_html(run: SiteRun) -> str:
     """Return a run as one HTML document that needs no other file."""
-    kind, lost = "under the supervisor" if run.boxes else "without a supervisor", lost_time(run)
-    figures = (
+    kind = "under the supervisor" if run.boxes else "without a supervisor"
+    lost = lost_time(run)
+    figures = [
         LiftFigure(_plan(run), "Towers, reach, ways of hooks, obstacles, and contacts in red."),
         LiftFigure(_histories(run, lost), "Distances, the required one dashed, and lost time."),
-    )
-    return document(
-        f"Site: {run.site.name}",
-        f"<p>{len(run.swing)} cranes {kind}, {len(run.t) * CYCLE / 60.0:.1f} min.</p>"
-        f"{checks_html(_checks(run))}{figures_html(figures)}{tables_html(_tables(run, lost))}",
+    ]
+    return render(
+        Path(__file__).with_name("templates") / "site.html",
+        title=f"Site: {run.site.name}",
+        about=f"{len(run.swing)} cranes {kind}, {len(run.t) * CYCLE / 60.0:.1f} min.",
+        checks=worst_first(_checks(run)),
+        figures=page_figures(figures),
+        tables=page_tables(_tables(run, lost)),
     )
 
 

@@ -27,7 +27,7 @@ from scipy.ndimage import uniform_filter1d
 from cranedyn.checks import finite, number, within
 from cranedyn.errors import CraneError, OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import State
-from cranedyn.planning.curve import rest_to_rest_time
+from cranedyn.planning.curve import refuse_endless, rest_to_rest_time
 from cranedyn.planning.lift import RESERVE, NoWay
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
@@ -128,8 +128,8 @@ class SitePlan:
 
     @property
     def duration(self) -> float:
-        """Time at which all loads have arrived [s]."""
-        return max(motion.end for motion in self.lifts if motion.lift)
+        """Time at which all loads have arrived [s]; 0 if all lifts are left out."""
+        return max((motion.end for motion in self.lifts if motion.lift), default=0.0)
 
     @property
     def least(self) -> float:
@@ -218,7 +218,8 @@ def plan_site(
         strict: Whether a lift without a way raises; else it is left out, see `SitePlan.refusals`.
 
     Raises:
-        NoWay: If a lift has no way: alone, or past the others.
+        NoWay: If a lift has no way: alone, or past the others; or if it would take longer than
+            `cranedyn.planning.curve.LONGEST_LIFT`.
         OutOfRange: If there is no lift, or a time is negative.
         UnknownName: If there is no crane of a name.
     """
@@ -364,6 +365,7 @@ def _leg(station: Station, swing: float, wind: WorkingWind, points: np.ndarray) 
     for _ in range(_ROUNDS):
         rates, slopes = share * np.array([limits.rates, limits.accelerations])
         times = np.maximum(lengths / rates, np.sqrt(lengths / slopes)).max(axis=1) + 1e-3
+        refuse_endless(float(times.sum()), limits)
         knots = np.append(0.0, np.cumsum(times))
         jumps = np.diff(courses / times[:, None], axis=0, prepend=0.0, append=0.0)
         averages = np.append(np.max(np.abs(jumps) / slopes), swings)

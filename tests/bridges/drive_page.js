@@ -1,8 +1,10 @@
 // Drives cranes as the page does: for each request, inputs at control instants.
-// Returns where the crane is at the end, and rows for the columns if they are asked for.
+// Returns where the crane is at the end, and rows for the columns if they are asked for; of the inputs of a
+// file only why they are refused.
 async function drive(data, requests) {
   const code = await compile(data.kernel);
-  return requests.map(({inputs, instants, rows}) => {
+  return requests.map(({file, inputs, instants, rows}) => {
+    if (file !== undefined) return replayRefusal(data, file);
     const values = [];
     const began = performance.now();
     const run = replay(data, code, inputs, instants, rows ? each => values.push(each.values()) : undefined);

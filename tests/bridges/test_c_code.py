@@ -15,6 +15,7 @@ import pytest
 from cranedyn.__main__ import main
 from cranedyn.bridges import c_code
 from cranedyn.bridges.controller_block import controller_block, vectors
+from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.compiled.crane_block import crane_block
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.controllers import follow, hold_controller, lqr, paper_controller
@@ -25,7 +26,7 @@ from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.estimation import with_observer, with_sensor_model
-from cranedyn.interfaces import Setpoint
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits
@@ -93,6 +94,36 @@ def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_pa
     tolerance = 1e-10 if "predictive" in name else 1e-12
     assert (off <= tolerance * np.maximum(np.abs(expected).max(axis=0), 1.0)).all()
     assert np.ptp(expected) > 0.0
+
+
+@pytest.mark.slow
+def test_predictive_control_in_c_agrees_with_python_at_random_states_within_its_swing_limit(
+    tmp_path: Path,
+) -> None:
+    """See docs/howto/controller_code.md, which says where it does not."""
+    drive, make = CONTROLLERS["predictive"]
+    controller, rng = make(CRANE, 5e-3), np.random.default_rng(3)
+    block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
+    compiled = CompiledBlock(block, tmp_path)
+    inputs, outputs = block.of_kind("input"), block.of_kind("output")
+    lower, upper = [v.lower for v in outputs], [v.upper for v in outputs]
+    found, expected = [], []
+    for _ in range(150):
+        compiled.call("reset")
+        controller.begin_run(0.0, 5e-3)
+        for k in range(12):
+            noise = 0.05 * rng.normal(size=(2, 5))
+            state = State(CRANE.start.q + noise[0], noise[1])
+            target = CRANE.start.q[CRANE.layout.drives] + 0.15 * rng.normal(size=3)
+            for variable, value in zip(inputs, [*state.q, *state.v, *target], strict=True):
+                setattr(compiled.memory, variable.name, value)
+            assert compiled.call()
+            found.append([getattr(compiled.memory, variable.name) for variable in outputs])
+            command = controller(k * 5e-3, state, Setpoint(target, np.zeros(3), np.zeros(3)))
+            expected.append(np.clip(command, lower, upper))
+    # The optimisation ends where its gap is 1e-8 of that at its start.
+    off = np.abs(np.array(found) - expected).max(axis=0)
+    assert (off <= 1e-8 * np.abs(expected).max(axis=0)).all()
 
 
 SCALE = {"effort": [2e4, 1.5e3, 500.0], "motion": [0.02, 0.3, 0.2], "velocity": [0.06, 1.0, 0.6]}

@@ -423,6 +423,45 @@ def test_a_state_is_saved_restored_and_sent_to_another_instance(
     assert stranger.told == ["This is no state of this unit."]
 
 
+@pytest.mark.slow
+def test_altered_bytes_of_a_state_are_refused_before_a_table_is_read_with_them(
+    tmp_path: Path,
+) -> None:
+    drive, make = CONTROLLERS["observer"]
+    path = fmi.export(
+        crane(), tmp_path / "observer.fmu", controller=make(crane(), PERIOD), drive=drive
+    )
+    unit = Unit(path, tmp_path / "unit", fmi.CONTROLLER_NAME).begin()
+    states = []
+    for k in range(3):
+        unit.step(k)
+        states.append(unit.slave.serializeFMUState(unit.slave.getFMUState()))
+    # The count of calls is the number that is 1, 2 and 3 after these steps; the fault follows it.
+    rows = np.array([np.frombuffer(state[len(state) % 4 :], np.int32) for state in states])
+    (place,) = np.flatnonzero((rows == [[1], [2], [3]]).all(axis=0))
+    count = len(states[-1]) % 4 + 4 * int(place)
+    fault, mode = count + 4, len(states[-1]) - 20
+
+    def sent(position: int, value: bytes) -> list[int]:
+        state = bytearray(states[-1])
+        state[position : position + len(value)] = value
+        return unit.slave.setFMUState(unit.slave.deserializeFMUState(bytes(state)))
+
+    for value in (-1, -805306368, 10**6, 2**31 - 1):
+        with pytest.raises(FMICallException):
+            sent(count, value.to_bytes(4, "little", signed=True))
+    nothing = np.array([np.nan]).tobytes()
+    for position, content in ((fault, b"\2"), (mode, b"\7"), (count - 8, nothing)):
+        with pytest.raises(FMICallException):
+            sent(position, content)
+    damaged = "The bytes of the state are damaged: a number in them is outside of what this unit"
+    assert len(unit.told) == 7 and all(text.startswith(damaged) for text in unit.told)
+    before = unit.get("time")
+    sent(count, (3).to_bytes(4, "little"))  # as it was
+    assert unit.get("time") == before
+    unit.step(3)
+
+
 def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None:
     unit.slave.enterInitializationMode()
     for values, sentence in (

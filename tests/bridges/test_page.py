@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -39,6 +40,7 @@ from cranedyn.planning.site_file import read_site
 from cranedyn.planning.solids import box, hull
 from cranedyn.references.limits import Limits
 from cranedyn.references.simple import hold
+from tests.helpers import HOSTILE_NAMES
 
 NODE = shutil.which("node")
 PERIOD = page.PERIOD
@@ -55,6 +57,22 @@ ITINERARY = [
 """Sticks from a control instant on: slew, trolley and hoist together and alone, then a rest."""
 
 INPUTS = [[k, "sticks", sticks] for k, sticks in ITINERARY]
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_a_name_is_data_of_the_page_whatever_it_contains(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page, "page_data", lambda crane: {"title": name})
+    text = page.page_html(load_crane())
+    scripts = re.findall(r"<script([^>]*)>(.*?)</script>", text, re.DOTALL)
+    (data,) = [body for head, body in scripts if 'id="data"' in head]
+    assert json.loads(data) == {"title": name}
+    monkeypatch.setattr(page, "page_data", lambda crane: {"title": "a"})
+    plain = re.findall(r"<script([^>]*)>(.*?)</script>", page.page_html(load_crane()), re.DOTALL)
+    assert [s for s in scripts if 'id="data"' not in s[0]] == [
+        s for s in plain if 'id="data"' not in s[0]
+    ]
 
 
 def script() -> str:
@@ -395,6 +413,37 @@ def test_a_drive_replays_to_the_same_bits() -> None:
     data = data_of("tower")
     first, second = in_node(data, request("lqr", 5000), request("lqr", 5000))
     assert (first["q"], first["v"]) == (second["q"], second["v"])
+
+
+REFUSED = [
+    (None, "The file has no list of inputs."),
+    ("text", "The file has no list of inputs."),
+    ({"length": 1}, "The file has no list of inputs."),
+    ([None], "Input 1 of the file is null; allowed is [instant, kind, value]."),
+    ([5], "Input 1 of the file is 5; allowed is [instant, kind, value]."),
+    ([[0, "stop", True], "stop"], 'Input 2 of the file is "stop"; allowed is'),
+    ([[0, "stop"]], 'Input 1 of the file is [0,"stop"]; allowed is'),
+    ([[-1, "stop", True]], 'The instant of input 1 of the file, [-1,"stop",true], is not a whole'),
+    ([[0.5, "stop", True]], "The instant of input 1 of the file, [0.5,"),
+    ([["0", "stop", True]], 'The instant of input 1 of the file, ["0",'),
+    ([[9, "stop", True], [8, "stop", False]], "is not a whole number from 9 on."),
+    ([[0, "constructor", 1]], "Input 1 of the file: The input constructor is impossible: 1."),
+    ([[0, ["stop"], True]], "Input 1 of the file: The input stop is impossible: true."),
+    ([[0, "sticks", [0, 1]]], "Input 1 of the file: The input sticks is impossible: [0,1]."),
+    ([[0, "sticks", [0, 1, None]]], "The input sticks is impossible: [0,1,null]."),
+    ([[0, "slider", ["wind_speed", 1e9]]], "The input slider is impossible"),
+    ([[0, "assist", "nobody"]], 'The input assist is impossible: "nobody".'),
+]
+"""What files of a drive hold that are refused as a whole, and why."""
+
+
+def test_a_file_that_holds_no_inputs_of_a_drive_is_refused_as_a_whole() -> None:
+    files = [{"file": content} for content, _ in REFUSED]
+    fine = [[0, "assist", "lqr"], [0, "sticks", [0, 1, 0]], [7, "stop", True]]
+    *refusals, accepted, empty = in_node(data_of("tower"), *files, {"file": fine}, {"file": []})
+    assert accepted is None and empty is None
+    for (content, words), refusal in zip(REFUSED, refusals, strict=True):
+        assert words in refusal, content
 
 
 @pytest.mark.parametrize("name", ["none", "shaped", "yielding", "lqr"])

@@ -268,6 +268,10 @@ def test_what_was_driven_is_saved_with_its_crane_and_replays(driver: Any) -> Non
     script = "page._replay({files: [{text: async () => arguments[0]}], value: ''})"
     driver.execute_script(script, json.dumps(record | {"crane": {}}))
     wait(driver, "document.getElementById('event').textContent.includes('another crane')")
+    for wrong in ([None], [5], "text", [[0, "sticks", [0, 1]]]):
+        driver.execute_script(script, json.dumps(record | {"inputs": wrong}))
+        wait(driver, "document.getElementById('event').textContent.includes('is replayed')")
+        driver.execute_script("page.tell('')")
     driver.execute_script(script, inputs)
     wait(driver, "page.state.replaying")
     driver.execute_script("page.act('Backspace'); page.act('KeyP')")

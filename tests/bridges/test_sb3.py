@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.errors import CraneError
 from tests.helpers import crane
 
 sb3 = pytest.importorskip(
@@ -17,14 +19,14 @@ from cranedyn.bridges.sb3 import vec_env  # noqa: E402
 pytestmark = pytest.mark.slow
 
 
-def cranes(**rules: str) -> TowerCraneVectorEnv:
-    return TowerCraneVectorEnv(
-        4, crane=crane(), autoreset_mode="SameStep", max_episode_steps=5, **rules
-    )
+def cranes(mode: str) -> TowerCraneVectorEnv:
+    return TowerCraneVectorEnv(4, crane=crane(), autoreset_mode=mode, max_episode_steps=5)
 
 
-def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards() -> None:
-    env, same = (vec_env(cranes(), features=lambda o: 2.0 * o, shaping=lambda r: r + 1.0), cranes())
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep", "Disabled"])
+def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards(mode: str) -> None:
+    env = vec_env(cranes(mode), features=lambda o: 2.0 * o, shaping=lambda r: r + 1.0)
+    same = cranes("SameStep")
     env.seed(3)
     first, _ = same.reset(seed=3)
     assert (env.reset() == 2.0 * first).all()
@@ -41,3 +43,16 @@ def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards() -> 
             assert infos[i]["TimeLimit.truncated"]
         if k == 4:
             assert_allclose(env.finished, returns, rtol=1e-12)
+
+
+def test_the_cranes_of_the_how_to_are_taken_beyond_the_end_of_an_episode() -> None:
+    name = "cranedyn.bridges.gymnasium:cranedyn/TowerCrane-v0"
+    env = vec_env(gym.make_vec(name, num_envs=2, max_episode_steps=5))
+    env.reset()
+    ended = [env.step(np.zeros((2, 3), np.float32))[2].any() for _ in range(12)]
+    assert ended == [k % 5 == 4 for k in range(12)]
+
+
+def test_other_environments_are_refused_at_construction() -> None:
+    with pytest.raises(CraneError, match="vec_env adapts a TowerCraneVectorEnv, and this is Sync"):
+        vec_env(gym.make_vec("CartPole-v1", num_envs=2, vectorization_mode="sync"))

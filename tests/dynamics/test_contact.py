@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import partial
 from typing import Any
@@ -28,7 +29,7 @@ from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.joint_forces import SLACK, TAUT, JointForces
 from cranedyn.dynamics.pinocchio import body_points, payload_position
 from cranedyn.dynamics.validity import events
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import MASS, Bench, check_oracle, locked, point_crane
@@ -365,3 +366,51 @@ def test_a_load_that_is_put_on_the_ground_keeps_its_rates() -> None:
     state = tower.state(l=26.0, phi=0.0)
     moving = State(state.q, np.arange(tower.layout.n) + 0.5)
     assert standing(tower, Ground(box_corners(*SIDES)), moving).v.tolist() == moving.v.tolist()
+
+
+@pytest.mark.parametrize(
+    ("scale", "offset", "words"),
+    [
+        ([1.0, 1.0, 0.0], 0.0, "four that are not in a plane"),
+        ([1.0, 1.0, 1e-9], 0.0, "four that are not in a plane"),
+        ([1.0, 1.0, 1e-9], 1e3, "four that are not in a plane"),
+        ([1e-9, 1e-9, 1e-9], 0.0, "four that are not in a plane"),
+        ([1.0, 1.0, 1.0], 1e7, "coordinate of a corner of a hull"),
+        ([1e9, 1e9, 1e9], 0.0, "coordinate of a corner of a hull"),
+    ],
+)
+def test_a_hull_that_is_nearly_flat_or_far_off_is_refused(
+    scale: list[float], offset: float, words: str
+) -> None:
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * scale @ turn + offset
+    with pytest.raises(OutOfRange, match=words):
+        Hull(corners.tolist())
+
+
+@pytest.mark.parametrize("corners", [[], [[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+def test_too_few_corners_are_no_hull(corners: list[list[float]]) -> None:
+    with pytest.raises(OutOfRange, match="of a hull"):
+        Hull(corners)
+
+
+def test_the_thinnest_hull_has_faces_wherever_it_may_stand() -> None:
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    box = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    for place in (0.0, 1e3, 9e5):
+        assert len(Hull((box * [1.0, 1.0, 1e-6] @ turn + place).tolist()).faces) >= 6
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"centre": (1e12, 0.0)},
+        {"size": (1e3, 1e-9)},
+        {"size": (1e9, 1.0)},
+        {"height": 1e9},
+    ],
+)
+def test_a_platform_that_cannot_be_meant_is_refused(values: dict[str, Any]) -> None:
+    meant: dict[str, Any] = {"centre": (0.0, 0.0), "size": (1.0, 1.0), "height": 1.0}
+    with pytest.raises(OutOfRange, match=f"{next(iter(values))} of a platform"):
+        Platform(**{**meant, **values})

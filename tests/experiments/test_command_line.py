@@ -15,7 +15,7 @@ from cranedyn.__main__ import main as front_main
 from cranedyn.controllers.lqr import riccati, stationary
 from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError
-from experiments import a1, demo, energy, harness
+from experiments import a1, demo, energy, harness, site
 from experiments.compare import runs as compare_runs
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.strategies import FLAT, LQR, MPC
@@ -119,3 +119,19 @@ def test_another_stepping_rule_runs_and_leaves_the_claims_of_the_usual_one_unjud
     assert result["parameters"]["integrator"] == "rk4"
     run = next(iter(result["runs"]))
     assert read(tmp_path / "out" / f"{run}.parquet").parameters["integrator"] == "RK4"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("--seed -1", "seed is -1; allowed is a whole number >= 0"),
+        ("--cycles 0", "cycles is 0; allowed is a whole number >= 1"),
+        ("--hours 0", "hours is 0.0 h; allowed is > 0"),
+        ("--hours nan", "hours is nan h; allowed is > 0"),
+    ],
+)
+def test_numbers_that_cannot_be_meant_are_refused_before_the_shifts(
+    words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert site.main([*words.split(), "--out", str(tmp_path / "out")]) == 2
+    assert f"error: {sentence}" in capsys.readouterr().err

@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from markupsafe import escape
 
 from cranedyn.command import INTERRUPTED
 from experiments import report
 from experiments.catalogue import EXPERIMENTS
 from tests.experiments.conftest import Ran
-from tests.helpers import FAST, RESULT
+from tests.helpers import FAST, HOSTILE_NAMES, RESULT
 
 selenium = pytest.importorskip(
     "selenium.webdriver", reason="extra browser (selenium) is not installed"
@@ -312,3 +313,16 @@ def test_results_that_are_there_are_collected_not_run_again(
 ) -> None:
     monkeypatch.setattr(report, "COMMAND", ("/nothing is run",))
     assert report.main(["--out", str(made), "--only", "mass_ratio"]) == 0
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_what_a_result_says_is_data_of_the_page(name: str, tmp_path: Path) -> None:
+    claims = [{"sentence": name, "holds": False}]
+    words = {"claims": claims, "about": name, "command": name, "machine": name}
+    (tmp_path / "result.json").write_text(json.dumps(RESULT | words))
+    text = report.page([tmp_path])
+    assert f"<code>{escape(name)}</code>" in text
+    assert f"</span>{escape(name)} <a" in text and "<img src=x" not in text and "<b>" not in text
+    assert text.count("<script>") == 1
+    # The style sheet hides the heading above a list that holds nothing, not even a space.
+    assert '<h2>Newly found</h2>\n<ul class="claims"></ul>' in text

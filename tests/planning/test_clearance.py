@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import coal
 import numpy as np
@@ -14,6 +16,7 @@ from cranedyn.planning.bodies import neighbour, shape_corners
 from cranedyn.planning.clearance import GROUND, MAST, ROUNDING, Clearance
 from cranedyn.planning.fields import Body, Field
 from cranedyn.planning.solids import body, box, hull, prism
+from tests.helpers import pickled
 from tests.planning.sites import HEIGHT, WALL, clearance, corners, crane, load_corners, site
 
 PLACES = st.tuples(st.floats(-3.0, 3.0), st.floats(4.0, 22.0), st.floats(4.0, 25.0)).map(np.array)
@@ -206,3 +209,13 @@ def _cube_of_triangles(edge: float) -> tuple[np.ndarray, np.ndarray]:
 
     cube = trimesh.creation.box([edge] * 3)
     return np.array(cube.vertices), np.array(cube.faces)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickled])
+def test_a_copy_has_the_same_distances(copied: Any) -> None:
+    asked = clearance(WALL).with_more_distance(0.1)
+    place = np.array([0.3, 12.0, 10.0])
+    distances = asked.distances(asked.q(place))
+    same = copied(asked)
+    assert same.distances(same.q(place)) == distances
+    assert same.swing_margin(place) == asked.swing_margin(place)

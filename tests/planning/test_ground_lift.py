@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -32,6 +35,7 @@ from cranedyn.planning.site_file import SITES, read_site
 from cranedyn.planning.solids import body, box
 from cranedyn.references.flat import smoothstep
 from cranedyn.verdict import Check, Verdict
+from tests.helpers import pickled
 
 pytestmark = pytest.mark.slow
 
@@ -293,3 +297,30 @@ def test_bad_input_is_a_sentence(planned: Lift) -> None:
         from_ground(planned, sink_rate=-0.1)
     with pytest.raises(OutOfRange, match="EA of the rope"):
         from_ground(planned, rope_stiffness=0.0)
+
+
+@pytest.mark.parametrize("speed", [1e-300, 1e-6, 5.0, 1e6, math.nan])
+def test_speeds_near_the_ground_that_cannot_be_meant_are_refused_before_anything_is_computed(
+    speed: float, planned: Lift
+) -> None:
+    fastest = planned.limits.rates[2]
+    assert fastest < 5.0
+    for name, words in (("creep", "creep speed"), ("sink_rate", "sink rate")):
+        with pytest.raises(OutOfRange, match=f"{words} is {speed} m/s; allowed is ") as refused:
+            from_ground(planned, **{name: speed})
+        assert math.isnan(speed) or f"0.001 to {fastest:g}" in str(refused.value)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickled])
+def test_lifts_and_lifts_from_the_ground_are_copied_with_all_that_they_command(
+    copied: Any, lift: GroundLift
+) -> None:
+    same = copied(lift)
+    assert (same.motion.q == lift.motion.q).all() and same.phases == lift.phases
+    state = lift.crane.start
+    setpoint = lift.setpoint(0.0)
+    command = np.array(lift.command(0.0, state, setpoint))
+    assert (command == same.command(0.0, state, setpoint)).all()
+    place = lift.lift.ends[0]
+    assert same.lift.clearance.envelope(5.0) == lift.lift.clearance.envelope(5.0)
+    assert (same.lift.clearance.point(place) == lift.lift.clearance.point(place)).all()

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.dynamics.pinocchio import payload_position
-from cranedyn.errors import CraneError, DataError, ModelError
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
@@ -23,7 +23,7 @@ from cranedyn.planning import search
 from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import straight_time
+from cranedyn.planning.curve import LONGEST_LIFT, refuse_endless, straight_time
 from cranedyn.planning.lift import RESERVE, NoWay, _is_proven, _ways, crane_of, plan_lift
 from cranedyn.planning.perturbed import (
     Perturbed,
@@ -38,9 +38,10 @@ from cranedyn.planning.perturbed import (
     perturb,
 )
 from cranedyn.planning.proof import Line, unproven_parameter, unproven_row
+from cranedyn.planning.site_file import SITES, read_site
 from cranedyn.planning.solids import body, box, prism
 from cranedyn.planning.timing import STEP, timed
-from cranedyn.references.limits import use
+from cranedyn.references.limits import Limits, use
 from experiments import lift as experiment
 from tests.helpers import FAST, G, quickly
 from tests.planning.sites import LIMITS, WALL, certificate, corners, crane, lift, site, with_wall
@@ -568,3 +569,20 @@ def test_the_experiment_refuses_in_a_sentence_and_leaves_nothing(
     Path("tower.toml").write_text(SITE + office)
     assert experiment.main([*arguments.split(), "--out", "out"]) == 2
     assert sentence in capsys.readouterr().err and not Path("out").exists()
+
+
+@pytest.mark.parametrize("duration", [LONGEST_LIFT + 1.0, math.inf, math.nan])
+def test_a_motion_of_hours_is_refused_and_one_of_minutes_is_not(duration: float) -> None:
+    refuse_endless(LONGEST_LIFT, LIMITS)
+    with pytest.raises(OutOfRange, match="allowed is up to 2"):
+        refuse_endless(duration, LIMITS)
+
+
+@pytest.mark.parametrize(
+    "limits", [Limits([1e-9] * 3, [0.1] * 3), Limits([0.08, 1.0, 1.0], [1e-9] * 3)]
+)
+def test_a_lift_that_would_take_hours_is_refused_before_it_is_planned(limits: Limits) -> None:
+    yard = read_site(SITES / "open_yard.toml")
+    ends = {"start": np.array([6.0, -14.0]), "goal": np.array([8.0, -13.0])}
+    with pytest.raises(OutOfRange, match=r"time that drives need at .* h; allowed is up to 2\."):
+        plan_lift(yard, limits, **ends)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from xml.etree import ElementTree
 
 import pytest
 
 from cranedyn.plotting.figures import panels, save, svg
+from tests.helpers import HOSTILE_NAMES
 
 
 def _drawn():
@@ -43,3 +45,26 @@ def test_a_drawing_keeps_its_words_and_inverts_paper_ink_and_grid_by_night():
     assert {"#000000", "#ffffff", "#dddddd"} == {
         ink for ink in re.findall(r": (#\w{6})", drawing.replace(night, "")) if ink in night
     }
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_a_name_is_drawn_as_it_is_wherever_it_stands(name):
+    figure, (left, right) = panels(1, 2)
+    left.plot([0.0, 1.0], [0.0, 1.0], label=name)
+    left.legend()
+    left.text(0.5, 0.5, name)
+    left.set(title=name, xlabel=name, ylabel=name, xticks=[0.5], xticklabels=[name])
+    right.loglog([1.0, 100.0], [1.0, 100.0])
+    texts = ElementTree.fromstring(svg(figure)).iter("{http://www.w3.org/2000/svg}text")
+    shown = ["".join(text.itertext()) for text in texts]
+    assert shown.count(name) == 6
+    assert "100" in {
+        "".join(text.split()) for text in shown
+    }  # powers of ten are formulas all the same
+
+
+def test_a_figure_that_matplotlib_saves_itself_shows_names_as_they_are(tmp_path):
+    figure, (ax,) = panels()
+    ax.set_title(r"$\frac$")
+    figure.savefig(tmp_path / "figure.svg")
+    assert r"<!-- $\frac$ -->" in (tmp_path / "figure.svg").read_text()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from cranedyn.interfaces import State
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import MAX_INPUT, NO_TARGET, BoxGrant, BoxRequest, Guard
 from cranedyn.sites.working_wind import WorkingWind
+from tests.helpers import pickled
 from tests.sites.cases import BAD, ODD, at_rest, site_of, travelling_station
 
 pytestmark = pytest.mark.slow
@@ -319,3 +322,20 @@ def test_a_guard_brakes_by_the_rates_that_the_box_was_planned_for_in_a_fault() -
     inclined = 0.095 / (4.0 * math.sqrt(2.0)) * guard.station.crane.gravity
     expected = [inclined / 30.05, inclined, guard.station.brakes.decelerations[2]]
     assert np.abs(change[0]) == pytest.approx(np.multiply(expected, CYCLE), rel=1e-3)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickled])
+def test_a_copy_of_a_guard_goes_on_as_it_does_and_shares_nothing_with_it(copied: Any) -> None:
+    guard = guard_of()
+    request = asked(guard)
+    same = copied(guard)
+    guard.receive(answer(request))
+    state, still = at_rest(guard.station), np.zeros((1, 3))
+    box_without_grant = same.box.copy()
+    same.step(math.nan, state, still)
+    assert (same.box == box_without_grant).all()  # the grant was for the other
+    same.receive(answer(request))
+    for k in range(5):
+        passed, _ = guard.step(1.0 + CYCLE * k, state, guard.station.converters.rates[None])
+        same_passed, _ = same.step(1.0 + CYCLE * k, state, guard.station.converters.rates[None])
+        assert (passed == same_passed).all() and (guard.box == same.box).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import re
 from dataclasses import replace
 from functools import cache
@@ -11,11 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from cranedyn.data.trajectory import read_columns
 from cranedyn.disturbances.wind import steady
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, DataError
+from cranedyn.planning.lift import NoWay
 from cranedyn.planning.solids import Solid, box, prism
 from cranedyn.recording import Run
 from cranedyn.sites import page
@@ -24,7 +27,7 @@ from cranedyn.sites.plan import SLICE, SitePlan, plan_site
 from cranedyn.sites.simulate import SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, SiteWind
 from cranedyn.sites.site_file import read_crane_site
-from tests.helpers import ROOT
+from tests.helpers import HOSTILE_NAMES, ROOT
 
 slow = pytest.mark.slow
 
@@ -120,6 +123,25 @@ def test_a_lift_of_a_luffing_crane_without_a_way_is_refused(goal: list, words: s
     solids = (hall,) if "obstacle" in words else ()
     with pytest.raises(CraneError, match=words):
         plan_site(replace(site_of("luffing_between"), solids=solids), [("luffing", goal)])
+
+
+def test_a_plan_whose_lifts_are_all_left_out_lasts_no_time_and_can_be_printed() -> None:
+    plan = plan_site(site_of(), [("north", [500.0, 0.0, 16.0])], strict=False)
+    assert plan.refusals[0].startswith("Lift 1 of north alone: ")
+    assert (plan.lifts, plan.duration, plan.least) == ((), 0.0, 0.0)
+    assert repr(plan).startswith("Plan of 0 lifts in 0.0 s, drives need 0.0 s; ")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("acceleration", ["1e-300", "1e-9"])
+def test_drives_that_would_need_hours_are_refused_before_a_motion_is_made(
+    acceleration: str, tmp_path: Path
+) -> None:
+    drives = f"drives = {{rates = [4.0, 1.0, 1.0], accelerations = [{acceleration}, 0.1, 0.1]}}\n"
+    north = '[[crane]]\nname = "b"\nposition = [90.0, 0.0, 0.0]\n'
+    site = site_from(tmp_path, HEAD + drives + north)
+    with pytest.raises(NoWay, match=r"accelerations of .* is .* h; allowed is up to 2\.$"):
+        plan_site(site, [("a", [-20.0, 5.0, 15.0])])
 
 
 @slow
@@ -275,6 +297,22 @@ def test_a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost(tmp_path: Pat
         line.get_xydata() for line in page._plan(run).axes[0].lines if line.get_marker() == "x"
     ]
     assert np.linalg.norm(cross - load(run, 1, round(contact.t / 0.1))[:2]) < 0.5
+
+
+@slow
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_a_page_of_a_run_takes_names_for_data(name: str, tmp_path: Path) -> None:
+    quoted_name = json.dumps(name)  # a string of TOML, too
+    ends = "".join(
+        f"\n[[crane]]\nname = {n}\nposition = {p}\n"
+        for n, p in ((quoted_name, [0.0, 0.0, 0.0]), ('"b"', [90.0, 0.0, 0.0]))
+    )
+    wall = f"[[box]]\nname = {quoted_name}\ncentre = [30.0, 30.0]\nsize = [9.0, 9.0, 9.0]\n"
+    site = site_from(tmp_path, f"name = {quoted_name}\n{ends}{wall}")
+    run = simulate_site(site, [lambda t, states: np.zeros(3)] * 2, duration=1.0)
+    text = page.site_html(run)
+    assert f"<h1>Site: {escape(name)}</h1>" in text
+    assert "<img src=x" not in text and "<script" not in text and "<b>" not in text
 
 
 def test_the_site_file_of_the_how_to_is_read(tmp_path: Path) -> None:

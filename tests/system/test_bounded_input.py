@@ -67,7 +67,7 @@ def test_a_result_that_is_a_pipe_and_a_figure_that_is_large_make_no_report(
     (tmp_path / "a.png").write_bytes(bytes(2000))
     monkeypatch.setattr(report, "_LARGEST_FIGURE", 1000)
     with pytest.raises(DataError, match=r"a\.png: it is larger than 0\.001 MB\."):
-        report.figure_html(tmp_path, "a.png")
+        report.figure_address(tmp_path, "a.png")
 
 
 def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:

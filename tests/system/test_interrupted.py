@@ -50,6 +50,18 @@ def trial(*words):
 WHOLE = ["figure.png", "figure.svg", "result.json", "run.parquet", "trial.rrd"]
 
 
+@pytest.mark.parametrize("words", [["describe"], ["list"], ["describe", "--help"]])
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_a_full_disk_behind_standard_output_is_one_sentence(words: list[str]) -> None:
+    command = [sys.executable, "-m", "cranedyn", *words]
+    with open("/dev/full", "w") as full:
+        run = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=ROOT, check=False
+        )
+    assert run.returncode == 2
+    assert run.stderr == "error: Cannot write to standard output: No space left on device.\n"
+
+
 def test_a_reader_that_stops_reading_costs_no_files(tmp_path: Path) -> None:
     (tmp_path / "trial.py").write_text(f"{_TRIAL}\nsys.exit(trial('--out', sys.argv[1]))")
     # Nobody reads from the start: a reader that stops later may come after the last line.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ from cranedyn.bridges.commissioning.words import ProcessImage, Word
 from cranedyn.errors import CraneError
 
 try:
+    import asyncua.server.server as asyncua_server
     from asyncua import Server, ua
     from asyncua.crypto.permission_rules import User, UserRole
     from asyncua.crypto.uacrypto import load_certificate
+    from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
     from asyncua.server.user_managers import UserManager
     from cryptography.hazmat.primitives.serialization import Encoding
 except ModuleNotFoundError as error:
@@ -21,8 +24,27 @@ except ModuleNotFoundError as error:
         "OPC UA needs asyncua, which is not installed: pip install 'cranedyn[serve]'."
     ) from error
 
+_logger = logging.getLogger("asyncua.cranedyn")
+
 PUBLISHING = 0.05
 """Time between reports of readings to subscriptions [s]; a read gets the latest cycle."""
+
+MAX_CHUNK = 65_535
+"""Most bytes of a chunk, which is what travels between two headers; before and after the hello."""
+
+MAX_CHUNKS_OF_MESSAGE = 16
+"""Most chunks that make up one message."""
+
+_HEADER = 8
+"""Bytes of the header of a chunk: three letters of its type, its kind, and its size as UInt32
+(OPC UA Part 6, 7.1.2.2)."""
+
+_LARGEST_PAUSE = 0.25
+"""Longest time for which a connection that sends too fast is not read [s]."""
+
+_CHUNKS_PER_SECOND = 2000.0
+"""Rate at which the chunks of one connection are read. A program that reads and writes all words in
+every cycle of the plant sends 400."""
 
 _KINDS = {
     "UINT16": ua.VariantType.UInt16,
@@ -43,6 +65,89 @@ class _OneUser(UserManager):
         return User(UserRole.User, username) if right and known else None
 
 
+class _BoundedProtocol(OPCUAProtocol):
+    """A connection that keeps no more than one chunk of what has not been understood yet.
+
+    asyncua collects whatever a header announces, up to 4 GB, before it looks at certificate and
+    user. Here a chunk larger than `MAX_CHUNK` closes the connection. Each chunk is handed on alone,
+    because asyncua copies all that it has received for each chunk that it takes from it.
+    """
+
+    def __init__(self, *args: Any, **arguments: Any) -> None:
+        super().__init__(*args, **arguments)
+        self._received = bytearray()
+
+    def data_received(self, data: bytes) -> None:
+        """Hand on the chunks that are complete; close the connection at one that is too large."""
+        if self.transport is None or self.transport.is_closing():
+            return
+        self._received += data
+        chunks = 0
+        while len(self._received) >= _HEADER:
+            size = int.from_bytes(self._received[4:_HEADER], "little")
+            if not _HEADER < size <= MAX_CHUNK:
+                self._refuse(f"a chunk of {size} bytes")
+                return
+            if len(self._received) < size:
+                break
+            chunk = bytes(self._received[:size])
+            del self._received[:size]
+            super().data_received(chunk)
+            chunks += 1
+            if self.transport.is_closing():
+                self._received.clear()
+                return
+            if self._buffer:  # asyncua has not understood the header, and would keep what follows
+                self._refuse("a header that is none of OPC UA")
+                return
+        self._pause(chunks / _CHUNKS_PER_SECOND)
+
+    def _refuse(self, what: str) -> None:
+        """Close the connection and forget what it has sent."""
+        _logger.error("Connection from %s closed: %s", self.peer_name, what)
+        self._received.clear()
+        self._buffer = b""
+        if self.transport is not None:
+            self.transport.close()
+
+    def _pause(self, seconds: float) -> None:
+        """Read no more for a while, so that one client does not take the plant's processor."""
+        transport = self.transport
+        if transport is None or transport.is_closing() or seconds <= 0.0:
+            return
+
+        def resume() -> None:
+            if not transport.is_closing():
+                transport.resume_reading()
+
+        transport.pause_reading()
+        asyncio.get_running_loop().call_later(min(seconds, _LARGEST_PAUSE), resume)
+
+
+class _BoundedServer(BinaryServer):
+    """asyncua's socket server with connections of `_BoundedProtocol`."""
+
+    def _make_protocol(self) -> OPCUAProtocol:
+        return _BoundedProtocol(
+            iserver=self.iserver,
+            policies=self._policies,
+            clients=self.clients,
+            closing_tasks=self.closing_tasks,
+            limits=self.limits,
+        )
+
+
+async def _listen(server: Server) -> None:
+    """Start a server whose connections are bounded."""
+    # asyncua has no argument for the class of its socket server; it looks the name up in `start`.
+    original = asyncua_server.BinaryServer
+    asyncua_server.BinaryServer = _BoundedServer  # type: ignore[misc]
+    try:
+        await server.start()
+    finally:
+        asyncua_server.BinaryServer = original  # type: ignore[misc]
+
+
 async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any = None) -> Server:
     """Return a server of the words as variables of the object Crane, which runs until its `stop`.
 
@@ -53,6 +158,8 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
         CraneError: If it cannot listen at this address, or a file of the security cannot be read.
     """
     server = Server()
+    server.limits.max_chunk_count = MAX_CHUNKS_OF_MESSAGE
+    server.limits.max_message_size = MAX_CHUNKS_OF_MESSAGE * MAX_CHUNK
     await server.init()
     server.set_endpoint(f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/")
     policy, token = "NoSecurity", "AnonymousIdentityToken"
@@ -74,7 +181,7 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
     for word in image.words:
         await _add_word(server, crane, image, word)
     try:
-        await server.start()
+        await _listen(server)
     except OSError as error:
         raise CraneError(f"OPC UA cannot listen at {host}:{port}; is the port taken?") from error
     return server

@@ -6,12 +6,14 @@ import argparse
 import asyncio
 import contextlib
 import gc
+import logging
 import os
 import sys
+import tempfile
 import threading
 import time
 from array import array
-from collections.abc import Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -20,15 +22,29 @@ import numpy as np
 
 from cranedyn.bridges.commissioning.served_crane import PERIOD, ServedCrane
 from cranedyn.bridges.commissioning.words import write_map
-from cranedyn.bridges.target import check_free, name_default_rates, new_folder
+from cranedyn.bridges.target import check_new_folder, name_default_rates, new_folder
 from cranedyn.checks import number
+from cranedyn.command import defer_sigint
 from cranedyn.errors import CraneError, DataError, RunError
+from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 from cranedyn.recording import Run, record
 
 PASSWORD = "CRANEDYN_PASSWORD"
+"""Environment variable of the password for OPC UA."""
+
 LOCAL = ("127.0.0.1", "localhost", "::1")
-"""Environment variable of the password for OPC UA, and hosts that this machine alone reaches."""
+"""Hosts that this machine alone reaches."""
+
+_LIBRARY_LOGGERS = ("asyncua", "pymodbus", "pymodbus.logging", "asyncio")
+"""Loggers to which the servers of the libraries report what a client did wrong."""
+
+_CLOSING_TIME = 0.3
+"""Longest wait for a server that ends [s]. asyncua closes its connections at once, and then waits
+up to 1 s for its own clock."""
+
+_LONGEST_SLEEP = 0.1
+"""Longest time between two looks for Ctrl-C [s]."""
 
 Address = tuple[str, int]
 
@@ -68,6 +84,30 @@ def check_exposure(options: argparse.Namespace) -> Any:
     return (*login, trust) if all(login) else None
 
 
+class _ClientErrors(logging.Handler):
+    """Counts what the libraries of the servers report, instead of their tracebacks.
+
+    Python prints reports that no handler takes. A handler that somebody has set on the root logger
+    still gets all of them.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.count = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.count += 1
+
+    def __enter__(self) -> _ClientErrors:
+        for name in _LIBRARY_LOGGERS:
+            logging.getLogger(name).addHandler(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for name in _LIBRARY_LOGGERS:
+            logging.getLogger(name).removeHandler(self)
+
+
 @contextlib.contextmanager
 def servers(
     plant: ServedCrane,
@@ -76,6 +116,8 @@ def servers(
     security: Any = None,
 ) -> Iterator[None]:
     """Serve a plant in a thread of its own while the context lasts, and print its events.
+
+    At the end it prints how many errors of clients the servers have reported, if there were any.
 
     Raises:
         CraneError: If a server cannot listen, or an extra is not installed.
@@ -87,29 +129,44 @@ def servers(
     def start(work: Coroutine[Any, Any, Any]) -> Any:
         return asyncio.run_coroutine_threadsafe(work, loop)
 
-    def stop() -> None:
-        for task in asyncio.all_tasks(loop):
+    async def end_tasks() -> None:
+        tasks = asyncio.all_tasks(loop) - {asyncio.current_task(loop)}
+        for task in tasks:
             task.cancel()
-        loop.call_soon(loop.stop)
+        if tasks:
+            await asyncio.wait(tasks, timeout=_CLOSING_TIME)
+        loop.stop()
+
+    def close(work: Coroutine[Any, Any, Any]) -> None:
+        # A client that never takes its answers must not keep the run from being recorded.
+        with contextlib.suppress(TimeoutError):
+            start(work).result(_CLOSING_TIME)
 
     with contextlib.ExitStack() as stack:
+        errors = stack.enter_context(_ClientErrors())
+        stack.callback(loop.close)
         stack.callback(thread.join)
-        stack.callback(loop.call_soon_threadsafe, stop)
+        stack.callback(lambda: start(end_tasks()))
         if opcua:
             from cranedyn.bridges.commissioning.opcua import publish, serve_opcua
 
             server = start(serve_opcua(plant.image, *opcua, security)).result()
-            stack.callback(lambda: start(server.stop()).result())
+            stack.callback(lambda: close(server.stop()))
             stack.callback(start(publish(server, plant.image)).cancel)
             print(f"OPC UA at opc.tcp://{opcua[0]}:{opcua[1]}/", flush=True)
         if modbus:
             from cranedyn.bridges.commissioning.modbus import serve_modbus
 
             registers = start(serve_modbus(plant.image, *modbus)).result()
-            stack.callback(lambda: start(registers.shutdown()).result())
+            stack.callback(lambda: close(registers.shutdown()))
             print(f"Modbus TCP at {modbus[0]}:{modbus[1]}, which has no security", flush=True)
         start(_print_events(plant))
         yield
+        if errors.count:
+            print(
+                f"Clients sent what the servers could not use; errors reported: {errors.count}.",
+                flush=True,
+            )
 
 
 async def _print_events(plant: ServedCrane) -> None:
@@ -121,11 +178,21 @@ async def _print_events(plant: ServedCrane) -> None:
         await asyncio.sleep(0.1)
 
 
-def keep_time(plant: ServedCrane, cycles: int, speed: float = 1.0) -> str:
-    """Run a plant by the clock of this machine, until so many cycles or Ctrl-C, and return how the
-    clock was kept.
+def keep_time(
+    plant: ServedCrane,
+    cycles: int,
+    speed: float = 1.0,
+    stopped: Callable[[], bool] = lambda: False,
+) -> str:
+    """Run a plant by the clock of this machine, and return how the clock was kept.
 
     A late cycle is followed by the next without a pause; a second or more is not made up for.
+
+    Args:
+        plant: The plant.
+        cycles: Number of cycles after which the run ends.
+        speed: Speed of the plant's time over that of this machine.
+        stopped: Function that returns whether to end before; Ctrl-C ends the run, too.
 
     Raises:
         RunError: If the model ceases to hold; it carries what was recorded.
@@ -138,8 +205,10 @@ def keep_time(plant: ServedCrane, cycles: int, speed: float = 1.0) -> str:
     due = time.perf_counter()
     try:
         for _ in range(cycles):
-            while (wait := due - time.perf_counter()) > 0.0:
-                time.sleep(wait)
+            while (wait := due - time.perf_counter()) > 0.0 and not stopped():
+                time.sleep(min(wait, _LONGEST_SLEEP))
+            if stopped():
+                break
             due -= wait if wait < -1.0 else 0.0
             late.append(-wait)
             plant.cycle()
@@ -195,30 +264,55 @@ def run(options: argparse.Namespace) -> int:
     if not (options.opcua or options.modbus):
         return 0
     folder = options.out or Path(f"out/serve_{datetime.now():%Y%m%d_%H%M%S}")
-    folder.absolute().parent.mkdir(parents=True, exist_ok=True)
-    check_free(folder)
+    check_new_folder(folder)
+    _try_recording(plant.crane)
     if options.realtime:
         try:  # for this thread and those that it starts
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
         except (AttributeError, OSError) as error:
             text = f"This system grants no real-time priority ({error}); leave out --realtime."
             raise CraneError(text) from error
+    cycles = round(options.duration / PERIOD)
     try:
-        with servers(plant, options.opcua, options.modbus, security):
-            print("Ctrl-C ends the run and records it.", flush=True)
-            print(keep_time(plant, round(options.duration / PERIOD), options.speed))
-    finally:
-        if plant.cycles:
-            _save(folder, plant)
+        # Ctrl-C is the usual end of a run. It raises nothing here, so that a second one, while
+        # connections are closed or files are written, loses nothing.
+        with defer_sigint() as stopped:
+            try:
+                with servers(plant, options.opcua, options.modbus, security):
+                    print("Ctrl-C ends the run and records it.", flush=True)
+                    print(keep_time(plant, cycles, options.speed, stopped), flush=True)
+            finally:
+                if plant.cycles:
+                    _save(folder, plant)
+    except KeyboardInterrupt:
+        if not plant.cycles:  # it came while the servers were started
+            raise
     return 0
 
 
+def _try_recording(crane: Crane) -> None:
+    """Record one cycle of a crane into a temporary folder, before anything is served.
+
+    An error is seen now instead of after an hour, and what Python loads for it, the expanded
+    description of the crane among it, is there when Ctrl-C comes.
+    """
+    trial = ServedCrane(crane, duration=PERIOD)
+    trial.cycle()
+    with tempfile.TemporaryDirectory() as folder:
+        _write(Path(folder), trial)
+
+
 def _save(folder: Path, plant: ServedCrane) -> None:
-    """Write the run of a plant into a new folder, as Parquet and as a recording."""
+    """Write the run of a plant into a new folder."""
+    with new_folder(folder) as draft:
+        _write(draft, plant)
+    print(f"Written to {folder}.", flush=True)
+
+
+def _write(folder: Path, plant: ServedCrane) -> None:
+    """Write the run of a plant as Parquet and as a recording."""
     trajectory = plant.trajectory()
     runs = [Run("served", plant.crane, trajectory)]
     text = "\n".join(f"* t = {t:.3f} s: {event}" for t, event in plant.events)
-    with new_folder(folder) as draft:
-        trajectory.write(draft / "serve.parquet")
-        record(draft / "serve.rrd", runs, title="Virtual commissioning", text=text)
-    print(f"Written to {folder}.")
+    trajectory.write(folder / "serve.parquet")
+    record(folder / "serve.rrd", runs, title="Virtual commissioning", text=text)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import csv
+import re
 import shutil
+import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -16,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from cranedyn.__main__ import main
@@ -26,6 +31,7 @@ from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane
 from cranedyn.recording.process import free_port
+from tests.helpers import ROOT
 
 asyncua = pytest.importorskip("asyncua", reason="extra serve (asyncua) is not installed")
 pymodbus = pytest.importorskip("pymodbus", reason="extra serve (pymodbus) is not installed")
@@ -206,6 +212,102 @@ def test_modbus_refuses_what_is_not_there_and_survives_garbage(served: Served) -
     with socket.create_connection(served.opcua) as raw:
         raw.sendall(b"HELF" + bytes(60))
     assert served.ask(lambda client: node(client, "fault").read_value()) == 0
+
+
+@pytest.mark.parametrize("announced", [2**31 - 1, 2**16, 8, 0])
+@pytest.mark.parametrize("greeted", [False, True])
+def test_a_message_larger_than_the_buffer_closes_its_connection_before_it_is_collected(
+    announced: int, greeted: bool, served: Served
+) -> None:
+    # asyncua itself closes a connection after 30 s without a session.
+    with socket.create_connection(served.opcua, timeout=20.0) as stranger:
+        if greeted:
+            url = b"opc.tcp://crane/"
+            hello = struct.pack("<6I", 0, 65535, 65535, 0, 0, len(url)) + url
+            stranger.sendall(b"HELF" + struct.pack("<I", 8 + len(hello)) + hello)
+            assert stranger.recv(1000).startswith(b"ACKF")
+        stranger.sendall(b"MSGF" + struct.pack("<I", announced))
+        assert stranger.recv(1000) == b""  # closed by the server
+    assert served.ask(lambda client: node(client, "fault").read_value()) == 0
+
+
+def test_a_message_of_many_chunks_is_no_larger_than_sixteen_of_them() -> None:
+    from cranedyn.bridges.commissioning.opcua import serve_opcua
+
+    async def limits() -> Any:
+        server = await serve_opcua(ServedCrane(load_crane(), duration=1.0).image, HOST, free_port())
+        await server.stop()
+        return server.limits
+
+    bound = asyncio.run(limits())
+    assert (bound.max_chunk_count, bound.max_message_size) == (16, 16 * 65535)
+
+
+def test_bad_packets_are_counted_and_print_no_tracebacks(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    plant = ServedCrane(load_crane(), duration=1.0)
+    opcua, modbus = (HOST, free_port()), (HOST, free_port())
+    with serve.servers(plant, opcua, modbus):
+        for place in (opcua, modbus):
+            for packet in (b"HELF" + struct.pack("<I", 60) + bytes(52), bytes(range(256)) * 4):
+                with socket.create_connection(place, timeout=60.0) as raw:
+                    raw.sendall(packet)
+                    raw.shutdown(socket.SHUT_WR)
+                    with contextlib.suppress(ConnectionError):
+                        while raw.recv(1000):
+                            pass
+    printed, complaints = capfd.readouterr()
+    assert complaints == ""
+    assert re.search(r"the servers could not use; errors reported: [1-9]", printed)
+
+
+def test_a_busy_port_is_one_sentence(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with socket.create_server((HOST, 0)) as busy:
+        for protocol, name in (("opcua", "OPC UA"), ("modbus", "Modbus")):
+            port = busy.getsockname()[1]
+            out = str(tmp_path / protocol)
+            assert main(["serve", f"--{protocol}", f"{HOST}:{port}", "--out", out]) == 2
+            complaint = f"error: {name} cannot listen at {HOST}:{port}; is the port taken?\n"
+            assert capfd.readouterr().err == complaint
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_served(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serve, "servers", lambda *_: pytest.fail("it is served"))
+    (tmp_path / "file").touch()
+    for out in (tmp_path / "file" / "run", Path("/proc/run")):
+        assert main(["serve", "--modbus", f"{HOST}:{free_port()}", "--out", str(out)]) == 2
+        assert f"Cannot write {out}" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_within_two_seconds_and_a_second_one_loses_nothing(tmp_path: Path) -> None:
+    out, ports = tmp_path / "run", [free_port(), free_port()]
+    command = [sys.executable, "-m", "cranedyn", "serve", "--opcua", f"{HOST}:{ports[0]}"]
+    command += ["--modbus", f"{HOST}:{ports[1]}", "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    try:
+        assert process.stdout is not None
+        lines = iter(process.stdout.readline, "")
+        assert any("Ctrl-C" in line for line in lines)
+        time.sleep(1.0)
+        # The promise is of wall time; beside other tests only the processor's is of this process.
+        before = after = sum(psutil.Process(process.pid).cpu_times()[:2])
+        process.send_signal(signal.SIGINT)
+        assert any("cycles of" in line for line in lines)
+        with contextlib.suppress(psutil.Error):
+            while process.poll() is None:
+                if not out.exists():  # while connections close and files are written
+                    process.send_signal(signal.SIGINT)
+                after = sum(psutil.Process(process.pid).cpu_times()[:2])
+                time.sleep(0.01)
+        assert after - before < 2.0
+        assert process.wait(60.0) == 0
+        assert len(read(out / "serve.parquet")) > 0 and (out / "serve.rrd").is_file()
+    finally:
+        process.kill()
+        process.wait()
 
 
 CLIENT = """

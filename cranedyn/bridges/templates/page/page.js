@@ -332,7 +332,7 @@ class Page {
       const {crane, inputs} = JSON.parse(await /** @type {FileList} */ (chooser.files)[0].text());
       if (JSON.stringify(crane) !== JSON.stringify(this.data.crane.record)) {
         this.tell("This file holds a drive of another crane; allowed is one of this page's.");
-      } else this.worker.postMessage({type: "replay", inputs: [...inputs]});
+      } else this.worker.postMessage({type: "replay", inputs});
     } catch {
       this.tell("This file holds no inputs of a drive; allowed is a .json file that “Save inputs” wrote.");
     }
@@ -352,6 +352,7 @@ class Page {
   /** Take a message of the worker. @param {any} message */
   receive(message) {
     if (message.type === "saved") download(message.file, message.blob);
+    else if (message.type === "refused") this.tell(message.text);
     else if (message.type === "state") {
       const state = /** @type {State} */ (message), before = this.state;
       this.state = state;

@@ -122,7 +122,7 @@ class Run {
 
   /** Change something from this control instant on. @param {string} kind @param {any} value */
   input(kind, value) {
-    const reason = this.refusal(kind, value);
+    const reason = inputRefusal(this.data, kind, value);
     if (reason !== null) {
       this.event = reason;
       return;
@@ -143,32 +143,6 @@ class Run {
         this.kernel.beginPlanning(this.assistant.ramps);
       }
     }
-  }
-
-  /**
-   * Why an input ends the run, or null: a drive to show again is a file that anybody may have written.
-   * @param {string} kind @param {any} value @returns {string | null}
-   */
-  refusal(kind, value) {
-    const {data} = this, count = data.crane.drives.length;
-    /** @param {any} x @param {number} least @param {number} most */
-    const within = (x, least, most) => typeof x === "number" && x >= least && x <= most;
-    /** @param {any} list @param {number} limit */
-    const numbers = (list, limit) => Array.isArray(list) && list.length === count
-      && list.every(x => within(x, -limit, limit));
-    /** @type {Record<string, () => boolean>} */
-    const possible = {
-      sticks: () => numbers(value, 1),
-      goal: () => numbers(value, LARGEST),
-      stop: () => typeof value === "boolean",
-      assist: () => data.assistances.some(({name}) => name === value),
-      task: () => value === null || data.tasks.some(({name}) => name === value),
-      slider: () => Array.isArray(value)
-        && data.sliders.some(({name, least, most}) => name === value[0] && within(value[1], least, most)),
-    };
-    const known = Object.hasOwn(possible, kind);
-    return known && possible[kind]() ? null
-      : `The input ${String(kind).slice(0, 20)} is impossible: ${String(JSON.stringify(value)).slice(0, 60)}.`;
   }
 
   /** @param {number[]} goal Positions of the drives. */
@@ -390,6 +364,55 @@ function boxMeets(box, part) {
     const [a, b] = shadow(box), [c, d] = shadow(part.corners);
     return a <= d && c <= b;
   });
+}
+
+/**
+ * Why an input is impossible, or null: a drive to show again is a file that anybody may have written.
+ * @param {PageData} data @param {any} kind @param {any} value @returns {string | null}
+ */
+function inputRefusal(data, kind, value) {
+  const count = data.crane.drives.length;
+  /** @param {any} x @param {number} least @param {number} most */
+  const within = (x, least, most) => typeof x === "number" && x >= least && x <= most;
+  /** @param {any} list @param {number} limit */
+  const numbers = (list, limit) => Array.isArray(list) && list.length === count
+    && list.every(x => within(x, -limit, limit));
+  /** @type {Record<string, () => boolean>} */
+  const possible = {
+    sticks: () => numbers(value, 1),
+    goal: () => numbers(value, LARGEST),
+    stop: () => typeof value === "boolean",
+    assist: () => data.assistances.some(({name}) => name === value),
+    task: () => value === null || data.tasks.some(({name}) => name === value),
+    slider: () => Array.isArray(value)
+      && data.sliders.some(({name, least, most}) => name === value[0] && within(value[1], least, most)),
+  };
+  const known = typeof kind === "string" && Object.hasOwn(possible, kind);
+  return known && possible[kind]() ? null
+    : `The input ${String(kind).slice(0, 20)} is impossible: ${String(JSON.stringify(value)).slice(0, 60)}.`;
+}
+
+/**
+ * Why something is no list of inputs of a drive, or null. A list is taken as a whole or not at all.
+ * @param {PageData} data @param {any} inputs @returns {string | null}
+ */
+function replayRefusal(data, inputs) {
+  if (!Array.isArray(inputs)) return "The file has no list of inputs.";
+  let last = 0;
+  for (const [i, input] of inputs.entries()) {
+    const shown = String(JSON.stringify(input)).slice(0, 60);
+    if (!Array.isArray(input) || input.length !== 3) {
+      return `Input ${i + 1} of the file is ${shown}; allowed is [instant, kind, value].`;
+    }
+    const [instant, kind, value] = input;
+    if (!Number.isSafeInteger(instant) || instant < last) {
+      return `The instant of input ${i + 1} of the file, ${shown}, is not a whole number from ${last} on.`;
+    }
+    const reason = inputRefusal(data, kind, value);
+    if (reason !== null) return `Input ${i + 1} of the file: ${reason}`;
+    last = instant;
+  }
+  return null;
 }
 
 /**

@@ -99,6 +99,11 @@ class Session {
     else if (type === "save") this.save(message.file);
     else if (type === "reset") this.reset();
     else if (type === "replay") {
+      const reason = replayRefusal(this.data, message.inputs);
+      if (reason !== null) {
+        postMessage({type: "refused", text: `${reason} Nothing of it is replayed.`});
+        return;
+      }
       this.run = new Run(this.data, this.code);
       this.due = 0;
       this.waiting = [...message.inputs].reverse();
