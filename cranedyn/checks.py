@@ -182,7 +182,7 @@ def weight_matrix(name: str, value: Any, size: int, *, definite: bool) -> np.nda
     """
     weight = as_array(name, value, (size, size))
     allowed = "symmetric and positive " + ("definite" if definite else "semidefinite")
-    matrix = f"a {size} by {size} matrix"
+    matrix = f"a matrix of {size} by {size}"
     if not np.isfinite(weight).all():
         raise OutOfRange(name, f"{matrix} with numbers that are not finite", allowed)
     if not np.allclose(weight, weight.T):

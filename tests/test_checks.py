@@ -157,7 +157,7 @@ mpc(crane, short, effort_limit=(1e4, 1e3)) => effort limit is (10000.0, 1000.0);
 mpc(crane, short, rate_limit=(0.0, 1.0, 1.0)) => rate limit of gamma is 0.0 rad/s; allowed is > 0.
 mpc(crane, short, swing_limit=0.0) => swing limit is 0.0 rad; allowed is > 0.
 mpc(crane, short, swing_limit=2.0) => swing limit is 2.0 rad; allowed is 0 to 1.5708.
-mpc(crane, short, effort_weight=np.zeros((3, 3))) => effort weight is a 3 by 3 matrix with the eigen
+mpc(crane, short, effort_weight=np.zeros((3, 3))) => effort weight is a matrix of 3 by 3 with the ei
 receding(crane, limits, period=0.052) => period is 0.052 s; allowed is a multiple of control_period
 receding(crane, limits, stage=0.052) => stage is 0.052 s; allowed is a multiple of control_period =
 receding(crane, limits, stages=1) => stages is 1 stages; allowed is a whole number >= 2.
@@ -291,9 +291,9 @@ crane.state(phi=1.58) => phi at the start is 1.58 rad; allowed is -1.5708 to 1.5
 crane.state(gamma=nan) => gamma at the start is nan rad; allowed is a finite number.
 crane.state(l_dot=inf) => l_dot at the start is inf m/s; allowed is a finite number.
 crane.state(x='far') => x at the start is far; allowed is a number [m].
-riccati(one, one, -one[0], one[0]) => state weight is a 1 by 1 matrix with the eigenvalue -1; allowe
-riccati(one, one, one[0], 0.0 * one[0]) => effort weight is a 1 by 1 matrix with the eigenvalue 0; a
-riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is a 2 by 2 matrix t
+riccati(one, one, -one[0], one[0]) => state weight is a matrix of 1 by 1 with the eigenvalue -1; all
+riccati(one, one, one[0], 0.0 * one[0]) => effort weight is a matrix of 1 by 1 with the eigenvalue 0
+riccati(np.eye(2)[None], np.ones((1, 2, 1)), np.tri(2), one[0]) => state weight is a matrix o
 optimum(goal=moved(x=20.0)) => x at the goal is 30.0 m; allowed is 2 to 22.
 optimum(start=moved(l=-14.0)) => l at the start is 1.0 m; allowed is 3.4 to 26.4.
 optimum(start=moved(phi=0.2)) => phi at the start is 0.2 rad; allowed is -0.1 to 0.1.
@@ -528,3 +528,36 @@ def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
             OutOfRange, match=r"position of the setpoint is (an array of shape|nan)"
         ):
             hanging_reference(C, table, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "sentence"),
+    [
+        (
+            "3600,0",
+            "kg",
+            "mass is '3600,0'; allowed is a number [kg]. Use a decimal point: 3600.0.",
+        ),
+        ("heavy", "kg", "mass is heavy; allowed is a number [kg]."),
+        (math.nan, "kg", "mass is nan kg; allowed is a finite number."),
+    ],
+)
+def test_a_decimal_comma_is_told_to_be_a_point_and_only_a_number_has_a_unit(
+    value: object, unit: str, sentence: str
+) -> None:
+    with pytest.raises(OutOfRange) as caught:
+        number("mass", value, unit)
+    assert str(caught.value) == sentence
+
+
+def test_a_cost_that_was_computed_is_not_blamed_on_a_weight_that_nobody_gave(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(riccati.__globals__, "stationary", lambda *_: -np.eye(18))
+    a, b = np.eye(18)[None], np.ones((1, 18, 1))
+    with pytest.raises(CraneError) as caught:
+        riccati(a, b, np.eye(18), np.eye(1))
+    sentence = str(caught.value)
+    assert sentence.startswith("There is no linear-quadratic regulator about the end of this")
+    assert "a matrix of 18 by 18 with the eigenvalue -1" in sentence
+    assert "[[" not in sentence and len(sentence) < 400
