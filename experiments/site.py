@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.special import pdtri
 
-from cranedyn.checks import number, whole
+from cranedyn.checks import number, whole, worker_count
 from cranedyn.interfaces import State
 from cranedyn.sites.assumptions import site_assumptions
 from cranedyn.sites.bodies import place_capsules
@@ -348,6 +348,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     number("minutes", options.minutes, "min", "> 0")
     whole("seed", options.seed, 0)
     whole("cycles", options.cycles, 1)
+    worker_count("jobs", options.jobs)
     shifts, searches = [], math.ceil(options.minutes / SEARCH)
     update = setup.reporter.count("shifts and searches", len(options.site) * (1 + searches))
     for site in map(read_crane_site, options.site):

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.checks import whole
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.dynamics.converters import Converters, converters
@@ -294,8 +295,10 @@ def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int)
         seed: Of the random numbers.
 
     Raises:
+        OutOfRange: If the seed is not a whole number from 0.
         CraneError: If the table would not fit the memory.
     """
+    seed = whole("seed", seed, 0)
     plans = grid(
         strategy=list(names),
         drive=drive,

@@ -126,6 +126,7 @@ def test_another_stepping_rule_runs_and_leaves_the_claims_of_the_usual_one_unjud
     [
         ("--seed -1", "seed is -1; allowed is a whole number >= 0"),
         ("--cycles 0", "cycles is 0; allowed is a whole number >= 1"),
+        ("--jobs 0", "jobs is 0; allowed is a whole number >= 1"),
         ("--hours 0", "hours is 0.0 h; allowed is > 0"),
         ("--hours nan", "hours is nan h; allowed is > 0"),
     ],

@@ -299,6 +299,7 @@ def test_the_command_draws_goes_on_and_refuses_what_has_no_effect(tmp_path: Path
         (["--only", FLAT], "--only has no effect without --cases"),
         (["--without", FLAT], "--without has no effect without --cases"),
         (["--cases", "8", "--only", FLAT, "--without", FLAT], "No strategy is left"),
+        (["--cases", "5", "--seed", "-1"], "seed is -1; allowed is a whole number >= 0"),
         (["--seed", "2"], "--seed has no effect without --cases"),
     ],
 )
