@@ -1579,7 +1579,8 @@ cranedyn/data/bounded.py
 ? logs::memory_time_and_size_are_bounded
 - if file.seek(0, os.SEEK_END) > LARGEST_FILE:
 + if False:
-* a reader of a binary file may take any time
+cranedyn/data/reading_process.py
+* a reader of a file may take any time
 ? logs::memory_time_and_size_are_bounded
 - timeout=WALL_TIME,
 + timeout=None,

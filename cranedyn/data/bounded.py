@@ -1,7 +1,5 @@
 """Binary files of strangers, read in a process of their own with bounds on memory and time.
 
-The libraries that read such files are written in C, Cython and Rust. A file with one wrong byte may
-end the process that reads it, or ask for a terabyte of memory; neither can be caught. So
 `cranedyn.data.binary_reader` reads them, and what it found comes back as a line of JSON and bytes.
 """
 
@@ -9,9 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
-import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +15,9 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
+from cranedyn.data import reading_process
 from cranedyn.data.files import open_file
+from cranedyn.data.reading_process import run_reader, why_it_ended
 from cranedyn.errors import CraneError, DataError
 
 Kind = Literal["mat", "hdf5", "workbook", "rosbag2"]
@@ -28,15 +25,6 @@ Kind = Literal["mat", "hdf5", "workbook", "rosbag2"]
 
 LARGEST_FILE = 1_000_000_000
 """Largest binary file that is read, and most bytes that may be found in it [byte]."""
-
-MEMORY = 4_000_000_000
-"""Largest address space of the reading process [byte]."""
-
-CPU_TIME = 60
-"""Longest processor time of the reading process [s]."""
-
-WALL_TIME = 120.0
-"""Longest time that the reading process may take [s]."""
 
 _LONGEST_HEADER = 100_000_000
 """Longest line of JSON in front of the bytes [byte]."""
@@ -76,7 +64,8 @@ def read_bounded(path: str | Path, kind: Kind, content: bytes | None = None) -> 
         if file.seek(0, os.SEEK_END) > LARGEST_FILE:
             raise DataError(f"Cannot read {path}: it is larger than {LARGEST_FILE / 1e6:g} MB.")
         file.seek(0)
-        code = _run(path, kind, file, output)
+        limits = [str(reading_process.MEMORY), str(reading_process.CPU_TIME), str(LARGEST_FILE)]
+        code = run_reader(_PROGRAM, [kind, *limits], path, output, source=file)
         output.seek(0)
         line = output.readline(_LONGEST_HEADER)
         header = _header(line)
@@ -88,7 +77,7 @@ def read_bounded(path: str | Path, kind: Kind, content: bytes | None = None) -> 
         if "error" in header:
             raise DataError(f"Cannot read {path}: {str(header['error']).rstrip('.')}.")
         if code != 0 or "bytes" not in header:
-            raise DataError(f"Cannot read {path}: {_reason(code)}.")
+            raise DataError(f"Cannot read {path}: {why_it_ended(code)}.")
         found = np.frombuffer(output.read(), dtype=np.uint8)
     if len(found) != header["bytes"]:
         raise DataError(f"Cannot read {path}: its reader broke off; the file is damaged.")
@@ -104,35 +93,6 @@ def _input(path: str | Path, content: bytes | None) -> BinaryIO:
     return file
 
 
-def _run(path: str | Path, kind: Kind, file: BinaryIO, output: BinaryIO) -> int:
-    """Run the reading program and return its exit status, negative for a signal."""
-    limits = [str(MEMORY), str(CPU_TIME), str(LARGEST_FILE)]
-    environment = {
-        **os.environ,
-        "OPENBLAS_NUM_THREADS": "1",  # each thread would reserve memory
-        "OMP_NUM_THREADS": "1",
-        "HDF5_PLUGIN_PRELOAD": "::",  # no filter is loaded from a folder
-        "HDF5_USE_FILE_LOCKING": "FALSE",
-    }
-    try:
-        # -P: no module of the current folder takes the place of one that is installed.
-        return subprocess.run(
-            [sys.executable, "-P", str(_PROGRAM), kind, *limits],
-            stdin=file,
-            stdout=output,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-            timeout=WALL_TIME,
-            check=False,
-        ).returncode
-    except subprocess.TimeoutExpired:
-        raise DataError(
-            f"Cannot read {path}: reading it takes more than {WALL_TIME:g} s."
-        ) from None
-    except OSError as error:
-        raise DataError(f"Cannot read {path}: no process to read it can be started.") from error
-
-
 def _header(line: bytes) -> Mapping[str, Any]:
     """Return the description in front of the bytes; empty if there is none."""
     try:
@@ -140,17 +100,3 @@ def _header(line: bytes) -> Mapping[str, Any]:
     except (ValueError, RecursionError):
         return {}
     return header if isinstance(header, dict) else {}
-
-
-def _reason(code: int) -> str:
-    """Return why the reading process ended without a word, by its exit status."""
-    if code == -signal.SIGXCPU or code == -signal.SIGKILL:
-        return f"reading it takes more than {CPU_TIME} s of processor time, or too much memory"
-    if code == -signal.SIGABRT:
-        return (
-            f"its reader gave up; the file is damaged, or it needs more than {MEMORY / 1e9:.0f} GB "
-            "of memory"
-        )
-    if code < 0:
-        return f"its reader crashed ({signal.Signals(-code).name}); the file is damaged"
-    return "its reader ended without a result; the file is damaged"

@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -21,22 +19,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.data import reading_process
 from cranedyn.data.files import read_text
+from cranedyn.data.reading_process import run_reader, why_it_ended
 from cranedyn.errors import CraneError, ModelError, OutOfRange, printable, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT
 from cranedyn.model.foreign import ForeignModel
+from cranedyn.model.joints import MAX_MOVING_JOINTS
 from cranedyn.model.urdf import inertial_element, numbers_text, parse_urdf, set_placement, skeleton
 
 _PROGRAM = Path(__file__).with_name("mjcf_compiler.py")
-
-_MEMORY = 4_000_000_000
-"""Largest address space of MuJoCo's compiler [byte]."""
-
-_CPU_TIME = 60
-"""Longest processor time of MuJoCo's compiler [s]."""
-
-_WALL_TIME = 120.0
-"""Longest time that MuJoCo's compiler may take [s]."""
 
 _MOST_INCLUDED = 100
 """Number of files that one model may include."""
@@ -76,6 +68,10 @@ def read_mjcf(root: ET.Element, path: Path) -> ForeignModel:
     """
     _check_files(root, path)
     model = _compiled(path)
+    if len(model["joints"]) > MAX_MOVING_JOINTS:
+        raise ModelError(
+            f"{path} has {len(model['joints'])} joints that move; allowed are {MAX_MOVING_JOINTS}."
+        )
     robot = _Converter(model, path).robot()
     notes = [printable(note) for note in model["notes"]]
     notes += _drive_notes(model)
@@ -123,22 +119,13 @@ def _check_files(root: ET.Element, path: Path) -> None:
 
 def _compiled(path: Path) -> dict[str, Any]:
     """Return what MuJoCo's compiler makes of a file, see `cranedyn.model.mjcf_compiler`."""
-    arguments = [str(path.resolve()), str(_MEMORY), str(_CPU_TIME)]
-    # MuJoCo writes its log into the current folder. -P: nothing there is imported.
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            done = subprocess.run(
-                [sys.executable, "-P", str(_PROGRAM), *arguments],
-                cwd=folder,
-                capture_output=True,
-                timeout=_WALL_TIME,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise ModelError(
-                f"{path} cannot be loaded: MuJoCo needs more than {_WALL_TIME:g} s to compile it."
-            ) from None
-    lines = done.stdout.decode("utf-8", "replace").splitlines()
+    limits = [str(reading_process.MEMORY), str(reading_process.CPU_TIME)]
+    # In a folder of its own, since MuJoCo writes its log into the current one.
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
+        arguments = [str(path.resolve()), *limits]
+        code = run_reader(_PROGRAM, arguments, path, output, folder=folder)
+        output.seek(0)
+        lines = output.read().decode("utf-8", "replace").splitlines()
     try:
         found = json.loads(lines[-1]) if lines else {}
     except ValueError:
@@ -152,10 +139,7 @@ def _compiled(path: Path) -> dict[str, Any]:
         reason = printable(" ".join(str(found["error"]).split()).rstrip("."))
         raise ModelError(f"{path} is not a crane in MJCF: {reason}.")
     if "model" not in found:
-        raise ModelError(
-            f"{path} cannot be loaded: MuJoCo's compiler broke off, or needs more than "
-            f"{_MEMORY / 1e9:g} GB of memory or {_CPU_TIME} s."
-        )
+        raise ModelError(f"{path} cannot be loaded: {why_it_ended(code)}.")
     model: dict[str, Any] = found["model"]
     return model
 

@@ -13,7 +13,7 @@ import pyarrow.parquet
 import pytest
 from scipy.io import savemat
 
-from cranedyn.data import bounded
+from cranedyn.data import bounded, reading_process
 from cranedyn.data.external import ExternalTable, Source, load_external, parse_sources
 from cranedyn.data.logs import find_format, open_log
 from cranedyn.errors import CraneError, DataError
@@ -325,11 +325,11 @@ def test_memory_time_and_size_are_bounded(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(DataError, match=r"it is larger than 0\.001 MB"):
         open_log(path)
     monkeypatch.undo()
-    monkeypatch.setattr(bounded, "MEMORY", 200_000_000)
+    monkeypatch.setattr(reading_process, "MEMORY", 200_000_000)
     with pytest.raises(DataError, match=r"memory|gave up|ended without a result"):
         open_log(path)
     monkeypatch.undo()
-    monkeypatch.setattr(bounded, "WALL_TIME", 0.01)
+    monkeypatch.setattr(reading_process, "WALL_TIME", 0.01)
     with pytest.raises(DataError, match=r"takes more than 0\.01 s"):
         open_log(path)
 

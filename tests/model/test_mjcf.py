@@ -17,6 +17,7 @@ import scipy
 
 from cranedyn.__main__ import main
 from cranedyn.controllers import hold_controller
+from cranedyn.data import reading_process
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
@@ -378,12 +379,17 @@ def test_without_mujoco_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
 def test_a_model_that_asks_for_everything_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mjcf, "_CPU_TIME", 2)
+    monkeypatch.setattr(reading_process, "CPU_TIME", 2)
     many = "<replicate count='100000000' offset='0 0 .1'><geom size='.1'/></replicate>"
-    with pytest.raises(
-        ModelError, match=r"broke off, or needs more than|more than .* GB of memory"
-    ):
+    with pytest.raises(ModelError, match=r"takes more than 2 s|more than .* GB of memory"):
         loaded(tmp_path, cart(below=many))
+
+
+def test_a_model_of_too_many_joints_is_refused(tmp_path: Path) -> None:
+    chain = "<body pos='0 0 -.1'><joint/><geom size='.01' pos='0 0 -.1'/>"
+    text = cart(below=chain * 130 + "</body>" * 130)
+    with pytest.raises(ModelError, match="has 132 joints that move; allowed are 128"):
+        loaded(tmp_path, text.replace(chain, chain.replace("pos='0 0 -.1'><j", "><j")))
 
 
 def test_a_model_whose_joints_do_otherwise_is_refused(
