@@ -25,6 +25,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import number
+from cranedyn.errors import OutOfRange
 from cranedyn.model.layout import Layout
 
 STOPPING_TIME = 5e-3
@@ -33,6 +34,10 @@ STOPPING_TIME = 5e-3
 The slope of the law at rest is then that of a damper with this time constant. Semi-implicit Euler
 is stable in steps up to twice the time constant, RK4 up to 2.8 times, so that all steps in use here
 (0.5 to 10 ms) are stable."""
+
+_LARGEST_WIDTH = 1.0
+"""Largest width of the law [rad/s or m/s]: with a wider one friction would be a mere damper at the
+rates of a crane."""
 
 _MOST_COMBINED_DRIVES = 8
 """Number of drives up to which all combinations of the ends of their ranges are looked at for the
@@ -97,13 +102,30 @@ def smooth_friction(
         upper: Their upper ends, shape (n,).
         drives: Indices of the driven joints among the coordinates.
         start: Coordinates at which runs start, shape (n,).
+
+    Raises:
+        OutOfRange: If friction is so large for the inertia of a joint that the law is too wide.
     """
     joints = tuple(np.flatnonzero(efforts).tolist())
     if not joints:
         return None
     mobility = _largest_mobility(model, lower, upper, drives, start)[list(joints)]
     effort = efforts[list(joints)]
-    return DryFriction(joints, effort, STOPPING_TIME * effort * mobility)
+    width = STOPPING_TIME * effort * mobility
+    for joint, friction, moved in zip(joints, effort, mobility, strict=True):
+        fastest = float(model.velocityLimit[joint])
+        widest = min(fastest, _LARGEST_WIDTH) if fastest > 0.0 else _LARGEST_WIDTH
+        largest = widest / (STOPPING_TIME * moved)
+        if friction > largest:
+            name = model.names[joint + 1]
+            raise OutOfRange(
+                f"dry friction of {name}",
+                float(friction),
+                f"{largest:.3g} at most for the inertia of that joint; one that rubs more hardly "
+                f"moves: hold it by locked=[{name!r}], or --locked, or leave its friction out",
+                "N m or N",
+            )
+    return DryFriction(joints, effort, width)
 
 
 def _largest_mobility(
@@ -144,7 +166,7 @@ def friction_notes(friction: DryFriction | None, layout: Layout) -> list[str]:
         for i, effort, width in zip(friction.joints, friction.effort, friction.width, strict=True):
             joint = layout.joints[i]
             notes.append(
-                f"Dry friction of {joint.symbol}: {effort:g} {joint.effort_unit}, simulated as a "
+                f"Dry friction of {joint.name}: {effort:g} {joint.effort_unit}, simulated as a "
                 f"smooth function of the rate that reaches 71 % at {width:.3g} {joint.unit}/s."
             )
     return notes

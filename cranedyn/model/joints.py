@@ -21,6 +21,9 @@ _FIVE_TURNS, _EFFORT = 31.4159, 1e6
 as those of the tower crane of this project."""
 
 
+_NAMED = 20
+"""Number of joints that an error message names."""
+
 MAX_MOVING_JOINTS = 128
 """Largest number of joints that move. Pinocchio's data grow with the cube of it: with 400 joints
 they take 4 GB, with 900 they end the process."""
@@ -198,9 +201,11 @@ def driven_joints(
             raise UnknownName("moving joint", name, names)
     if not (declared or driven):
         raise ModelError(
-            f"{path} gives no joint a command interface in <ros2_control>; say which joints drives "
-            "move by load_crane(driven=[...]), or --driven. If the hook hangs on a rigid joint, "
-            "swing=True, or --swing, puts a rope above it."
+            f"{path} does not say which joints are driven, by <ros2_control>, <transmission> or an "
+            "actuator; say it by load_crane(driven=[...]), or --driven. Its joints are "
+            f"{', '.join(map(quoted, names[:_NAMED]))}"
+            f"{f' and {len(names) - _NAMED} more' if len(names) > _NAMED else ''}. If the hook "
+            "hangs on a rigid joint, swing=True, or --swing, puts a rope above it."
         )
     return declared or {*(driven or ())}
 

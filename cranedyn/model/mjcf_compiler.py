@@ -1,10 +1,11 @@
 """Program that compiles an MJCF file by MuJoCo and prints what a crane needs of it.
 
-    python mjcf_compiler.py FILE MEMORY CPU_TIME
+    python mjcf_compiler.py FILE MEMORY CPU_TIME MAX_JOINTS
 
 MuJoCo's compiler is written in C++, and a file of a stranger may ask it for any amount of memory or
 time. So `cranedyn.model.mjcf` runs it in a process of its own, which limits its memory [byte] and
-its processor time [s] first. It imports nothing of this package.
+its processor time [s] first; a model of more joints than MAX_JOINTS is refused. It imports nothing
+of this package.
 
 The last line of the output is JSON: {"model": …}, see `describe_model`; {"error": sentence} where
 MuJoCo refuses the file or a crane cannot be what it describes; or {"missing": true} where MuJoCo is
@@ -52,18 +53,30 @@ def limit_resources(memory: int, cpu_time: int) -> None:
 
 
 def read_spec(mujoco: Any, path: Path) -> tuple[Any, list[str]]:
-    """Return the specification of a model in which hinges have taken the place of ball joints, and
-    a note on each of them.
+    """Return the specification of a model without sensors, in which hinges have taken the place of
+    ball joints, and a note on each of these.
 
     Raises:
-        Refused: If a ball joint is not the last joint of its body.
+        Refused: If a ball joint is not the last joint of its body, or an actuator acts on it.
     """
     spec = mujoco.MjSpec.from_file(str(path))
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)  # they do not move anything, and may refer to a ball joint
     balls = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_BALL]
+    taken = {joint.name for joint in spec.joints}
     notes = []
     for joint in balls:
         body = joint.parent
         label = joint.name or f"{body.name or 'ball'}_joint"
+        while not joint.name and f"{label}_y" in taken:
+            label += "_"
+        taken.add(f"{label}_y")
+        for actuator in spec.actuators:
+            if joint.name and actuator.target == joint.name:
+                raise Refused(
+                    f"the actuator {actuator.name or 'without a name'} acts on the ball joint "
+                    f"{label}; the drives of a crane move slides and hinges"
+                )
         is_last = joint.name == body.joints[-1].name
         if not is_last or (len(body.joints) > 1 and not joint.name):
             raise Refused(
@@ -95,7 +108,7 @@ def read_spec(mujoco: Any, path: Path) -> tuple[Any, list[str]]:
     return spec, notes
 
 
-def refuse_what_no_crane_is(mujoco: Any, model: Any) -> list[str]:
+def refuse_what_no_crane_is(mujoco: Any, model: Any, max_joints: int) -> list[str]:
     """Check that a model is a tree of slides and hinges without other forces; return notes on what
     is left out without changing its motion.
 
@@ -104,6 +117,8 @@ def refuse_what_no_crane_is(mujoco: Any, model: Any) -> list[str]:
     """
     notes = []
     names = Names(mujoco, model)
+    if model.njnt > max_joints:
+        raise Refused(f"it has {model.njnt} joints that move; allowed are {max_joints}")
     for joint in range(model.njnt):
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             body = names.body(int(model.jnt_bodyid[joint]))
@@ -124,16 +139,16 @@ def refuse_what_no_crane_is(mujoco: Any, model: Any) -> list[str]:
         name = names.of("mjOBJ_TENDON", tendon)
         if acts:
             raise Refused(
-                f"the tendon {name} exerts forces; say the rope as a slide or hinge with its "
-                "stiffness and damping"
+                f"the tendon {name} exerts forces (stiffness, damping, friction, inertia or a "
+                "limit); leave it out, or give its joints what it does"
             )
         notes.append(f"The tendon {name} exerts no force and is left out.")
     for equality in range(model.neq):
         name = names.of("mjOBJ_EQUALITY", equality)
         if model.eq_active0[equality]:
             raise Refused(
-                f"the equality constraint {name} couples bodies or joints; a crane is a tree whose "
-                "joints move by themselves"
+                f"the equality constraint {name} couples bodies or joints, which an MJCF does by a "
+                "spring; leave it out, or say in a URDF that a joint follows another (<mimic>)"
             )
         notes.append(f"The equality constraint {name} is not active and is left out.")
     if model.nflex:
@@ -179,6 +194,12 @@ class Names:
         """Return the name of a body."""
         name = self._mujoco.mj_id2name(self._model, self._mujoco.mjtObj.mjOBJ_BODY, index)
         return name or self._new(f"body_{index}")
+
+    def geom(self, index: int) -> str:
+        """Return a phrase that names a geom, by its body if it has no name."""
+        name = self._mujoco.mj_id2name(self._model, self._mujoco.mjtObj.mjOBJ_GEOM, index)
+        body = self.body(int(self._model.geom_bodyid[index]))
+        return f"{name} of the body {body}" if name else f"a geom of the body {body}"
 
     def joint(self, index: int) -> str:
         """Return the name of a joint."""
@@ -238,13 +259,16 @@ class ActuatorRange:
 
 
 def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, ActuatorRange]:
-    """Return what drives each joint that an actuator moves, by the index of the joint.
+    """Return what drives each joint that an actuator moves, by the index of the joint; nothing
+    where the file switches its actuators off.
 
     Raises:
         Refused: If an actuator acts on something else than one slide or hinge.
     """
     on_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     names, found = Names(mujoco, model), dict[int, ActuatorRange]()
+    if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION):
+        return found
     for actuator in range(model.nactuator):
         if model.opt.disableactuator & (1 << max(int(model.actuator_group[actuator]), 0)):
             continue
@@ -263,6 +287,8 @@ def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, ActuatorRange]:
         actuation = found.setdefault(joint, ActuatorRange())
         actuation.low += ends[0]
         actuation.high += ends[1]
+        if model.actuator_delay[actuator] > 0.0:
+            kind = f"an actuator that acts {model.actuator_delay[actuator]:g} s late"
         if kind:
             actuation.kinds.append(kind)
     for joint, actuation in found.items():
@@ -315,15 +341,30 @@ def armature_of_joints(model: Any) -> list[float]:
     return armature
 
 
-def start_of(mujoco: Any, model: Any) -> tuple[list[float], str]:
-    """Return the coordinates at which the model starts, and the name of their keyframe: the one
-    named home or start, else the first; those of the reference posture if there is none.
+def start_of(mujoco: Any, model: Any) -> tuple[list[float], list[str]]:
+    """Return the coordinates at which the model starts, and notes on them: the keyframe named home
+    or start, else the first; the reference posture if there is none. A coordinate beyond its range
+    starts in the middle of it.
     """
-    if not model.nkey:
-        return model.qpos0.tolist(), ""
-    names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_KEY, i) or "" for i in range(model.nkey)]
-    chosen = next((i for i, name in enumerate(names) if name in ("home", "start")), 0)
-    return model.key_qpos[chosen].tolist(), names[chosen] or f"number {chosen + 1}"
+    start, notes, names = model.qpos0.tolist(), [], Names(mujoco, model)
+    if model.nkey:
+        keys = [
+            mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_KEY, i) or "" for i in range(model.nkey)
+        ]
+        chosen = next((i for i, name in enumerate(keys) if name in ("home", "start")), 0)
+        start = model.key_qpos[chosen].tolist()
+        label = keys[chosen] or f"number {chosen + 1}"
+        notes.append(f"The start is the keyframe {label} of the file.")
+    for joint in range(model.njnt):
+        low, high = model.jnt_range[joint].tolist()
+        if model.jnt_limited[joint] and not low <= start[joint] <= high:
+            middle = (low + high) / 2.0
+            notes.append(
+                f"{names.joint(joint)} starts at {middle:g}, in the middle of its range, since the "
+                f"{start[joint]:g} of the file is beyond it."
+            )
+            start[joint] = middle
+    return start, notes
 
 
 def refuse_supports(mujoco: Any, model: Any, start: list[float]) -> list[str]:
@@ -342,21 +383,18 @@ def refuse_supports(mujoco: Any, model: Any, start: list[float]) -> list[str]:
         moves = [model.body_weldid[model.geom_bodyid[geom]] != 0 for geom in geoms]
         if contact.dist > 0.0 or not any(moves):
             continue
-        pair = " and ".join(names.of("mjOBJ_GEOM", geom) for geom in geoms)
+        pair = " and ".join(names.geom(geom) for geom in geoms)
         # The normal points from the first geom to the second, which it pushes that way.
         upward = float(contact.frame[2]) * (1.0 if moves[1] else -1.0)
         if not all(moves) and upward > _CARRYING:
             raise Refused(
-                f"the load is carried by a contact where the model starts, of the geoms {pair}, "
-                "and contacts between bodies are not simulated; let it hang free at the start, or "
-                "let these geoms not collide (contype=0 and conaffinity=0)"
+                f"a body stands on another where the model starts: {pair} touch, and contacts are "
+                "not simulated; let it hang free at the start (a keyframe, or ref), or let these "
+                "geoms not collide (contype=0 and conaffinity=0)"
             )
         touching.append(pair)
     if touching:
-        return [
-            "Contacts between bodies are not simulated; the geoms "
-            f"{touching[0]} touch at the start."
-        ]
+        return [f"Contacts between bodies are not simulated; {touching[0]} touch at the start."]
     solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     moving = model.body_weldid[model.geom_bodyid] != 0
     if (solid & moving).any() and model.ngeom > 1:
@@ -432,7 +470,7 @@ def accelerations_at_random(
     return states
 
 
-def describe_model(mujoco: Any, path: Path) -> dict[str, Any]:
+def describe_model(mujoco: Any, path: Path, max_joints: int = 128) -> dict[str, Any]:
     """Return what a crane needs of an MJCF file: bodies, joints, drives, start, shapes, gravity,
     notes, and accelerations for comparison, in numbers, texts and lists.
 
@@ -441,11 +479,12 @@ def describe_model(mujoco: Any, path: Path) -> dict[str, Any]:
     """
     spec, notes = read_spec(mujoco, path)
     model = spec.compile()
-    notes += refuse_what_no_crane_is(mujoco, model)
+    notes += refuse_what_no_crane_is(mujoco, model, max_joints)
     names = Names(mujoco, model)
-    start, keyframe = start_of(mujoco, model)
-    if keyframe:
-        notes.append(f"The start is the keyframe {keyframe} of the file.")
+    start, start_notes = start_of(mujoco, model)
+    notes += start_notes
+    if int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION):
+        notes.append("The file switches its actuators off, so that they drive no joint.")
     notes += refuse_supports(mujoco, model, start)
     shapes, shape_notes = shapes_of(mujoco, model)
     disabled = int(model.opt.disableflags)
@@ -501,7 +540,7 @@ def describe_model(mujoco: Any, path: Path) -> dict[str, Any]:
     }
 
 
-def main(path: str, memory: str, cpu_time: str) -> int:
+def main(path: str, memory: str, cpu_time: str, max_joints: str) -> int:
     """Compile a file within limits and print what it describes."""
     limit_resources(int(memory), int(cpu_time))
     try:
@@ -510,7 +549,7 @@ def main(path: str, memory: str, cpu_time: str) -> int:
         print(json.dumps({"missing": True}))
         return 0
     try:
-        found: dict[str, Any] = {"model": describe_model(mujoco, Path(path))}
+        found: dict[str, Any] = {"model": describe_model(mujoco, Path(path), int(max_joints))}
     except Refused as error:
         found = {"error": str(error)}
     except MemoryError:

@@ -16,6 +16,9 @@ import pinocchio as pin
 from cranedyn.model.crane import Crane
 from cranedyn.model.springs import rest_stiffness
 
+_RESTORING = 0.02
+"""Stiffness of a joint over weight times distance of the load below which it does not swing."""
+
 LARGEST_DIFFERENCE = 0.2
 """Relative difference of the two periods from which on a crane says so. Loads on ropes of the usual
 length differ by a few per cent at most."""
@@ -46,8 +49,21 @@ def pendulum(crane: Crane) -> Pendulum | None:
     if not swings or not crane.rest.hangs:
         return None
     model, data, q = crane.model, crane.data, crane.rest.q
+    pin.forwardKinematics(model, data, q)
+    load = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
+    all_stiffness = rest_stiffness(model, data, crane.springs, q, crane.coupling)
+    weight = crane.payload_mass * crane.gravity
+    # Joints about the vertical, such as a swivel, turn freely: gravity does not restore them.
+    swings = [
+        i
+        for i in swings
+        if all_stiffness[i, i]
+        > _RESTORING * weight * float(np.linalg.norm(load - data.oMi[i + 1].translation))
+    ]
+    if not swings:
+        return None
     among = np.ix_(swings, swings)
-    stiffness = rest_stiffness(model, data, crane.springs, q, crane.coupling)[among]
+    stiffness = all_stiffness[among]
     try:
         # K x = ω² M x by the factors of M: loading a crane need not wait for SciPy.
         factor = np.linalg.cholesky(crane.mass_matrix(q)[among])
@@ -58,8 +74,6 @@ def pendulum(crane: Crane) -> Pendulum | None:
     if not np.isfinite(squares).all():
         return None
     squares = squares[squares > _RESTORED**2 * squares.max()]
-    pin.forwardKinematics(model, data, q)
-    load = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
     length = float(np.linalg.norm(load - data.oMi[swings[0] + 1].translation))
     if not len(squares) or not length > 0.0:
         return None

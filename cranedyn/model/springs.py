@@ -237,6 +237,9 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
 _ITERATIONS, _LEAST_STEP = 50, 1e-13
 """Most steps of Newton's method, and the step at which it has converged [rad or m]."""
 
+_UNHELD = 1e-6
+"""Share of the weight of the crane that may act on a joint at rest [m or 1]."""
+
 _ROUND_OFF = 1e-12
 """Angles and slopes of rest below this are zero."""
 
@@ -293,7 +296,11 @@ def solve_rest(
         if coupling is not None:
             q = coupling.complete(q)
         if largest < _LEAST_STEP:
-            return q
+            if np.abs(torque[passive]).max() <= _UNHELD * gravity * sum(
+                inertia.mass for inertia in model.inertias
+            ):
+                return q
+            break  # what nothing restores falls, such as a free slide along the vertical
     q[passive] = np.nan
     return q
 

@@ -141,7 +141,8 @@ def _check_inertial(link: ET.Element, context: str) -> None:
         raise OutOfRange(
             f"principal moments of inertia of {context}",
             ", ".join(f"{moment:.6g}" for moment in moments),
-            "positive semidefinite, the largest at most the sum of the others",
+            "positive semidefinite, the largest at most the sum of the others, as of every body; "
+            "correct <inertia>",
             "kg m²",
         )
 
@@ -224,7 +225,10 @@ def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], context: 
     if not ends or (link := ends[0].get("link")) is None:
         raise ModelError(f"The {context} needs a {tag} link.")
     if link not in links:
-        raise ModelError(f"The {context} has the {tag} link {link!r}, which is not there.")
+        raise ModelError(
+            f"The {context} has the {tag} link {link!r}, which is not there; add <link "
+            f'name="{printable(link)}"/>, or correct the name.'
+        )
     return link
 
 

@@ -230,7 +230,7 @@ PARTS: dict[str, tuple[dict[str, str], str]] = {
     ),
     "load that stands": (
         {"beside": "<geom name='floor' type='plane' size='9 9 1' pos='0 0 4.95'/>"},
-        "carried by a contact where the model starts, of the geoms floor and ball",
+        "floor of the body world and ball of the body hook touch, and contacts are not simulated",
     ),
     "weightless": ({"beside": "<body gravcomp='1' pos='9 0 0'><joint name='z'/>"
                     "<geom size='.1'/></body>"}, "weight of the body body_3 is compensated"),
@@ -269,12 +269,17 @@ def test_what_no_crane_is_is_refused_by_name(tmp_path: Path, name: str) -> None:
 
 
 def test_gravity_that_is_not_along_minus_z_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OutOfRange, match=r"gravity of .* is 1 0 -9 m/s²; allowed is a vector"):
+    with pytest.raises(OutOfRange, match=r"is 1 0 -9 m/s²; allowed is a vector .*; turn the model"):
         loaded(tmp_path, cart(head="<option gravity='1 0 -9'/>"))
     floating = cart(head="<option><flag gravity='disable'/></option>")
     with pytest.raises(OutOfRange, match=r"is 0\.0 m/s²; allowed is > 0; give another by gravity="):
         loaded(tmp_path, floating)
     assert loaded(tmp_path, floating, gravity=3.7).gravity == 3.7
+
+
+def test_gravity_that_leans_by_round_off_is_taken(tmp_path: Path) -> None:
+    crane = loaded(tmp_path, cart(head="<option gravity='1e-5 0 -9.81'/>"))
+    assert crane.gravity == pytest.approx(9.81)
 
 
 def test_every_child_of_the_world_counts(tmp_path: Path) -> None:
@@ -386,10 +391,53 @@ def test_a_model_that_asks_for_everything_is_refused(
 
 
 def test_a_model_of_too_many_joints_is_refused(tmp_path: Path) -> None:
-    chain = "<body pos='0 0 -.1'><joint/><geom size='.01' pos='0 0 -.1'/>"
-    text = cart(below=chain * 130 + "</body>" * 130)
+    body = "<body pos='0 0 -.1'><joint/><geom size='.01' pos='0 0 -.1'/></body>"
     with pytest.raises(ModelError, match="has 132 joints that move; allowed are 128"):
-        loaded(tmp_path, text.replace(chain, chain.replace("pos='0 0 -.1'><j", "><j")))
+        loaded(tmp_path, cart(below=body * 130))
+
+
+def test_balls_without_names_and_their_sensors_are_read(tmp_path: Path) -> None:
+    ball = "<body><joint type='ball'/><geom size='.1' pos='0 0 -2'/>{}</body>"
+    crane = loaded(tmp_path, cart(below=ball.format(ball.format(""))))
+    assert len({*crane.layout.symbols}) == 6
+    named = ball.format("").replace("<joint", "<joint name='b'")
+    sensor = "<sensor><ballquat joint='b'/></sensor>"
+    assert loaded(tmp_path, cart(below=named, tail=sensor)).layout.n == 4
+    drive = "<actuator><motor name='turn' joint='b'/></actuator>"
+    with pytest.raises(ModelError, match="actuator turn acts on the ball joint b; the drives"):
+        loaded(tmp_path, cart(below=named, tail=drive))
+
+
+def test_a_start_beyond_its_range_is_in_the_middle_of_it_for_contacts_too(tmp_path: Path) -> None:
+    text = cart(beside="<geom name='floor' type='plane' size='9 9 1' pos='0 0 4.95'/>")
+    hoist = 'type="slide" axis="0 0 1" range="1 3"'
+    text = text.replace('type="slide" axis="1 0 0" range="-4 4"', hoist)
+    crane = loaded(tmp_path, text)
+    assert crane.start.q[0] == 2.0
+    assert (
+        "rail starts at 2, in the middle of its range, since the 0 of the file is beyond it."
+        in (crane.assumptions)
+    )
+
+
+def test_a_late_actuator_and_actuators_that_are_off_are_said(tmp_path: Path) -> None:
+    late = loaded(tmp_path, cart(motor="delay='0.05' nsample='6'"))
+    assert any("an actuator that acts 0.05 s late" in note for note in late.assumptions)
+    off = cart(head="<option><flag actuation='disable'/></option>", motor="ctrlrange='-9 9'")
+    with pytest.raises(
+        ModelError, match=r"does not say which .* driven.*joints are rail, swing"
+    ):
+        loaded(tmp_path, off)
+    crane = loaded(tmp_path, off, driven=["rail"])
+    assert crane.effort_limit.tolist() == [1e6]
+    assert "The file switches its actuators off, so that they drive no joint." in crane.assumptions
+
+
+def test_joints_that_depend_on_each_other_are_refused(tmp_path: Path) -> None:
+    slides = "".join(f"<joint type='slide' axis='{axis}'/>" for axis in ("1 0 0", "0 1 0", "1 1 0"))
+    text = cart(beside=f"<body pos='9 0 0'>{slides}<geom size='.1'/></body>")
+    with pytest.raises(ModelError, match=r"not independent of each other|differ from MuJoCo's"):
+        loaded(tmp_path, text, payload="swing")
 
 
 def test_a_model_whose_joints_do_otherwise_is_refused(

@@ -123,7 +123,7 @@ def test_a_crane_of_gz_sim_is_read_with_its_limits_drives_springs_and_looks(tmp_
     period = 2.0 * np.pi * np.sqrt((20.0 * 16.0 + 0.4) / (20.0 * crane.gravity * 4.0 + 3.0))
     start = crane.state(rope_axis=0.0, rope_axis2=crane.start.q[2] + 0.01)
     run = cd.simulate(
-        crane, hold_controller(crane), start=start, duration=4.0, dt=1e-3, drive="motion"
+        crane, hold_controller(crane), start=start, duration=6.0, dt=1e-3, drive="motion"
     )
     # After half a period the offset from rest is the opposite one, but for (0.01 rad)²/16.
     half = np.interp(period / 2.0, run.t, run.q[:, 2] - crane.start.q[2])
