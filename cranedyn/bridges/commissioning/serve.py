@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import atexit
 import contextlib
 import gc
 import logging
@@ -273,6 +274,9 @@ def run(options: argparse.Namespace) -> int:
             text = f"This system grants no real-time priority ({error}); leave out --realtime."
             raise CraneError(text) from error
     cycles = round(options.duration / PERIOD)
+    # At its end Python looks through all objects for cycles, for a second or more, although the
+    # system takes back the memory anyway.
+    atexit.register(gc.freeze)
     try:
         # Ctrl-C is the usual end of a run. It raises nothing here, so that a second one, while
         # connections are closed or files are written, loses nothing.
