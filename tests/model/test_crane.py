@@ -352,8 +352,7 @@ def _vane(text: str) -> str:
 REFUSALS = {
     "no drives": (
         lambda u: u.replace("command_interface", "remark"),
-        r"gives no joint a command interface in <ros2_control>; say which joints drives move by "
-        r"load_crane\(driven=\[...\]\)",
+        r"does not say which joints are driven, .*; say it by load_crane\(driven=\[...\]\)",
     ),
     "wrong order": (
         _swapped,

@@ -91,7 +91,7 @@ def test_a_joint_that_is_driven_here_and_passive_there_is_refused(
 
 
 def test_a_urdf_without_drives_says_what_to_do(loaded: Callable[..., Crane]) -> None:
-    with pytest.raises(ModelError, match=r"say which joints drives move by load_crane\(driven="):
+    with pytest.raises(ModelError, match=r"joints are driven, .* say it by load_crane\(driven="):
         loaded(("ros2_control", "unknown"))
     with pytest.raises(UnknownName, match="moving joint 'winch'"):
         loaded(("ros2_control", "unknown"), driven=["winch"])

@@ -424,9 +424,7 @@ def test_a_late_actuator_and_actuators_that_are_off_are_said(tmp_path: Path) -> 
     late = loaded(tmp_path, cart(motor="delay='0.05' nsample='6'"))
     assert any("an actuator that acts 0.05 s late" in note for note in late.assumptions)
     off = cart(head="<option><flag actuation='disable'/></option>", motor="ctrlrange='-9 9'")
-    with pytest.raises(
-        ModelError, match=r"does not say which .* driven.*joints are rail, swing"
-    ):
+    with pytest.raises(ModelError, match=r"does not say which .* driven.*joints are rail, swing"):
         loaded(tmp_path, off)
     crane = loaded(tmp_path, off, driven=["rail"])
     assert crane.effort_limit.tolist() == [1e6]
