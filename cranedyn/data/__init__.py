@@ -4,5 +4,7 @@ Public: `trajectory.Trajectory` with `read`, `read_columns` and `join`; `time_se
 the table that trajectories and loads are; `external.read_external` for files of other programs.
 
 To read: `columns` (names with units), `trajectory`, `tables` (CSV and Parquet), `files` (complete
-files or none).
+files or none). Files of other programs: `external` (our names and units), `logs` (a function for
+each format), `text_layout` (what is recognised in a text), `bounded` and `binary_reader` (binary
+files in a process of their own).
 """

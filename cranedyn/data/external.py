@@ -299,8 +299,9 @@ def _filled(
     """Return columns without empty cells, of a table in which several topics report at times of
     their own, as PlotJuggler writes it.
 
-    Rows in which a column of the fastest topic is empty are left out, and so are those before the
-    first and after the last value of any column.
+    Rows before the first and after the last value of any column are left out. Where values are
+    held, the few empty cells of the fastest topic lie on straight lines between its values; else
+    rows without a value of it are left out, too.
 
     Raises:
         DataError: If a column has values nowhere, a value is missing in a column of few empty
@@ -317,51 +318,58 @@ def _filled(
     t = found["t_s"].values
     if not (t[1:] > t[:-1]).all():
         raise DataError(f"{path}: {names['t_s']} must increase from row to row.")
-    base = np.ones(len(t), dtype=bool)
-    full = [column for column in found if column not in sparse and column != "t_s"]
-    for column in full:
-        base &= ~found[column].empty
-    if filling == "interpolate" and not full:
-        fastest = min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))
-        base &= ~found[fastest].empty
-    first, last = t[0], t[-1]
-    for column in sparse:
-        present = np.flatnonzero(~found[column].empty)
-        if len(present) < 2:
-            raise DataError(
-                f"{path}: column {names[column]} has {len(present)} values; needed are two."
-            )
-        gaps = np.diff(t[present])
-        longest, usual = float(gaps.max()), float(np.median(gaps))
-        if column.startswith(("phi", "theta")) and longest > _LONGEST_GAP * usual:
-            raise DataError(
-                f"{path}: column {names[column]} has no value for {longest:.3g} s from "
-                f"{names['t_s']} = {t[present[np.argmax(gaps)]]:g} s on; allowed are "
-                f"{_LONGEST_GAP * usual:.3g} s, {_LONGEST_GAP:g} of its usual intervals."
-            )
-        first, last = max(first, t[present[0]]), min(last, t[present[-1]])
-        done = {
-            "hold": "the value before stands in the others",
-            "interpolate": "the others lie on straight lines between them",
-        }[filling]
+    # The rows that count: those of the fastest topic, or all where a value is held, so that each
+    # fresh value keeps its own time.
+    rows_kept = np.ones(len(t), dtype=bool)
+    if filling == "interpolate":
+        full = [column for column in found if column not in sparse and column != "t_s"]
+        densest = min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))
+        for column in full or [densest]:
+            rows_kept &= ~found[column].empty
+    filled: dict[str, LoggedColumn] = {}
+    for column, values in found.items():
+        present = np.flatnonzero(~values.empty)
+        if len(present) == len(t):
+            filled[column] = values
+            continue
+        longest = _check_gaps(path, column, names, t, present)
+        rows_kept &= (t >= t[present[0]]) & (t <= t[present[-1]])
+        if filling == "hold" and column in sparse:
+            latest = np.searchsorted(present, np.arange(len(t)), side="right") - 1
+            numbers = values.values[present[np.maximum(latest, 0)]]
+            done = "the value before stands in the others"
+        else:
+            numbers = np.interp(t, t[present], values.values[present])
+            done = "the others lie on straight lines between them"
+        filled[column] = LoggedColumn.full(numbers)
         remarks.append(
             f"{column} has values in {len(present)} of {len(t)} rows, at most {longest:.3g} s "
             f"apart; {done}"
         )
-    base &= (t >= first) & (t <= last)
-    filled: dict[str, LoggedColumn] = {}
-    for column, values in found.items():
-        if column not in sparse:
-            filled[column] = LoggedColumn.full(values.values[base])
-            continue
-        present = np.flatnonzero(~values.empty)
-        if filling == "interpolate":
-            numbers = np.interp(t, t[present], values.values[present])
-        else:
-            latest = np.searchsorted(present, np.arange(len(t)), side="right") - 1
-            numbers = values.values[present[np.maximum(latest, 0)]]
-        filled[column] = LoggedColumn.full(numbers[base])
-    return filled
+    return {c: LoggedColumn.full(v.values[rows_kept]) for c, v in filled.items()}
+
+
+def _check_gaps(
+    path: Path, column: str, names: Mapping[str, str], t: np.ndarray, present: np.ndarray
+) -> float:
+    """Return the longest time between values of a column that is in some rows only [s].
+
+    Raises:
+        DataError: If it has fewer than two values, or is a swing that is missing for long.
+    """
+    if len(present) < 2:
+        raise DataError(
+            f"{path}: column {names[column]} has {len(present)} values; needed are two."
+        )
+    gaps = np.diff(t[present])
+    longest, usual = float(gaps.max()), float(np.median(gaps))
+    if column.startswith(("phi", "theta")) and longest > _LONGEST_GAP * usual:
+        raise DataError(
+            f"{path}: column {names[column]} has no value for {longest:.3g} s from "
+            f"{names['t_s']} = {t[present[np.argmax(gaps)]]:g} s on; allowed are "
+            f"{_LONGEST_GAP * usual:.3g} s, {_LONGEST_GAP:g} of its usual intervals."
+        )
+    return longest
 
 
 def _check_swings(path: Path, data: Mapping[str, np.ndarray], names: Mapping[str, str]) -> None:
