@@ -169,7 +169,7 @@ def _describe(parser: _Parser) -> None:
 
     Example: cranedyn describe payload_mass:=2000 -o crane.urdf
     """
-    from cranedyn.model.options import add_crane_options
+    from cranedyn.model.options import add_crane_options, add_gravity
 
     add, text = parser.add_argument, "arguments of the xacro file"
     add("values", nargs="*", metavar="name:=value", help=text)
@@ -178,6 +178,7 @@ def _describe(parser: _Parser) -> None:
     add("--list", action="store_true", help=text)
     add("--machines", action="store_true", help="list the real cranes of the library")
     add_crane_options(parser)
+    add_gravity(parser)
     parser.set_defaults(run=_write_description)
 
 
@@ -301,13 +302,11 @@ def _serve(parser: _Parser) -> None:
 
 def _add_crane(parser: _Parser) -> None:
     """Add the common options that name a crane, its gravity and its numbers."""
-    from cranedyn.model.crane import STANDARD_GRAVITY
     from cranedyn.model.description import add_values
-    from cranedyn.model.options import add_crane_options
+    from cranedyn.model.options import add_crane_options, add_gravity
 
     add_crane_options(parser.common)
-    text, default = "gravity of the world [m/s²]", STANDARD_GRAVITY
-    parser.common.add_argument("--gravity", type=float, default=default, metavar="G", help=text)
+    add_gravity(parser.common)
     add_values(parser.common, "numbers of the crane")
 
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, UnknownName
-from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO, Argument, arguments
 from cranedyn.model.load import load_crane
 from cranedyn.plant.plant import numbers
@@ -87,13 +87,13 @@ class Prior:
     Attributes:
         urdf: A ``.xacro`` file or a plain URDF; None for the tower crane of this project.
         values: Prior values of arguments of the xacro file.
-        gravity: Prior value of gravity [m/s²].
+        gravity: Prior value of gravity [m/s²]; None for that of the file, or standard gravity.
         loading: Further arguments of `cranedyn.load_crane`, such as ``driven``, by name.
     """
 
     urdf: str | Path | None = None
     values: Mapping[str, object] = field(default_factory=dict)
-    gravity: float = STANDARD_GRAVITY
+    gravity: float | None = None
     loading: Mapping[str, Any] = field(default_factory=dict)
     _families: dict[Any, Family] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -126,7 +126,7 @@ class Prior:
     def load(self, **values: float) -> Crane:
         """Load the crane with some values changed, gravity among them."""
         merged = {**self.values, **values}
-        gravity = float(merged.pop("gravity", self.gravity))  # type: ignore[arg-type]
+        gravity: Any = merged.pop("gravity", self.gravity)
         plain = not self._declared
         damped = {name: merged.pop(name) for name in values if plain and name.startswith("damp_")}
         crane = load_crane(self.urdf, gravity=gravity, values=merged, **self.loading)
@@ -151,7 +151,7 @@ class Prior:
         if name not in self.arguments:
             raise UnknownName("argument", name, self.arguments)
         if name == "gravity":
-            return self.gravity
+            return self.crane.gravity
         argument = self.arguments[name]
         value = self.values.get(name, argument.default)
         return number(name, value, argument.unit, argument.allowed)

@@ -346,8 +346,16 @@ class Crane:
 
     def __repr__(self) -> str:
         """Return a title, a line for each joint, and the assumptions."""
-        line = "{:7} {:24} {:4} {:>9} {:>9} {:>9} {:>12}"
-        rows = [line.format(*row).rstrip() for row in self._rows]
+        least = (7, 24, 4, 9, 9, 9, 12)
+        widths = [
+            max(width, *map(len, cells))
+            for width, cells in zip(least, zip(*self._rows, strict=True), strict=True)
+        ]
+        rows = []
+        for row in self._rows:
+            texts = [text.ljust(width) for text, width in zip(row[:3], widths[:3], strict=True)]
+            numbers = [text.rjust(width) for text, width in zip(row[3:], widths[3:], strict=True)]
+            rows.append(" ".join([*texts, *numbers]).rstrip())
         return "\n".join([self._title, *rows, *self.assumptions])
 
     def _repr_html_(self) -> str:
@@ -368,7 +376,8 @@ class Crane:
         for i, joint in enumerate(self.layout.joints):
             ends = (f"{values[i]:.5g}" for values in (self.lower, self.upper, self.start.q))
             drive = f"{limits[i]:g} {joint.effort_unit}" if joint.driven else "passive"
-            drive = f"= {joint.follows}" if joint.follows else drive
+            if self.coupling is not None and i in self.coupling.followers:
+                drive = self.coupling.formula(i, joint.follows)
             rows.append((joint.symbol, joint.name, joint.unit, *ends, drive))
         return rows
 

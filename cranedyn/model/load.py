@@ -270,6 +270,12 @@ def _crane(
             f"{path} has joints that mimic others, and a rope that stretches or two falls; allowed "
             "is one of both."
         )
+    if not model.inertias[load + 1].mass > 0.0:
+        raise ModelError(
+            f"The joint {quoted(joints[load].name)} in {path} carries the payload, and nothing "
+            "below it has a mass; give its link an <inertial> with mass and inertia, or name "
+            "another joint by payload=, or --payload."
+        )
     try:
         _check_ranges(model, layout, load)
     except OutOfRange as error:
@@ -279,6 +285,11 @@ def _crane(
         raise OutOfRange(name, error.value, error.allowed, error.unit) from None
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
     notes = [] if coupling is None else limit_leaders(coupling, lower, upper, names)
+    if not len(layout.passive):
+        notes.append(
+            "Nothing swings: no joint is passive. If the hook hangs on a rigid joint, swing=True, "
+            "or --swing, puts a rope above it."
+        )
     model.lowerPositionLimit, model.upperPositionLimit = lower, upper
     q = _start(robot, layout, model)
     if coupling is not None:

@@ -64,6 +64,14 @@ class Coupling:
             matrix[follower, leader] = ratio
         return matrix
 
+    def formula(self, follower: int, leader: str) -> str:
+        """Return how a joint follows its leader, such as "= -2 leg + 0.1"."""
+        place = self.followers.index(follower)
+        ratio, offset = self.ratios[place], self.offsets[place]
+        times = "" if ratio == 1.0 else f"{ratio:.4g} "
+        shift = f" {'+' if offset > 0.0 else '-'} {abs(offset):.4g}" if offset else ""
+        return f"= {times}{leader}{shift}"
+
     def complete(self, q: np.ndarray) -> np.ndarray:
         """Return coordinates in which the followers are where their leaders put them; shape (n,),
         or (..., n) for rows of them.

@@ -35,6 +35,12 @@ def add_crane_options(parser: argparse._ActionsContainer) -> None:
     add("--package", nargs="+", metavar="NAME=FOLDER", help=text)
 
 
+def add_gravity(parser: argparse._ActionsContainer) -> None:
+    """Add ``--gravity`` to a parser."""
+    text = "gravity of the world [m/s²]; by default that of the file, or standard gravity"
+    parser.add_argument("--gravity", type=float, metavar="G", help=text)
+
+
 def load_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of `load_crane` that the options of `add_crane_options`, values and
     gravity name.

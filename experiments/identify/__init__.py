@@ -7,14 +7,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from cranedyn.checks import number
 from cranedyn.data.external import parse_sources
 from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.identification import Estimate, Model, Prior, load_record
 from cranedyn.identification.assumed import inertia_effects
 from cranedyn.identification.estimate import ENOUGH
 from cranedyn.identification.parameters import Drives
-from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values
 from cranedyn.model.machines import read_machine
 from cranedyn.model.options import add_crane_options, load_options, parse_pairs
@@ -74,8 +72,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         machine = read_machine(name)
         urdf, values = machine.urdf, machine.values | values
     del loading["gravity"]
-    gravity = number("gravity", options.believed, "m/s²", "> 0")
-    prior = Prior(urdf, values, gravity, loading)
+    prior = Prior(urdf, values, options.believed, loading)
     return files(options, setup, prior) if options.files else examples(setup)
 
 
@@ -314,8 +311,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--sign", nargs="+", default=[], metavar="S", help=text)
     harness.add_sources(parser, "{} FILE")
     add_crane_options(parser.common)
-    text, default = "prior value of gravity [m/s²]", STANDARD_GRAVITY
-    add("--gravity", dest="believed", type=float, default=default, metavar="G", help=text)
+    text = "prior value of gravity [m/s²]; by default that of the file, or standard gravity"
+    add("--gravity", dest="believed", type=float, metavar="G", help=text)
     add_values(parser.common, "prior values of numbers of the crane")
     text = "identify N synthetic cranes instead; count how often intervals contain the true value"
     add("--coverage", type=int, metavar="N", help=text)

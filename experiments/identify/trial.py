@@ -147,9 +147,9 @@ def try_strategies(estimate: Estimate) -> list[Trial]:
         family.at(np.array([float(draws[name][i]) for name in family.names])) for i in range(DRAWS)
     ]
     arguments = dict(estimate.arguments)
-    gravity = arguments.pop("gravity", prior.gravity)
+    gravity = arguments.pop("gravity", prior.crane.gravity)
     beliefs = {
-        "believed": (Setup(prior.gravity, prior.values), dict[str, float]()),
+        "believed": (Setup(prior.crane.gravity, prior.values), dict[str, float]()),
         "twin": (Setup(gravity, {**prior.values, **arguments}), mean),
     }
     return [

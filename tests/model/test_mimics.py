@@ -85,7 +85,12 @@ def test_followers_are_neither_drives_nor_passive(crane: Crane) -> None:
     start = crane.state(out1=0.5)
     at = layout.at("out2", "out3")
     assert start.q[at].tolist() == pytest.approx([0.5, 0.25])
-    assert "= out1" in repr(crane)
+    lines = repr(crane).splitlines()
+    assert [line.partition(" = ")[2] for line in lines if " = " in line] == [
+        "0.8 out1 + 0.1",
+        "0.4 out1 + 0.05",
+        "-0.3 swing",
+    ]
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -21,6 +21,7 @@ from cranedyn.data import reading_process
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
+from cranedyn.identification.prior import Prior
 from cranedyn.interfaces import State
 from cranedyn.model import mjcf, mjcf_compiler
 from cranedyn.model.crane import Crane
@@ -414,10 +415,8 @@ def test_a_start_beyond_its_range_is_in_the_middle_of_it_for_contacts_too(tmp_pa
     text = text.replace('type="slide" axis="1 0 0" range="-4 4"', hoist)
     crane = loaded(tmp_path, text)
     assert crane.start.q[0] == 2.0
-    assert (
-        "rail starts at 2, in the middle of its range, since the 0 of the file is beyond it."
-        in (crane.assumptions)
-    )
+    moved = "rail starts at 2, in the middle of its range, since the 0 of the file is beyond it."
+    assert moved in crane.assumptions
 
 
 def test_a_late_actuator_and_actuators_that_are_off_are_said(tmp_path: Path) -> None:
@@ -451,3 +450,20 @@ def test_a_model_whose_joints_do_otherwise_is_refused(
     monkeypatch.setattr(mjcf, "_compiled", lighter)
     with pytest.raises(ModelError, match="differ from MuJoCo's by"):
         loaded(tmp_path, cart())
+
+
+def test_gravity_of_the_file_is_that_of_exports_and_of_the_identified_crane(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    moon = cart(head="<option gravity='0 0 -1.62'/>", motor="ctrlrange='-9 9'")
+    path = tmp_path / "crane.xml"
+    path.write_text(moon, encoding="utf-8")
+    assert main(["describe", "--urdf", str(path)]) == 0
+    assert "in gravity of 1.62 m/s²" in capsys.readouterr().out
+    assert main(["describe", "--urdf", str(path), "--gravity", "3.7"]) == 0
+    assert "in gravity of 3.7 m/s²" in capsys.readouterr().out
+    assert main(["export", "mjcf", str(tmp_path / "out.xml"), "--urdf", str(path)]) == 0
+    assert load_crane(tmp_path / "out.xml").gravity == 1.62
+    prior = Prior(path)
+    assert prior.crane.gravity == prior.value("gravity") == 1.62
+    assert prior.load(gravity=2.0).gravity == 2.0
