@@ -506,7 +506,7 @@ xyz="0 1 0"/> => xyz="0 -1 0"/> => ModelError: swing_tangential_joint along \[0.
 xyz="1 0 0"/> => xyz="-1 0 0"/> => ModelError: swing_radial_joint along \[-1.0, 0.0, 0.0\] of the
 <mass value="500.0"/> => <mass value="nan"/> => value of mass in link trolley_link .* 'nan'
 <mass value="500.0"/> => <mass value="-1"/> => mass of link trolley_link .* is -1 kg
-<mass value="1000.0"/> => <mass value="0"/> => payload mass in .* is 0.0 kg; allowed is 1e-15 to
+<mass value="1000.0"/> => <mass value="0"/> => ModelError: hoist_joint .* carries the payload
 ixx="400.0" => ixx="4OO" => ixx of inertia in link hook_link .* is '4OO'; allowed is a decimal
 ixx="400.0" => ixx="-400.0" => inertia of link hook_link in .* positive semidefinite
 INERTIA => ixx="20" ixy="0" ixz="0" iyy="20" iyz="0" izz="60" => is 20, 20, 60 kg m²; allowed .* sum
