@@ -127,7 +127,9 @@ def run(
     start = crane.state(l=LENGTH)
     half_period = math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY)
     swing = pulse(crane, hold(crane, start), "x", PULSE, at=pulse_at, width=half_period)
-    controller = hold_controller(crane, stiffness=stiffness, damping=damping)
+    controller = hold_controller(
+        crane, stiffness=stiffness, damping=damping, gravity=STANDARD_GRAVITY
+    )
     reference, label = _hoist(crane, swing, HOIST_AT), f"pulse at {pulse_at:g} s"
     return setup.simulate(crane, controller, reference, start=start, duration=DURATION, label=label)
 

@@ -158,7 +158,12 @@ def run(
     """
     crane = crane or setup.crane
     start = crane.state(x=radius, l=length)
-    controller = hold_controller(crane, stiffness={"gamma": slew[0]}, damping={"gamma": slew[1]})
+    controller = hold_controller(
+        crane,
+        stiffness={"gamma": slew[0]},
+        damping={"gamma": slew[1]},
+        gravity=STANDARD_GRAVITY,
+    )
     half_period = math.pi * math.sqrt(length / STANDARD_GRAVITY)
     reference = pulse(crane, hold(crane, start), "gamma", PULSE, at=PULSE_AT, width=half_period)
     label = f"slew k_p = {slew[0]:.0e}"

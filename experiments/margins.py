@@ -27,6 +27,7 @@ from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.figures import panels
 from cranedyn.references.motion import Motion
 from experiments import harness
@@ -78,8 +79,10 @@ def integrating(setup: Setup, equilibrium: State) -> HoistIntegral:
 
 
 CONTROLLERS: dict[str, Callable[[Setup, State], Controller]] = {
-    PD: lambda setup, equilibrium: hold_controller(setup.crane),
-    PAPER: lambda setup, rest: paper_controller(setup.crane, standstill(setup, rest)),
+    PD: lambda setup, equilibrium: hold_controller(setup.crane, gravity=STANDARD_GRAVITY),
+    PAPER: lambda setup, rest: paper_controller(
+        setup.crane, standstill(setup, rest), gravity=STANDARD_GRAVITY
+    ),
     LQR: integrating,
 }
 """How the drives are closed at a rest, by name. Plans that differ in what they feed forward only,

@@ -300,6 +300,8 @@ def _joint(crane: Crane, i: int, axis: ET.Element | None) -> ET.Element:
     numbers = {"damping": crane.damping[i], "armature": crane.model.armature[i]}
     if springs.stiffness[i]:
         numbers |= {"stiffness": springs.stiffness[i], "springref": springs.rest[i]}
+    if crane.friction is not None and i in crane.friction.joints:
+        numbers["frictionloss"] = crane.friction.effort[crane.friction.joints.index(i)]
     for name, amount in numbers.items():
         element.set(name, repr(float(amount)))
     return element

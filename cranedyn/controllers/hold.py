@@ -16,7 +16,7 @@ from cranedyn.checks import ShortRepr, as_array, number
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.model.crane import Crane
 
 STIFFNESS = {"slew": 5.0e5, "trolley": 3.0e5, "hoist": 3.0e4}
 """k_p of slew [N m/rad], trolley [N/m], hoist [N/m]. Only the trolley's is published."""
@@ -98,7 +98,7 @@ def hold_controller(
     *,
     stiffness: Gains = None,
     damping: Gains = None,
-    gravity: float = STANDARD_GRAVITY,
+    gravity: float | None = None,
 ) -> Hold:
     """Return a hold controller for a crane, with the weight of the load fed forward for a gravity
     [m/s²].
@@ -109,13 +109,14 @@ def hold_controller(
             3e5}``. The default is `STIFFNESS` by their roles; a drive without a role, or of a crane
             too light for these gains, has what makes it as fast as `FREQUENCY`.
         damping: k_d of the drives likewise, by default `DAMPING` or critical damping.
-        gravity: What it believes in [m/s²].
+        gravity: Gravity assumed by the feed-forward [m/s²]; it may differ from that of the crane,
+            which None takes.
 
     Raises:
         OutOfRange: If there is not one finite gain for each drive.
         UnknownName: If there is no drive of a symbol.
     """
-    number("gravity", gravity, "m/s²")
+    gravity = crane.gravity if gravity is None else number("gravity", gravity, "m/s²")
     moved = np.diag(crane.mass_matrix(crane.start.q))[crane.layout.drives].tolist()
     roles = [joint.role for joint in crane.layout.driven]
     stiff, damped = [], []

@@ -16,7 +16,7 @@ from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import riccati, stationary
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.errors import OutOfRange
-from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
 TROLLEY_WEIGHTS = (np.diag([10.0, 2.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 1.0e3]) ** 2)
@@ -55,7 +55,7 @@ def paper_controller(
     crane: Crane,
     motion: Motion,
     *,
-    gravity: float = STANDARD_GRAVITY,
+    gravity: float | None = None,
     hoist: tuple[float, float, float] = HOIST,
     every: int = 10,
 ) -> HoistIntegral:
@@ -65,7 +65,8 @@ def paper_controller(
     Args:
         crane: The crane.
         motion: What to track; its period is the control period.
-        gravity: Gravity that the controller believes in [m/s²].
+        gravity: Gravity assumed by the controller [m/s²]; it may differ from that of the crane,
+            which None takes.
         hoist: k_p, k_i, k_d of the hoist.
         every: Control instants between linearisations.
 
@@ -77,7 +78,7 @@ def paper_controller(
     slew, trolley_joint, radial, tangential, cable = crane.layout.tower("The paper's control")
     motion.check_fits("motion", crane.layout)
     every = min(whole("rows between linearisations", every, 1), len(motion.q))
-    number("gravity", gravity, "m/s²", "> 0")
+    gravity = crane.gravity if gravity is None else number("gravity", gravity, "m/s²", "> 0")
     if finite("gains of the hoist", hoist, (3,)).min() < 0.0:
         raise OutOfRange("gains of the hoist", hoist, ">= 0")
     mass, trolley, n = crane.payload_mass, crane.trolley_mass, len(motion.q)

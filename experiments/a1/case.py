@@ -128,7 +128,9 @@ def run(
     crane = setup.crane
     start = crane.state(l=length)
     number("swing", number("swing", swing, "rad", "> 0"), "rad", f"0 to {math.pi / 2:.4f}")
-    controller = hold_controller(crane, stiffness=stiffness, damping=damping)
+    controller = hold_controller(
+        crane, stiffness=stiffness, damping=damping, gravity=STANDARD_GRAVITY
+    )
     half_period = math.pi * math.sqrt(length / STANDARD_GRAVITY)
     still = hold(crane, start)
     reference = pulse(crane, still, "x", swing * length / 2.0, at=PULSE_AT, width=half_period)

@@ -15,7 +15,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.pinocchio import energy
 from cranedyn.interfaces import State, Validity
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import spline
 from experiments.harness import Setup
 from experiments.oracles.bench import locked
@@ -35,7 +35,12 @@ def run(setup: Setup, crane: Crane, swing: float, length: float, duration: float
     """Let the load swing from rest [rad] on a cable [m] with the drives held."""
     start, label = crane.state(l=length, phi=swing), f"dt = {1000 * setup.dt:g} ms"
     return setup.simulate(
-        crane, hold_controller(crane), None, start=start, duration=duration, label=label
+        crane,
+        hold_controller(crane, gravity=STANDARD_GRAVITY),
+        None,
+        start=start,
+        duration=duration,
+        label=label,
     )
 
 
@@ -77,7 +82,7 @@ def lowered(setup: Setup, length: float) -> tuple[float, float]:
     gamma, x = (start.q[crane.layout.index(symbol)] for symbol in ("gamma", "x"))
     run = setup.simulate(
         crane,
-        hold_controller(crane),
+        hold_controller(crane, gravity=STANDARD_GRAVITY),
         spline(crane, start, [(gamma, x, 1.1 * length)], [AUDIT]),
         start=start,
         duration=AUDIT,

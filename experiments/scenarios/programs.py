@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from cranedyn.bridges.gazebo import SOLVERS, Program, export
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.options import crane_from_options
 from experiments import a1, a2, a3, energy
@@ -139,4 +139,10 @@ def run(options: argparse.Namespace) -> Path:
 def _swing(crane: Crane) -> Program:
     """Return the free swing of any crane, its drives held."""
     swings = {crane.layout.symbols[i]: energy.SWING for i in crane.swings[:1].tolist()}
-    return Program(crane, hold_controller(crane), None, crane.state(**swings), energy.AUDIT)
+    return Program(
+        crane,
+        hold_controller(crane, gravity=STANDARD_GRAVITY),
+        None,
+        crane.state(**swings),
+        energy.AUDIT,
+    )

@@ -20,7 +20,7 @@ from cranedyn.controllers.lqr import effort_weight_of, lqr
 from cranedyn.controllers.paper import paper_controller
 from cranedyn.estimation.mpc import PredictiveController, mpc
 from cranedyn.interfaces import Controller, Drive
-from cranedyn.model.crane import Crane
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.plotting.style import run_colour
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
@@ -58,7 +58,7 @@ def _hanging(setup: Setup, move: RestToRest) -> Motion:
 
 def _paper(setup: Setup, move: RestToRest) -> MovePlan:
     motion, reference = _hanging(setup, move), _spline(setup, move)
-    controller = paper_controller(setup.crane, motion)
+    controller = paper_controller(setup.crane, motion, gravity=STANDARD_GRAVITY)
     return MovePlan(
         lambda: replace(controller, integral=0.0), reference, "effort", move.duration, motion
     )

@@ -12,6 +12,7 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.planning.itinerary import ARTICLE_TOUR, Timetable, Tour, itinerary, tour
 from cranedyn.references import hanging_reference, shaped_hoisting, shortest, spline, zv
 from cranedyn.references.flat import flat
@@ -30,7 +31,7 @@ def _none(setup: Setup, limits: Limits, dwell: float) -> Way:
     for stage in timetable.stages:
         # Refuses a target out of range.
         crane.state(**dict(zip(("gamma", "x", "l"), stage.target, strict=True)))
-    return timetable, hold_controller(crane)
+    return timetable, hold_controller(crane, gravity=STANDARD_GRAVITY)
 
 
 def _shaped(setup: Setup, limits: Limits, dwell: float) -> Way:
@@ -128,7 +129,10 @@ def _tracked(
 CONTROLS: dict[str, Callable[[Setup, Limits, float], Way]] = {
     "none": _none,
     "shaped": _shaped,
-    "paper": _tracked(_spline, lambda setup, motion: paper_controller(setup.crane, motion)),
+    "paper": _tracked(
+        _spline,
+        lambda setup, motion: paper_controller(setup.crane, motion, gravity=STANDARD_GRAVITY),
+    ),
     "lqr": _tracked(_spline, with_integral),
     "flat": _tracked(_flat, with_integral),
 }

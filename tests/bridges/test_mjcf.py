@@ -300,3 +300,14 @@ def test_a_link_without_mass_is_one_body_with_the_next_and_moves_as_here(tmp_pat
         pin.forwardKinematics(c.model, load, state.q)
         assert_allclose(data.body("load").xpos, load.oMi[2].translation, atol=1e-12)
     assert model.numeric("second_rate_limit").data.tolist() == [3.0]
+
+
+def test_dry_friction_is_written_and_read_again(tmp_path: Path) -> None:
+    text = crane().urdf.replace('<dynamics damping="0.0"/>', '<dynamics friction="70"/>', 1)
+    (tmp_path / "dry.urdf").write_text(text, encoding="utf-8")
+    dry = load_crane(tmp_path / "dry.urdf")
+    assert dry.friction is not None
+    again = load_crane(mjcf.export(tmp_path / "dry.xml", dry))
+    assert again.friction is not None
+    assert again.friction.joints == dry.friction.joints
+    assert again.friction.effort.tolist() == dry.friction.effort.tolist() == [70.0]
