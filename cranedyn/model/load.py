@@ -115,15 +115,15 @@ def load_crane(
     Args:
         urdf: A ``.xacro`` file, which is expanded and may run any Python expression: load only
             files whose programs you would run, too. Any other file is plain URDF, MJCF or SDF:
-            nothing in it is run, fetched or read from elsewhere. None is the tower crane of this
-            project.
+            nothing in it is run or fetched, and no file outside of its folder is read. None is the
+            tower crane of this project.
         machine: Name of a machine of the library, see `cranedyn.model.machines`; values change
             those of the machine.
         from_record: A Parquet file of a run, an identified twin (``.json``), or the `record` of a
             run, which contains the whole crane. The looks of this project's crane are made again,
             the looks of other cranes are not kept.
-        gravity: Gravity [m/s²] along -Z; None for that of an MJCF, for any other file standard
-            gravity.
+        gravity: Gravity [m/s²] along -Z; None for that of the file, or standard gravity where it
+            says none, as a URDF.
         joints: Names of joints by role, for example ``{"slew": "base_yaw"}``; None for the names in
             the tower crane of this project. See `cranedyn.model.layout.ROLES`.
         driven: Names of the driven joints, for a URDF that gives no joint a drive by
@@ -160,10 +160,7 @@ def load_crane(
             "urdf": urdf, "machine": machine, "joints": joints, "driven": driven,
             "payload": payload, "swing": swing or None, "locked": locked or None,
         }  # fmt: skip
-        for name, value in {**excluded, "gravity": gravity, **values}.items():
-            if value is not None:
-                allowed = "left out: the record says all of the crane"
-                raise OutOfRange(name, "given beside from_record", allowed)
+        _refuse_beside_record({**excluded, "gravity": gravity, **values})
         if isinstance(from_record, Mapping):
             return _from_record(from_record, Path("the record"))
         return _from_record(read_record(from_record), Path(from_record))
@@ -180,13 +177,7 @@ def load_crane(
     if path.suffix == ".xacro":
         text = describe(path, values, visuals=urdf is not None, packages=packages)
     else:
-        text = read_text(path)  # first, so that a file that is missing is named as missing
-        if values:
-            raise DataError(
-                f"{path} is not a .xacro file and has no arguments, so that "
-                f"{', '.join(map(str, values))} cannot be set in it; change the number in the file "
-                "itself, or give a .xacro file that declares it."
-            )
+        text = _text_without_arguments(path, values)
     if urdf is not None or swing or locked:
         return _foreign_crane(text, path, options, swing, locked)
     record: dict[str, Any] = {}
@@ -195,6 +186,34 @@ def load_crane(
         # JSON has no infinity
         record["arguments"] = {n: x if math.isfinite(x) else str(x) for n, x in floats.items()}
     return _crane(parse_urdf(text, path), path, partial(_own_urdf, values), options, record)
+
+
+def _refuse_beside_record(values: Mapping[str, object]) -> None:
+    """Check that nothing is given beside a record, which says all of its crane.
+
+    Raises:
+        OutOfRange: If something is.
+    """
+    for name, value in values.items():
+        if value is not None:
+            allowed = "left out: the record says all of the crane"
+            raise OutOfRange(name, "given beside from_record", allowed)
+
+
+def _text_without_arguments(path: Path, values: Mapping[str, object]) -> str:
+    """Return the text of a file that is no xacro file.
+
+    Raises:
+        DataError: If it cannot be read, or values are given, for which it has no arguments.
+    """
+    text = read_text(path)  # first, so that a file that is missing is named as missing
+    if values:
+        raise DataError(
+            f"{path} is not a .xacro file and has no arguments, so that "
+            f"{', '.join(map(str, values))} cannot be set in it; change the number in the file "
+            "itself, or give a .xacro file that declares it."
+        )
+    return text
 
 
 def _foreign_crane(

@@ -73,6 +73,19 @@ def _lock(
         step = pin.SE3(pin.exp3(moved), np.zeros(3))
     set_placement(joint, joint_placement(joint) * step)
     joint.set("type", "fixed")
+    _forget_motion(robot, joint)
+    for follower, element in moving.items():
+        mimic = element.find("mimic")
+        if mimic is not None and mimic.get("joint") == name:
+            ratio = float(mimic.get("multiplier", "1"))
+            offset = float(mimic.get("offset", "0"))
+            notes += _lock(robot, moving, follower, ratio * coordinate + offset)
+    return notes
+
+
+def _forget_motion(robot: ET.Element, joint: ET.Element) -> None:
+    """Remove what a URDF says about the motion of a joint: axis, limits, drive and spring."""
+    name = joint.get("name")
     for child in list(joint):
         if child.tag in ("axis", "limit", "dynamics", "mimic"):
             joint.remove(child)
@@ -86,13 +99,6 @@ def _lock(
     for block in robot.findall("gazebo"):
         if block.get("reference") == name:
             robot.remove(block)
-    for follower, element in moving.items():
-        mimic = element.find("mimic")
-        if mimic is not None and mimic.get("joint") == name:
-            ratio = float(mimic.get("multiplier", "1"))
-            offset = float(mimic.get("offset", "0"))
-            notes += _lock(robot, moving, follower, ratio * coordinate + offset)
-    return notes
 
 
 def _coordinate(robot: ET.Element, joint: ET.Element, value: float | str | None) -> float:

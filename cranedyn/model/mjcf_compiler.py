@@ -115,7 +115,6 @@ def refuse_what_no_crane_is(mujoco: Any, model: Any, max_joints: int) -> list[st
     Raises:
         Refused: If it is none.
     """
-    notes = []
     names = Names(mujoco, model)
     if model.njnt > max_joints:
         raise Refused(f"it has {model.njnt} joints that move; allowed are {max_joints}")
@@ -126,6 +125,21 @@ def refuse_what_no_crane_is(mujoco: Any, model: Any, max_joints: int) -> list[st
                 f"the body {body} is free and moves in 6 directions; the bodies of a crane hang "
                 "on slides, hinges and ball joints"
             )
+    _refuse_other_forces(model, names)
+    notes = [*_tendons_without_force(model, names), *_constraints_not_active(model, names)]
+    for index in range(model.nbody):
+        if model.body_mocapid[index] >= 0:
+            notes.append(f"The mocap body {names.body(index)} stands still.")
+    return notes
+
+
+def _tendons_without_force(model: Any, names: "Names") -> list[str]:
+    """Return a note on each tendon.
+
+    Raises:
+        Refused: If one exerts forces.
+    """
+    notes = []
     for tendon in range(model.ntendon):
         acts = (
             model.tendon_stiffness[tendon] != 0.0
@@ -143,6 +157,16 @@ def refuse_what_no_crane_is(mujoco: Any, model: Any, max_joints: int) -> list[st
                 "limit); leave it out, or give its joints what it does"
             )
         notes.append(f"The tendon {name} exerts no force and is left out.")
+    return notes
+
+
+def _constraints_not_active(model: Any, names: "Names") -> list[str]:
+    """Return a note on each equality constraint.
+
+    Raises:
+        Refused: If one is active.
+    """
+    notes = []
     for equality in range(model.neq):
         name = names.of("mjOBJ_EQUALITY", equality)
         if model.eq_active0[equality]:
@@ -151,6 +175,15 @@ def refuse_what_no_crane_is(mujoco: Any, model: Any, max_joints: int) -> list[st
                 "spring; leave it out, or say in a URDF that a joint follows another (<mimic>)"
             )
         notes.append(f"The equality constraint {name} is not active and is left out.")
+    return notes
+
+
+def _refuse_other_forces(model: Any, names: "Names") -> None:
+    """Check that nothing else acts on the bodies.
+
+    Raises:
+        Refused: If something does.
+    """
     if model.nflex:
         raise Refused("it has deformable bodies (<flex>); a crane has rigid bodies")
     if (model.body_plugin >= 0).any():
@@ -165,10 +198,6 @@ def refuse_what_no_crane_is(mujoco: Any, model: Any, max_joints: int) -> list[st
         )
     if (model.jnt_springyield > 0.0).any():
         raise Refused("a spring of a joint yields (springyield); leave it out")
-    for index in range(model.nbody):
-        if model.body_mocapid[index] >= 0:
-            notes.append(f"The mocap body {names.body(index)} stands still.")
-    return notes
 
 
 class Names:
