@@ -260,7 +260,7 @@ cranedyn/model/mjcf_compiler.py
 + ends = sorted((low, high))
 * a load that stands is read as one that hangs
 ? mjcf::what_no_crane_is_is_refused_by_name[load that stands]
-- if not all(moves) and upward > _CARRYING:
+- if not all(moves) and upward > MIN_SUPPORT_NORMAL:
 + if False:
 * a tendon with a spring is left out
 ? mjcf::what_no_crane_is_is_refused_by_name[tendon]
@@ -269,8 +269,8 @@ cranedyn/model/mjcf_compiler.py
 cranedyn/model/friction.py
 * friction has no width, so that it holds nothing
 ? friction::the_width_is_the_rate_that_friction_takes_off_in_the_stopping_time
-- largest = np.maximum(largest, np.diag(np.linalg.inv(mass)))
-+ largest = np.maximum(largest, 0.0)
+- stopping = STOPPING_TIME * interaction * mobility
++ stopping = 0.01 * STOPPING_TIME * interaction * mobility
 * the record of a run forgets friction
 ? friction::friction_survives_the_record_of_a_run
 - text = dynamics.get("friction", "0")
@@ -1604,7 +1604,7 @@ cranedyn/data/binary_reader.py
 cranedyn/data/external.py
 * a unit that a file says is overlooked
 ? logs::a_unit_that_the_file_says_and_the_user_does_not_is_refused
-- if theirs not in factors or factors[theirs] == factor:
+- if factors.get(theirs) == factor:
 + if True:
 * what lies outside of since and until is judged
 ? logs::nothing_outside_of_since_and_until_is_judged

@@ -223,7 +223,8 @@ def sheet_content(rows: list[list[Any]]) -> tuple[dict[str, Any], Any]:
         )
     matrix = np.full((height, width), np.nan)
     texts: list[tuple[int, int, str]] = []
-    clocks: list[set[str]] = [set() for _ in range(width)]
+    last_date = [-1] * width
+    last_number = [-1] * width
     for i, row in enumerate(rows):
         for j, cell in enumerate(row):
             if isinstance(cell, str | bool):
@@ -231,15 +232,17 @@ def sheet_content(rows: list[list[Any]]) -> tuple[dict[str, Any], Any]:
                     texts.append((i, j, str(cell)[:500]))
                 continue
             matrix[i, j], kind = cell_number(cell)
-            clocks[j].add(kind)
+            last = last_date if kind == "date" else last_number
+            last[j] = i
         if len(texts) > MAX_TEXT_CELLS:
             raise Refusal(f"more than {MAX_TEXT_CELLS} of its cells hold words")
     return {
         "height": height,
         "width": width,
         "texts": texts,
-        "clocks": [j for j, kinds in enumerate(clocks) if kinds == {"date"}],
-        "mixed": [j for j, kinds in enumerate(clocks) if "date" in kinds and len(kinds) > 1],
+        # The last rows tell what the table holds, whatever stands above it.
+        "last_date": last_date,
+        "last_number": last_number,
     }, matrix
 
 

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cranedyn.data.logs import LoggedColumn, LoggedTable, open_log
-from cranedyn.data.text_layout import unit_in_brackets
+from cranedyn.data.text_layout import is_unit, unit_in_brackets
 from cranedyn.data.trajectory import check_increasing
 from cranedyn.errors import DataError, UnknownName, printable, quoted
 
@@ -244,12 +244,20 @@ def _unit(log: LoggedTable, column: str, source: Source, index: int) -> _Unit:
         DataError: If the user says none and the file says another than ours.
     """
     written = log.units[index] or unit_in_brackets(log.names[index])
-    theirs = _SPELLINGS.get(written, written)
     factors = _unit_factors(column)
+    theirs = _known_unit(written, factors)
     factor = _factor(column, source.unit)
-    if theirs not in factors or factors[theirs] == factor:
+    if factors.get(theirs) == factor:
         return _Unit(source.unit)
     label = printable(log.labels[index])
+    if theirs not in factors:
+        if source.unit or not factors or not is_unit(written):
+            return _Unit(source.unit)
+        raise DataError(
+            f"{log.path} says that {quoted(label)} is in {quoted(written)}; allowed for {column} "
+            f"are {', '.join(factors)}. Say the unit if the file is wrong: --columns "
+            f"'{column}=\"{label}\"[{next(iter(factors), '')}]'."
+        )
     if not source.unit:
         raise DataError(
             f"{log.path} says that {quoted(label)} is in {written}; say so, too: --columns "
@@ -257,6 +265,19 @@ def _unit(log: LoggedTable, column: str, source: Source, index: int) -> _Unit:
         )
     remark = f"{column} is taken in {source.unit} although the file says {printable(written)}"
     return _Unit(source.unit, remark)
+
+
+def _known_unit(written: str, factors: Mapping[str, float]) -> str:
+    """Return a unit as a file writes it by our name, whatever its case; as written if it is none
+    of ours.
+    """
+    spelled = _SPELLINGS.get(written) or _SPELLINGS.get(written.lower(), written)
+    if spelled in factors:
+        return spelled
+    for unit in factors:
+        if unit.lower() == spelled.lower():
+            return unit
+    return spelled
 
 
 def _rows_between(found: Mapping[str, LoggedColumn], since: float, until: float) -> np.ndarray:
@@ -308,12 +329,14 @@ def _filled(
             cells, or a swing is missing for long.
     """
     sparse = [c for c, v in found.items() if v.empty.mean() > SPARSE]
-    for column in found if not sparse or "t_s" not in found else ():
-        if found[column].empty.any():
+    if not sparse or "t_s" not in found:
+        for column in found:
+            if not found[column].empty.any():
+                continue
             row = rows[np.argmax(found[column].empty)] + 1
             raise DataError(
-                f"{path}: column {names[column]} holds a value that is not finite, in data row "
-                f"{row}; the cell is empty."
+                f"{path}: column {names[column]} is empty in data row {row}; fill the cell in, or "
+                "leave the row out."
             )
     t = found["t_s"].values
     if not (t[1:] > t[:-1]).all():
@@ -321,10 +344,12 @@ def _filled(
     # The rows that count: those of the fastest topic, or all where a value is held, so that each
     # fresh value keeps its own time.
     rows_kept = np.ones(len(t), dtype=bool)
+    required: list[str] = []
     if filling == "interpolate":
-        full = [column for column in found if column not in sparse and column != "t_s"]
-        densest = min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))
-        for column in full or [densest]:
+        required = [column for column in found if column not in sparse and column != "t_s"]
+        if not required:
+            required = [min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))]
+        for column in required:
             rows_kept &= ~found[column].empty
     filled: dict[str, LoggedColumn] = {}
     for column, values in found.items():
@@ -341,6 +366,8 @@ def _filled(
         else:
             numbers = np.interp(t, t[present], values.values[present])
             done = "the others lie on straight lines between them"
+            if column not in sparse or column in required:
+                done = "rows without one are left out"
         filled[column] = LoggedColumn.full(numbers)
         remarks.append(
             f"{column} has values in {len(present)} of {len(t)} rows, at most {longest:.3g} s "

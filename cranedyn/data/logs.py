@@ -388,10 +388,13 @@ def _sheet_column(
             return _clock_column(path, f"{column + 1}", texts)
     for row, text in sorted(words.items()):
         raise DataError(f"{place}: {quoted(text)} in row {row + 1} is no number.")
-    if column in sheet.mixed or (column in sheet.dates and not may_be_time):
+    has_dates = sheet.holds_dates(column, first)
+    if has_dates and sheet.holds_numbers(column, first):
+        raise DataError(f"{place} holds dates and numbers; needed is one of both.")
+    if has_dates and not may_be_time:
         raise DataError(f"{place} holds dates; needed are numbers.")
     empty = np.isnan(values)
-    if column not in sheet.dates:
+    if not has_dates:
         return LoggedColumn(values, empty)
     seconds = values - values[np.argmin(empty)]
     return LoggedColumn(seconds, empty, "times count in seconds from the first")

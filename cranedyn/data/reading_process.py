@@ -1,4 +1,4 @@
-"""Processes in which the files of strangers are read, with bounds on memory and time.
+"""Processes in which untrusted files are read, with bounds on memory and time.
 
 Libraries in C, C++ and Rust read such files. A file with one wrong byte may end the process that
 reads it, or ask for a terabyte of memory; neither can be caught. So small programs, which import
@@ -57,7 +57,7 @@ def run_reader(
         "HDF5_USE_FILE_LOCKING": "FALSE",
     }
     try:
-        # -P: no module of the current folder takes the place of one that is installed.
+        # -P: no module beside the program takes the place of one that is installed.
         return subprocess.run(
             [sys.executable, "-P", str(program), *arguments],
             stdin=subprocess.DEVNULL if source is None else source,
@@ -77,14 +77,14 @@ def run_reader(
 
 
 def why_it_ended(code: int) -> str:
-    """Return why a reading process ended without a word, by its exit status."""
-    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+    """Return why a reading process ended without output, by its exit status."""
+    if code in (-getattr(signal, "SIGXCPU", 24), -getattr(signal, "SIGKILL", 9)):
         return f"reading it takes more than {CPU_TIME} s of processor time, or too much memory"
     if code == -signal.SIGABRT:
         return (
-            f"its reader gave up; the file is damaged, or it needs more than {MEMORY / 1e9:.0f} GB "
+            f"its reader gave up; the file may be damaged, or need more than {MEMORY / 1e9:.0f} GB "
             "of memory"
         )
     if code < 0:
-        return f"its reader crashed ({signal.Signals(-code).name}); the file is damaged"
-    return "its reader ended without a result; the file is damaged"
+        return f"its reader crashed ({signal.Signals(-code).name}); the file may be damaged"
+    return "its reader ended without a result; the file may be damaged"

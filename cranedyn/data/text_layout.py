@@ -31,11 +31,16 @@ _NUMBERS = {
 }
 """How a number is written, by the decimal mark."""
 
+_LONGEST_NUMBER = 400
+"""Number of characters up to which a cell may be a number; patterns of numbers take a time that
+grows with the square of it."""
+
 _DATE = re.compile(r"\d{1,4}([-./])\d{1,2}\1\d{1,4}")
 """A date in a column of its own, which says nothing about the layout."""
 
 _DIGITS = re.compile(r"[-+\d.,;:|\s/eE]*\d[-+\d.,;:|\s/eE]*")
-"""What looks like numbers; if it is none, the delimiter or the decimal mark is another."""
+"""A cell of digits and separators only: if it is no number, the delimiter or the decimal mark that
+was assumed is wrong."""
 
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+")
 """A number whose mark may be that of thousands, such as 1,500."""
@@ -193,13 +198,17 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _is_row(cells: Sequence[str], decimal: str) -> bool:
-    """Return whether a line is a row: two cells with a number or a time, or one beside empty ones,
-    and none that would be numbers with another delimiter or decimal mark.
+    """Return whether a line is a row of the table.
+
+    A row has two cells with a number or a time, or one such cell beside empty ones. No cell of it
+    would be several numbers with another delimiter, or one with another decimal mark.
     """
     values = empty = words = 0
     for cell in cells:
         if not cell:
             empty += 1
+        elif len(cell) > _LONGEST_NUMBER:
+            words += 1
         elif _NUMBERS[decimal].fullmatch(cell) or is_clock_time(cell):
             values += 1
         elif _DIGITS.fullmatch(cell) and not _DATE.fullmatch(cell):
@@ -383,6 +392,8 @@ def is_row_of_units(cells: Sequence[str]) -> bool:
 
 
 def _is_number(cell: str) -> bool:
+    if len(cell) > _LONGEST_NUMBER:
+        return False
     return any(number.fullmatch(cell) for number in _NUMBERS.values())
 
 
@@ -394,6 +405,11 @@ def unit_in_brackets(name: str) -> str:
     if match is None:
         return ""
     return (match[1] or match[2] or "").strip()
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit with a dimension, in any case of its letters."""
+    return text.lower() in _KNOWN_UNITS - {"-", "1", "%"}
 
 
 def not_a_table(path: object, error: ValueError) -> DataError:

@@ -23,15 +23,23 @@ class Sheet:
         numbers: Numbers, NaN where a cell holds none, shape (rows, columns). Dates count in seconds
             from 1970, times of day and durations in seconds.
         words: Words by row and column, both from 0.
-        dates: Indices of the columns whose numbers are dates.
-        mixed: Indices of the columns in which some numbers are dates.
+        last_date: Last row of each column that holds a date, -1 for none.
+        last_number: Last row of each column that holds a number which is no date, -1 for none.
     """
 
     name: str
     numbers: np.ndarray
     words: Mapping[tuple[int, int], str]
-    dates: frozenset[int]
-    mixed: frozenset[int]
+    last_date: tuple[int, ...]
+    last_number: tuple[int, ...]
+
+    def holds_dates(self, column: int, first: int) -> bool:
+        """Return whether a column holds a date from a row on."""
+        return self.last_date[column] >= first
+
+    def holds_numbers(self, column: int, first: int) -> bool:
+        """Return whether a column holds a number that is no date from a row on."""
+        return self.last_number[column] >= first
 
     def cell(self, row: int, column: int) -> float | str:
         """Return the number or the words of a cell, an empty text where it is empty."""
@@ -77,7 +85,7 @@ def read_sheets(path: str | Path) -> list[Sheet]:
         matrix = numbers[begin : begin + height * width].reshape(height, width)
         begin += height * width
         words = {(int(i), int(j)): str(text) for i, j, text in described["texts"]}
-        dates = frozenset(int(j) for j in described["clocks"])
-        mixed = frozenset(int(j) for j in described["mixed"])
-        sheets.append(Sheet(str(described["name"]), matrix, words, dates, mixed))
+        last_date = tuple(int(row) for row in described["last_date"])
+        last_number = tuple(int(row) for row in described["last_number"])
+        sheets.append(Sheet(str(described["name"]), matrix, words, last_date, last_number))
     return sheets

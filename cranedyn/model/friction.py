@@ -1,13 +1,13 @@
 """Dry friction in the joints: read from a URDF, and the width of the smooth law by which it is
 simulated.
 
-Coulomb's law jumps where a joint changes its direction: friction is whatever holds the joint there,
-up to its largest value f. An explicit integrator cannot step such a law. Here friction is
+Coulomb's law jumps where a joint changes its direction: at rest, friction takes whatever value up
+to f keeps the joint still. An explicit integrator cannot step such a law. Here friction is
 
     F(v) = -f v / sqrt(v² + w²),
 
 which is Coulomb's law at rates far above the width w, and viscous damping f/w far below it. A joint
-under a force F < f therefore does not stand: it creeps at the rate w F / sqrt(f² - F²).
+under a force F < f therefore does not stand still but creeps at the rate w F / sqrt(f² - F²).
 
 The width follows from how fast friction brings a joint to rest, see `STOPPING_TIME`. The law itself
 is in `cranedyn.dynamics.joint_forces`.
@@ -27,19 +27,20 @@ import pinocchio as pin
 from cranedyn.checks import number
 from cranedyn.errors import OutOfRange
 from cranedyn.model.layout import Layout
+from cranedyn.model.mimics import Coupling
 
 STOPPING_TIME = 5e-3
-"""The width w is the rate that friction takes off a joint in this time [s].
+"""Time in which full friction takes the rate w from a joint [s].
 
-The slope of the law at rest is then that of a damper with this time constant. Semi-implicit Euler
-is stable in steps up to twice the time constant, RK4 up to 2.8 times, so that all steps in use here
-(0.5 to 10 ms) are stable."""
+The slope of the law at rest is then that of a damper whose time constant is no shorter than this,
+see `smooth_friction`. Semi-implicit Euler is stable in steps up to twice the time constant, RK4 up
+to 2.8 times."""
 
-_LARGEST_WIDTH = 1.0
+MAX_WIDTH = 1.0
 """Largest width of the law [rad/s or m/s]: with a wider one friction would be a mere damper at the
 rates of a crane."""
 
-_MOST_COMBINED_DRIVES = 8
+MAX_COMBINED_DRIVES = 8
 """Number of drives up to which all combinations of the ends of their ranges are looked at for the
 least inertia, 256 at most."""
 
@@ -92,8 +93,18 @@ def smooth_friction(
     upper: np.ndarray,
     drives: Sequence[int],
     start: np.ndarray,
+    coupling: Coupling | None = None,
 ) -> DryFriction | None:
     """Return the smooth law of dry friction; None where no joint has any.
+
+    The law is a damper f/w at small rates. With the inverse M⁻¹ of the mass matrix, the fastest of
+    its time constants belongs to the largest eigenvalue of M⁻¹ diag(f/w). The widths are
+
+        w_i = T c f_i max(M⁻¹)_ii,
+
+    where the maximum is over the postures of `_inverse_masses`, T is `STOPPING_TIME`, and c is the
+    least factor with which that eigenvalue is no more than 1/T in any of these postures: 1 for a
+    single joint, and up to the number of joints where they are strongly coupled.
 
     Args:
         efforts: Dry friction of each joint [N m or N], shape (n,).
@@ -102,6 +113,7 @@ def smooth_friction(
         upper: Their upper ends, shape (n,).
         drives: Indices of the driven joints among the coordinates.
         start: Coordinates at which runs start, shape (n,).
+        coupling: Joints that follow others; None if there are none.
 
     Raises:
         OutOfRange: If friction is so large for the inertia of a joint that the law is too wide.
@@ -109,54 +121,70 @@ def smooth_friction(
     joints = tuple(np.flatnonzero(efforts).tolist())
     if not joints:
         return None
-    mobility = _largest_mobility(model, lower, upper, drives, start)[list(joints)]
+    among = np.ix_(joints, joints)
+    inverses = [
+        inverse[among] for inverse in _inverse_masses(model, lower, upper, drives, start, coupling)
+    ]
+    mobility = np.max([np.diag(inverse) for inverse in inverses], axis=0)
+    scale = np.sqrt(mobility)
+    interaction = max(
+        float(np.linalg.eigvalsh(inverse / scale / scale[:, None])[-1]) for inverse in inverses
+    )
     effort = efforts[list(joints)]
-    width = STOPPING_TIME * effort * mobility
-    for joint, friction, moved in zip(joints, effort, mobility, strict=True):
-        fastest = float(model.velocityLimit[joint])
-        widest = min(fastest, _LARGEST_WIDTH) if fastest > 0.0 else _LARGEST_WIDTH
-        largest = widest / (STOPPING_TIME * moved)
+    stopping = STOPPING_TIME * interaction * mobility
+    for joint, friction, rate_per_effort in zip(joints, effort, stopping, strict=True):
+        rate_limit = float(model.velocityLimit[joint])
+        widest = min(rate_limit, MAX_WIDTH) if rate_limit > 0.0 else MAX_WIDTH
+        largest = widest / rate_per_effort
         if friction > largest:
             name = model.names[joint + 1]
             raise OutOfRange(
                 f"dry friction of {name}",
                 float(friction),
-                f"{largest:.3g} at most for the inertia of that joint; one that rubs more hardly "
-                f"moves: hold it by locked=[{name!r}], or --locked, or leave its friction out",
+                f"{largest:.3g} at most for the inertia of that joint, which such friction keeps "
+                f"from moving: hold it by locked=[{name!r}], or --locked, or leave friction out",
                 "N m or N",
             )
-    return DryFriction(joints, effort, width)
+    return DryFriction(joints, effort, stopping * effort)
 
 
-def _largest_mobility(
+def _inverse_masses(
     model: pin.Model,
     lower: np.ndarray,
     upper: np.ndarray,
     drives: Sequence[int],
     start: np.ndarray,
-) -> np.ndarray:
-    """Return the largest acceleration of each joint per unit of effort on it, with all others free,
-    over the ends of the ranges of the drives: the diagonal of the inverse mass matrix, shape (n,).
+    coupling: Coupling | None,
+) -> list[np.ndarray]:
+    """Return the inverse of the mass matrix, the accelerations per unit of effort, at the start and
+    at all combinations of the ends of the ranges of the drives, shape (n, n) each. With more than
+    `MAX_COMBINED_DRIVES` drives only the start counts.
 
     Postures in which the mass matrix is singular, such as a rope without length, are left out: no
     crane moves there.
     """
     postures = [start]
-    if len(drives) <= _MOST_COMBINED_DRIVES:
+    if len(drives) <= MAX_COMBINED_DRIVES:
         for ends in itertools.product(*[(lower[i], upper[i]) for i in drives]):
             posture = start.copy()
             posture[list(drives)] = ends
-            postures.append(posture)
-    data, largest = model.createData(), np.zeros(model.nv)
+            postures.append(posture if coupling is None else coupling.complete(posture))
+    data, inverses = model.createData(), []
     for posture in postures:
-        mass = pin.crba(model, data, posture)
+        upper_triangle = np.triu(pin.crba(model, data, posture))
+        mass = upper_triangle + np.triu(upper_triangle, 1).T
+        if coupling is not None:
+            mass = coupling.reduce(mass)
         scale = np.sqrt(np.diag(mass))
         if not (np.isfinite(scale).all() and (scale > 0.0).all()):
             continue
         if np.linalg.cond(mass / scale / scale[:, None]) > 1.0 / np.finfo(float).eps:
             continue
-        largest = np.maximum(largest, np.diag(np.linalg.inv(mass)))
-    return largest
+        inverse = np.linalg.inv(mass)
+        if coupling is not None:
+            inverse = coupling.matrix @ inverse @ coupling.matrix.T
+        inverses.append(inverse)
+    return inverses
 
 
 def friction_notes(friction: DryFriction | None, layout: Layout) -> list[str]:

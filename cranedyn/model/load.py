@@ -315,7 +315,8 @@ def _crane(
         q = coupling.complete(q)
     _check_solvable(model, q, layout, path)
     dry = read_friction(robot, layout)
-    friction = smooth_friction(dry, model, lower, upper, layout.drives.tolist(), q)
+    drives = layout.drives.tolist()
+    friction = smooth_friction(dry, model, lower, upper, drives, q, coupling)
     crane = Crane(
         layout=layout,
         urdf_source=urdf_source,

@@ -15,7 +15,8 @@ from cranedyn.errors import ModelError, UnknownName, quoted
 from cranedyn.model.urdf import joint_placement, set_placement
 
 Locked = Sequence[str] | Mapping[str, float | str | None]
-"""Names of joints, or their coordinates [rad or m] by name, None for where they start."""
+"""Names of joints, or their coordinates [rad or m] by name: numbers, also as text from a command
+line, or None for where a joint starts."""
 
 
 def lock_joints(robot: ET.Element, locked: Locked, path: Path) -> list[str]:
@@ -32,7 +33,7 @@ def lock_joints(robot: ET.Element, locked: Locked, path: Path) -> list[str]:
 
     Raises:
         UnknownName: If there is no such moving joint.
-        ModelError: If a joint is locked that mimics another one.
+        ModelError: If a joint mimics another one, which is to be locked instead.
         OutOfRange: If a coordinate is out of the range of its joint.
     """
     moving = {
@@ -43,15 +44,18 @@ def lock_joints(robot: ET.Element, locked: Locked, path: Path) -> list[str]:
     if isinstance(locked, str):
         locked = [locked]
     chosen = dict(locked) if isinstance(locked, Mapping) else dict.fromkeys(locked)
-    notes = []
-    for name, value in chosen.items():
+    for name in chosen:
         if name not in moving:
             raise UnknownName("moving joint", name, moving)
-        if moving[name].find("mimic") is not None:
-            leader = moving[name].find("mimic").get("joint", "")  # type: ignore[union-attr]
+        mimic = moving[name].find("mimic")
+        if mimic is not None:
+            leader = mimic.get("joint", "")
             raise ModelError(
-                f"The joint {quoted(name)} in {path} mimics {quoted(leader)}; lock that one."
+                f"The joint {quoted(name)} in {path} mimics {quoted(leader)}; lock "
+                f"{quoted(leader)} instead."
             )
+    notes = []
+    for name, value in chosen.items():
         notes += _lock(robot, moving, name, _coordinate(robot, moving[name], value))
     return notes
 
@@ -59,7 +63,9 @@ def lock_joints(robot: ET.Element, locked: Locked, path: Path) -> list[str]:
 def _lock(
     robot: ET.Element, moving: Mapping[str, ET.Element], name: str, coordinate: float
 ) -> list[str]:
-    """Fix a joint at a coordinate, and all that mimic it where they are then; return notes."""
+    """Fix a joint at a coordinate, and all that mimic it at the coordinates that follow; return
+    notes.
+    """
     joint = moving[name]
     unit = "m" if joint.get("type") == "prismatic" else "rad"
     notes = [f"{name} is locked at {coordinate:.6g} {unit}."]

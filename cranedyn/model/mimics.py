@@ -5,9 +5,9 @@ is r times that of its leader plus c. All coordinates of a crane, those of follo
 
     q = G q + c,   v = G v,   a = G a,
 
-where the column of a follower in G is zero, and its row holds r at its leader. What moves a leader
-moves its followers too, so that its generalized force and inertia are those of the reduced
-coordinates, Gᵀ τ and Gᵀ M G.
+where the column of a follower in G is zero, and its row holds r at its leader: G projects on the
+motions that are possible, G G = G. What moves a leader moves its followers too, so that its
+generalized force and inertia are those of the reduced coordinates, Gᵀ τ and Gᵀ M G.
 
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), §3.2, on explicit constraints.
 """
@@ -22,12 +22,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.errors import ModelError
+
 
 class Mimic(NamedTuple):
     """How a joint follows another one.
 
     Attributes:
-        leader: Name of the joint that it follows, which follows none.
+        leader: Name of the joint that it follows, which itself follows no joint.
         ratio: Its rate over that of the leader.
         offset: Its coordinate where that of the leader is zero [rad or m].
     """
@@ -84,7 +86,7 @@ class Coupling:
 
     def spread(self, v: np.ndarray) -> np.ndarray:
         """Return rates or accelerations G v, shape (n,), in which the followers move with their
-        leaders; of any kind of number.
+        leaders; of floats or of symbols.
         """
         spread = v.copy()
         for follower, leader, ratio in zip(self.followers, self.leaders, self.ratios, strict=True):
@@ -93,7 +95,7 @@ class Coupling:
 
     def gather(self, forces: np.ndarray) -> np.ndarray:
         """Return generalized forces Gᵀ τ, shape (n,), in which the leaders carry what acts on their
-        followers, and the followers nothing; of any kind of number.
+        followers, and the followers nothing; of floats or of symbols.
         """
         gathered = forces.copy()
         for follower, leader, ratio in zip(self.followers, self.leaders, self.ratios, strict=True):
@@ -103,7 +105,7 @@ class Coupling:
 
     def reduce(self, mass: np.ndarray) -> np.ndarray:
         """Return Gᵀ M G of a symmetric matrix, shape (n, n), with 1 on the diagonal of followers,
-        so that it can be solved; of any kind of number.
+        so that it can be solved; of floats or of symbols.
         """
         reduced = mass.copy()
         for follower, leader, ratio in zip(self.followers, self.leaders, self.ratios, strict=True):
@@ -117,8 +119,8 @@ class Coupling:
 
 
 def read_mimics(robot: ET.Element, moving: Sequence[str]) -> dict[str, Mimic]:
-    """Return how joints of a checked URDF follow others, by name; a follower of a follower follows
-    the leader of that one.
+    """Return how joints of a checked URDF follow others, by name. A chain of followers is resolved
+    to the joint that moves by itself.
 
     Args:
         robot: The URDF.
@@ -162,8 +164,11 @@ def coupling_of(mimics: dict[str, Mimic], names: Sequence[str]) -> Coupling | No
 def limit_leaders(
     coupling: Coupling, lower: np.ndarray, upper: np.ndarray, names: Sequence[str]
 ) -> list[str]:
-    """Cut the ranges of leaders to those in which their followers stay in theirs, in place; return
-    a note on each range that was cut.
+    """Narrow the range of each leader so that its followers stay in theirs, in place; return a note
+    on each range that was narrowed.
+
+    Raises:
+        ModelError: If a leader has no range left.
     """
     notes = []
     rows = zip(coupling.followers, coupling.leaders, coupling.ratios, coupling.offsets, strict=True)
@@ -172,6 +177,11 @@ def limit_leaders(
             continue
         ends = sorted((end - offset) / ratio for end in (lower[follower], upper[follower]))
         low, high = max(lower[leader], ends[0]), min(upper[leader], ends[1])
+        if low > high:
+            raise ModelError(
+                f"{names[follower]} follows {names[leader]}, and is beyond its range wherever that "
+                "one is; correct the ranges, or multiplier and offset of <mimic>."
+            )
         if (low, high) != (lower[leader], upper[leader]):
             lower[leader], upper[leader] = low, high
             notes.append(

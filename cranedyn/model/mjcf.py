@@ -3,8 +3,10 @@
 MJCF has defaults, frames, replicas, units and rules for inertia that no other reader knows in full.
 So the file is compiled by MuJoCo, in a process of its own (`cranedyn.model.mjcf_compiler`), and the
 compiled model becomes a URDF: a link for each body, and a chain of joints where a body has several.
-Accelerations of that URDF by Pinocchio are then compared with those that MuJoCo computes: a file
-that holds anything which is not carried over is refused, whatever it is.
+Accelerations of that URDF by Pinocchio, with its damping, springs and armature, are then compared
+with those that MuJoCo computes at random states: a file in which anything else acts on the bodies
+is refused, whatever it is. Actuators, limits, contacts and dry friction do not act at these states;
+what is read of them is checked one by one.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from cranedyn.data.reading_process import run_reader, why_it_ended
 from cranedyn.errors import CraneError, ModelError, OutOfRange, printable, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT
 from cranedyn.model.foreign import ForeignModel
-from cranedyn.model.joints import MAX_MOVING_JOINTS
+from cranedyn.model.joints import MAX_MOVING_JOINTS, read_armature
 from cranedyn.model.urdf import inertial_element, numbers_text, parse_urdf, set_placement, skeleton
 
 _PROGRAM = Path(__file__).with_name("mjcf_compiler.py")
@@ -37,13 +39,13 @@ _FOLDERS = ("meshdir", "texturedir", "assetdir")
 """Attributes of ``<compiler>`` that name folders."""
 
 _SLIDE_REACH = 1e3
-"""Range to either side of a slide without one [m]."""
+"""Range to either side of a sliding joint without limits [m]."""
 
 _EFFORT = 1e6
 """Largest effort of a drive without a limit [N or N m]."""
 
 _LARGEST_TILT = 1e-5
-"""Angle between gravity and the vertical that is taken for none [rad]."""
+"""Largest angle between gravity and the vertical at which it counts as vertical [rad]."""
 
 _AGREEMENT = 1e-7
 """Largest difference from MuJoCo's accelerations, as a share of the largest of them: round-off of
@@ -63,6 +65,7 @@ def read_mjcf(root: ET.Element, path: Path) -> ForeignModel:
         path: The file; it and the files that it names must be in one folder.
 
     Raises:
+        DataError: If the file or one that it includes cannot be read, or takes too long.
         ModelError: If MuJoCo refuses the file, if a crane cannot be what it describes (free bodies,
             tendons with forces, equality constraints, actuators on anything but a joint, a load
             that stands on something), or if a file is named outside of its folder.
@@ -127,7 +130,9 @@ def _compiled(path: Path) -> dict[str, Any]:
         lines = output.read().decode("utf-8", "replace").splitlines()
     try:
         found = json.loads(lines[-1]) if lines else {}
-    except ValueError:
+    except (ValueError, RecursionError):
+        found = {}
+    if not isinstance(found, dict):
         found = {}
     if found.get("missing"):
         raise CraneError(
@@ -159,7 +164,9 @@ def _gravity(model: dict[str, Any], path: Path) -> float:
 
 
 def _drive_notes(model: dict[str, Any]) -> list[str]:
-    """Return a note on each drive whose effort the file does not state as a crane has it."""
+    """Return a note on each drive whose range of efforts is infinite or not symmetric, or which is
+    more than a motor.
+    """
     notes = []
     for joint in model["joints"]:
         drive, unit = joint["drive"], "N" if joint["slides"] else "N m"
@@ -234,7 +241,7 @@ class _Converter:
     def _add_joint(
         self, description: dict[str, Any], parent: str, child: str, anchor: pin.SE3
     ) -> None:
-        """Add a joint whose anchor is where its child has its origin in the reference posture."""
+        """Add a joint; `anchor` is its placement in its parent in the reference posture."""
         name, slides = description["name"], description["slides"]
         axis = np.array(description["axis"], dtype=float)
         kind = "prismatic" if slides else "revolute"
@@ -257,7 +264,7 @@ class _Converter:
         if low is not None and high is not None:
             limits |= {"lower": repr(float(low)), "upper": repr(float(high))}
         ET.SubElement(joint, "limit", limits)
-        dynamics = {name: repr(description[name]) for name in ("damping", "friction", "armature")}
+        dynamics = {key: repr(description[key]) for key in ("damping", "friction", "armature")}
         ET.SubElement(joint, "dynamics", dynamics)
         if description["stiffness"] != 0.0:
             block = ET.SubElement(self._robot, "gazebo", reference=name)
@@ -341,26 +348,19 @@ def _compare(robot: ET.Element, model: dict[str, Any], path: Path) -> None:
     rigid = pin.buildModelFromXML(skeleton(_limited(robot)))
     names = list(rigid.names)[1:]
     if sorted(names) != sorted(joint["name"] for joint in model["joints"]):
-        raise ModelError(f"{path} cannot be loaded: joints of it got lost.")
+        raise ModelError(f"{path} cannot be loaded: only {len(names)} of its joints became joints.")
     if not names:
         return
     order = [names.index(joint["name"]) for joint in model["joints"]]
-    columns = {
-        key: np.array([joint[key] for joint in model["joints"]], dtype=float)
-        for key in ("damping", "stiffness", "slack", "armature")
-    }
+    stiffness, slack = _springs_of(robot, names)
     rigid.gravity.linear = np.array(model["gravity"], dtype=float)
-    armature = np.zeros(rigid.nv)
-    armature[order] = columns["armature"]
-    rigid.armature = armature
+    rigid.armature = read_armature(robot, names)
     data = rigid.createData()
     for state in model["states"]:
-        q, v, effort = (np.array(state[key], dtype=float) for key in ("q", "v", "effort"))
-        effort = effort - columns["damping"] * v - columns["stiffness"] * (q - columns["slack"])
-        arrays = [np.zeros(rigid.nv) for _ in range(3)]
-        for array, values in zip(arrays, (q, v, effort), strict=True):
-            array[order] = values
-        ours = pin.aba(rigid, data, *arrays)[order]
+        q, v, effort = np.zeros((3, rigid.nv))
+        q[order], v[order], effort[order] = state["q"], state["v"], state["effort"]
+        effort = effort - rigid.damping * v - stiffness * (q - slack)
+        ours = pin.aba(rigid, data, q, v, effort)[order]
         theirs = np.array(state["acceleration"], dtype=float)
         largest = np.abs(theirs).max()
         if not (np.isfinite(ours).all() and np.isfinite(theirs).all()):
@@ -371,9 +371,19 @@ def _compare(robot: ET.Element, model: dict[str, Any], path: Path) -> None:
         if not np.abs(ours - theirs).max() <= _AGREEMENT * max(largest, 1e-3):
             raise ModelError(
                 f"{path} holds something that acts on its joints and is not read: accelerations "
-                f"differ from MuJoCo's by {np.abs(ours - theirs).max() / largest:.1e} of the "
-                "largest."
+                f"differ from MuJoCo's by {np.abs(ours - theirs).max():.1e}, where the largest is "
+                f"{largest:.1e}."
             )
+
+
+def _springs_of(robot: ET.Element, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return stiffness and slack coordinate of the spring of each joint, shape (joints,) each."""
+    stiffness, slack = np.zeros(len(names)), np.zeros(len(names))
+    for block in robot.iterfind("gazebo"):
+        joint = names.index(block.get("reference", ""))
+        stiffness[joint] = float(block.findtext("springStiffness", "0"))
+        slack[joint] = float(block.findtext("springReference", "0"))
+    return stiffness, slack
 
 
 def _limited(robot: ET.Element) -> ET.Element:

@@ -18,22 +18,26 @@ rope does not turn its load, and a crane has one coordinate a joint.
 import json
 import math
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-_STATES = 3
+RANDOM_STATES = 3
 """Number of random states at which MuJoCo's accelerations are printed, for comparison."""
 
-_RATES = (1.0, -1.0, 3.0)
+TEST_RATES = (1.0, -1.0, 3.0)
 """Rates at which the damping of a joint must be proportional to its rate [rad/s or m/s]."""
 
-_LINEAR = 1e-9
+LINEARITY_TOLERANCE = 1e-9
 """Relative deviation from that proportionality which is round-off."""
 
-_CARRYING = 0.5
+MIN_SUPPORT_NORMAL = 0.5
 """Vertical component of the normal of a contact from which on it carries a body."""
 
-_FREE_SLIDE = 1.0
+LARGEST_OUTPUT = 1_000_000_000
+"""Largest file that this process may write [byte]."""
+
+FREE_SLIDE_REACH = 1.0
 """Displacement at which a slide without a range is compared [m]."""
 
 
@@ -47,9 +51,14 @@ def limit_resources(memory: int, cpu_time: int) -> None:
         import resource
     except ImportError:  # Windows
         return
-    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-    resource.setrlimit(resource.RLIMIT_CPU, (cpu_time, cpu_time + 1))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for kind, soft, hard in (
+        (resource.RLIMIT_AS, memory, memory),
+        (resource.RLIMIT_CPU, cpu_time, cpu_time + 1),
+        (resource.RLIMIT_CORE, 0, 0),
+        (resource.RLIMIT_FSIZE, LARGEST_OUTPUT, LARGEST_OUTPUT),
+    ):
+        with suppress(ValueError, OSError):  # where a lower limit is set already, or none exists
+            resource.setrlimit(kind, (soft, hard))
 
 
 def read_spec(mujoco: Any, path: Path) -> tuple[Any, list[str]]:
@@ -68,17 +77,20 @@ def read_spec(mujoco: Any, path: Path) -> tuple[Any, list[str]]:
     for joint in balls:
         body = joint.parent
         label = joint.name or f"{body.name or 'ball'}_joint"
-        while not joint.name and f"{label}_y" in taken:
+        while {f"{label}_x", f"{label}_y"} & taken:
             label += "_"
-        taken.add(f"{label}_y")
+        taken |= {f"{label}_x", f"{label}_y"}
         for actuator in spec.actuators:
             if joint.name and actuator.target == joint.name:
                 raise Refused(
                     f"the actuator {actuator.name or 'without a name'} acts on the ball joint "
                     f"{label}; the drives of a crane move slides and hinges"
                 )
-        is_last = joint.name == body.joints[-1].name
-        if not is_last or (len(body.joints) > 1 and not joint.name):
+        if len(body.joints) > 1 and not joint.name:
+            raise Refused(
+                f"a ball joint of the body {body.name or 'without a name'} has no name; give it one"
+            )
+        if joint.name != body.joints[-1].name:
             raise Refused(
                 f"the ball joint {label} is followed by other joints of its body; give these a "
                 "body of their own"
@@ -108,12 +120,12 @@ def read_spec(mujoco: Any, path: Path) -> tuple[Any, list[str]]:
     return spec, notes
 
 
-def refuse_what_no_crane_is(mujoco: Any, model: Any, max_joints: int) -> list[str]:
+def check_representable(mujoco: Any, model: Any, max_joints: int) -> list[str]:
     """Check that a model is a tree of slides and hinges without other forces; return notes on what
     is left out without changing its motion.
 
     Raises:
-        Refused: If it is none.
+        Refused: If it has bodies, joints or forces that a crane cannot have.
     """
     names = Names(mujoco, model)
     if model.njnt > max_joints:
@@ -243,7 +255,7 @@ class Names:
 
 def damping_of_joints(mujoco: Any, model: Any) -> list[float]:
     """Return the viscous damping of each joint [N m s/rad or N s/m], that of its actuators among
-    it: what MuJoCo makes of a rate where springs are slack.
+    it, from the change of MuJoCo's passive forces with the rate, all springs at rest.
 
     Raises:
         Refused: If it is not proportional to the rate, or acts on another joint.
@@ -253,7 +265,7 @@ def damping_of_joints(mujoco: Any, model: Any) -> list[float]:
     damping = []
     for joint in range(model.nv):
         slopes = []
-        for rate in _RATES:
+        for rate in TEST_RATES:
             data.qpos[:] = model.qpos_spring
             data.qvel[:] = 0.0
             mujoco.mj_forward(model, data)
@@ -265,7 +277,7 @@ def damping_of_joints(mujoco: Any, model: Any) -> list[float]:
             change[joint] = 0.0
             if change.any():
                 raise Refused(f"the damping of {names.joint(joint)} acts on another joint, too")
-        if max(slopes) - min(slopes) > _LINEAR * max(map(abs, slopes)):
+        if max(slopes) - min(slopes) > LINEARITY_TOLERANCE * max(map(abs, slopes)):
             raise Refused(
                 f"the damping of {names.joint(joint)} is not proportional to its rate; a single "
                 "number is allowed"
@@ -329,11 +341,13 @@ def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, ActuatorRange]:
 
 
 def _force_range(mujoco: Any, model: Any, actuator: int) -> tuple[float, float, str]:
-    """Return the range of the force of an actuator before its gear, and what it is if no motor."""
+    """Return the range of the force of an actuator before its gear, and a phrase that says what it
+    is, empty for a plain motor.
+    """
     low, high, kind = -math.inf, math.inf, ""
     fixed_gain = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
     no_bias = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
-    follows = int(model.actuator_dyntype[actuator]) in (
+    force_follows_control = int(model.actuator_dyntype[actuator]) in (
         int(mujoco.mjtDyn.mjDYN_NONE),
         int(mujoco.mjtDyn.mjDYN_FILTER),
         int(mujoco.mjtDyn.mjDYN_FILTEREXACT),
@@ -344,9 +358,9 @@ def _force_range(mujoco: Any, model: Any, actuator: int) -> tuple[float, float, 
         kind = "an actuator with a lag of its own"
     if fixed_gain and no_bias:
         limits = None
-        if follows and model.actuator_ctrllimited[actuator]:
+        if force_follows_control and model.actuator_ctrllimited[actuator]:
             limits = model.actuator_ctrlrange[int(model.actuator_ctrladr[actuator])]
-        elif not follows and model.actuator_actlimited[actuator]:
+        elif not force_follows_control and model.actuator_actlimited[actuator]:
             limits = model.actuator_actrange[actuator]
         if limits is not None:
             gain = float(model.actuator_gainprm[actuator, 0])
@@ -370,6 +384,11 @@ def armature_of_joints(model: Any) -> list[float]:
     return armature
 
 
+def limits_joints(mujoco: Any, model: Any) -> bool:
+    """Return whether the ranges of joints act, which a flag of the file can switch off."""
+    return not int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+
+
 def start_of(mujoco: Any, model: Any) -> tuple[list[float], list[str]]:
     """Return the coordinates at which the model starts, and notes on them: the keyframe named home
     or start, else the first; the reference posture if there is none. A coordinate beyond its range
@@ -386,7 +405,11 @@ def start_of(mujoco: Any, model: Any) -> tuple[list[float], list[str]]:
         notes.append(f"The start is the keyframe {label} of the file.")
     for joint in range(model.njnt):
         low, high = model.jnt_range[joint].tolist()
-        if model.jnt_limited[joint] and not low <= start[joint] <= high:
+        if (
+            limits_joints(mujoco, model)
+            and model.jnt_limited[joint]
+            and not low <= start[joint] <= high
+        ):
             middle = (low + high) / 2.0
             notes.append(
                 f"{names.joint(joint)} starts at {middle:g}, in the middle of its range, since the "
@@ -396,9 +419,9 @@ def start_of(mujoco: Any, model: Any) -> tuple[list[float], list[str]]:
     return start, notes
 
 
-def refuse_supports(mujoco: Any, model: Any, start: list[float]) -> list[str]:
-    """Check that no moving body stands on one that is fixed to the world where the model starts;
-    return notes on contacts that are not simulated.
+def check_not_supported_at_start(mujoco: Any, model: Any, start: list[float]) -> list[str]:
+    """Check that at the start no moving body rests on a body that is fixed to the world; return
+    notes on contacts, which are not simulated.
 
     Raises:
         Refused: If one does: what carries it there is not simulated, so that it would fall.
@@ -415,7 +438,7 @@ def refuse_supports(mujoco: Any, model: Any, start: list[float]) -> list[str]:
         pair = " and ".join(names.geom(geom) for geom in geoms)
         # The normal points from the first geom to the second, which it pushes that way.
         upward = float(contact.frame[2]) * (1.0 if moves[1] else -1.0)
-        if not all(moves) and upward > _CARRYING:
+        if not all(moves) and upward > MIN_SUPPORT_NORMAL:
             raise Refused(
                 f"a body stands on another where the model starts: {pair} touch, and contacts are "
                 "not simulated; let it hang free at the start (a keyframe, or ref), or let these "
@@ -455,6 +478,7 @@ def shapes_of(mujoco: Any, model: Any) -> tuple[list[dict[str, Any]], list[str]]
                 "position": model.geom_pos[geom].tolist(),
                 "quaternion": model.geom_quat[geom].tolist(),
                 "colour": [float(component) for component in colour],
+                # MuJoCo's viewer shows groups 0 to 2 unless told otherwise.
                 "visible": int(model.geom_group[geom]) <= 2 and float(colour[3]) > 0.0,
                 "solid": bool(model.geom_contype[geom] or model.geom_conaffinity[geom]),
             }
@@ -463,7 +487,7 @@ def shapes_of(mujoco: Any, model: Any) -> tuple[list[dict[str, Any]], list[str]]
     return shapes, notes
 
 
-def accelerations_at_random(
+def random_state_accelerations(
     mujoco: Any, model: Any, start: list[float]
 ) -> list[dict[str, list[float]]]:
     """Return random states with efforts on all joints, and the accelerations that MuJoCo computes
@@ -476,12 +500,12 @@ def accelerations_at_random(
     saved = model.opt.disableflags
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
     states = []
-    for _ in range(_STATES):
+    for _ in range(RANDOM_STATES):
         for joint in range(model.njnt):
             low, high = model.jnt_range[joint].tolist()
             if not model.jnt_limited[joint]:
                 slide = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
-                reach = _FREE_SLIDE if slide else math.pi
+                reach = FREE_SLIDE_REACH if slide else math.pi
                 low, high = start[joint] - reach, start[joint] + reach
             data.qpos[joint] = draw.uniform(low, high)
             data.qvel[joint] = draw.gauss(0.0, 0.5)
@@ -508,19 +532,19 @@ def describe_model(mujoco: Any, path: Path, max_joints: int = 128) -> dict[str, 
     """
     spec, notes = read_spec(mujoco, path)
     model = spec.compile()
-    notes += refuse_what_no_crane_is(mujoco, model, max_joints)
+    notes += check_representable(mujoco, model, max_joints)
     names = Names(mujoco, model)
     start, start_notes = start_of(mujoco, model)
     notes += start_notes
     if int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION):
         notes.append("The file switches its actuators off, so that they drive no joint.")
-    notes += refuse_supports(mujoco, model, start)
+    notes += check_not_supported_at_start(mujoco, model, start)
     shapes, shape_notes = shapes_of(mujoco, model)
     disabled = int(model.opt.disableflags)
     bits = mujoco.mjtDisableBit
     springs = not disabled & int(bits.mjDSBL_SPRING)
     friction = not disabled & int(bits.mjDSBL_FRICTIONLOSS)
-    limits = not disabled & int(bits.mjDSBL_LIMIT)
+    limits = limits_joints(mujoco, model)
     gravity = [0.0] * 3 if disabled & int(bits.mjDSBL_GRAVITY) else model.opt.gravity.tolist()
     damping, armature = damping_of_joints(mujoco, model), armature_of_joints(model)
     actuation = actuation_of_joints(mujoco, model)
@@ -565,7 +589,7 @@ def describe_model(mujoco: Any, path: Path, max_joints: int = 128) -> dict[str, 
         "joints": joints,
         "shapes": shapes,
         "notes": [*notes, *shape_notes],
-        "states": accelerations_at_random(mujoco, model, start),
+        "states": random_state_accelerations(mujoco, model, start),
     }
 
 
@@ -583,7 +607,7 @@ def main(path: str, memory: str, cpu_time: str, max_joints: str) -> int:
         found = {"error": str(error)}
     except MemoryError:
         found = {"error": f"it needs more than {int(memory) / 1e9:g} GB of memory"}
-    except Exception as error:  # what MuJoCo raises has no common class
+    except (ValueError, mujoco.FatalError) as error:
         found = {"error": f"MuJoCo refuses it: {error}"}
     print(json.dumps(found))
     return 0

@@ -15,7 +15,8 @@ from scipy.io import savemat
 
 from cranedyn.data import bounded, reading_process
 from cranedyn.data.external import ExternalTable, Source, load_external, parse_sources
-from cranedyn.data.logs import find_format, open_log
+from cranedyn.data.logs import _sheet_column, find_format, open_log
+from cranedyn.data.workbooks import Sheet
 from cranedyn.errors import CraneError, DataError
 from tests.experiments.test_measured import workbook
 
@@ -101,6 +102,22 @@ def test_a_unit_that_the_file_says_and_the_user_does_not_is_refused(tmp_path: Pa
     assert "phi_rad is taken in mrad although the file says deg" in table.remarks
 
 
+def test_units_are_known_in_any_case_and_one_of_another_quantity_is_refused(tmp_path: Path) -> None:
+    loud = text(tmp_path / "a.csv", "\n".join(["time,angle,rope", "S,DEG,M", *rows()]))
+    with pytest.raises(DataError, match="says that angle is in DEG; say so, too"):
+        read(loud)
+    read(loud, "t_s=time", "phi_rad=angle[deg]", "l_m=rope")
+    other = text(tmp_path / "b.csv", "\n".join(["time,angle (m),rope", *rows()]))
+    with pytest.raises(DataError, match=r"is in m; allowed for phi_rad are rad, deg, mrad\. Say"):
+        read(other, "t_s=time", "phi_rad=angle (m)", "l_m=rope")
+
+
+def test_a_long_cell_of_digits_takes_no_time(tmp_path: Path) -> None:
+    path = text(tmp_path / "a.csv", "time,angle\n0,0.1\n1," + "1" * 100_000 + "x\n2,0.1\n")
+    with pytest.raises(DataError, match="angle"):
+        read(path, "t_s=time", "phi_rad=angle")
+
+
 def test_dates_count_from_the_first_row(tmp_path: Path) -> None:
     lines = [
         f"2024-05-01T10:15:{t:09.6f}Z,{p!r},15.0" for t, p in zip(T, PHI.tolist(), strict=True)
@@ -122,7 +139,7 @@ def test_times_are_no_angles(tmp_path: Path) -> None:
         (["time,angle", "0,0.1", "1,0.1", "2"], "has 1 cells in data row 3 and 2 in the rows"),
         (["time,angle", "0,0.1", "1,0.1", "2,x"], "column angle holds x in data row 3, which is"),
         (["time,angle", "0,0.1", "1,nan"], "holds a value that is not finite, in data row 2"),
-        (["time,angle", "0,0.1", "1,", *["2,0.1"] * 9], "not finite, in data row 2; .* empty"),
+        (["time,angle", "0,0.1", "1,", *["2,0.1"] * 9], "is empty in data row 2; fill the cell in"),
         (["time,angle,angle", "0,0.1,1", "1,0.1,1"], "has 2 columns angle.* number, as in #2"),
     ],
 )
@@ -245,6 +262,16 @@ def test_a_workbook_may_have_lines_above_its_header_and_several_sheets(tmp_path:
     body[7][1] = "lost"
     with pytest.raises(DataError, match="column 2: lost in row 9 is no number"):
         read(workbook(tmp_path / "c.xlsx", [[["time", "angle", "rope"], *body]]))
+
+
+def test_a_date_above_the_table_is_no_cell_of_it() -> None:
+    numbers = np.array([[np.nan, 1.7e9], [0.0, 0.1], [1.0, 0.2]])
+    dated = Sheet("S", numbers, {}, last_date=(-1, 0), last_number=(2, 2))
+    column = _sheet_column(Path("a.xlsx"), dated, 1, 1, may_be_time=False)
+    assert column.values.tolist() == [0.1, 0.2]
+    mixed = Sheet("S", numbers, {}, last_date=(-1, 1), last_number=(2, 2))
+    with pytest.raises(DataError, match="column 2 holds dates and numbers; needed is one of both"):
+        _sheet_column(Path("a.xlsx"), mixed, 1, 1, may_be_time=True)
 
 
 def test_a_workbook_whose_only_cell_is_far_away_is_a_sentence(tmp_path: Path) -> None:

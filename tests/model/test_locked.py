@@ -95,8 +95,10 @@ def test_a_locked_joint_is_no_longer_a_drive(path: Path) -> None:
 def test_a_joint_that_cannot_be_locked_is_refused(path: Path) -> None:
     with pytest.raises(UnknownName, match=r"no moving joint 'legs'.*"):
         load_crane(path, driven=["slew"], locked=["legs"])
-    with pytest.raises(ModelError, match=r"pad in .* mimics outrigger; lock that one"):
+    with pytest.raises(ModelError, match=r"pad in .* mimics outrigger; lock outrigger instead"):
         load_crane(path, driven=["slew"], locked=["pad"])
+    with pytest.raises(ModelError, match=r"pad in .* mimics outrigger"):
+        load_crane(path, driven=["slew"], locked={"outrigger": 0.3, "pad": 0.5})
     with pytest.raises(OutOfRange, match=r"locked grip is 2 rad; allowed is -1\.5 to 1\.5"):
         load_crane(path, driven=["slew"], locked={"grip": 2})
     with pytest.raises(OutOfRange, match="locked is given beside from_record"):

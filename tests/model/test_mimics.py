@@ -203,6 +203,13 @@ def test_a_leader_keeps_its_followers_in_their_ranges(crane: Crane) -> None:
     assert crane.lower[crane.layout.index("out1")] == -1.5
 
 
+def test_a_leader_without_a_range_left_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "boom.urdf"
+    path.write_text(BOOM.replace('offset="0.1"', 'offset="9"'), encoding="utf-8")
+    with pytest.raises(ModelError, match="out2 follows out1, and is beyond its range wherever"):
+        load_crane(path, driven=DRIVEN, payload="swing")
+
+
 def test_a_range_that_a_follower_cuts_is_said(tmp_path: Path) -> None:
     path = tmp_path / "boom.urdf"
     path.write_text(BOOM.replace('multiplier="0.8"', 'multiplier="2"'), encoding="utf-8")
