@@ -220,7 +220,7 @@ load_crane(rope_stiffness=-1.0) => rope_stiffness is -1.0 N; allowed is >= 0 or 
 load_crane(drum_inertia=inf) => drum_inertia is inf kg; allowed is > 0.
 load_crane(fall_spacing=-1.0) => fall_spacing is -1.0 m; allowed is >= 0.
 Ground([[0.0, 1.0]]) => points of a load is ((0.0, 1.0),) m; allowed is one or more of three numbers
-Platform((0.0, 0.0), (1.0, 0.0), 1.0) => size of a platform is 0.0 m; allowed is > 0.
+Platform((0.0, 0.0), (1.0, 0.0), 1.0) => size of a platform is 0.0 m; allowed is 1e-06 to 1e+06.
 Ground(points, (Platform((0.0, 0.0), (1.0, 1.0), 2.0),), height=2.0) => height of a platform above t
 standing(crane, Ground(points), start) => A load can stand on the ground only below a rope that stre
 batch(crane=[crane] * 8) => number of cranes is 8; allowed is 9, as many as there are of others, or

@@ -223,7 +223,7 @@ def test_the_papers_gains_end_as_the_stationary_ones_of_the_held_planes() -> Non
     reference = spline(crane(), crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
     gain = paper_controller(crane(), hanging_reference(crane(), reference, 20.0)).tracking.gain[-1]
     inertia = crane().slewing_inertia + crane().trolley_mass * 20.0**2
-    g = 9.80665
+    g = crane().gravity
     for (a, b), weights, row, columns in (
         (trolley_plane(1000.0, 500.0, 10.0, g), TROLLEY_WEIGHTS, 1, [1, 6, 2, 7]),
         (slew_plane(1000.0, inertia, 20.0, 10.0, g), SLEW_WEIGHTS, 0, [0, 5, 3, 8]),

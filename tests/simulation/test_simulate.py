@@ -157,7 +157,7 @@ def test_another_integrator_takes_its_place() -> None:
 
 
 def test_in_a_world_of_other_gravity_the_load_gives_less_than_a_millimetre() -> None:
-    found = simulate(crane(), hold_controller(crane()), duration=5.0)  # believes in 9.80665 m/s²
+    found = simulate(crane(), hold_controller(crane(), gravity=9.80665), duration=5.0)
     sag = 1000.0 * (G - 9.80665) / 3.0e4
     # What is left of the transient of exp(-k_p/k_d t).
     assert found.q[-1, 4] - 15.0 == pytest.approx(sag, rel=1e-3)
