@@ -69,7 +69,9 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
     Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant
     because the efforts jump there.
     """
-    crane, hold, limit = case.crane, case.controller, case.crane.effort_limit
+    crane = case.crane
+    hold = case.controller
+    limit = case.crane.effort_limit
     times = case.period * np.arange(case.periods(duration) + 1)
     rows = np.empty((len(times), 10))
     rows[0] = case.starts(1)[0]
@@ -82,7 +84,8 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
     for k, (q, v) in enumerate(zip(rows[:-1, :5], rows[:-1, 5:], strict=True)):
         away = rows[0, drives] - q[drives]
         effort = hold.feed_forward + hold.stiffness * away - hold.damping * v[drives]
-        span, arguments = (0.0, case.period), (effort.clip(-limit, limit),)
+        span = (0.0, case.period)
+        arguments = (effort.clip(-limit, limit),)
         rows[k + 1] = solve_ivp(rates, span, rows[k], args=arguments, **method).y[:, -1]
     return times, rows[:, :5]
 

@@ -50,7 +50,8 @@ class HorizonProblem(NamedTuple):
 
     def value(self, solution: np.ndarray) -> float:
         """Return the cost of a solution, penalties for exceeded bounds included."""
-        z, w = self.shape.states, self.shape.both
+        z = self.shape.states
+        w = self.shape.both
         last = self.a[-1] @ solution[-1, :z] + self.b[-1] @ solution[-1, z:w] + self.c[-1]
         both = solution[:, :w]
         over = np.maximum(solution - self.high, 0.0) + np.maximum(self.low - solution, 0.0)
@@ -60,7 +61,8 @@ class HorizonProblem(NamedTuple):
 
     def gap(self, solution: np.ndarray) -> float:
         """Return the largest residual of the model equations."""
-        z, w = self.shape.states, self.shape.both
+        z = self.shape.states
+        w = self.shape.both
         coming = (
             np.einsum("kij,kj->ki", self.a, solution[:, :z])
             + np.einsum("kij,kj->ki", self.b, solution[:, z:w])
@@ -97,13 +99,20 @@ class Sparse(NamedTuple):
 def sparse(problem: HorizonProblem) -> Sparse:
     """Return the programme in states, inputs and slacks of bounds."""
     shape = problem.shape
-    z, w, n = shape.states, shape.both, shape.stages
-    size, both = n * w + z, w + shape.inputs
-    follow, right = np.zeros((z * (n + 1), size)), np.zeros(z * (n + 1))
-    follow[:z, :z], right[:z] = np.eye(z), problem.start
-    bounded, offset = np.zeros((n * both, size)), np.zeros(n * both)
+    z = shape.states
+    w = shape.both
+    n = shape.stages
+    size = n * w + z
+    both = w + shape.inputs
+    follow = np.zeros((z * (n + 1), size))
+    right = np.zeros(z * (n + 1))
+    follow[:z, :z] = np.eye(z)
+    right[:z] = problem.start
+    bounded = np.zeros((n * both, size))
+    offset = np.zeros(n * both)
     for k in range(n):
-        rows, columns = slice(z * (k + 1), z * (k + 2)), slice(k * w, (k + 1) * w)
+        rows = slice(z * (k + 1), z * (k + 2))
+        columns = slice(k * w, (k + 1) * w)
         follow[rows, columns] = -np.hstack([problem.a[k], problem.b[k]])
         follow[rows, (k + 1) * w : (k + 1) * w + z] = np.eye(z)
         right[rows] = problem.c[k]
@@ -111,7 +120,8 @@ def sparse(problem: HorizonProblem) -> Sparse:
         bounded[k * both + w : (k + 1) * both, columns] = problem.e[k]
         offset[k * both + w : (k + 1) * both] = problem.d[k]
     high, low = (np.tile(bound, n) for bound in (problem.high, problem.low))
-    above, below = np.flatnonzero(high < NONE), np.flatnonzero(low > -NONE)
+    above = np.flatnonzero(high < NONE)
+    below = np.flatnonzero(low > -NONE)
     price = np.tile(problem.price, n)
     scale = np.concatenate([price[above], price[below]]) / problem.price.max()
     count = len(scale)
@@ -139,7 +149,8 @@ def by_clarabel(problem: HorizonProblem) -> Solve:
     """Solve by Clarabel's interior-point method, to 1e-10."""
     import clarabel
 
-    form, n = sparse(problem), problem.shape.stages
+    form = sparse(problem)
+    n = problem.shape.stages
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
@@ -159,7 +170,8 @@ def by_osqp(problem: HorizonProblem) -> Solve:
     """Solve by OSQP's operator splitting, to 1e-4."""
     import osqp
 
-    form, n = sparse(problem), problem.shape.stages
+    form = sparse(problem)
+    n = problem.shape.stages
     upper = sp.csc_matrix(sp.triu(form.weight))
     rows = sp.csc_matrix(sp.vstack([form.follow, form.sides]))
     high = np.concatenate([form.right, form.limits])
@@ -177,7 +189,8 @@ def by_piqp(problem: HorizonProblem) -> Solve:
     """Solve by PIQP's proximal interior-point method, with its defaults."""
     import piqp
 
-    form, n = sparse(problem), problem.shape.stages
+    form = sparse(problem)
+    n = problem.shape.stages
     low = np.full(len(form.limits), -np.inf)
 
     def solve() -> np.ndarray:
@@ -194,11 +207,15 @@ def by_daqp(problem: HorizonProblem) -> Solve:
     from daqp import solve
 
     shape = problem.shape
-    z, n, m = shape.states, shape.stages, shape.inputs
+    z = shape.states
+    n = shape.stages
+    m = shape.inputs
     width = n * m + 1
-    state, rows = np.zeros((z, width)), []
+    state = np.zeros((z, width))
+    rows = []
     state[:, -1] = problem.start
-    hessian, linear = np.zeros((width, width)), np.zeros(width)
+    hessian = np.zeros((width, width))
+    linear = np.zeros(width)
     for k in range(n):
         inputs = np.zeros((m, width))
         inputs[:, k * m : (k + 1) * m] = np.eye(m)
@@ -217,9 +234,11 @@ def by_daqp(problem: HorizonProblem) -> Solve:
     high, low = (np.tile(bound, n)[z:] for bound in (problem.high, problem.low))
     real = (high < NONE) | (low > -NONE)
     stacked = stacked[real]
-    high, low = high[real] - stacked[:, -1], low[real] - stacked[:, -1]
+    high = high[real] - stacked[:, -1]
+    low = low[real] - stacked[:, -1]
     square = np.ascontiguousarray(hessian[:-1, :-1])
-    cost, sides = hessian[:-1, -1] + linear[:-1], np.ascontiguousarray(stacked[:, :-1])
+    cost = hessian[:-1, -1] + linear[:-1]
+    sides = np.ascontiguousarray(stacked[:, :-1])
     kinds = np.zeros(len(low), dtype=np.int32)
 
     def answer() -> np.ndarray:

@@ -94,8 +94,11 @@ def batch_rate(crane: Crane, move: RestToRest, along: bool, rounds: int) -> floa
 
 def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
     """Return the last programme of a controller and its solution."""
-    shape, work = controller.programme.shape(1), controller.memory_of_optimisation()
-    z, w, m = shape.states, shape.both, shape.inputs
+    shape = controller.programme.shape(1)
+    work = controller.memory_of_optimisation()
+    z = shape.states
+    w = shape.both
+    m = shape.inputs
     stages = work[shape.first :].reshape(shape.stages, shape.stride)
 
     def common(name: str, rows: int, columns: int) -> np.ndarray:
@@ -105,7 +108,9 @@ def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
         block = stages[:, shape.place(name) :][:, : rows * shape.lanes]
         return block.reshape(len(stages), rows, -1)[:, :, :columns].copy()
 
-    forward, weight, end = each("forward", z, w), common("weight", w, w), common("end", z, z)
+    forward = each("forward", z, w)
+    weight = common("weight", w, w)
+    end = common("end", z, z)
     problem = HorizonProblem(
         forward[:, :, :z],
         forward[:, :, z:],
@@ -134,7 +139,8 @@ class _Answers(NamedTuple):
 
 def _answers(solver: Callable[[HorizonProblem], Solve], problems: list[HorizonProblem]) -> _Answers:
     """Solve each problem, then three times again, and return the shortest times."""
-    times, costs = [], []
+    times = []
+    costs = []
     for problem in problems:
         task = solver(problem)
         costs.append(problem.value(task()))
@@ -155,9 +161,12 @@ def repeated(
 
 def measure_mpc(options: argparse.Namespace) -> list[ResultTable]:
     """Measure all moves along their paths and to their goals, and all solvers of programmes."""
-    crane, stride = load_crane(), whole("every", options.every, 1)
+    crane = load_crane()
+    stride = whole("every", options.every, 1)
     rounds = whole("rounds", options.rounds, 1)
-    rows, programmes, most = [], list[Optimised](), 0
+    rows = []
+    programmes = list[Optimised]()
+    most = 0
     for name, along in (("along a flat path", True), ("to the goal", False)):
         moves = [repeated(crane, move, along, stride, rounds) for move in MOVES]
         most = max(most, *(sum(o.iterations > 0 for o in move) for move in moves))

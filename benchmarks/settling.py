@@ -80,7 +80,8 @@ def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial
             as quick or slow as those of the default crane would be.
     """
     rng = np.random.default_rng(seed)
-    size, quick = 1.0, np.ones(3)
+    size = 1.0
+    quick = np.ones(3)
 
     def end(slew: float) -> tuple[float, float, float]:
         return slew, size * rng.uniform(*RADIUS), size * rng.uniform(*LENGTH)
@@ -88,7 +89,8 @@ def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial
     drawn = []
     for i in range(count):
         if any_crane:
-            size, quick = math.exp(rng.uniform(*np.log(SIZE))), 2.0 ** rng.uniform(-1.0, 1.0, 3)
+            size = math.exp(rng.uniform(*np.log(SIZE)))
+            quick = 2.0 ** rng.uniform(-1.0, 1.0, 3)
         move = RestToRest(f"{i + 1}", end(0.0), end(rng.uniform(*SLEW)), 0.0)
         drawn.append(SettlingTrial(size, alike(size, quick), move))
     return drawn
@@ -115,7 +117,8 @@ def alike(size: float, quick: np.ndarray) -> Limits:
     """Return limits under which a scaled crane moves alike, with accelerations multiplied by drive
     and rates by the square root.
     """
-    rates, accelerations = np.array(LIMITS.rates), np.array(LIMITS.accelerations)
+    rates = np.array(LIMITS.rates)
+    accelerations = np.array(LIMITS.accelerations)
     return Limits(
         rates=rates * np.sqrt(quick) * size ** np.array([-0.5, 0.5, 0.5]),
         accelerations=accelerations * quick * size ** np.array([-1.0, 0.0, 0.0]),
@@ -126,7 +129,8 @@ def settle(drawn: Sequence[SettlingTrial]) -> list[SettlingTimes]:
     """Make moves by predictive control with its defaults, and plan each in the least time."""
     settled = []
     for size, limits, move in drawn:
-        crane, time = scaled_crane(size), math.sqrt(size)
+        crane = scaled_crane(size)
+        time = math.sqrt(size)
         start, goal = move.ends(crane)
         run = simulate(
             crane,
@@ -172,7 +176,8 @@ def judge_moves(moves: Sequence[SettlingTimes], allowed: float) -> Outcome:
 
 
 def _place(move: RestToRest) -> tuple[str, str]:
-    (_, x, length), (slew, radius, end) = move.start, move.goal
+    _, x, length = move.start
+    slew, radius, end = move.goal
     return f"{x:.1f}, {length:.1f}", f"{slew:.2f}, {radius:.1f}, {end:.1f}"
 
 

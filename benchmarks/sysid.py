@@ -80,7 +80,8 @@ def ours(prior: Prior, records: Sequence[Logged], sensor: str) -> Identified:
         model = Model.of(prior, [record.clean], names)
         values = np.array([estimate.value(p.name) if p.record is None else 0.0
                            for p in model.parameters])  # fmt: skip
-        predicted, rows = model.predicted(0, values[None])[0, 0], model.rows(0)
+        predicted = model.predicted(0, values[None])[0, 0]
+        rows = model.rows(0)
         return np.asarray(predicted[record.judged[rows]])
 
     return predict
@@ -197,7 +198,8 @@ def sysid_table(prior: Prior, logs: Sequence[Logged]) -> ResultTable:
     rows: list[list[float | str | None]] = []
     first: np.ndarray | None = None
     for way, identifier in ways.items():
-        squares, taken = [], 0.0
+        squares = []
+        taken = 0.0
         for fold, others in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
             begin = time.perf_counter()
             predict = identifier(fold)
@@ -207,7 +209,8 @@ def sysid_table(prior: Prior, logs: Sequence[Logged]) -> ResultTable:
         shares = 100.0 * np.sqrt(error / variation)
         first = shares if first is None else first
         pooled = 100.0 * float(np.sqrt(error.sum() / variation.sum()))
-        below, middle = int(np.sum(shares < first)), float(np.median(shares))
+        below = int(np.sum(shares < first))
+        middle = float(np.median(shares))
         rows.append([way, pooled, middle, float(max(shares)), below, taken])
     columns = (
         ("identified by", ""), ("held out [%]", ".1f"), ("median", ".1f"), ("largest", ".1f"),

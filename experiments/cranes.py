@@ -19,7 +19,8 @@ STUDIES = (modes, rope, agreement, control, pendulum, robots)
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run all cranes: frequencies, ropes, agreement, control, the double pendulum, and robots."""
-    update, outcomes = setup.reporter.count("parts", len(STUDIES)), list[Outcome]()
+    update = setup.reporter.count("parts", len(STUDIES))
+    outcomes = list[Outcome]()
     for study in STUDIES:
         outcomes.append(study.study(setup))
         update(len(outcomes))

@@ -103,7 +103,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)
-    sites, results = _sites(options), list[SiteResult]()
+    sites = _sites(options)
+    results = list[SiteResult]()
     update = setup.reporter.count("sites", len(sites))
     for name, site in sites:
         results.append(_result(setup, name, site, options, count))
@@ -192,7 +193,8 @@ def _result(
         whole_lift = from_ground(lift, stands=(at_start, at_goal))
         grounded = (whole_lift, *certify_ground_lift(whole_lift, engine=setup.engine))
     times.append(time.monotonic())
-    perturbed, least = None, None
+    perturbed = None
+    least = None
     if count and certificate.holds:
         perturbed = perturb(certificate, count, dt=setup.control_period)
     times.append(time.monotonic())
@@ -302,7 +304,8 @@ def _least_time(results: Sequence[SiteResult]) -> harness.ResultTable:
 
 
 def _claims(result: SiteResult) -> Iterator[harness.Claim]:
-    name, lift = result.name, result.lift
+    name = result.name
+    lift = result.lift
     checks = [*result.certificate.checks, *(result.grounded[2] if result.grounded else ())]
     for check in checks:
         yield harness.Claim(f"{name}: {check.sentence}", check.verdict)

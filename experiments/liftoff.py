@@ -195,7 +195,8 @@ def _from_ground(crane: Crane, ground: Ground, offset: float, slack: float, spee
     """Return the start of a lift-off: trolley beside the box by an offset [m], rope slack [m], and
     the hoist at its speed [m/s].
     """
-    layout, rope = crane.layout, crane.start.q[crane.layout.index("l")]
+    layout = crane.layout
+    rope = crane.start.q[crane.layout.index("l")]
     lead = math.atan2(offset, rope)
     state = crane.state(phi=lead, sling_radial=-lead, l=math.hypot(rope, offset) + slack)
     v = np.zeros(layout.n)
@@ -211,7 +212,8 @@ def _pull(crane: Crane, run: Trajectory) -> np.ndarray:
 
 def _push(crane: Crane, ground: Ground, run: Trajectory) -> np.ndarray:
     """Return the force of level ground over the weight at each row."""
-    contacts, forces = ground.contacts(crane), []
+    contacts = ground.contacts(crane)
+    forces = []
     for q, v in zip(run.q, run.v, strict=True):
         place = body_points(crane.model, crane.data, contacts.body, np.array(contacts.points), q, v)
         forces.append(float(np.sum(contacts.reaction(*place, place[0])[0][2])))
@@ -225,7 +227,8 @@ def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> LiftOf
     ground = Ground(box_corners(*SIDES), sink=HARD)
     start = _from_ground(crane, ground, 0.0, SLACK, speed)
     # the rope gets taut, takes up the weight, and the box bounces up once
-    stretch, jump = setup.gravity / omega**2, HOISTING[hoisting].slope * speed
+    stretch = setup.gravity / omega**2
+    jump = HOISTING[hoisting].slope * speed
     duration = (SLACK + stretch) / speed + 1.5 * math.pi / omega
     run = _run(setup, crane, ground, start, duration, f"{hoisting}, {drive}")
     # the ground is soft; a rope that strains and shortens gets stiffer; the peak is between rows
@@ -235,10 +238,12 @@ def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> LiftOf
 
 
 def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> OffLead:
-    crane, ground = _roped(setup), Ground(box_corners(*SIDES), (), friction)
+    crane = _roped(setup)
+    ground = Ground(box_corners(*SIDES), (), friction)
     start = _from_ground(crane, ground, offset, SLACK / 4.0, speed)
     run = _run(setup, crane, ground, start, 20.0, f"{offset:g} m off-lead")
-    lead, length = run["phi_rad"], run["l_m"]
+    lead = run["phi_rad"]
+    length = run["l_m"]
     off = int(np.flatnonzero(_push(crane, ground, run))[-1])
     swing = np.abs(lead[off:]) * (length[off:] / length[off]) ** 0.75
     slid = payload_position(crane, run.q[off]) - payload_position(crane, run.q[0])
@@ -248,7 +253,8 @@ def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> Off
 
 def _slide(setup: Setup, friction: float, speed: float) -> Slide:
     """Let the box slide along the jib below a slack rope, level on the ground, until it rests."""
-    crane, ground = _roped(setup), Ground(box_corners(*SIDES), (), friction)
+    crane = _roped(setup)
+    ground = Ground(box_corners(*SIDES), (), friction)
     layout = crane.layout
     start = standing(crane, ground, crane.state(phi=0.0, l=LENGTH + THROWN_SLACK))
     closed = speed**2 / (2.0 * friction * setup.gravity)
@@ -268,11 +274,13 @@ def _slide(setup: Setup, friction: float, speed: float) -> Slide:
 
 
 def _set_down(setup: Setup, speed: float) -> SetDown:
-    crane, ground = _roped(setup), Ground(box_corners(*SIDES))
+    crane = _roped(setup)
+    ground = Ground(box_corners(*SIDES))
     stretch = crane.start.q[crane.layout.index("rope_stretch")]
     start = crane.state(l=LENGTH - ABOVE - float(stretch), l_dot=speed)
     run = _run(setup, crane, ground, start, (2.0 * ABOVE) / speed + 1.0, f"down at {speed:g} m/s")
-    pull, push = _pull(crane, run), _push(crane, ground, run)
+    pull = _pull(crane, run)
+    push = _push(crane, ground, run)
     touched = int(np.flatnonzero(push)[0])
     slack = run.t[touched + np.flatnonzero(pull[touched:] <= 0.0)]
     rebounds = float(np.count_nonzero(push[touched:] == 0.0) * setup.control_period)
@@ -303,7 +311,8 @@ def _figure(picked: Sequence[LiftOff]) -> Figure:
     speeds = np.array([0.0, max(p.speed for p in picked)])
     for i, hoisting in enumerate(CLASSES):
         slope, intercept = HOISTING[hoisting]
-        drawn, colour = [p for p in picked if p.hoisting == hoisting], run_colour(i)
+        drawn = [p for p in picked if p.hoisting == hoisting]
+        colour = run_colour(i)
         ax.plot(speeds, intercept + slope * speeds, color=colour, label=f"φ2, {hoisting}")
         ax.plot(speeds, 1.0 + slope * speeds, color=colour, linestyle=":")
         ax.plot([p.speed for p in drawn], [p.simulated for p in drawn], "o", color=colour)

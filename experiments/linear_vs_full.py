@@ -96,7 +96,8 @@ def claims(
         for name in OF_SLEWING
         if case.site is SITES[1] and "spline" not in case.job.name
     ]
-    off, back = [case.paper.rms for case in slewing], [case.rates.rms for case in cases]
+    off = [case.paper.rms for case in slewing]
+    back = [case.rates.rms for case in cases]
     full_speed = min(case.paper.rms for case in cases if case.job.name not in ALONE)
     shares = [rates[site.name] / site.slew for site in SITES]
     plant, eq8 = ([powers[k] for powers in hoisted.values()] for k in (0, 1))

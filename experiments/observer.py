@@ -124,7 +124,8 @@ def _figure(swings: Cases) -> Figure:
     figure, (ax,) = panels(height=3.4)
     for k, sensors in enumerate(dict.fromkeys(case[0] for case in swings)):
         values = np.array([value for case, value in swings.items() if case[0] == sensors])
-        share, style = np.arange(1, len(values) + 1) / len(values), "steps-post"
+        share = np.arange(1, len(values) + 1) / len(values)
+        style = "steps-post"
         ax.plot(1e3 * np.sort(values), share, drawstyle=style, color=run_colour(k), label=sensors)
     ax.axvline(1e3 * LEFT, linestyle=":", color="#999999")
     ax.set(xscale="log", xlabel="swing at the arrival [mrad]", ylabel="share of the grid")

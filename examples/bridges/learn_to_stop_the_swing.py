@@ -70,11 +70,9 @@ class LearningCurve(BaseCallback):
 
     def __init__(self, envs: VecEnv) -> None:
         super().__init__()
-        self.many, self.rows, self.began = (
-            envs,
-            list[tuple[int, float, float]](),
-            time.perf_counter(),
-        )
+        self.many = envs
+        self.rows = list[tuple[int, float, float]]()
+        self.began = time.perf_counter()
 
     def _on_step(self) -> bool:
         return True
@@ -182,7 +180,8 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
 
 def compare_learned(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
     """Score the learned controller beside strategies of `compare`, for the combined move."""
-    setup, move = Setup(engine="compiled"), MOVES[-1]
+    setup = Setup(engine="compiled")
+    move = MOVES[-1]
     task = SwingTask(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}
     plans["learned"] = MovePlan(

@@ -160,9 +160,12 @@ def budget(crane: Crane, length: float, amplitude: float, controller: Hold) -> d
     """Return what each cause adds to the period, relative to the point pendulum in standard
     gravity.
     """
-    g, m = crane.gravity, crane.payload_mass
-    k_p, k_d = controller.stiffness, controller.damping
-    trolley, hoist = crane.layout.drive("x"), crane.layout.drive("l")
+    g = crane.gravity
+    m = crane.payload_mass
+    k_p = controller.stiffness
+    k_d = controller.damping
+    trolley = crane.layout.drive("x")
+    hoist = crane.layout.drive("l")
     inertia = crane.payload_inertia[0, 0]
     point = float(theory.point_period(length, g))
     payload = theory.rigid_period(length, g, m, inertia)

@@ -33,7 +33,8 @@ of the drives, unexplained."""
 
 def run(setup: Setup, crane: Crane, swing: float, length: float, duration: float) -> Trajectory:
     """Let the load swing from rest [rad] on a cable [m] with the drives held."""
-    start, label = crane.state(l=length, phi=swing), f"dt = {1000 * setup.dt:g} ms"
+    start = crane.state(l=length, phi=swing)
+    label = f"dt = {1000 * setup.dt:g} ms"
     return setup.simulate(
         crane,
         hold_controller(crane, gravity=STANDARD_GRAVITY),
@@ -141,7 +142,8 @@ def locked_off(setup: Setup, crane: Crane, swing: float, length: float) -> tuple
         Largest difference in energy up to the time of the audit, and that of semi-implicit Euler
         for a swing without damping, ω dt/2; both as shares of the energy at the start.
     """
-    weight, inertia = crane.payload_mass * crane.gravity * length, inertia_of(crane, length)
+    weight = crane.payload_mass * crane.gravity * length
+    inertia = inertia_of(crane, length)
     damping = float(crane.damping[crane.layout.index("phi")])
 
     def rates(_: float, y: np.ndarray) -> list[float]:

@@ -67,10 +67,12 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     if options.coverage is not None:
         return covered(options, setup)
     loading = load_options(options)
-    urdf, values = loading.pop("urdf"), loading.pop("values")
+    urdf = loading.pop("urdf")
+    values = loading.pop("values")
     if (name := loading.pop("machine")) is not None:
         machine = read_machine(name)
-        urdf, values = machine.urdf, machine.values | values
+        urdf = machine.urdf
+        values = machine.values | values
     del loading["gravity"]
     prior = Prior(urdf, values, options.believed, loading)
     return files(options, setup, prior) if options.files else examples(setup)
@@ -137,7 +139,8 @@ def _believed(subject: str, result: Identification) -> list[Claim]:
 
 def _white(subject: str, result: Identification) -> Claim:
     """Judge what every interval presumes."""
-    coloured, verdict = ", ".join(result.estimate.not_white), "all"
+    coloured = ", ".join(result.estimate.not_white)
+    verdict = "all"
     if coloured:
         verdict = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
     return Claim(
@@ -205,7 +208,8 @@ def _recordings(
 
 def _worlds_claims(name: str, result: Identification) -> Iterator[Claim]:
     for parameter, (value, _) in result.estimate.intervals.items():
-        off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
+        off = abs(value / MADE_WITH[parameter] - 1.0)
+        allowed = CLOSE[parameter]
         yield Claim(
             f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
             f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
@@ -262,7 +266,8 @@ def _outcome(
     result: Identification, tables: Sequence[ResultTable], claims: Sequence[Claim]
 ) -> Outcome:
     """Return the outcome with the twin, its runs of the records, and their figures."""
-    estimate, twin = result.estimate, result.twin
+    estimate = result.estimate
+    twin = result.twin
     model = estimate.model
     names = [record.name for record in model.records]
     runs = [model.run(i, estimate.values, twin.crane) for i in range(len(names))]

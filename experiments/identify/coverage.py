@@ -76,7 +76,8 @@ def synthetic(
             the slew by as many degrees as these are metres; 0 for exact positions.
     """
     steps = {"m": resolution, "rad": math.radians(resolution)}
-    rng, prior = np.random.default_rng(seed), believed()
+    rng = np.random.default_rng(seed)
+    prior = believed()
     truth = {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
     crane = prior.load(payload_mass=truth["payload_mass"], damp_swing=truth["damp_swing"])
     t = _PERIOD * np.arange(round(DURATION / _PERIOD) + 1)
@@ -88,7 +89,8 @@ def synthetic(
     stride = round(INTERVAL / _PERIOD)
     columns = {"t_s": t[::stride]}
     for i, joint in enumerate(crane.layout.driven):
-        symbol, index = joint.symbol, int(crane.layout.drives[i])
+        symbol = joint.symbol
+        index = int(crane.layout.drives[i])
         recorded = (q[:, index] - truth.get(f"{symbol}_offset", 0.0))[::stride]
         if resolution > 0.0:
             recorded = steps[joint.unit] * np.round(recorded / steps[joint.unit])
@@ -143,7 +145,8 @@ def _by_mujoco(
     dt = _PERIOD / _FINE
     text = ET.tostring(mjcf(crane, urdf_element(crane), dt), encoding="unicode")
     model = mujoco.MjModel.from_xml_string(text)
-    data, drives = mujoco.MjData(model), crane.layout.drives
+    data = mujoco.MjData(model)
+    drives = crane.layout.drives
     data.qpos[:], data.qvel[:] = start
     aim = position + (start.q[drives] - position[0])
     acceleration = np.gradient(velocity, _PERIOD, axis=0)
@@ -152,7 +155,8 @@ def _by_mujoco(
     mujoco.mj_fullM(model, data, inertia)
     mass = 1.0 / np.diag(np.linalg.inv(inertia))[drives]
     needed = data.qfrc_bias[drives] + mass * acceleration
-    q, effort = np.empty((len(aim), crane.layout.n)), np.empty_like(aim)
+    q = np.empty((len(aim), crane.layout.n))
+    effort = np.empty_like(aim)
     for k in range(len(aim)):
         q[k] = data.qpos
         for step in range(_FINE):
@@ -195,7 +199,8 @@ def coverage(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify synthetic cranes, and count how often the intervals hold the truth."""
-    count, plant = whole("coverage", options.coverage, 1), options.plant or "simulate"
+    count = whole("coverage", options.coverage, 1)
+    plant = options.plant or "simulate"
     resolution = number("resolution", options.resolution or 0.0, "m", ">= 0")
     folder = options.folder / "cases"
     end = sweep(
@@ -209,11 +214,13 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
     data = swept_columns(folder)
     rows = []
     for name in NAMES:
-        off, margin = data[f"{name}_off"], data[f"{name}_margin"]
+        off = data[f"{name}_off"]
+        margin = data[f"{name}_margin"]
         hits = int((np.abs(off) <= margin).sum())
         rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
     low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
-    channels, coloured = 4 * count, int(data["not_white"].sum())
+    channels = 4 * count
+    coloured = int(data["not_white"].sum())
     bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
     claims = []
     for name, hits, *_ in rows:

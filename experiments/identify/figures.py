@@ -22,8 +22,10 @@ def beside(estimate: Estimate, index: int) -> Figure:
     channels = [
         (c, channel) for c, channel in enumerate(model.channels[index]) if channel.kind == "swing"
     ]
-    record, rows = model.records[index], model.rows(index)
-    t, measured = record.t[rows], model.measured(index)
+    record = model.records[index]
+    rows = model.rows(index)
+    t = record.t[rows]
+    measured = model.measured(index)
     figure, axes = panels(len(channels), 3, height=2.8, width=13.0)
     for row, (c, channel) in enumerate(channels):
         wave, residual, spectrum = axes[3 * row : 3 * row + 3]

@@ -99,7 +99,9 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
 
 def _residual_table(result: Identification, subject: str) -> ResultTable:
     estimate = result.estimate
-    residuals, model, white = estimate.residuals, estimate.model, estimate.white
+    residuals = estimate.residuals
+    model = estimate.model
+    white = estimate.white
     channels = [
         (record, channel, residuals[i][c], model.measured(i)[c], white[i][c])
         for i, record in enumerate(model.records)

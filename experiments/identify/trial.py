@@ -118,13 +118,15 @@ def trial_record(prior: Prior, *, positions: bool) -> Record:
     """Return the record of the trial: swing, setpoints of the drives, and perhaps their positions,
     as sensors show them.
     """
-    run, rng = trial_run(), np.random.default_rng(18)
+    run = trial_run()
+    rng = np.random.default_rng(18)
     rows = np.arange(0, len(run), round(INTERVAL / _STEP))
     t = run.t[rows]
     columns = {"t_s": t}
     for joint in prior.crane.layout.driven:
         off = TRUTH.get(f"{joint.symbol}_offset", 0.0)
-        position, aim = joint.columns[0], joint.setpoint_column
+        position = joint.columns[0]
+        aim = joint.setpoint_column
         columns[aim] = run[aim][rows] - off
         measured = run[position][rows] - off + ENCODER[joint.unit] * rng.standard_normal(len(t))
         columns |= {position: measured} if positions else {}
@@ -183,7 +185,8 @@ def _left(
     corrected: Mapping[str, float],
 ) -> np.ndarray:
     """Return the swing that a plan leaves with uncorrected sensor offsets."""
-    move, layout = COMBINED, setup.crane.layout
+    move = COMBINED
+    layout = setup.crane.layout
     plan = strategies.STRATEGIES[strategy](setup, move)
     start = move.ends(setup.crane)[0]
     q = np.tile(start.q, (len(cranes), 1))

@@ -48,7 +48,9 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
     prescribed motion.
     """
     names = "gamma", "x", "l"
-    h, q, v = float(run.t[1] - run.t[0]), run.coordinates(*names), run.rates(*names)
+    h = float(run.t[1] - run.t[0])
+    q = run.coordinates(*names)
+    v = run.rates(*names)
     a = drive_accelerations(run)
 
     def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:

@@ -66,7 +66,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "The records have no licence and are no part of this project. Clone them into a folder "
             f"DIR: {commands} then add --data DIR."
         )
-    singles, drives, count = list[Single](), list[Log](), 0
+    singles = list[Single]()
+    drives = list[Log]()
+    count = 0
     for source in SOURCES:
         folder = Path(options.data) / source.folder
         if folder.is_dir():
@@ -119,7 +121,8 @@ def _held_out(estimate: Estimate, peers: Sequence[Estimate]) -> float | None:
     """Return the relative error of a record predicted with what others say of the crane."""
     if not peers:
         return None
-    model, means = estimate.model, _means(peers)
+    model = estimate.model
+    means = _means(peers)
     values = np.array(
         [
             means[p.name] if p.record is None else value
@@ -172,15 +175,19 @@ def _runs(single: Single, aside: float) -> list[Run]:
     """
     from cranedyn.recording import Run
 
-    estimate, record = single.estimate, single.record
+    estimate = single.estimate
+    record = single.record
     numbers = {name: value for name, (value, _) in estimate.intervals.items()}
-    crane, joint = twin_of(estimate).crane, record.swings[0]
+    crane = twin_of(estimate).crane
+    joint = record.swings[0]
     window = numbers.get("window", 0.0)
     late = numbers.get("delay", 0.0) + 0.5 * window
     twin = estimate.model.run(0, estimate.values, crane).before(record.duration - late)
     period = point_period(float(np.mean(twin["l_m"])), crane.gravity)
     swing = np.interp(twin.t + late, record.t, record.columns[joint.columns[0]])
-    q, v, i = twin.q.copy(), twin.v.copy(), crane.layout.index(joint.symbol)
+    q = twin.q.copy()
+    v = twin.v.copy()
+    i = crane.layout.index(joint.symbol)
     q[:, i] = (swing - numbers.get(f"{joint.symbol}_bias", 0.0)) / np.sinc(window / period)
     v[:, i] = np.gradient(q[:, i], twin.t)
     energies = [energy(crane, State(*row)) for row in zip(q, v, strict=True)]
@@ -195,7 +202,8 @@ def _shared(best: Fit, averaged: Fit) -> list[Claim]:
     """Return the claims on all records of the crane whose trolley moves, fitted together."""
     effects = " and ".join(best.names[1:]) or "nothing else"
     spread, former = (1e3 * f.offsets.std() for f in (best, averaged))
-    (mean, agree), (gravity, margin) = best.agreement, best.gravity
+    mean, agree = best.agreement
+    gravity, margin = best.gravity
     return [
         Claim(
             f"Beside the sensor's window the records show {effects}, with which their offsets "

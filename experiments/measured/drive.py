@@ -26,7 +26,8 @@ def simulate_trolley(command: np.ndarray, values: np.ndarray) -> np.ndarray:
             its surplus at rest, both over full command; shape (4,).
     """
     gain, loss, dry, surplus = values
-    x, v = np.zeros_like(command), np.zeros(command.shape[1])
+    x = np.zeros_like(command)
+    v = np.zeros(command.shape[1])
     for k, share in enumerate(command[:-1]):
         friction = STEP * gain * (dry + surplus * np.exp(-np.abs(v) / STRIBECK_RATE))
         v = v + STEP * (gain * share - loss * v)

@@ -95,7 +95,8 @@ class _Pendulums:
     """Records predicted by the independent pendulum."""
 
     def __init__(self, records: Sequence[Record], names: Sequence[str]) -> None:
-        self.names, self.count = ("damping", *names, *_OWN), 1 + len(names)
+        self.names = ("damping", *names, *_OWN)
+        self.count = 1 + len(names)
         self.size = len(records)
         numbers = [{**_SHARED, **_OWN}[name] for name in self.names]
         self.first, self.scale = np.array(numbers).T
@@ -193,7 +194,8 @@ def residue(record: Record, t: np.ndarray, error: np.ndarray, length: float) -> 
     if t[-1] - arrived < _FREE:
         return np.nan, np.nan
     free = t > arrived
-    t, error = t[free], error[free] - np.mean(error[free])
+    t = t[free]
+    error = error[free] - np.mean(error[free])
     power = lombscargle(t, error, _RATIOS * np.sqrt(STANDARD_GRAVITY / length))
     largest = int(np.argmax(power))
     return float(_RATIOS[largest]), float(np.sqrt(4.0 * power[largest] / len(t)))

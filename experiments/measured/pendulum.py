@@ -45,7 +45,8 @@ def simulate_swing(
         return np.stack([omega, torque - losses - centring * np.tanh(phi / _KINK)])
 
     steps = len(acceleration) // 2
-    phi, y = np.empty((steps + 1, len(length))), np.array(start, dtype=float)
+    phi = np.empty((steps + 1, len(length)))
+    y = np.array(start, dtype=float)
     for k in range(steps):
         phi[k] = y[0]
         first, middle, last = acceleration[2 * k : 2 * k + 3]
@@ -105,7 +106,8 @@ def logged(
         delay: Delay of the swing sensor [s].
         window: Time over which it averages [s].
     """
-    rng, one = np.random.default_rng(seed), np.ones(1)
+    rng = np.random.default_rng(seed)
+    one = np.ones(1)
     half = 0.5 * STEP * np.arange(4301)
     motion = CubicSpline(half, trolley(half, travel, lasts))
     effects = [factor * one for factor in (damping, 0.0, 0.0, 0.0)]

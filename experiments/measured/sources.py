@@ -243,7 +243,8 @@ def read_mat(content: bytes, name: str) -> Columns:
         index = names.index(variable)
         numbers = result.content.view("<f8")
         arrays[variable] = numbers[ends[index] - result.header["lengths"][index] : ends[index]]
-    t, y = arrays["t"], arrays["y"]
+    t = arrays["t"]
+    y = arrays["y"]
     if len(t) != len(y):
         raise DataError(f"{name}.mat has {len(t)} times and {len(y)} angles.")
     columns = {"t_s": t, "phi_rad": y, "l_m": np.full(len(t), _AAU_LENGTH)}

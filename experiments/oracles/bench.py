@@ -155,7 +155,8 @@ class OracleCheck(NamedTuple):
 
 def _richardson(values: Sequence[float]) -> list[float]:
     """Return Richardson extrapolations of values at steps h, h/2, h/4, ..., by rising power."""
-    row, best = list(values), [values[-1]]
+    row = list(values)
+    best = [values[-1]]
     for power in range(1, len(values)):
         pairs = itertools.pairwise(row)
         row = [fine + (fine - coarse) / (2.0**power - 1.0) for coarse, fine in pairs]
@@ -269,7 +270,8 @@ def payload_from_pivot(q: np.ndarray) -> np.ndarray:
     gamma, x, phi, theta, length = q.T
     outward = np.stack([np.sin(gamma), -np.cos(gamma), 0.0 * gamma])
     leftward = np.stack([np.cos(gamma), np.sin(gamma), 0.0 * gamma])
-    radius, aside = x - length * np.sin(phi) * np.cos(theta), -length * np.sin(theta)
+    radius = x - length * np.sin(phi) * np.cos(theta)
+    aside = -length * np.sin(theta)
     down = length * np.cos(phi) * np.cos(theta)
     return (radius * outward + aside * leftward - down * np.array([[0.0], [0.0], [1.0]])).T
 

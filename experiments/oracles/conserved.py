@@ -50,7 +50,8 @@ def free(crane: Crane, drive: int) -> Controller:
     """
 
     def accelerations(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        none, unit = np.zeros(crane.layout.m), np.eye(crane.layout.m)[drive]
+        none = np.zeros(crane.layout.m)
+        unit = np.eye(crane.layout.m)[drive]
         needed, with_unit = (
             prescribed_acceleration(crane, state, a)[1][drive] for a in (none, unit)
         )
@@ -69,7 +70,8 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
 
     def momentum(dt: float) -> float:
         run = swing(dt)
-        arm, rate = offset_from_plumb(run.q), rate_along(payload_from_pivot, run)
+        arm = offset_from_plumb(run.q)
+        rate = rate_along(payload_from_pivot, run)
         momenta = arm[:, 0] * rate[:, 1] - arm[:, 1] * rate[:, 0]
         return float(momenta[-1] / momenta[0])
 
@@ -83,8 +85,10 @@ def _ripple(bench: Bench, crane: Crane) -> Oracle:
     """Return the ripple of the energy: semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small
     swing, so E has gained ω dt/2 of itself three eighths of a period later.
     """
-    small, omega = 3e-3, math.sqrt(G / LENGTH)
-    t_full, full_energy = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
+    small = 3e-3
+    omega = math.sqrt(G / LENGTH)
+    t_full = 0.75 * math.pi / omega
+    full_energy = MASS * G * LENGTH * small**2 / 2.0
 
     def read(dt: float) -> float:
         run = bench.run(crane, crane.state(l=LENGTH, phi=small), 5.0, dt)
@@ -100,7 +104,8 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
 
     def read(dt: float) -> float:
         run = bench.run(crane, start, FREE, dt, free(crane, 0), substeps=1)
-        load, rate = payload_from_pivot(run.q), rate_along(payload_from_pivot, run)
+        load = payload_from_pivot(run.q)
+        rate = rate_along(payload_from_pivot, run)
         structure = (STRUCTURE + TROLLEY * run["x_m"] ** 2) * run["gamma_dot_rad_s"]
         # Of structure, trolley and load about the slew axis [kg m²/s].
         momenta = structure + MASS * (load[:, 0] * rate[:, 1] - load[:, 1] * rate[:, 0])

@@ -106,7 +106,8 @@ def push(
 
 def box_on_ground(bench: Bench) -> list[Oracle]:
     """Return the oracles of a box on the ground."""
-    crane, cone = free_box(), FRICTION * MASS * G
+    crane = free_box()
+    cone = FRICTION * MASS * G
 
     def sink(dt: float) -> float:
         return HEIGHT / 2.0 - float(push(crane, 0.0, 0.2, DT, bench.engine)["z_m"][-1])
@@ -156,7 +157,8 @@ def _leaning_place() -> float:
     over four sinks; along the push that is over the cosine once more.
     """
     x, y = PLATFORM.centre
-    cosine, tangent = math.cos(math.pi / 6.0), math.tan(math.pi / 6.0)
+    cosine = math.cos(math.pi / 6.0)
+    tangent = math.tan(math.pi / 6.0)
     side = x - 0.5 * PLATFORM.size[0] / cosine - (OFFSET - y) * tangent
     stiffness = MASS * G / (4.0 * SINK)
     return side - BUMPER + LEANING / (stiffness * cosine**2)
@@ -173,7 +175,8 @@ def _rebound_speed() -> float:
     """Return the speed of the box after the impact, where it touched first [m/s]: the motion on
     spring, damper and gravity up to where they no longer push.
     """
-    omega, ratio = math.sqrt(G / SINK), _impact_ratio(RESTITUTION)
+    omega = math.sqrt(G / SINK)
+    ratio = _impact_ratio(RESTITUTION)
 
     def push_off(t: float, state: np.ndarray) -> float:
         return float(omega**2 * state[0] + 2.0 * ratio * omega * state[1])

@@ -45,7 +45,8 @@ def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Cra
 
 
 def _steady(bench: Bench, radius: float, length: float, rpm: float) -> list[Oracle]:
-    rate, (crane, plumb) = rpm * math.pi / 30.0, turning(bench.build, radius, length, rpm)
+    rate = rpm * math.pi / 30.0
+    crane, plumb = turning(bench.build, radius, length, rpm)
     settled = cache(lambda dt: bench.run(crane, plumb, SETTLING, dt, substeps=SELDOM))
     location = f"x = {radius:g} m, l = {length:g} m, {rpm:g} rpm"
     angle = -math.degrees(theory.slewing_swing(radius, length, rate, G))
@@ -90,7 +91,8 @@ def _modes(bench: Bench, crane: Crane) -> list[Oracle]:
         back, forth = np.sort(np.log(np.roots([1.0, -a, -b])).imag / SAMPLE).tolist()
         return [forth, -back]
 
-    omega, observed = math.sqrt(G / LENGTH), f"seen from a jib at {RATE:g} rad/s"
+    omega = math.sqrt(G / LENGTH)
+    observed = f"seen from a jib at {RATE:g} rad/s"
     return [
         Oracle(f"{observed}: slow swing, ω - Ω", "rad/s", omega - RATE, lambda dt: rates(dt)[0]),
         Oracle(f"{observed}: fast swing, ω + Ω", "rad/s", omega + RATE, lambda dt: rates(dt)[1]),

@@ -93,8 +93,10 @@ def _from(crane: Crane, stretch: float, rate: float = 0.0) -> State:
 
 def _elastic(bench: Bench) -> Iterator[SlackCheck]:
     crane = _crane(bench)
-    weight, stiffness = MASS * G, EA / LENGTH
-    static, omega = weight / stiffness, theory.rope_bounce(EA, LENGTH, MASS)
+    weight = MASS * G
+    stiffness = EA / LENGTH
+    static = weight / stiffness
+    omega = theory.rope_bounce(EA, LENGTH, MASS)
     period = 2.0 * math.pi / omega
 
     def peak(start: State, duration: float) -> float:
@@ -118,7 +120,8 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
     for ratio in (0.02, 0.1):
         damped = _crane(bench, rope_damping=2.0 * ratio * omega * MASS)
         run = _run(bench, damped, start, period)
-        v, phase = run["rope_stretch_dot_m_s"], run["phase"]
+        v = run["rope_stretch_dot_m_s"]
+        phase = run["phase"]
         s = run["rope_stretch_m"]
         free = np.flatnonzero((phase == 1.0) & (s < 0.0))[0]
         rebound = math.sqrt(v[free] ** 2 - 2.0 * G * s[free])
@@ -127,7 +130,8 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
             f"rebound from {SPEED:g} m/s, damping ratio {ratio:g}", "m/s", closed, rebound
         )
     mass = MASS - RELEASED
-    light, half = _crane(bench, payload_mass=mass), math.pi / theory.rope_bounce(EA, LENGTH, mass)
+    light = _crane(bench, payload_mass=mass)
+    half = math.pi / theory.rope_bounce(EA, LENGTH, mass)
     run = _run(bench, light, _from(light, static), period)
     lowest = curve(run.t, run["rope_stretch_m"], int(half / DT))(half) * stiffness / (mass * G)
     closed = 1.0 - theory.drop_factor(RELEASED, mass)
@@ -142,7 +146,9 @@ def _elastic(bench: Bench) -> Iterator[SlackCheck]:
 
 
 def _reeved(bench: Bench) -> Iterator[SlackCheck]:
-    crane, n, eta = _crane(bench, rope_stiffness=0.0), 4, 0.95
+    crane = _crane(bench, rope_stiffness=0.0)
+    n = 4
+    eta = 0.95
     for verb, rate, share in (("hoists", -0.1, eta), ("lowers", 0.1, 1.0 / eta)):
         run = _run(bench, crane, crane.state(l_dot=rate), 0.1)
         line = Reeving(n, eta).columns(crane, run)["line_N"][-1]
@@ -152,9 +158,11 @@ def _reeved(bench: Bench) -> Iterator[SlackCheck]:
 
 def _inextensible(bench: Bench) -> Iterator[SlackCheck]:
     crane = _crane(bench, rope_stiffness=math.inf, drum_inertia=DRUM)
-    start, time = _from(crane, -HEIGHT), math.sqrt(2.0 * HEIGHT / G)
+    start = _from(crane, -HEIGHT)
+    time = math.sqrt(2.0 * HEIGHT / G)
     run = _run(bench, crane, start, 2.0 * time, drive="effort")
-    speed, reduced = G * time, MASS * DRUM / (MASS + DRUM)
+    speed = G * time
+    reduced = MASS * DRUM / (MASS + DRUM)
     after = MASS * speed / (MASS + DRUM) + MASS * G / (MASS + DRUM) * (run.t[-1] - time)
     yield SlackCheck("load and drum after an impact", "m/s", after, run["l_dot_m_s"][-1])
     lost = -reduced * speed**2 / 2.0
@@ -162,7 +170,8 @@ def _inextensible(bench: Bench) -> Iterator[SlackCheck]:
     aside = math.radians(40.0)
     run = _run(bench, crane, crane.state(phi=aside, rope_stretch=-2.0), 4.0)
     caught = np.flatnonzero(run["phase"] == 0.0)[0]
-    name, work = "work, load caught beside its pivot", _caught(LENGTH - 2.0, aside, LENGTH, MASS, G)
+    name = "work, load caught beside its pivot"
+    work = _caught(LENGTH - 2.0, aside, LENGTH, MASS, G)
     yield SlackCheck(name, "J", work, run["W_impacts_J"][caught])
 
 
@@ -170,14 +179,16 @@ def _rebound(speed: float, frequency: float, ratio: float, gravity: float) -> fl
     """Return the speed at which a load passes the length of the unstretched rope again, after the
     rope caught it at a speed [m/s]: a spring with a damper of a ratio that pulls only.
     """
-    static, decay = gravity / frequency**2, ratio * frequency
+    static = gravity / frequency**2
+    decay = ratio * frequency
     damped = frequency * math.sqrt(1.0 - ratio**2)
 
     def motion(t: float) -> tuple[float, float]:
         """Return stretch [m] and its rate [m/s]."""
         # z = exp(-decay t) (-static cos + b sin) about the stretch at rest
         b = (speed - decay * static) / damped
-        cosine, sine = math.cos(damped * t), math.sin(damped * t)
+        cosine = math.cos(damped * t)
+        sine = math.sin(damped * t)
         z = math.exp(-decay * t) * (b * sine - static * cosine)
         rate = math.exp(-decay * t) * damped * (b * cosine + static * sine) - decay * z
         return static + z, rate
@@ -211,7 +222,9 @@ def _bounce_period(speed: float, frequency: float, gravity: float) -> float:
 
 def _peaks(run: Trajectory) -> list[tuple[float, float]]:
     """Return times [s] and values [m] of the largest stretches."""
-    t, s, peaks = run.t, run["rope_stretch_m"], []
+    t = run.t
+    s = run["rope_stretch_m"]
+    peaks = []
     for row in (
         np.flatnonzero((s[1:-1] > s[:-2]) & (s[1:-1] >= s[2:]) & (s[1:-1] > 0.0)) + 1
     ).tolist():
@@ -229,7 +242,8 @@ def _slack_times(run: Trajectory, gravity: float) -> tuple[float, float]:
     last = rows[np.flatnonzero(np.diff(rows, append=rows[-1] + 2) > 1)[0]]
     times = []
     for row, side in ((rows[0], -1.0), (last, 1.0)):
-        s, v = run["rope_stretch_m"][row], run["rope_stretch_dot_m_s"][row]
+        s = run["rope_stretch_m"][row]
+        v = run["rope_stretch_dot_m_s"][row]
         times.append(run.t[row] + (side * math.sqrt(v**2 - 2.0 * gravity * s) - v) / gravity)
     return times[0], times[1]
 
@@ -238,12 +252,15 @@ def _ledgers(bench: Bench) -> Iterator[Claim]:
     """Bounce until the rope has changed its phase a thousand times, and see what energy is left
     over; by semi-implicit Euler a part of it, with two steps.
     """
-    stiffness, speed = 1e3 * EA, 3e-3 * SPEED
+    stiffness = 1e3 * EA
+    speed = 3e-3 * SPEED
     crane = _crane(bench, rope_stiffness=stiffness)
     omega = theory.rope_bounce(stiffness, LENGTH, MASS)
-    start, period = _from(crane, 0.0, speed), _bounce_period(speed, omega, G)
+    start = _from(crane, 0.0, speed)
+    period = _bounce_period(speed, omega, G)
     run = _run(bench, crane, start, (CHANGES // 2 + 1) * period, dt=2.5e-4)
-    changes, unexplained = np.count_nonzero(np.diff(run["phase"])), _unexplained(run)
+    changes = np.count_nonzero(np.diff(run["phase"]))
+    unexplained = _unexplained(run)
     yield Claim(
         f"RK4: through {CHANGES:g} changes of phase the ledger closes to 1e-9 of the energy.",
         bool(changes >= CHANGES and unexplained < 1e-9),

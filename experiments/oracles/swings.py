@@ -42,7 +42,8 @@ def locked_drives(bench: Bench) -> list[Oracle]:
     point = bench.build()
     rigid = bench.build(payload_inertia=400.0, dummy_mass=50.0, dummy_inertia=50.0)
     beam = bench.build(fall_spacing=SPACING, payload_ixx=BEAM, payload_izz=BEAM)
-    period, small = partial(_period, bench), partial(theory.rigid_period, gravity=G, mass=MASS)
+    period = partial(_period, bench)
+    small = partial(theory.rigid_period, gravity=G, mass=MASS)
     sway, yaw = theory.bifilar(MASS, BEAM, SPACING / 2.0, LENGTH, G)
     return [
         *(period(point, "phi", LENGTH, small(LENGTH, inertia=0.0), a) for a in (30.0, 60.0, 90.0)),
@@ -86,7 +87,8 @@ def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
     swing = cache(lambda dt: bench.run(crane, crane.state(l=LENGTH, phi=amplitude), 10.0, dt))
 
     def lowest(dt: float) -> float:
-        t, tension = swing(dt).t, -swing(dt)["F_l_N"]
+        t = swing(dt).t
+        tension = -swing(dt)["F_l_N"]
         bottom = crossing(t, swing(dt)["phi_rad"], 1)
         return float(curve(t, tension, int(np.searchsorted(t, bottom)))(bottom))
 
@@ -117,8 +119,10 @@ def apse(trajectory: Trajectory) -> tuple[float, float]:
     """Return the time at which an oval first comes back to its far end [s], and its turn since the
     start [rad].
     """
-    t, offset = trajectory.t, offset_from_plumb(trajectory.q)[:, :2]
-    square, angle = (offset**2).sum(axis=1), np.unwrap(np.arctan2(offset[:, 1], offset[:, 0]))
+    t = trajectory.t
+    offset = offset_from_plumb(trajectory.q)[:, :2]
+    square = (offset**2).sum(axis=1)
+    angle = np.unwrap(np.arctan2(offset[:, 1], offset[:, 0]))
     late = t > 0.7 * theory.point_period(LENGTH, G)
     row = int(np.argmax(np.where(late, square, 0.0)))
     t_apse = zero_between(curve(t, square, row).derivative(), t[row - 1], t[row + 1])
@@ -136,7 +140,8 @@ def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
         closed = theory.apsidal_precession(LENGTH, far, near)
         oracles.append(Oracle(f"{name}, a revolution", "rad", closed, read))
         if (far, near) == OVALS[0]:
-            airy, square = theory.airy_precession(LENGTH, far, near), (far**2 + near**2) / LENGTH**2
+            airy = theory.airy_precession(LENGTH, far, near)
+            square = (far**2 + near**2) / LENGTH**2
             why = "(a² + b²)/l²"
             oracles.append(Oracle(f"{name}, by Airy", "rad", airy, read, airy * square, why))
     return oracles

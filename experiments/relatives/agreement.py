@@ -78,7 +78,8 @@ def study(setup: Setup) -> Outcome:
 
 def _compared(relative: Relative) -> EngineAgreement:
     crane = relative_crane(relative)
-    run, code = _moved(crane), _moved(crane, engine="compiled")
+    run = _moved(crane)
+    code = _moved(crane, engine="compiled")
     exact = _moved(crane, integrator=rk4, engine="compiled")
     difference = max(float(np.abs(code.q - run.q).max()), float(np.abs(code.v - run.v).max()))
     return EngineAgreement(
@@ -116,12 +117,15 @@ def _mujoco_model(crane: Crane, dt: float) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = spec.compile()
-    off, option = mujoco.mjtDisableBit, model.opt
-    option.integrator, option.timestep = mujoco.mjtIntegrator.mjINT_EULER, dt
+    off = mujoco.mjtDisableBit
+    option = model.opt
+    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    option.timestep = dt
     option.gravity[:] = 0.0, 0.0, -crane.gravity
     option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
     model.dof_armature[:] = crane.model.armature
-    model.jnt_stiffness[:], model.qpos_spring[:] = crane.springs.stiffness, crane.springs.rest
+    model.jnt_stiffness[:] = crane.springs.stiffness
+    model.qpos_spring[:] = crane.springs.rest
     return model
 
 
@@ -133,9 +137,11 @@ def mujoco_deviation(crane: Crane, run: Trajectory) -> float:
 
     dt = float(run.parameters["dt_s"])
     mj_model = _mujoco_model(crane, dt)
-    data, rope = mujoco.MjData(mj_model), crane.springs.rope
+    data = mujoco.MjData(mj_model)
+    rope = crane.springs.rope
     data.qpos[:], data.qvel[:] = run.state(0)
-    steps, worst = round(float(run.parameters["control_period_s"]) / dt), 0.0
+    steps = round(float(run.parameters["control_period_s"]) / dt)
+    worst = 0.0
     for k in range(len(run)):
         worst = max(
             worst,

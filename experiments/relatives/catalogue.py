@@ -72,7 +72,8 @@ def moved(crane: Crane, **offsets: float) -> State:
     """Return the crane hanging at rest at its start, with some joints moved by a distance, by their
     symbols, or with rates ("_dot").
     """
-    q, v = crane.start.q.copy(), crane.start.v.copy()
+    q = crane.start.q.copy()
+    v = crane.start.v.copy()
     for name, by in offsets.items():
         symbol = name.removesuffix("_dot")
         (q if symbol == name else v)[crane.layout.index(symbol)] += by

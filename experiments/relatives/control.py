@@ -125,7 +125,8 @@ def _controlled(relative: Relative, engine: EngineName) -> ControlResult:
 
     residual = partial(_swing_left, crane, crane.start)
     brake = hold_controller(crane)
-    with_hold, damped = run(brake), run(regulator)
+    with_hold = run(brake)
+    damped = run(regulator)
     observed = run(with_observer(regulator, crane, reference, dt=_DT))
     ahead = run(mpc(crane, reference, dt=_DT, period=10 * _PERIOD, horizon=20))
     motion, move = _least_time(relative, crane, engine)

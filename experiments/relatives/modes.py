@@ -120,7 +120,9 @@ def _twists() -> Iterator[Measured]:
     """
     numbers = {"trolley_init": 20.0, "hoist_init": 15.0, "payload_mass": 2000.0, **POINT}
     numbers["trolley_inertia"] = 0.0
-    inertia, trolley, radius = 1e6, 500.0, 20.0
+    inertia = 1e6
+    trolley = 500.0
+    radius = 20.0
     for name, inertia_of_structure in (
         ("trolley within J", inertia - trolley * radius**2),
         ("and a trolley of 500 kg", inertia),
@@ -134,7 +136,9 @@ def _twists() -> Iterator[Measured]:
 
 
 def _bends() -> Iterator[Measured]:
-    height, mass, length = 28.0, 1000.0, 15.0
+    height = 28.0
+    mass = 1000.0
+    length = 15.0
     crane = BEND.crane(trolley_inertia=0.0, **POINT)
     above = crane.trolley_mass + 3000.0
     inertia = above * height**2 + 0.02 * 1e6
@@ -185,7 +189,8 @@ def _rolling(
     squares = -np.linalg.eigvals(by_q).real
     linear = float(np.sqrt(squares[np.argmin(np.abs(squares - closed**2))]))
     none = np.zeros(crane.layout.m)
-    free, start = Hold(crane, none, none, holding), moved(crane, **{symbol: _SMALL})
+    free = Hold(crane, none, none, holding)
+    start = moved(crane, **{symbol: _SMALL})
     signal = _rows(crane, free, start, "effort", engine)[:, crane.layout.index(symbol)]
     return Frequency(BRIDGE.name, mode, closed, linear, _frequency(signal), _stepped(linear))
 
@@ -211,7 +216,8 @@ def _frequency(y: np.ndarray) -> float:
     """Return the frequency of one undamped oscillation in rows [rad/s]: y[k+1] + y[k-1] = 2 cos(ω
     T) y[k].
     """
-    ahead, middle = y[2:] + y[:-2], y[1:-1]
+    ahead = y[2:] + y[:-2]
+    middle = y[1:-1]
     # 1 - cos, not cos, so that slow swings keep their digits
     square = float((2.0 * middle - ahead) @ middle) / float(middle @ middle)
     return 2.0 / _PERIOD * math.asin(math.sqrt(square) / 2.0)

@@ -81,8 +81,10 @@ class ModeResidual(NamedTuple):
 
 def study(setup: Setup) -> Outcome:
     """Make the moves, and compare closed loops that know of the hook and that do not."""
-    shaped, moves = _shaping(setup.engine), list(_trolley_moves(setup.engine))
-    growth, growth_in_run = _closed_loop_growth(), _stirred(setup.engine)
+    shaped = _shaping(setup.engine)
+    moves = list(_trolley_moves(setup.engine))
+    growth = _closed_loop_growth()
+    growth_in_run = _stirred(setup.engine)
     note = f"Trolley at {NUDGE:g} m/s; closed: by the swing that the move leaves unshaped."
     return Outcome(
         [
@@ -145,7 +147,8 @@ def _trolley_moves(engine: EngineName) -> Iterator[ModeResidual]:
     """Move the trolley by four metres, with the whole model, and with that of a load on one
     cable.
     """
-    crane, simple = relative_crane(HOOK), _one_pendulum()
+    crane = relative_crane(HOOK)
+    simple = _one_pendulum()
     joints = crane.layout.at(*simple.layout.symbols)
     goal = rest_at(crane, x=at_start(crane, "x") + WAY)
     for name, designed, motion in (
@@ -178,9 +181,11 @@ def _closed_loop_growth() -> tuple[float, float]:
     """Return the largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and
     of five joints on the crane with the hook.
     """
-    crane, simple = relative_crane(HOOK), _one_pendulum()
+    crane = relative_crane(HOOK)
+    simple = _one_pendulum()
     loop = sampled(crane, crane.start, **_CLOCKS)
-    indices, n = crane.layout.at(*simple.layout.symbols), crane.layout.n
+    indices = crane.layout.at(*simple.layout.symbols)
+    n = crane.layout.n
     gain = np.zeros((crane.layout.m, 2 * n))
     gain[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
     aware, unaware = (
@@ -194,7 +199,8 @@ def _stirred(engine: EngineName) -> float:
     """Return the growth rate of the fast mode in a run under the LQR of five joints [1/s], from a
     small swing of the sling across the jib.
     """
-    crane, simple = relative_crane(HOOK), _one_pendulum()
+    crane = relative_crane(HOOK)
+    simple = _one_pendulum()
     run = simulate(
         crane,
         Unaware(_regulator(simple), crane.layout.at(*simple.layout.symbols)),
@@ -270,7 +276,8 @@ def _claims(
 ) -> list[Claim]:
     size = max(shaped[0].slow, shaped[0].fast)
     off = max(max(abs(s.slow - s.closed[0]), abs(s.fast - s.closed[1])) for s in shaped if s.closed)
-    least_time, unaware = moves[1], moves[3]
+    least_time = moves[1]
+    unaware = moves[3]
     # Of the fast mode.
     crane = relative_crane(HOOK)
     length = crane.gravity / float(free_modes(crane, crane.start).frequencies[-1]) ** 2

@@ -61,7 +61,8 @@ def _pickups(engine: EngineName) -> Iterator[Jump]:
     turns: the load rises by what the rope is too short.
     """
     crane = ROPE.crane(**POINT)
-    length, omega = at_start(crane, "l"), _bounce(crane)
+    length = at_start(crane, "l")
+    omega = _bounce(crane)
     for speed in (0.05, 0.2, 0.5):
         start = moved(crane, l_dot=-speed, rope_stretch_dot=speed)
         closed = theory.pickup_factor(speed, omega, crane.gravity)
@@ -70,7 +71,8 @@ def _pickups(engine: EngineName) -> Iterator[Jump]:
         assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
         weight = crane.payload_mass * crane.gravity
         peak = float(_tension(crane, run).max()) / weight
-        strain, shorter = weight / rope_stiffness(crane), math.pi / 2.0 * speed / (omega * length)
+        strain = weight / rope_stiffness(crane)
+        shorter = math.pi / 2.0 * speed / (omega * length)
         allowed = (closed - 1.0) * (strain + shorter) + (omega * _DT) ** 2
         why = "strain at rest; shorter cable at the peak; (ω dt)²"
         yield Jump(f"picked up at {speed:g} m/s", closed, peak, allowed, why)

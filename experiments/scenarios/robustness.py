@@ -121,7 +121,8 @@ def _made(
     began = time.process_time()
     masses = (cases["load"] * setup.crane.payload_mass).tolist()
     cranes = [_crane(setup.gravity, mass) for mass in masses]
-    errors, drawn = cases["cable_error_m"], "noise" in cases
+    errors = cases["cable_error_m"]
+    drawn = "noise" in cases
     start, goal = (_longer(setup.crane, end, errors) for end in move.ends(setup.crane))
     # A plan that states no arrival has the duration of the move for it.
     arrives = instant(plan.arrives or move.duration, setup.control_period)
@@ -179,7 +180,8 @@ def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
     The load's own velocity is neglected: the force is that on a load at rest.
     """
     shape = gust_shape(times, cases["gust_at_s"][:, None], cases["gust_lasts_s"][:, None])
-    speed, direction = cases["gust_m_s"][:, None] * shape, cases["gust_to_rad"]
+    speed = cases["gust_m_s"][:, None] * shape
+    direction = cases["gust_to_rad"]
     along = np.column_stack([np.cos(direction), np.sin(direction)])
     first = 3 * crane.layout.points.index("payload")
     force = np.zeros((*speed.shape, 3 * len(crane.points)))
@@ -191,7 +193,8 @@ def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
     """Return the sensor errors of coordinates and rates: cable error, shape (cranes, 2 n), and with
     noise, shape (cranes, rows, 2 n).
     """
-    errors, hoist = cases["cable_error_m"], crane.layout.index("l")
+    errors = cases["cable_error_m"]
+    hoist = crane.layout.index("l")
     if "noise" not in cases:
         added = np.zeros((len(errors), 2 * crane.layout.n))
     else:
@@ -225,7 +228,9 @@ def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarra
 
 def _amplitudes(crane: Crane, batch: Batch, row: int) -> np.ndarray:
     """Return amplitudes of the swing at a recorded row [rad], shape (cranes,)."""
-    q, v, swings = batch.q[:, row], batch.v[:, row], crane.swings
+    q = batch.q[:, row]
+    v = batch.v[:, row]
+    swings = crane.swings
     length = q[:, crane.layout.index("l")]
     return swing_amplitude(q[:, swings], v[:, swings], length, crane.gravity)
 

@@ -47,7 +47,8 @@ def _alone(setup: Setup, move: RestToRest) -> MovePlan:
 
 
 def _spline_pd(setup: Setup, move: RestToRest) -> MovePlan:
-    hold, reference = partial(hold_controller, setup.crane), _spline(setup, move)
+    hold = partial(hold_controller, setup.crane)
+    reference = _spline(setup, move)
     return MovePlan(hold, reference, "effort", move.duration, uses_swing_sensor=False)
 
 
@@ -57,7 +58,8 @@ def _hanging(setup: Setup, move: RestToRest) -> Motion:
 
 
 def _paper(setup: Setup, move: RestToRest) -> MovePlan:
-    motion, reference = _hanging(setup, move), _spline(setup, move)
+    motion = _hanging(setup, move)
+    reference = _spline(setup, move)
     controller = paper_controller(setup.crane, motion, gravity=STANDARD_GRAVITY)
     return MovePlan(
         lambda: replace(controller, integral=0.0), reference, "effort", move.duration, motion
@@ -78,7 +80,8 @@ def _fastest_flat(setup: Setup, move: RestToRest) -> Motion:
 def _least_time(setup: Setup, move: RestToRest, duration: float | None = None) -> Motion:
     from cranedyn.planning.optimal import optimal
 
-    ends, period = move.ends(setup.crane), setup.control_period
+    ends = move.ends(setup.crane)
+    period = setup.control_period
     return optimal(setup.crane, *ends, LIMITS, period=period, duration=duration)
 
 

@@ -114,17 +114,20 @@ def _releases() -> Iterator[Compared]:
         least_pull = _least_pull(slope, share, 0.0)
         name = f"φ3, {share:g} let go at once"
         yield _derived(name, "release", factors.phi_3(share), least_pull)
-    share, periods = 0.4, 0.6034
+    share = 0.4
+    periods = 0.6034
     # The part that is left bounces faster.
     lasts = periods * period * math.sqrt(1.0 - share)
     least_pull = _least_pull(slope, share, lasts)
-    name, formula = "φ3, 0.4 let go slowly", factors.phi_3(share, factors.SLOW_RELEASE)
+    name = "φ3, 0.4 let go slowly"
+    formula = factors.phi_3(share, factors.SLOW_RELEASE)
     yield _derived(name, "release", formula, least_pull)
 
 
 def _least_pull(slope: float, share: float, lasts: float) -> float:
     """Return the least pull over the weight before, when a share is let go within a time [s]."""
-    loaded, relieved = _hoist(slope), _hoist(slope, (1.0 - share) * _LOAD)
+    loaded = _hoist(slope)
+    relieved = _hoist(slope, (1.0 - share) * _LOAD)
     stretch = loaded.layout.index("rope_stretch")
     q = relieved.start.q.copy()
     q[stretch] = loaded.start.q[stretch]
@@ -193,10 +196,12 @@ def _regulated(gravity: float) -> Iterator[Compared]:
 
 def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
     """Return the largest swing from each row on if the drives stop there [rad], shape (rows,)."""
-    q, v = run.q[0], run.v[0].copy()
+    q = run.q[0]
+    v = run.v[0].copy()
     v[:, crane.layout.drives] = 0.0
     period = 2.0 * math.pi * math.sqrt(_LENGTH / crane.gravity)
-    start, duration = State(q, v), instant(1.1 * period, _PERIOD)
+    start = State(q, v)
+    duration = instant(1.1 * period, _PERIOD)
     batch = _simulated(crane, locked(crane), start=start, duration=duration, drive="motion")
     return batch.peak_swing
 
@@ -216,7 +221,9 @@ def _blown(gravity: float) -> Iterator[Compared]:
 
 def _stopped(gravity: float) -> Iterator[Compared]:
     crane = load_crane(gravity=gravity, trolley_init=20.0, hoist_init=_LENGTH, **POINT)
-    zero, rate, braking = np.zeros(crane.layout.m), 0.8 * math.pi / 30.0, 0.02
+    zero = np.zeros(crane.layout.m)
+    rate = 0.8 * math.pi / 30.0
+    braking = 0.02
     angle, lasts = factors.stopping(rate, braking)
     control = lasts / 800.0
     v = np.zeros(crane.layout.n)

@@ -96,7 +96,8 @@ def across(setup: Setup) -> list[Need]:
 
 
 def _moved(setup: Setup, move: RestToRest, strategy: str) -> Need:
-    crane, plan = setup.crane, STRATEGIES[strategy](setup, move)
+    crane = setup.crane
+    plan = STRATEGIES[strategy](setup, move)
     run, _ = make(setup, move, plan, label=f"{move.name}, {strategy}", after=AFTER)
     columns = loads(crane, run)
     lead = columns["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
@@ -129,7 +130,8 @@ def _taken_up(setup: Setup, crane: Crane, hoisting: PickUp, omega: float, allowe
         duration = instant(2.0 * math.pi / omega, setup.control_period)
     else:
         reference = _lifted(crane, hoisting.shaped, omega)
-        controller, duration = follow(crane, reference, setup.control_period), _WATCHED
+        controller = follow(crane, reference, setup.control_period)
+        duration = _WATCHED
     run = setup.simulate(
         crane,
         controller,
