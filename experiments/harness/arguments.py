@@ -124,18 +124,7 @@ def parse_arguments(
 
 def _check_effect(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Refuse arguments that have no effect beside others, see `add_mode` and `add_condition`."""
-    # How an error message names each argument, by its destination.
-    flags = {}
-    for action in parser._actions:
-        named = action.option_strings
-        flags[action.dest] = named[0] if named else f"A {action.metavar}"
-
-    # An argument that was given its default value cannot be told from one that was not given.
-    changed = {}
-    for name, value in vars(options).items():
-        if name in flags and value != parser.get_default(name):
-            changed[name] = flags[name]
-
+    changed = _changed_arguments(parser, options)
     for mode, uses in options.modes.items():
         if mode not in changed:
             continue
@@ -147,6 +136,25 @@ def _check_effect(parser: argparse.ArgumentParser, options: argparse.Namespace) 
         for name in names:
             if name in changed and not holds(options):
                 raise DataError(f"{changed[name]} has no effect without {needed}; leave it out.")
+
+
+def _changed_arguments(
+    parser: argparse.ArgumentParser, options: argparse.Namespace
+) -> dict[str, str]:
+    """Return how an error message names each argument that is not at its default, by destination.
+
+    An argument that was given its default value cannot be told from one that was not given.
+    """
+    flags = {}
+    for action in parser._actions:
+        named = action.option_strings
+        flags[action.dest] = named[0] if named else f"A {action.metavar}"
+
+    changed = {}
+    for name, value in vars(options).items():
+        if name in flags and value != parser.get_default(name):
+            changed[name] = flags[name]
+    return changed
 
 
 def _check_recording(options: argparse.Namespace) -> None:
