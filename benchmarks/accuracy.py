@@ -35,8 +35,11 @@ INTEGRATORS = (semi_implicit_euler, rk4)
 STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
 """Physics steps [s]; each divides the control period."""
 
-DURATION, PERIOD = 10.0, 1e-2
-"""Length of the run and control period [s]."""
+DURATION = 10.0
+"""Duration of the run [s]."""
+
+PERIOD = 1e-2
+"""Control period [s]."""
 
 _FIRST_STEP = """
 import sys

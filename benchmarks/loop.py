@@ -19,8 +19,11 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 
-DURATION, STEPS = 20.0, 40_000
-"""Simulated time of one round [s], and its physics steps of 0.5 ms."""
+DURATION = 20.0
+"""Simulated time of one round [s]."""
+
+STEPS = 40_000
+"""Number of physics steps of 0.5 ms in a round."""
 
 
 def bare_calls(crane: Crane, calls: int = STEPS) -> None:

@@ -29,9 +29,14 @@ from experiments.harness import Claim, Outcome, ResultTable
 from experiments.harness.outcome import show
 from experiments.scenarios.moves import CLOSE, LIMITS, RestToRest
 
-SLEW, RADIUS, LENGTH = (-1.0, 1.0), (5.0, 20.0), (6.0, 22.0)
-"""Between which moves are drawn: slew of the goal [rad]; trolley radius and cable length of start
-and goal [m]."""
+SLEW = (-1.0, 1.0)
+"""Range from which the slew of a goal is drawn [rad]."""
+
+RADIUS = (5.0, 20.0)
+"""Range from which the trolley radius of start and goal is drawn [m]."""
+
+LENGTH = (6.0, 22.0)
+"""Range from which the cable length of start and goal is drawn [m]."""
 
 SIZE = (0.05, 3.0)
 """Between which sizes cranes are drawn, as multiples of the default crane's."""
@@ -39,8 +44,11 @@ SIZE = (0.05, 3.0)
 PERIOD = 5e-3
 """Control period [s]."""
 
-SWING, LASTS = 0.1, 45.0
-"""Largest swing of both [rad]; how long each move is watched [s]."""
+SWING = 0.1
+"""Largest swing of start and goal in each swing joint [rad]."""
+
+WATCH_TIME = 45.0
+"""Time for which each move is watched [s]."""
 
 RATIO = {False: 1.5, True: 2.0}
 """How many times the least time is claimed at most: of moves of the default crane, and of cranes of
@@ -137,7 +145,7 @@ def settle(drawn: Sequence[SettlingTrial]) -> list[SettlingTimes]:
             receding(crane, limits, swing_limit=SWING),
             hold(crane, goal),
             start=start,
-            duration=PERIOD * round(time * LASTS / PERIOD),
+            duration=PERIOD * round(time * WATCH_TIME / PERIOD),
             engine="compiled",
             validity="mark",
         )
@@ -163,9 +171,9 @@ def judge_moves(moves: Sequence[SettlingTimes], allowed: float) -> Outcome:
         [*columns, ("settled [s]", ".2f"), ("ratio", ".2f")],
         rows,
         f"Settled: from the start until the payload stays within {1e3 * CLOSE:g} mm of its goal; "
-        f"a dash where it does not in {LASTS:g} s. Both keep the same rates and accelerations and "
-        f"{1e3 * SWING:g} mrad of swing. For a crane of another size distances go with that, times "
-        "with its root.",
+        f"a dash where it does not in {WATCH_TIME:g} s. Both keep the same rates and accelerations "
+        f"and {1e3 * SWING:g} mrad of swing. For a crane of another size distances go with that, "
+        "times with its root.",
     )
     worst = max(settled.ratio for settled in moves)
     sentence = (

@@ -28,14 +28,32 @@ from cranedyn.references import hold, pulse, ramp
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
-LENGTH, TARGET, RATE = 20.0, 8.0, 0.5
-"""Cable length before and after [m], and hoisting speed [m/s]."""
+LENGTH = 20.0
+"""Cable length before hoisting [m]."""
 
-ANALYSED_FROM, HOIST_AT, DURATION = 12.0, 30.0, 110.0
-"""Start of the analysis, start of the hoisting, and duration of the run [s]."""
+TARGET = 8.0
+"""Cable length after hoisting [m]."""
 
-PULSE, PULSE_AT, OTHER_PULSES = 1.0, 2.0, (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)
-"""Trolley pulse [m], its start (not published), and other starts tried [s]."""
+RATE = 0.5
+"""Hoisting speed [m/s]."""
+
+ANALYSED_FROM = 12.0
+"""Start of the analysis [s]."""
+
+HOIST_AT = 30.0
+"""Start of the hoisting [s]."""
+
+DURATION = 110.0
+"""Duration of the run [s]."""
+
+PULSE = 1.0
+"""Distance of the trolley's pulse [m]."""
+
+PULSE_AT = 2.0
+"""Start of the pulse [s], which the article does not state."""
+
+OTHER_PULSES = (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)
+"""Other starts that are tried, to see what depends on it [s]."""
 
 PUBLISHED = {
     "mean": 0.79,

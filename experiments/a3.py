@@ -28,9 +28,23 @@ from cranedyn.references import hold, pulse
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
-RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0, 70.0, 4.0
-"""Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run,
-start of the comparison [s]."""
+RADIUS = 20.0
+"""Trolley radius [m]."""
+
+LENGTH = 15.0
+"""Cable length [m]."""
+
+PULSE = 0.05
+"""Angle of the slew pulse [rad]."""
+
+PULSE_AT = 5.0
+"""Start of the pulse [s], chosen here."""
+
+DURATION = 70.0
+"""Duration of the run [s]."""
+
+ANALYSED_FROM = 4.0
+"""Start of the comparison [s]."""
 
 SMOOTHING = 11
 """Samples in the Savitzky-Golay window (cubic) that turns the slew rate into a slew acceleration;

@@ -39,8 +39,11 @@ from experiments.lift import (
 from experiments.scenarios.moves import LIMITS, instant
 from experiments.scenarios.shaping import joystick_path
 
-SITES, SEED = 100, 14
-"""How many sites, and the seed of them."""
+SITES = 100
+"""Number of random sites."""
+
+SEED = 14
+"""Seed of the sites."""
 
 _LOAD = np.array([[x, y, z] for x in (-0.75, 0.75) for y in (-1.0, 1.0) for z in (-0.6, 0.6)])
 

@@ -16,8 +16,11 @@ from experiments.linear import moves, results
 from experiments.linear.moves import ANGLES, SHARES, SITES, LinearCase
 from experiments.linear.results import RPM
 
-DT, CONTROL_PERIOD = 4e-3, 4e-2
-"""Coarser than elsewhere [s]."""
+DT = 4e-3
+"""Physics step [s], coarser than elsewhere."""
+
+CONTROL_PERIOD = 4e-2
+"""Time between control instants [s], coarser than elsewhere."""
 
 OF_STEP = 0.002
 """The step's own error, over the swing: some ω dt/2 of it."""

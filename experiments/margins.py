@@ -45,13 +45,20 @@ from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 if TYPE_CHECKING:
     from cranedyn.bridges.margins import Margins, Regulator
 
-RADII, CABLES = (4.0, 20.0), (5.0, 25.0)
-"""Ends of the map: trolley radius and cable length [m]."""
+RADII = (4.0, 20.0)
+"""Least and largest trolley radius of the map [m]."""
+
+CABLES = (5.0, 25.0)
+"""Least and largest cable length of the map [m]."""
 
 MIDDLE = (12.0, 15.0)
 """Where the LQR that is not scheduled is designed [m]."""
 
-KEPT, BLIND = "LQR made for the middle", "LQR, no swing sensor"
+KEPT = "LQR made for the middle"
+"""Name of an LQR that keeps the gain of the middle of the map everywhere."""
+
+BLIND = "LQR, no swing sensor"
+"""Name of an LQR that does not measure the swing."""
 
 AFFECTED = 1e-3
 """By how much the load swings at the start of a simulated check [rad], so that it stays linear."""

@@ -33,8 +33,17 @@ LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
 LOADS = (10.0, 1.0e3, 1.0e5)
 """Masses of the load [kg]."""
 
-SWING, LENGTH, DURATION, TOUR = 0.10, 15.0, 40.0, 20.0
-"""Swing at the start [rad], cable length [m], length of a free swing and of a tour [s]."""
+SWING = 0.10
+"""Swing at the start [rad]."""
+
+LENGTH = 15.0
+"""Cable length [m]."""
+
+DURATION = 40.0
+"""Duration of a free swing [s]."""
+
+TOUR = 20.0
+"""Duration of a tour [s]."""
 
 
 def swing(setup: Setup, link: float) -> Trajectory:

@@ -36,8 +36,11 @@ from experiments.scenarios.moves import COMBINED
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
-LOADS, CABLES = (0.5, 1.0, 1.5), (-0.1, 0.0, 0.1)
-"""Loads over that planned for; by which share cables are longer than read."""
+LOADS = (0.5, 1.0, 1.5)
+"""Masses of the load over the planned one."""
+
+CABLES = (-0.1, 0.0, 0.1)
+"""Relative errors of the measured cable length: the cable is longer by this share."""
 
 SENSORS = ("drives", "swing", "imu")
 """See `cranedyn.estimation.load_filter.Sensors`."""

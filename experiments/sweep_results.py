@@ -17,9 +17,14 @@ from experiments.scenarios.moves import COMBINED, DRAG, IDEAL
 from experiments.scenarios.robustness import AFTER, RANGES, UNBATCHED
 from experiments.scenarios.strategies import FLAT, PAPER, PD, strategy_colour
 
-LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)
-"""Ranges of the grid: mass of the payload over that planned for, length of the cable less that
-measured [m], time for the move [s]."""
+LOADS = (0.5, 1.5)
+"""Range of the grid: mass of the payload over the planned one."""
+
+CABLES = (-1.5, 1.5)
+"""Range of the grid: true less measured cable length [m]."""
+
+DURATIONS = (13.0, 35.0)
+"""Range of the grid: duration of the move [s]."""
 
 MOST_LEFT = 5e-3
 """Swing that may be left [rad]: 5 cm at the hook, on the 10 m of cable with which the move ends."""

@@ -31,8 +31,11 @@ FLAGS = (
 """What makes -ffast-math fast, without what it does to the processor's handling of tiny numbers in
 everything else that runs."""
 
-LANES, GROUPS = 8, 2
-"""Cranes in a vector, and vectors in turn: 16 cranes go together."""
+LANES = 8
+"""Number of cranes in a vector of the processor."""
+
+GROUPS = 2
+"""Number of vectors that are computed in turn: 16 cranes go together."""
 
 _CHUNKS = 4
 """Parts that each thread gets, so that all end at about the same time."""

@@ -23,7 +23,8 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
 
-PERIOD, DURATION = 5e-3, 20.0
+PERIOD = 5e-3
+DURATION = 20.0
 STATES = ("gamma", "x", "phi", "theta", "l", "gamma_dot", "x_dot", "phi_dot", "theta_dot", "l_dot")
 COMMANDS = ("T_gamma_command", "F_x_command", "F_l_command")
 

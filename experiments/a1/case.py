@@ -51,8 +51,17 @@ This k_d is chosen to meet the published error; with the 5e4 N s/m of the stiff 
 would be +0.55 %.
 """
 
-SWING, PULSE_AT, DURATION, FIT_FROM = 0.10, 2.0, 70.0, 12.0
-"""Target amplitude [rad], start of the pulse, duration of a run, start of the fit [s]."""
+SWING = 0.10
+"""Amplitude of the swing that the pulse is to give [rad]."""
+
+PULSE_AT = 2.0
+"""Start of the pulse [s]."""
+
+DURATION = 70.0
+"""Duration of a run [s]."""
+
+FIT_FROM = 12.0
+"""Start of the part of a run to which a swing is fitted [s]."""
 
 
 @dataclass(frozen=True)

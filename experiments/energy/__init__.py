@@ -34,9 +34,11 @@ from experiments.energy.swing import (
 )
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
-LEAST_SWING, ROUNDING = 0.001, 1e-13
-"""Smallest swing at the start [rad], and smallest share of the energy that stands clear of its
-rounding."""
+LEAST_SWING = 0.001
+"""Smallest swing at the start [rad]."""
+
+ROUNDING = 1e-13
+"""Smallest share of the energy that stands clear of its rounding."""
 
 STEPS = (1.0e-3, 5.0e-4, 2.5e-4)
 """Physics steps compared [s]."""

@@ -20,8 +20,17 @@ from cranedyn.references import spline
 from experiments.harness import Setup
 from experiments.oracles.bench import locked
 
-SWING, LENGTH, AUDIT, LONG = 0.15, 15.0, 6.0, 60.0
-"""Swing at the start [rad], cable length [m], time of the audit and of the long run [s]."""
+SWING = 0.15
+"""Swing at the start [rad]."""
+
+LENGTH = 15.0
+"""Cable length [m]."""
+
+AUDIT = 6.0
+"""Time at which the article audits the energy [s]."""
+
+LONG = 60.0
+"""Duration of the long run [s]."""
 
 DAMPINGS = (0.0, 1.0, 2.0e5)
 """Damping of the swing joints compared [N m s/rad]."""

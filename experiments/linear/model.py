@@ -13,8 +13,9 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
 
-# Without the checks of their arguments, which come from runs, four times a row.
-_radial, _tangential = unwrap(theory.radial_paper), unwrap(theory.tangential_paper)
+# Without the checks of their arguments: these come from runs, and are taken four times a row.
+_radial = unwrap(theory.radial_paper)
+_tangential = unwrap(theory.tangential_paper)
 _small_swing = unwrap(theory.small_swing)
 
 

@@ -139,8 +139,11 @@ def jobs(site: SiteCrane, crane: Crane) -> list[Job]:
     ]
 
 
-SHARES, HOLD = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32), 30.0
-"""Shares of its slew rate that a crane turns at, and how long the joystick is held [s]."""
+SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32)
+"""Rates at which a crane turns, over its largest slew rate."""
+
+HOLD = 30.0
+"""Time for which the joystick is held [s]."""
 
 ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 """Short slews [°]."""
@@ -198,9 +201,14 @@ def _pulsed(
 INERTIA = {"payload_inertia": 400.0, "dummy_mass": 50.0, "dummy_inertia": 50.0}
 """The article's load and links [kg m², kg, kg m²]."""
 
-SWING, DEEP, HIGH = 0.02, 0.9, 0.45
-"""Swing at the start of slow hoisting [rad], and the cable before and after it as shares of the
-longest."""
+SWING = 0.02
+"""Swing at the start of slow hoisting [rad]."""
+
+DEEP = 0.9
+"""Cable length before slow hoisting, over the longest."""
+
+HIGH = 0.45
+"""Cable length after slow hoisting, over the longest."""
 
 
 class LinearCase(NamedTuple):

@@ -61,9 +61,11 @@ STRATEGIES = strategies.STRATEGIES | SWEPT
 """All plans that there are."""
 
 
-_TOGETHER, _ROWS = 128, 0.05
-"""Moves in a batch whose sensors have noise, of which each needs some MB; time between the instants
-at which those are looked at [s]."""
+NOISY_BATCH = 128
+"""Largest number of moves in a batch whose sensors have noise; each of them needs some MB."""
+
+ROW_INTERVAL = 0.05
+"""Time between the instants at which such moves are looked at [s]."""
 
 Cases = Mapping[str, np.ndarray]
 
@@ -95,7 +97,7 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     for kind in dict.fromkeys(kinds):
         rows = np.array([row for row, kind_of_case in enumerate(kinds) if kind_of_case == kind])
-        batches = math.ceil(len(rows) / _TOGETHER) if "noise" in cases else 1
+        batches = math.ceil(len(rows) / NOISY_BATCH) if "noise" in cases else 1
         for chunk in np.array_split(rows, batches):
             mine = {name: column[chunk] for name, column in cases.items()}
             for name, values in _made(setup, *_planned(gravity, dt, control_period, *kind), mine):
@@ -128,9 +130,9 @@ def _made(
     arrives = instant(plan.arrives or move.duration, setup.control_period)
     ends = instant(arrives + AFTER, setup.control_period)
     times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
-    stride = max(1, round(_ROWS / setup.control_period))
+    stride = max(1, round(ROW_INTERVAL / setup.control_period))
     if plan.drive == "motion":  # drives that follow exactly know where they are
-        cases = {name: column for name, column in cases.items() if name not in _SENSORS}
+        cases = {name: column for name, column in cases.items() if name not in SENSOR_CASES}
     batch = simulate_batch(
         cranes,
         plan.controller(),
@@ -154,7 +156,7 @@ def _made(
         ("off_goal_m", _away(cranes, batch.end.q, goal.q)),
     ]
     shares = batch.largest_effort / setup.crane.effort_limit
-    result += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(_DRIVES)]
+    result += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(DRIVES)]
     result.append(("valid_until_s", batch.valid_until))
     if drawn:
         row = int(np.searchsorted(batch.t, arrives - 1e-9))
@@ -170,7 +172,11 @@ def _made(
     ]
 
 
-_DRIVES, _SENSORS = ("slew", "trolley", "hoist"), ("noise", "delay")
+DRIVES = ("slew", "trolley", "hoist")
+"""Names of the drives, in the order of the chain."""
+
+SENSOR_CASES = ("noise", "delay")
+"""Columns of cases that change sensors."""
 
 
 def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:

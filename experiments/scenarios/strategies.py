@@ -175,8 +175,23 @@ def _to_goal(setup: Setup, move: RestToRest) -> MovePlan:
     return MovePlan(controller, goal, "effort", 0.0, rates=partial(controller, "velocity"))
 
 
-PAPER, PD, LQR = "paper's LQR + PID", "spline + PD", "full-model LQR"
-FLAT, MPC = "flat + LQR", "flat + MPC"
+# Names of strategies that experiments refer to, see `STRATEGIES`.
+
+PAPER = "paper's LQR + PID"
+"""The control of the paper: two LQRs and a PID for the hoist."""
+
+PD = "spline + PD"
+"""A spline of the drives, which PD controllers follow."""
+
+LQR = "full-model LQR"
+"""A path of the load, tracked by an LQR of the full model."""
+
+FLAT = "flat + LQR"
+"""A motion of the drives that carries the load along its own path, tracked by an LQR."""
+
+MPC = "flat + MPC"
+"""The same motion, tracked by predictive control."""
+
 SOFTER = 30.0
 """By how much more efforts of slew and trolley weigh in an LQR for drives with converters, ours.
 With the usual weights a swing of 0.1 rad asks for 40 times the accelerations that converters are
@@ -194,9 +209,21 @@ def mpc_period(setup: Setup) -> float:
     return whole_periods(0.05, setup.control_period)
 
 
-COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
+COMPILED_MPC = "flat + compiled MPC"
+"""The flat motion, tracked by the compiled predictive control."""
+
+TO_GOAL = "MPC to the goal"
+"""Predictive control that is given the goal only, and no motion."""
+
 YIELD = "operator + yielding drives"
-TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
+TIME = "least time + LQR"
+"""The motion of least time, tracked by an LQR."""
+
+SWING = "least swing + LQR"
+"""The motion of least swing, tracked by an LQR."""
+
+FASTEST = "fastest flat + LQR"
+"""The flat motion as fast as the drives can, tracked by an LQR."""
 
 STRATEGIES: dict[str, Planner] = {
     "spline alone": _alone,

@@ -42,8 +42,11 @@ class Compared(NamedTuple):
         return math.isclose(self.formula, self.other, rel_tol=self.within, abs_tol=1e-12)
 
 
-_EN, _AS1, _AS2 = "EN 1991-3, T 2.4, 2.5", "AS 5221.1:2021", "AS 5222:2021"
-_FEM, _FEMS = "FEM 1.001, A.2.2.3", "FEM 1.001"
+_EN = "EN 1991-3, T 2.4, 2.5"
+_AS1 = "AS 5221.1:2021"
+_AS2 = "AS 5222:2021"
+_FEM = "FEM 1.001, A.2.2.3"
+_FEMS = "FEM 1.001"
 
 FORMULAS = (
     Compared("φ1, least", _EN, factors.phi_1()[0], 0.9),
