@@ -41,7 +41,14 @@ _SMALL = 1e-5
 """Amplitude of the small swings [rad or m]; what is not linear in them goes with its square, some
 1e-10 of the frequency."""
 
-_DT, _PERIOD, _ROWS = 5e-3, 0.04, 100
+STEP = 5e-3
+"""Physics step [s]."""
+
+PERIOD = 0.04
+"""Time from one row of a run to the next [s]."""
+
+ROWS = 100
+"""Number of rows of a run from which a frequency is read."""
 
 
 class Frequency(NamedTuple):
@@ -203,9 +210,9 @@ def _rows(
         crane,
         controller,
         start=start,
-        duration=_PERIOD * _ROWS,
-        dt=_DT,
-        control_period=_PERIOD,
+        duration=PERIOD * ROWS,
+        dt=STEP,
+        control_period=PERIOD,
         drive=drive,
         validity="mark",
         engine=engine,
@@ -220,11 +227,11 @@ def _frequency(y: np.ndarray) -> float:
     middle = y[1:-1]
     # 1 - cos, not cos, so that slow swings keep their digits
     square = float((2.0 * middle - ahead) @ middle) / float(middle @ middle)
-    return 2.0 / _PERIOD * math.asin(math.sqrt(square) / 2.0)
+    return 2.0 / PERIOD * math.asin(math.sqrt(square) / 2.0)
 
 
 def _stepped(frequency: float) -> float:
-    return 2.0 / _DT * math.asin(frequency * _DT / 2.0)
+    return 2.0 / STEP * math.asin(frequency * STEP / 2.0)
 
 
 def _table(results: Sequence[Frequency]) -> ResultTable:
