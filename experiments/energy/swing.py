@@ -41,7 +41,15 @@ of the drives, unexplained."""
 
 
 def run(setup: Setup, crane: Crane, swing: float, length: float, duration: float) -> Trajectory:
-    """Let the load swing from rest [rad] on a cable [m] with the drives held."""
+    """Let the load swing from rest with the drives held.
+
+    Args:
+        setup: Clocks and engine.
+        crane: The crane.
+        swing: Swing at the start [rad].
+        length: Cable length [m].
+        duration: Duration [s].
+    """
     start = crane.state(l=length, phi=swing)
     label = f"dt = {1000 * setup.dt:g} ms"
     return setup.simulate(
@@ -69,8 +77,9 @@ def swing_energy(crane: Crane, trajectory: Trajectory) -> np.ndarray:
 
 
 def half_step(crane: Crane, trajectory: Trajectory, dt: float) -> float:
-    """Return the largest work of the load's weight in half a step [J], by which positions are ahead
-    of velocities.
+    """Return the largest work of the load's weight in half a step [J].
+
+    With semi-implicit Euler positions are half a step ahead of velocities.
     """
     height = point_paths(crane, trajectory.q)[:, 0, 2]
     rate = float(np.abs(np.gradient(height, trajectory.t)).max())
@@ -89,7 +98,8 @@ def lowered(setup: Setup, length: float) -> tuple[float, float]:
     """
     crane = setup.variant(damp_slew=0, damp_trolley=0, damp_swing=0, damp_hoist=0)
     start = crane.state(l=length)
-    gamma, x = (start.q[crane.layout.index(symbol)] for symbol in ("gamma", "x"))
+    gamma = start.q[crane.layout.index("gamma")]
+    x = start.q[crane.layout.index("x")]
     run = setup.simulate(
         crane,
         hold_controller(crane, gravity=STANDARD_GRAVITY),
@@ -99,9 +109,13 @@ def lowered(setup: Setup, length: float) -> tuple[float, float]:
         label="a plumb load lowered",
         validity="mark",
     )
-    states = zip(run.q, run.v, strict=True)
-    level = np.array([energy(crane, State(q - setup.dt / 2.0 * v, v)) for q, v in states])
+    energies = []
+    for q, v in zip(run.q, run.v, strict=True):
+        in_step = State(q - setup.dt / 2.0 * v, v)
+        energies.append(energy(crane, in_step))
+    level = np.array(energies)
     error = level - level[0] - run.work.sum(axis=1)
+    # Rounding errors of as many sums add like random steps.
     rounding = math.sqrt(len(error)) * sys.float_info.epsilon * float(np.abs(level).max())
     return float(np.abs(error).max()), rounding
 
@@ -124,7 +138,8 @@ class Oscillation(NamedTuple):
 
     def __call__(self, t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Return swing, and rate over ω, at given times, as shares of the swing at the start."""
-        damped = cmath.sqrt(1.0 - self.ratio**2)  # imaginary beyond critical damping
+        # Imaginary beyond critical damping, where cosine and sine become hyperbolic.
+        damped = cmath.sqrt(1.0 - self.ratio**2)
         turned = self.frequency * damped * np.asarray(t)
         decay = np.exp(-self.ratio * self.frequency * np.asarray(t))
         swing = decay * (np.cos(turned) + self.ratio / damped * np.sin(turned))
@@ -156,6 +171,7 @@ def locked_off(setup: Setup, crane: Crane, swing: float, length: float) -> tuple
     damping = float(crane.damping[crane.layout.index("phi")])
 
     def rates(_: float, y: np.ndarray) -> list[float]:
+        """Return the derivative of the angle and the rate of the damped pendulum."""
         return [y[1], -(damping * y[1] + weight * math.sin(y[0])) / inertia]
 
     # Locked drives need no buffers.
@@ -170,8 +186,17 @@ def locked_off(setup: Setup, crane: Crane, swing: float, length: float) -> tuple
         validity=validity,
         label="drives locked",
     )
-    exact = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12 * swing}
-    phi, rate = solve_ivp(rates, (0.0, AUDIT), [swing, 0.0], t_eval=run.t, **exact).y
+    solution = solve_ivp(
+        rates,
+        (0.0, AUDIT),
+        [swing, 0.0],
+        t_eval=run.t,
+        method="DOP853",
+        rtol=1e-10,
+        atol=1e-12 * swing,
+    )
+    phi, rate = solution.y
+    # m g l (1 - cos φ) = 2 m g l sin²(φ/2), which loses no digits where φ is small.
     pendulum = inertia * rate**2 / 2.0 + 2.0 * weight * np.sin(phi / 2.0) ** 2
     error = float(np.abs(swing_energy(crane, run) - pendulum).max() / pendulum[0])
     return error, math.sqrt(weight / inertia) * setup.dt / 2.0
