@@ -56,7 +56,7 @@ SITE_SPACING = 90.0
 
 
 @dataclass(frozen=True, eq=False)
-class GroundedLift:
+class GroundLiftResult:
     """A lift with lift-off from the ground, set-down, or both.
 
     Attributes:
@@ -95,7 +95,7 @@ class SiteResult:
     seconds: Sequence[float]
     least: Certificate | None
     least_seconds: float
-    grounded: GroundedLift | None = None
+    grounded: GroundLiftResult | None = None
 
     @property
     def lift(self) -> Lift:
@@ -242,7 +242,7 @@ def _result(
     if (stands_at_start or stands_at_goal) and certificate.holds:
         whole_lift = from_ground(lift, stands=(stands_at_start, stands_at_goal))
         run, checks = certify_ground_lift(whole_lift, engine=setup.engine)
-        grounded = GroundedLift(whole_lift, run, checks)
+        grounded = GroundLiftResult(whole_lift, run, checks)
     times.append(time.monotonic())
     perturbed = None
     least = None

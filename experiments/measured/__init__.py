@@ -29,12 +29,16 @@ if TYPE_CHECKING:
     from cranedyn.recording import Run
 
 STEPS = 60
-"""Least peak-to-peak swing of a record in steps of its sensor; below, the steps are the swing."""
+"""Least peak-to-peak swing of a record, in steps of its sensor.
+
+Of a smaller swing the sensor shows its steps rather than the motion.
+"""
 
 COVERED = 12 / 13
 """Least share of the records whose offset agrees with the mean of all."""
 
-_FIGURES = 4
+MAX_FIGURES = 4
+"""Largest number of records of which a figure is drawn, evenly among all."""
 
 
 class Single(NamedTuple):
@@ -96,20 +100,24 @@ def _identified(source: PublicRecords, logs: list[tuple[str, Log]], setup: Setup
     for done, record in enumerate(records):
         count(done)
         estimates.append(identify(Model.of(prior, [record], source.names)))
-    return [
-        Single(source.name, estimate, _held_out(estimate, estimates[:i] + estimates[i + 1 :]))
-        for i, estimate in enumerate(estimates)
-    ]
+    singles = []
+    for i, estimate in enumerate(estimates):
+        peers = estimates[:i] + estimates[i + 1 :]
+        singles.append(Single(source.name, estimate, _held_out(estimate, peers)))
+    return singles
 
 
 def _steps(swing: np.ndarray) -> float:
-    """Return the peak-to-peak swing in steps of its sensor."""
+    """Return the peak-to-peak swing in steps of its sensor.
+
+    A step is the smallest difference between two values.
+    """
     values = np.unique(swing)
     return float(np.ptp(values) / np.diff(values).min()) if len(values) > 1 else 0.0
 
 
 def _means(estimates: Sequence[Estimate]) -> Mapping[str, float]:
-    """Return the mean of each parameter, weighted by its variances."""
+    """Return the mean of each parameter, each estimate weighted by the inverse of its variance."""
     means = {}
     for p in estimates[0].model.own:
         values, margins = np.array([e.intervals[p.name] for e in estimates]).T
@@ -118,7 +126,17 @@ def _means(estimates: Sequence[Estimate]) -> Mapping[str, float]:
 
 
 def _held_out(estimate: Estimate, peers: Sequence[Estimate]) -> float | None:
-    """Return the relative error of a record predicted with what others say of the crane."""
+    """Return the relative RMS error of a record that is predicted with the means of the others.
+
+    Parameters that belong to the record itself, such as its first swing, keep their estimates.
+
+    Args:
+        estimate: Estimate from the record alone.
+        peers: Estimates from the other records of the crane.
+
+    Returns:
+        The error over the standard deviation of the swing; None without other records.
+    """
     if not peers:
         return None
     model = estimate.model
@@ -152,7 +170,9 @@ def _outcome(singles: Sequence[Single], drives: Sequence[Log], count: int) -> Ou
     best = min(fits, key=lambda f: f.criterion) if fits else None
     if best is not None:
         claims += _shared(best, fits[1])
-    chosen = [singles[i] for i in np.unique(np.linspace(0, len(singles) - 1, _FIGURES, dtype=int))]
+    chosen = [
+        singles[i] for i in np.unique(np.linspace(0, len(singles) - 1, MAX_FIGURES, dtype=int))
+    ]
     return Outcome(
         tables=[
             _records_table(singles, count),
