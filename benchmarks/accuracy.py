@@ -35,8 +35,11 @@ INTEGRATORS = (semi_implicit_euler, rk4)
 STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
 """Physics steps [s]; each divides the control period."""
 
-DURATION, PERIOD = 10.0, 1e-2
-"""Length of the run and control period [s]."""
+DURATION = 10.0
+"""Duration of the run [s]."""
+
+PERIOD = 1e-2
+"""Control period [s]."""
 
 _FIRST_STEP = """
 import sys
@@ -69,7 +72,9 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
     Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant
     because the efforts jump there.
     """
-    crane, hold, limit = case.crane, case.controller, case.crane.effort_limit
+    crane = case.crane
+    hold = case.controller
+    limit = case.crane.effort_limit
     times = case.period * np.arange(case.periods(duration) + 1)
     rows = np.empty((len(times), 10))
     rows[0] = case.starts(1)[0]
@@ -82,7 +87,8 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
     for k, (q, v) in enumerate(zip(rows[:-1, :5], rows[:-1, 5:], strict=True)):
         away = rows[0, drives] - q[drives]
         effort = hold.feed_forward + hold.stiffness * away - hold.damping * v[drives]
-        span, arguments = (0.0, case.period), (effort.clip(-limit, limit),)
+        span = (0.0, case.period)
+        arguments = (effort.clip(-limit, limit),)
         rows[k + 1] = solve_ivp(rates, span, rows[k], args=arguments, **method).y[:, -1]
     return times, rows[:, :5]
 

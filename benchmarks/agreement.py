@@ -41,7 +41,8 @@ class Truth:
     """The plain loop over the common stretch, from every start."""
 
     def __init__(self, case: Case) -> None:
-        self._case, self._starts = case, case.starts(CRANES)
+        self._case = case
+        self._starts = case.starts(CRANES)
         self._results = [plain(case, start, STRETCH) for start in self._starts]
 
     def max_deviation(self, run: Run, *, many: bool) -> float:
@@ -83,7 +84,9 @@ def sort(
     """Return the contestants that agree with the plain loop, and the names of the others with the
     reason.
     """
-    truth, ready, refused = Truth(case), [], []
+    truth = Truth(case)
+    ready = []
+    refused = []
     for contestant in contestants:
         if reason := contestant.missing():
             refused.append((contestant.name, reason))

@@ -80,7 +80,8 @@ class Bar:
 
 def all_bars() -> list[Bar]:
     """Return all bars; each workload takes about 20 ms, except the processes."""
-    case, hook = Case(), Case(load_crane(hook_mass=200.0))
+    case = Case()
+    hook = Case(load_crane(hook_mass=200.0))
     aba_calls = Workload(partial(bare_calls, case.crane, 6000), 6000)
     imports = Workload(partial(fresh, _OTHERS), 1.0, _ROUNDS // 5, _of_children)
     first = Workload(partial(fresh, _FIRST_STEP), 1.0, _ROUNDS // 5, _of_children)
@@ -133,7 +134,9 @@ def measure_bars(bars: Sequence[Bar], seconds: float, share: float = SHARE) -> l
     """
     works = list({id(work): work for bar in bars for work in (bar.work, bar.yardstick)}.values())
     least_times = {id(work): float("inf") for work in works}
-    end, shuffled, k = process_time() + seconds, random.Random(0), 0
+    end = process_time() + seconds
+    shuffled = random.Random(0)
+    k = 0
     for work in works:
         work.run()
     while True:

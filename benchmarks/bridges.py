@@ -63,7 +63,9 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     model = mujoco.MjModel.from_xml_path(str(written))
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = run.state(0)
-    brake, setpoint, rows = hold_controller(crane), hold(crane, run.state(0))(0.0), []
+    brake = hold_controller(crane)
+    setpoint = hold(crane, run.state(0))(0.0)
+    rows = []
     began = time.process_time()
     for t in run.t:
         state = State(data.qpos.copy(), data.qvel.copy())
@@ -85,7 +87,8 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     unit = FMU3Slave(
         guid=description.guid, unzipDirectory=folder, modelIdentifier=fmi.NAME, instanceName="crane"
     )
-    names, start = state_names(crane), run.state(0)
+    names = state_names(crane)
+    start = run.state(0)
     states, commands = (
         [reference[name] for name in group]
         for group in (names, [f"{i}_command" for i in input_names(crane, "effort")])
@@ -94,7 +97,9 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     unit.enterInitializationMode()
     unit.setFloat64([reference[f"{name}_start"] for name in names], np.concatenate(start).tolist())
     unit.exitInitializationMode()
-    brake, setpoint, rows = hold_controller(crane), hold(crane, start)(0.0), []
+    brake = hold_controller(crane)
+    setpoint = hold(crane, start)(0.0)
+    rows = []
     began = time.process_time()
     for k, t in enumerate(run.t):
         rows.append(np.array(unit.getFloat64(states)))
@@ -164,7 +169,8 @@ EXPORTERS: tuple[tuple[str, str, Export, Compare], ...] = (
 def exporter_table() -> harness.ResultTable:
     """Measure every exporter once."""
     crane = SETUP.crane
-    brake, start = hold_controller(crane), crane.state(phi=0.1, theta=0.05)
+    brake = hold_controller(crane)
+    start = crane.state(phi=0.1, theta=0.05)
     run = SETUP.simulate(crane, brake, None, start=start, duration=20.0, label="swing")
     rows: list[tuple[str | float | None, ...]] = []
     with tempfile.TemporaryDirectory() as folder:

@@ -89,7 +89,8 @@ def engines_benchmark(
     Raises:
         CraneError: If the plain loop itself cannot be shown.
     """
-    case, rng = Case(), np.random.default_rng(0)
+    case = Case()
+    rng = np.random.default_rng(0)
     ready, refused = sort(case, contestants)
     if not any(entry.contestant is PLAIN for entry in ready):
         reason = dict(refused).get(PLAIN.name, "it does not take part")

@@ -57,7 +57,8 @@ def engines_figure(
         cost = [cost for (other, _, _), cost in zip(runs, costs, strict=True) if other is e]
         colour: Any = mpl.colormaps["turbo"](0.05 + 0.9 * k / max(len(ready) - 1, 1))
         colour = "black" if e.contestant is PLAIN else colour
-        mark, name = _MARKS[k % len(_MARKS)], e.contestant.name
+        mark = _MARKS[k % len(_MARKS)]
+        name = e.contestant.name
         ax.plot(x, cost, marker=mark, markersize=5.0, color=colour, label=name)
         if e.contestant is PLAIN:
             left.axhline(cost[-1], linestyle=":", color="black", label=f"{PLAIN.name}, one crane")

@@ -29,9 +29,12 @@ def measure_environment(count: int, rounds: int, seconds: float) -> tuple[float,
     env.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 3)).astype(np.float32)
     env.step(actions)
-    rates, processor = [], []
+    rates = []
+    processor = []
     for _ in range(rounds):
-        wall, busy, steps = time.perf_counter(), time.process_time(), 0
+        wall = time.perf_counter()
+        busy = time.process_time()
+        steps = 0
         while not steps or time.perf_counter() - wall < seconds:
             env.step(actions)
             steps += count

@@ -76,7 +76,8 @@ KINDS = {
 
 def ptx_text(description: dict[str, Any], kind: str) -> str:
     """Return the PTX of one kind of code for a crane."""
-    crane, (variant, differ) = load_crane(**description), KINDS[kind]
+    crane = load_crane(**description)
+    variant, differ = KINDS[kind]
     constants: list[float | None] = numbers(crane).tolist()
     if differ:
         half_loaded = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
@@ -200,7 +201,8 @@ def gpu_tables() -> list[ResultTable]:
         ("processor [million steps/s]", ",.6g"),
         ("ratio", ".3g"),
     )
-    rows, note = list(measure_speed()), "Copies to and fro included."
+    rows = list(measure_speed())
+    note = "Copies to and fro included."
     return [*result, ResultTable("On a GPU", columns, rows, note)]
 
 

@@ -1,4 +1,9 @@
-"""Quadratic programmes over a horizon in the forms that solvers of other people take."""
+"""Quadratic programmes over a horizon, in the forms that other solvers take.
+
+A programme has N stages. Of each stage k the state x_k follows from the one before, and inputs u_k
+are sought; in addition to both, some linear functions of them are bounded, the *further* quantities
+of the stage. All bounds are soft: to exceed them has a price.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +16,35 @@ import scipy.sparse as sp
 
 from cranedyn.compiled.horizon.memory import HorizonShape
 
-NONE = 1e8
-"""From here on a bound is none."""
+UNBOUNDED = 1e8
+"""Size from which on a bound counts as none."""
 
 Solve = Callable[[], np.ndarray]
-"""Answers states and inputs by stage, what is bounded besides included."""
+"""Function that solves a programme and returns states, inputs and further quantities of each stage,
+shape (stages, states + 2 inputs)."""
 
 
 class HorizonProblem(NamedTuple):
-    """States follow next = a state + b input + c; e (state, input) + d is bounded besides them. To
-    exceed a bound costs its price.
+    """A quadratic programme over a horizon.
+
+    The cost is the sum of ½ zᵀ diag(q, r) z + gradientᵀ z over the stages, with z = (x, u), of
+    ½ xᵀ end x + end_gradientᵀ x for the state after the last stage, and of all penalties.
+
+    Attributes:
+        a: Matrix of x_(k+1) = a x_k + b u_k + c, shape (stages, states, states).
+        b: Matrix of the inputs in it, shape (stages, states, inputs).
+        c: Constant in it, shape (stages, states).
+        e: Matrix of the further quantities e z + d, shape (stages, inputs, states + inputs).
+        d: Constant in them, shape (stages, inputs).
+        q: Weight of states, shape (states, states).
+        r: Weight of inputs, shape (inputs, inputs).
+        gradient: Linear cost, shape (stages, states + inputs).
+        low: Lower bounds of states, inputs and further quantities, shape (states + 2 inputs,).
+        high: Upper bounds likewise.
+        price: Cost of exceeding each bound by one.
+        start: State at the beginning, shape (states,).
+        end: Weight of the state after the last stage.
+        end_gradient: Linear cost of that state.
     """
 
     a: np.ndarray
@@ -40,98 +64,127 @@ class HorizonProblem(NamedTuple):
 
     @property
     def shape(self) -> HorizonShape:
-        """How large it is."""
+        """Numbers of states, inputs and stages."""
         return HorizonShape(self.a.shape[1], self.b.shape[2], len(self.a))
 
     @property
     def weight(self) -> np.ndarray:
-        """Of states and inputs together."""
+        """Weight of states and inputs together."""
         return scipy.linalg.block_diag(self.q, self.r)
 
     def value(self, solution: np.ndarray) -> float:
-        """Return the cost of a solution, penalties for exceeded bounds included."""
-        z, w = self.shape.states, self.shape.both
+        """Return the cost of a solution, penalties for exceeded bounds included.
+
+        Args:
+            solution: States, inputs and further quantities, as `Solve` returns them.
+        """
+        z = self.shape.states
+        w = self.shape.both
         last = self.a[-1] @ solution[-1, :z] + self.b[-1] @ solution[-1, z:w] + self.c[-1]
         both = solution[:, :w]
-        over = np.maximum(solution - self.high, 0.0) + np.maximum(self.low - solution, 0.0)
+        excess = np.maximum(solution - self.high, 0.0) + np.maximum(self.low - solution, 0.0)
         cost = 0.5 * np.einsum("ki,ij,kj", both, self.weight, both) + (self.gradient * both).sum()
         cost += 0.5 * last @ self.end @ last + self.end_gradient @ last
-        return float(cost + (over @ self.price).sum())
+        return float(cost + (excess @ self.price).sum())
 
     def gap(self, solution: np.ndarray) -> float:
-        """Return the largest residual of the model equations."""
-        z, w = self.shape.states, self.shape.both
-        coming = (
+        """Return the largest residual of the equations of a solution, the start included."""
+        z = self.shape.states
+        w = self.shape.both
+        next_states = (
             np.einsum("kij,kj->ki", self.a, solution[:, :z])
             + np.einsum("kij,kj->ki", self.b, solution[:, z:w])
             + self.c
         )
-        besides = np.einsum("kij,kj->ki", self.e, solution[:, :w]) + self.d
+        further = np.einsum("kij,kj->ki", self.e, solution[:, :w]) + self.d
         gaps = (
             solution[0, :z] - self.start,
-            coming[:-1] - solution[1:, :z],
-            besides - solution[:, w:],
+            next_states[:-1] - solution[1:, :z],
+            further - solution[:, w:],
         )
         return max(float(np.abs(gap).max()) for gap in gaps)
 
 
 class Sparse(NamedTuple):
-    """½ xᵀ weight x + costᵀ x with follow x = right and sides x <= limits; what is bounded is
-    bounded x + apart.
+    """A programme as general solvers take it.
+
+    Minimise ½ xᵀ weight x + costᵀ x with equality x = right and inequality x <= limits. The vector
+    x has states and inputs of all stages, the last state, and a slack for each bound.
+
+    Attributes:
+        weight: Weight.
+        cost: Linear cost.
+        equality: Matrix of the equations of the model.
+        right: Their right side.
+        inequality: Matrix of the bounds and of the slacks, which are not negative.
+        limits: Their limits.
+        bounded: Matrix of the bounded quantities, bounded x + offset, without columns of slacks.
+        offset: Constant in them.
     """
 
     weight: sp.csc_matrix
     cost: np.ndarray
-    follow: sp.csc_matrix
+    equality: sp.csc_matrix
     right: np.ndarray
-    sides: sp.csc_matrix
+    inequality: sp.csc_matrix
     limits: np.ndarray
     bounded: np.ndarray
-    apart: np.ndarray
+    offset: np.ndarray
 
-    def found(self, x: np.ndarray, stages: int) -> np.ndarray:
-        """States, inputs and what else is bounded, by stage."""
-        return (self.bounded @ x[: self.bounded.shape[1]] + self.apart).reshape(stages, -1)
+    def by_stage(self, x: np.ndarray, stages: int) -> np.ndarray:
+        """Return states, inputs and further quantities of each stage, see `Solve`."""
+        without_slacks = x[: self.bounded.shape[1]]
+        return (self.bounded @ without_slacks + self.offset).reshape(stages, -1)
 
 
 def sparse(problem: HorizonProblem) -> Sparse:
-    """Return the programme in states, inputs and slacks of bounds."""
+    """Return a programme in states, inputs and slacks of bounds."""
     shape = problem.shape
-    z, w, n = shape.states, shape.both, shape.stages
-    size, both = n * w + z, w + shape.inputs
-    follow, right = np.zeros((z * (n + 1), size)), np.zeros(z * (n + 1))
-    follow[:z, :z], right[:z] = np.eye(z), problem.start
-    bounded, offset = np.zeros((n * both, size)), np.zeros(n * both)
+    z = shape.states
+    w = shape.both
+    n = shape.stages
+    size = n * w + z
+    both = w + shape.inputs
+    equality = np.zeros((z * (n + 1), size))
+    right = np.zeros(z * (n + 1))
+    equality[:z, :z] = np.eye(z)
+    right[:z] = problem.start
+    bounded = np.zeros((n * both, size))
+    offset = np.zeros(n * both)
     for k in range(n):
-        rows, columns = slice(z * (k + 1), z * (k + 2)), slice(k * w, (k + 1) * w)
-        follow[rows, columns] = -np.hstack([problem.a[k], problem.b[k]])
-        follow[rows, (k + 1) * w : (k + 1) * w + z] = np.eye(z)
+        rows = slice(z * (k + 1), z * (k + 2))
+        columns = slice(k * w, (k + 1) * w)
+        equality[rows, columns] = -np.hstack([problem.a[k], problem.b[k]])
+        equality[rows, (k + 1) * w : (k + 1) * w + z] = np.eye(z)
         right[rows] = problem.c[k]
         bounded[k * both : k * both + w, columns] = np.eye(w)
         bounded[k * both + w : (k + 1) * both, columns] = problem.e[k]
         offset[k * both + w : (k + 1) * both] = problem.d[k]
-    high, low = (np.tile(bound, n) for bound in (problem.high, problem.low))
-    above, below = np.flatnonzero(high < NONE), np.flatnonzero(low > -NONE)
+    high = np.tile(problem.high, n)
+    low = np.tile(problem.low, n)
+    above = np.flatnonzero(high < UNBOUNDED)
+    below = np.flatnonzero(low > -UNBOUNDED)
     price = np.tile(problem.price, n)
+    # Bounds are scaled by their prices, so that all slacks have one price.
     scale = np.concatenate([price[above], price[below]]) / problem.price.max()
     count = len(scale)
-    weight = [*[problem.weight] * n, problem.end, sp.csc_matrix((count, count))]
+    weights = [*[problem.weight] * n, problem.end, sp.csc_matrix((count, count))]
+    costs = [problem.gradient.ravel(), problem.end_gradient, np.full(count, problem.price.max())]
     limits = np.concatenate([(high - offset)[above], (offset - low)[below]]) * scale
-    rows_of: list[list[Any]] = [
-        [sp.diags(scale) @ np.vstack([bounded[above], -bounded[below]]), -sp.eye(count)],
+    scaled = sp.diags(scale) @ np.vstack([bounded[above], -bounded[below]])
+    inequality: list[list[Any]] = [
+        [scaled, -sp.eye(count)],
         [None, -sp.eye(count)],
     ]
     return Sparse(
-        sp.csc_matrix(sp.block_diag(weight)),
-        np.concatenate(
-            [problem.gradient.ravel(), problem.end_gradient, np.full(count, problem.price.max())]
-        ),
-        sp.csc_matrix(np.hstack([follow, np.zeros((len(follow), count))])),
-        right,
-        sp.csc_matrix(sp.bmat(rows_of)),
-        np.concatenate([limits, np.zeros(count)]),
-        bounded,
-        offset,
+        weight=sp.csc_matrix(sp.block_diag(weights)),
+        cost=np.concatenate(costs),
+        equality=sp.csc_matrix(np.hstack([equality, np.zeros((len(equality), count))])),
+        right=right,
+        inequality=sp.csc_matrix(sp.bmat(inequality)),
+        limits=np.concatenate([limits, np.zeros(count)]),
+        bounded=bounded,
+        offset=offset,
     )
 
 
@@ -139,18 +192,19 @@ def by_clarabel(problem: HorizonProblem) -> Solve:
     """Solve by Clarabel's interior-point method, to 1e-10."""
     import clarabel
 
-    form, n = sparse(problem), problem.shape.stages
+    form = sparse(problem)
+    n = problem.shape.stages
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
     upper = sp.csc_matrix(sp.triu(form.weight))
-    rows = sp.csc_matrix(sp.vstack([form.follow, form.sides]))
+    rows = sp.csc_matrix(sp.vstack([form.equality, form.inequality]))
     limits = np.concatenate([form.right, form.limits])
     cones = [clarabel.ZeroConeT(len(form.right)), clarabel.NonnegativeConeT(len(form.limits))]
 
     def solve() -> np.ndarray:
         answer = clarabel.DefaultSolver(upper, form.cost, rows, limits, cones, settings).solve()
-        return form.found(np.array(answer.x), n)
+        return form.by_stage(np.array(answer.x), n)
 
     return solve
 
@@ -159,16 +213,17 @@ def by_osqp(problem: HorizonProblem) -> Solve:
     """Solve by OSQP's operator splitting, to 1e-4."""
     import osqp
 
-    form, n = sparse(problem), problem.shape.stages
+    form = sparse(problem)
+    n = problem.shape.stages
     upper = sp.csc_matrix(sp.triu(form.weight))
-    rows = sp.csc_matrix(sp.vstack([form.follow, form.sides]))
+    rows = sp.csc_matrix(sp.vstack([form.equality, form.inequality]))
     high = np.concatenate([form.right, form.limits])
     low = np.concatenate([form.right, np.full(len(form.limits), -np.inf)])
 
     def solve() -> np.ndarray:
         solver = osqp.OSQP()
         solver.setup(upper, form.cost, rows, low, high, verbose=False, eps_abs=1e-4, eps_rel=1e-4)
-        return form.found(np.array(solver.solve().x), n)
+        return form.by_stage(np.array(solver.solve().x), n)
 
     return solve
 
@@ -177,14 +232,17 @@ def by_piqp(problem: HorizonProblem) -> Solve:
     """Solve by PIQP's proximal interior-point method, with its defaults."""
     import piqp
 
-    form, n = sparse(problem), problem.shape.stages
+    form = sparse(problem)
+    n = problem.shape.stages
     low = np.full(len(form.limits), -np.inf)
 
     def solve() -> np.ndarray:
         solver = piqp.SparseSolver()
-        solver.setup(form.weight, form.cost, form.follow, form.right, form.sides, low, form.limits)
+        solver.setup(
+            form.weight, form.cost, form.equality, form.right, form.inequality, low, form.limits
+        )
         solver.solve()
-        return form.found(np.array(solver.result.x), n)
+        return form.by_stage(np.array(solver.result.x), n)
 
     return solve
 
@@ -194,11 +252,15 @@ def by_daqp(problem: HorizonProblem) -> Solve:
     from daqp import solve
 
     shape = problem.shape
-    z, n, m = shape.states, shape.stages, shape.inputs
+    z = shape.states
+    n = shape.stages
+    m = shape.inputs
     width = n * m + 1
-    state, rows = np.zeros((z, width)), []
+    state = np.zeros((z, width))
+    rows = []
     state[:, -1] = problem.start
-    hessian, linear = np.zeros((width, width)), np.zeros(width)
+    hessian = np.zeros((width, width))
+    linear = np.zeros(width)
     for k in range(n):
         inputs = np.zeros((m, width))
         inputs[:, k * m : (k + 1) * m] = np.eye(m)
@@ -214,12 +276,15 @@ def by_daqp(problem: HorizonProblem) -> Solve:
     linear += problem.end_gradient @ state
     # The state at the start is given: no input moves it.
     stacked = np.vstack(rows)[z:]
-    high, low = (np.tile(bound, n)[z:] for bound in (problem.high, problem.low))
-    real = (high < NONE) | (low > -NONE)
+    high = np.tile(problem.high, n)[z:]
+    low = np.tile(problem.low, n)[z:]
+    real = (high < UNBOUNDED) | (low > -UNBOUNDED)
     stacked = stacked[real]
-    high, low = high[real] - stacked[:, -1], low[real] - stacked[:, -1]
+    high = high[real] - stacked[:, -1]
+    low = low[real] - stacked[:, -1]
     square = np.ascontiguousarray(hessian[:-1, :-1])
-    cost, sides = hessian[:-1, -1] + linear[:-1], np.ascontiguousarray(stacked[:, :-1])
+    cost = hessian[:-1, -1] + linear[:-1]
+    sides = np.ascontiguousarray(stacked[:, :-1])
     kinds = np.zeros(len(low), dtype=np.int32)
 
     def answer() -> np.ndarray:

@@ -19,13 +19,18 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 
-DURATION, STEPS = 20.0, 40_000
-"""Simulated time of one round [s], and its physics steps of 0.5 ms."""
+DURATION = 20.0
+"""Simulated time of one round [s]."""
+
+STEPS = 40_000
+"""Number of physics steps of 0.5 ms in a round."""
 
 
 def bare_calls(crane: Crane, calls: int = STEPS) -> None:
     """Call the articulated-body algorithm as often as a round has steps."""
-    aba, model, data = pin.aba, crane.model, crane.data
+    aba = pin.aba
+    model = crane.model
+    data = crane.data
     tau = np.array([0.0, 0.0, 0.0, 0.0, -9806.65])
     q, v = crane.state(phi=0.1, theta=0.05, phi_dot=0.1)
     for _ in range(calls):
@@ -43,7 +48,8 @@ def measure_loop(rounds: int) -> tuple[float, float, float]:
     The shortest time of each counts: it is the same work every time, and whatever else the machine
     does only adds to it.
     """
-    crane, rng = load_crane(), np.random.default_rng(0)
+    crane = load_crane()
+    rng = np.random.default_rng(0)
     tasks = [partial(task, crane) for task in (bare_calls, plain_swing)]
     rates = STEPS / race(tasks, rounds, rng, time.process_time).min(axis=1)
     return float(rates[0]), float(rates[1]), float(rates[1] / rates[0])

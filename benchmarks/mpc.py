@@ -33,13 +33,13 @@ MODULES = {"DAQP": "daqp", "Clarabel": "clarabel", "PIQP": "piqp", "OSQP": "osqp
 
 
 class Optimised(NamedTuple):
-    """An optimisation of ours.
+    """An optimisation by the compiled code of this project.
 
     Attributes:
         taken: Processor time of the whole control instant [s]: prediction, solution, efforts.
-        iterations: Of the interior point; 0 where no bound was in the way.
+        iterations: Iterations of the interior-point method; 0 where no bound is active.
         problem: The quadratic programme; None if it was not kept.
-        found: What was found.
+        found: The solution, see `benchmarks.horizon.Solve`; empty if the programme was not kept.
     """
 
     taken: float
@@ -85,48 +85,64 @@ def batch_rate(crane: Crane, move: RestToRest, along: bool, rounds: int) -> floa
     start, controller, reference = controlled(crane, move, along)
     many = State(*(np.tile(numbers, (16, 1)) for numbers in start))
     many.q[:, crane.swings] += np.linspace(0.0, 0.02, 16)[:, None]
-    how: Any = {"start": many, "duration": move.duration + AFTER, "threads": 1}
-    task = partial(simulate_batch, crane, controller, reference, **how)
-    task()
+    duration = move.duration + AFTER
+    task = partial(
+        simulate_batch, crane, controller, reference, start=many, duration=duration, threads=1
+    )
+    task()  # the first run compiles
     least = min(seconds(task, time.process_time) for _ in range(rounds))
-    return 16 * how["duration"] / (controller.programme.ratio * controller.programme.period * least)
+    time_between = controller.programme.ratio * controller.programme.period
+    return 16 * duration / (time_between * least)
 
 
 def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
     """Return the last programme of a controller and its solution."""
-    shape, work = controller.programme.shape(1), controller.memory_of_optimisation()
-    z, w, m = shape.states, shape.both, shape.inputs
+    shape = controller.programme.shape(1)
+    work = controller.memory_of_optimisation()
+    z = shape.states
+    w = shape.both
+    m = shape.inputs
     stages = work[shape.first :].reshape(shape.stages, shape.stride)
 
     def common(name: str, rows: int, columns: int) -> np.ndarray:
+        """Return a matrix that all stages share, of the first crane of a batch."""
         return work[shape.place(name) :][: rows * shape.lanes].reshape(rows, -1)[:, :columns].copy()
 
     def each(name: str, rows: int, columns: int) -> np.ndarray:
+        """Return a matrix of each stage."""
         block = stages[:, shape.place(name) :][:, : rows * shape.lanes]
         return block.reshape(len(stages), rows, -1)[:, :, :columns].copy()
 
-    forward, weight, end = each("forward", z, w), common("weight", w, w), common("end", z, z)
+    forward = each("forward", z, w)
+    weight = common("weight", w, w)
+    end = common("end", z, z)
     problem = HorizonProblem(
-        forward[:, :, :z],
-        forward[:, :, z:],
-        each("shift", 1, z)[:, 0],
-        each("extra", m, w),
-        each("extra_shift", 1, w + m)[:, 0, w:],
-        weight[:z, :z],
-        weight[z:, z:],
-        each("gradient", 1, w)[:, 0],
-        common("low", 1, w + m)[0],
-        common("high", 1, w + m)[0],
-        common("price", 1, w + m)[0],
-        common("start", 1, z)[0],
-        np.tril(end) + np.tril(end, -1).T,
-        common("end_gradient", 1, z)[0],
+        a=forward[:, :, :z],
+        b=forward[:, :, z:],
+        c=each("shift", 1, z)[:, 0],
+        e=each("extra", m, w),
+        d=each("extra_shift", 1, w + m)[:, 0, w:],
+        q=weight[:z, :z],
+        r=weight[z:, z:],
+        gradient=each("gradient", 1, w)[:, 0],
+        low=common("low", 1, w + m)[0],
+        high=common("high", 1, w + m)[0],
+        price=common("price", 1, w + m)[0],
+        start=common("start", 1, z)[0],
+        # Only the lower triangle of a symmetric matrix is kept.
+        end=np.tril(end) + np.tril(end, -1).T,
+        end_gradient=common("end_gradient", 1, z)[0],
     )
     return problem, each("iterate", 1, w + m)[:, 0]
 
 
 class _Answers(NamedTuple):
-    """Processor times [s] and solutions of a solver, one for each programme."""
+    """Results of a solver.
+
+    Attributes:
+        times: Processor time for each programme [s].
+        costs: Cost of the solution of each programme.
+    """
 
     times: np.ndarray
     costs: np.ndarray
@@ -134,7 +150,8 @@ class _Answers(NamedTuple):
 
 def _answers(solver: Callable[[HorizonProblem], Solve], problems: list[HorizonProblem]) -> _Answers:
     """Solve each problem, then three times again, and return the shortest times."""
-    times, costs = [], []
+    times = []
+    costs = []
     for problem in problems:
         task = solver(problem)
         costs.append(problem.value(task()))
@@ -155,9 +172,12 @@ def repeated(
 
 def measure_mpc(options: argparse.Namespace) -> list[ResultTable]:
     """Measure all moves along their paths and to their goals, and all solvers of programmes."""
-    crane, stride = load_crane(), whole("every", options.every, 1)
+    crane = load_crane()
+    stride = whole("every", options.every, 1)
     rounds = whole("rounds", options.rounds, 1)
-    rows, programmes, most = [], list[Optimised](), 0
+    rows = []
+    programmes = list[Optimised]()
+    most = 0
     for name, along in (("along a flat path", True), ("to the goal", False)):
         moves = [repeated(crane, move, along, stride, rounds) for move in MOVES]
         most = max(most, *(sum(o.iterations > 0 for o in move) for move in moves))

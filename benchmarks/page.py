@@ -23,7 +23,8 @@ def page_table() -> ResultTable:
             began = time.monotonic()
             driver.get(file.as_uri())
             test_page_browser.wait(driver, "page.state && page.state.t > 0")
-            ready, rows = time.monotonic() - began, []
+            ready = time.monotonic() - began
+            rows = []
             data = driver.execute_script("return page.data")
             for name in test_page.ASSISTANCES:
                 rounds = 4 * [test_page.request(name, 12000)]

@@ -34,7 +34,14 @@ COLUMNS = (
 
 _BATCH = "compiled batch, all cores"
 
-_OURS, _LIMIT, _OTHER = "#1f77b4", "#444444", "#bbbbbb"
+OUR_COLOUR = "#1f77b4"
+"""Colour of the engines of this project."""
+
+LIMIT_COLOUR = "#444444"
+"""Colour of equations written by hand, which show what can be reached."""
+
+OTHER_COLOUR = "#bbbbbb"
+"""Colour of other simulators."""
 
 
 def peers() -> tuple[Contestant, ...]:
@@ -77,9 +84,9 @@ def chart(rows: Rows) -> Figure:
     ]
     rates = [float(row[2] or 0.0) for row in rows]
     colours = [
-        _OURS if row[0] in (_BATCH, "plain loop")
-        else _LIMIT if str(row[0]).startswith("C by hand")
-        else _OTHER
+        OUR_COLOUR if row[0] in (_BATCH, "plain loop")
+        else LIMIT_COLOUR if str(row[0]).startswith("C by hand")
+        else OTHER_COLOUR
         for row in rows
     ]  # fmt: skip
     ax.barh(names, rates, color=colours)

@@ -29,9 +29,14 @@ from experiments.harness import Claim, Outcome, ResultTable
 from experiments.harness.outcome import show
 from experiments.scenarios.moves import CLOSE, LIMITS, RestToRest
 
-SLEW, RADIUS, LENGTH = (-1.0, 1.0), (5.0, 20.0), (6.0, 22.0)
-"""Between which moves are drawn: slew of the goal [rad]; trolley radius and cable length of start
-and goal [m]."""
+SLEW = (-1.0, 1.0)
+"""Range from which the slew of a goal is drawn [rad]."""
+
+RADIUS = (5.0, 20.0)
+"""Range from which the trolley radius of start and goal is drawn [m]."""
+
+LENGTH = (6.0, 22.0)
+"""Range from which the cable length of start and goal is drawn [m]."""
 
 SIZE = (0.05, 3.0)
 """Between which sizes cranes are drawn, as multiples of the default crane's."""
@@ -39,8 +44,11 @@ SIZE = (0.05, 3.0)
 PERIOD = 5e-3
 """Control period [s]."""
 
-SWING, LASTS = 0.1, 45.0
-"""Largest swing of both [rad]; how long each move is watched [s]."""
+SWING = 0.1
+"""Largest swing of start and goal in each swing joint [rad]."""
+
+WATCH_TIME = 45.0
+"""Time for which each move is watched [s]."""
 
 RATIO = {False: 1.5, True: 2.0}
 """How many times the least time is claimed at most: of moves of the default crane, and of cranes of
@@ -80,7 +88,8 @@ def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial
             as quick or slow as those of the default crane would be.
     """
     rng = np.random.default_rng(seed)
-    size, quick = 1.0, np.ones(3)
+    size = 1.0
+    quick = np.ones(3)
 
     def end(slew: float) -> tuple[float, float, float]:
         return slew, size * rng.uniform(*RADIUS), size * rng.uniform(*LENGTH)
@@ -88,7 +97,8 @@ def trials(count: int, seed: int, any_crane: bool = False) -> list[SettlingTrial
     drawn = []
     for i in range(count):
         if any_crane:
-            size, quick = math.exp(rng.uniform(*np.log(SIZE))), 2.0 ** rng.uniform(-1.0, 1.0, 3)
+            size = math.exp(rng.uniform(*np.log(SIZE)))
+            quick = 2.0 ** rng.uniform(-1.0, 1.0, 3)
         move = RestToRest(f"{i + 1}", end(0.0), end(rng.uniform(*SLEW)), 0.0)
         drawn.append(SettlingTrial(size, alike(size, quick), move))
     return drawn
@@ -115,7 +125,8 @@ def alike(size: float, quick: np.ndarray) -> Limits:
     """Return limits under which a scaled crane moves alike, with accelerations multiplied by drive
     and rates by the square root.
     """
-    rates, accelerations = np.array(LIMITS.rates), np.array(LIMITS.accelerations)
+    rates = np.array(LIMITS.rates)
+    accelerations = np.array(LIMITS.accelerations)
     return Limits(
         rates=rates * np.sqrt(quick) * size ** np.array([-0.5, 0.5, 0.5]),
         accelerations=accelerations * quick * size ** np.array([-1.0, 0.0, 0.0]),
@@ -126,14 +137,15 @@ def settle(drawn: Sequence[SettlingTrial]) -> list[SettlingTimes]:
     """Make moves by predictive control with its defaults, and plan each in the least time."""
     settled = []
     for size, limits, move in drawn:
-        crane, time = scaled_crane(size), math.sqrt(size)
+        crane = scaled_crane(size)
+        time = math.sqrt(size)
         start, goal = move.ends(crane)
         run = simulate(
             crane,
             receding(crane, limits, swing_limit=SWING),
             hold(crane, goal),
             start=start,
-            duration=PERIOD * round(time * LASTS / PERIOD),
+            duration=PERIOD * round(time * WATCH_TIME / PERIOD),
             engine="compiled",
             validity="mark",
         )
@@ -159,9 +171,9 @@ def judge_moves(moves: Sequence[SettlingTimes], allowed: float) -> Outcome:
         [*columns, ("settled [s]", ".2f"), ("ratio", ".2f")],
         rows,
         f"Settled: from the start until the payload stays within {1e3 * CLOSE:g} mm of its goal; "
-        f"a dash where it does not in {LASTS:g} s. Both keep the same rates and accelerations and "
-        f"{1e3 * SWING:g} mrad of swing. For a crane of another size distances go with that, times "
-        "with its root.",
+        f"a dash where it does not in {WATCH_TIME:g} s. Both keep the same rates and accelerations "
+        f"and {1e3 * SWING:g} mrad of swing. For a crane of another size distances go with that, "
+        "times with its root.",
     )
     worst = max(settled.ratio for settled in moves)
     sentence = (
@@ -172,7 +184,8 @@ def judge_moves(moves: Sequence[SettlingTimes], allowed: float) -> Outcome:
 
 
 def _place(move: RestToRest) -> tuple[str, str]:
-    (_, x, length), (slew, radius, end) = move.start, move.goal
+    _, x, length = move.start
+    slew, radius, end = move.goal
     return f"{x:.1f}, {length:.1f}", f"{slew:.2f}, {radius:.1f}, {end:.1f}"
 
 

@@ -13,8 +13,11 @@ if TYPE_CHECKING:
     from cranedyn.controllers.hold import Hold
     from cranedyn.model.crane import Crane
 
-PAUSE, SWING = 0.05, 20.0
-"""Of a chunk that only waits [s]; simulated time of a swing [s]."""
+PAUSE = 0.05
+"""Time for which a chunk that computes nothing waits [s]."""
+
+SWING = 20.0
+"""Simulated time of a swing [s]."""
 
 Columns = Mapping[str, np.ndarray]
 

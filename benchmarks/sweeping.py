@@ -112,7 +112,8 @@ def pace(study: Study, by: Way, chunks: int, chunk: int) -> Pace:
         )
         table = results(Path(folder) / "sweep")
     spent = table["spent_s"].to_numpy() if "spent_s" in table.column_names else np.zeros(1)
-    begin, end = 2 * by.workers, chunks + 1 - by.workers
+    begin = 2 * by.workers
+    end = chunks + 1 - by.workers
     wall, busy = (np.array(stamps[end]) - np.array(stamps[begin])) / (end - begin)
     return Pace(stamps[1][0] - stamps[0][0], float(wall), float(busy), float(np.median(spent)))
 
@@ -129,13 +130,15 @@ class Overhead(NamedTuple):
 
 def overhead(by: Way, chunks: int, chunk: int) -> Overhead:
     """Return the overhead from sweeps that compute nothing, of single cases and of large chunks."""
-    small, large = pace(nothing, by, chunks, 1), pace(nothing, by, chunks, chunk)
+    small = pace(nothing, by, chunks, 1)
+    large = pace(nothing, by, chunks, chunk)
     return Overhead(small.first, small.busy, (large.busy - small.busy) / (chunk - 1))
 
 
 def scaling(by: Way, chunks: int) -> tuple[float, float, float]:
     """Return efficiency of waiting chunks, swings a second, processor time of a swing [s]."""
-    waited, swung = pace(waiting, by, chunks, 1), pace(swinging, by, chunks, CRANES)
+    waited = pace(waiting, by, chunks, 1)
+    swung = pace(swinging, by, chunks, CRANES)
     return PAUSE / by.workers / waited.each, CRANES / swung.each, swung.spent
 
 
@@ -157,8 +160,11 @@ def billion_case_table(measured: Overhead, spent: float, size: float, workers: i
         size: Of a case on disk [byte].
         workers: Of the sweep that was measured.
     """
-    cases, chunk, at_once = 1e9, 1e5, 1e7
-    chunks, sweeps = cases / chunk, cases / at_once
+    cases = 1e9
+    chunk = 1e5
+    at_once = 1e7
+    chunks = cases / chunk
+    sweeps = cases / at_once
     writing = sweeps * measured.once + chunks * measured.part + cases * measured.case
     computing = cases * spent
     rows: list[list[float | str | None]] = [
@@ -192,7 +198,8 @@ def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Res
     for kind, count in kinds:
         print(f"measuring: {kind}, {count}", file=sys.stderr)
         with way(kind, count) as by:
-            cost, (share, rate, spent) = (overhead(by, chunks, chunk), scaling(by, 6 * count))
+            cost = overhead(by, chunks, chunk)
+            share, rate, spent = scaling(by, 6 * count)
         alone = alone or rate
         costs.append([by.name, cost.once, 1e3 * cost.part, 1e6 * cost.case])
         grown.append([by.name, 100.0 * share, rate, rate / alone, 1e3 * spent])

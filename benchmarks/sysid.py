@@ -28,8 +28,10 @@ from experiments.measured.sources import SOURCES
 NAMES = ("l_offset", "damp_swing", "delay", "phi_bias")
 """Parameters that both identify."""
 
-MUJOCO, MUJOCO_SMOOTHED = "mujoco.sysid", "mujoco.sysid, our smooth drives"
-OURS, OURS_WINDOW = "cranedyn", "cranedyn, window instead of delay"
+MUJOCO = "mujoco.sysid"
+MUJOCO_SMOOTHED = "mujoco.sysid, our smooth drives"
+OURS = "cranedyn"
+OURS_WINDOW = "cranedyn, window instead of delay"
 
 _XML = """<mujoco><option timestep="0.005" integrator="implicitfast" gravity="0 0 -{gravity}"/>
 <worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
@@ -42,7 +44,11 @@ _XML = """<mujoco><option timestep="0.005" integrator="implicitfast" gravity="0 
 <sensor><jointpos name="swing" joint="phi"/></sensor></mujoco>"""
 """A heavy trolley that follows its recorded position, so that the load does not move it."""
 
-_FIRST, _LAST = 0.7, 0.35
+FIRST_JUDGED = 0.7
+"""Time from the beginning of a record to its first judged row [s]."""
+
+LAST_JUDGED = 0.35
+"""Time from the last judged row of a record to its end [s]."""
 
 
 class Logged(NamedTuple):
@@ -55,7 +61,7 @@ class Logged(NamedTuple):
     def judged(self) -> np.ndarray:
         """Whether each clean row counts for the error: none near the ends, where delays shift."""
         t = self.clean.t
-        return (t >= _FIRST) & (t <= t[-1] - _LAST)
+        return (t >= FIRST_JUDGED) & (t <= t[-1] - LAST_JUDGED)
 
     def squares(self, predicted: np.ndarray) -> tuple[float, float]:
         """Return the squares of a prediction's error in the judged rows, and of their variation."""
@@ -80,7 +86,8 @@ def ours(prior: Prior, records: Sequence[Logged], sensor: str) -> Identified:
         model = Model.of(prior, [record.clean], names)
         values = np.array([estimate.value(p.name) if p.record is None else 0.0
                            for p in model.parameters])  # fmt: skip
-        predicted, rows = model.predicted(0, values[None])[0, 0], model.rows(0)
+        predicted = model.predicted(0, values[None])[0, 0]
+        rows = model.rows(0)
         return np.asarray(predicted[record.judged[rows]])
 
     return predict
@@ -197,7 +204,8 @@ def sysid_table(prior: Prior, logs: Sequence[Logged]) -> ResultTable:
     rows: list[list[float | str | None]] = []
     first: np.ndarray | None = None
     for way, identifier in ways.items():
-        squares, taken = [], 0.0
+        squares = []
+        taken = 0.0
         for fold, others in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
             begin = time.perf_counter()
             predict = identifier(fold)
@@ -207,7 +215,8 @@ def sysid_table(prior: Prior, logs: Sequence[Logged]) -> ResultTable:
         shares = 100.0 * np.sqrt(error / variation)
         first = shares if first is None else first
         pooled = 100.0 * float(np.sqrt(error.sum() / variation.sum()))
-        below, middle = int(np.sum(shares < first)), float(np.median(shares))
+        below = int(np.sum(shares < first))
+        middle = float(np.median(shares))
         rows.append([way, pooled, middle, float(max(shares)), below, taken])
     columns = (
         ("identified by", ""), ("held out [%]", ".1f"), ("median", ".1f"), ("largest", ".1f"),

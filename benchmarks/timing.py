@@ -70,9 +70,11 @@ def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
     It is longer where a run has fixed costs, such as laying out many cranes, so that these are
     about a tenth of it.
     """
-    starts, most_periods = case.starts(cranes), case.periods(DURATION)
+    starts = case.starts(cranes)
+    most_periods = case.periods(DURATION)
     run(starts, case.period)
-    periods, fixed = 1, seconds(lambda: run(starts, case.period))
+    periods = 1
+    fixed = seconds(lambda: run(starts, case.period))
     elapsed = fixed
     while elapsed < 0.1 * budget + fixed and periods < most_periods:
         periods = min(10 * periods, most_periods)

@@ -62,8 +62,10 @@ class Case:
         """
         share = np.linspace(0.0, 0.1, cranes)
         rows = np.tile(np.concatenate(self.crane.state(l=15.0)), (cranes, 1))
-        radial, tangential = self.crane.swings[0::2], self.crane.swings[1::2]
-        rows[:, radial], rows[:, tangential] = 0.1 + share[:, None], share[:, None]
+        radial = self.crane.swings[0::2]
+        tangential = self.crane.swings[1::2]
+        rows[:, radial] = 0.1 + share[:, None]
+        rows[:, tangential] = share[:, None]
         return rows
 
     def swing(self, rows: np.ndarray) -> np.ndarray:
@@ -72,7 +74,8 @@ class Case:
 
     def logged(self, log: np.ndarray) -> Result:
         """Return the result of a single crane from its log, shape (rows, 2 n + 3)."""
-        ends, peak = log[-1:, : 2 * self.n].copy(), self.swing(log).max(keepdims=True)
+        ends = log[-1:, : 2 * self.n].copy()
+        peak = self.swing(log).max(keepdims=True)
         return Result(ends, peak, lambda: log)
 
 
@@ -135,7 +138,8 @@ def plain(
         control_period=case.period,
         engine=engine,
     )
-    ends, peak = np.hstack([run.q[-1:], run.v[-1:]]), case.swing(run.q).max(keepdims=True)
+    ends = np.hstack([run.q[-1:], run.v[-1:]])
+    peak = case.swing(run.q).max(keepdims=True)
     return Result(ends, peak, lambda: np.hstack([run.q, run.v, run.effort]))
 
 
@@ -143,7 +147,8 @@ def brake(
     case: Case, start: np.ndarray
 ) -> Callable[[Sequence[float], Sequence[float]], tuple[float, float, float]]:
     """Return the hold controller within the limits of the drives, on plain Python floats."""
-    hold, drives = case.controller, case.crane.layout.drives
+    hold = case.controller
+    drives = case.crane.layout.drives
     slew, trolley, hoist = drives.tolist()
     a, b, c = hold.stiffness.tolist()
     d, e, f = hold.damping.tolist()

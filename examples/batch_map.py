@@ -10,7 +10,8 @@ from cranedyn.plotting.figures import panels
 from cranedyn.references import hold, pulse
 
 crane = cd.load_crane()
-lengths, widths = np.linspace(5.0, 20.0, 32), np.linspace(1.0, 9.0, 32)
+lengths = np.linspace(5.0, 20.0, 32)
+widths = np.linspace(1.0, 9.0, 32)
 starts = [crane.state(l=length) for length in lengths]
 cases = [
     (start, pulse(crane, hold(crane, start), "x", 0.3, at=0.5, width=width))

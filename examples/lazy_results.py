@@ -25,7 +25,8 @@ def main() -> int:
     """Sweep 40,000 cases, then ask for three lines: of each file DuckDB reads the columns that it
     needs, one part after another.
     """
-    lengths, amplitudes = np.linspace(5.0, 25.0, 200).tolist(), np.linspace(0.01, 1.0, 200).tolist()
+    lengths = np.linspace(5.0, 25.0, 200).tolist()
+    amplitudes = np.linspace(0.01, 1.0, 200).tolist()
     sweep(swing_period, grid(l_m=lengths, A_rad=amplitudes), "swings", chunk=5000, workers=1)
     for length, longest, cases in duckdb.sql(WORST).fetchall():
         print(f"{length:g} m: up to {longest:.3f} s in {cases} cases of wide swings")

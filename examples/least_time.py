@@ -14,7 +14,8 @@ from cranedyn.references import hanging_reference, spline
 from cranedyn.references.limits import Limits
 
 crane = cd.load_crane()
-start, goal = crane.state(x=10.0), crane.state(x=15.0)
+start = crane.state(x=10.0)
+goal = crane.state(x=15.0)
 limits = Limits(rates=(0.1, 1.0, 1.0), accelerations=(0.05, 0.3, 0.3))
 
 fastest = optimal(crane, start, goal, limits)

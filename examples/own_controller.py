@@ -9,7 +9,8 @@ from cranedyn.controllers import hold_controller
 from cranedyn.plotting.figures import plot_runs
 
 crane = cd.load_crane()
-phi, trolley = crane.layout.index("phi"), crane.layout.drive("x")
+phi = crane.layout.index("phi")
+trolley = crane.layout.drive("x")
 start = crane.state(phi=0.1)
 brake = hold_controller(crane)
 yielding = hold_controller(crane, stiffness=(5.0e5, 5.0e3, 3.0e4))  # a soft trolley

@@ -15,8 +15,12 @@ controller = hold_controller(crane)
 
 def plain_loop(duration: float, dt: float = 5e-4, control_period: float = 5e-3) -> np.ndarray:
     """Return the coordinates at the control instants, shape (rows, n)."""
-    model, data, drives = crane.model, crane.model.createData(), crane.layout.drives
-    (q, v), tau, rows = start, np.zeros(model.nv), []
+    model = crane.model
+    data = crane.model.createData()
+    drives = crane.layout.drives
+    q, v = start
+    tau = np.zeros(model.nv)
+    rows = []
     for k in range(round(duration / control_period) + 1):
         t = k * control_period
         command = controller(t, cd.State(q, v), reference(t))

@@ -14,7 +14,8 @@ def period(cases: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def main() -> int:
     """Sweep 200 cases, then look at all of them."""
-    lengths, amplitudes = np.linspace(5.0, 24.0, 20).tolist(), np.linspace(0.05, 1.0, 10).tolist()
+    lengths = np.linspace(5.0, 24.0, 20).tolist()
+    amplitudes = np.linspace(0.05, 1.0, 10).tolist()
     end = sweep(period, grid(l_m=lengths, A_rad=amplitudes), "periods", workers=1)
     table = results("periods")
     print(f"{end.done} cases, {end.done - end.before} of them computed just now")

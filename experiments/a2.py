@@ -28,14 +28,32 @@ from cranedyn.references import hold, pulse, ramp
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
-LENGTH, TARGET, RATE = 20.0, 8.0, 0.5
-"""Cable length before and after [m], and hoisting speed [m/s]."""
+LENGTH = 20.0
+"""Cable length before hoisting [m]."""
 
-ANALYSED_FROM, HOIST_AT, DURATION = 12.0, 30.0, 110.0
-"""Start of the analysis, start of the hoisting, and duration of the run [s]."""
+TARGET = 8.0
+"""Cable length after hoisting [m]."""
 
-PULSE, PULSE_AT, OTHER_PULSES = 1.0, 2.0, (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)
-"""Trolley pulse [m], its start (not published), and other starts tried [s]."""
+RATE = 0.5
+"""Hoisting speed [m/s]."""
+
+ANALYSED_FROM = 12.0
+"""Start of the analysis [s]."""
+
+HOIST_AT = 30.0
+"""Start of the hoisting [s]."""
+
+DURATION = 110.0
+"""Duration of the run [s]."""
+
+PULSE = 1.0
+"""Distance of the trolley's pulse [m]."""
+
+PULSE_AT = 2.0
+"""Start of the pulse [s], which the article does not state."""
+
+OTHER_PULSES = (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)
+"""Other starts that are tried, to see what depends on it [s]."""
 
 PUBLISHED = {
     "mean": 0.79,
@@ -130,7 +148,8 @@ def run(
     controller = hold_controller(
         crane, stiffness=stiffness, damping=damping, gravity=STANDARD_GRAVITY
     )
-    reference, label = _hoist(crane, swing, HOIST_AT), f"pulse at {pulse_at:g} s"
+    reference = _hoist(crane, swing, HOIST_AT)
+    label = f"pulse at {pulse_at:g} s"
     return setup.simulate(crane, controller, reference, start=start, duration=DURATION, label=label)
 
 
@@ -141,8 +160,10 @@ def _hoist(crane: Crane, base: Reference, t_start: float) -> Reference:
 def exponents(setup: Setup, ours: Reading, stiff: Trajectory) -> dict[str, PowerLaw]:
     """Return the law of the hoisting section, one effect after the other."""
     row = int(np.searchsorted(stiff.t, HOIST_AT))
-    phi, rate = float(stiff["phi_rad"][row]), float(stiff["phi_dot_rad_s"][row])
-    lengths, g = ours.lengths[ours.hoisting], setup.gravity
+    phi = float(stiff["phi_rad"][row])
+    rate = float(stiff["phi_dot_rad_s"][row])
+    lengths = ours.lengths[ours.hoisting]
+    g = setup.gravity
     times = (LENGTH - lengths) / RATE
     bessel = theory.constant_hoisting_envelope(times, LENGTH, -RATE, g, phi, rate)
     amplitude = float(np.hypot(phi, rate * math.sqrt(LENGTH / g)))
@@ -239,10 +260,12 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         return Outcome([files.noted(_summary(dict(files.results)))])
     trajectory = run(setup)
     stiff = run(setup, stiffness={"l": STIFF_HOIST[0]}, damping={"l": STIFF_HOIST[1]})
-    ours, hard = read_run(trajectory), read_run(stiff)
+    ours = read_run(trajectory)
+    hard = read_run(stiff)
     phases = {start: read_run(run(setup, pulse_at=start)) for start in OTHER_PULSES}
     stages = exponents(setup, ours, stiff)
-    small, bessel = stages[SMALL].exponent, stages[BESSEL].exponent
+    small = stages[SMALL].exponent
+    bessel = stages[BESSEL].exponent
     missed, without = (abs(r.section.exponent - PUBLISHED["hoisting"]) for r in (ours, hard))
     worst = 100 * max(reading.worst for reading in (ours, *phases.values()))
     claims = [
@@ -282,7 +305,8 @@ def _hoisting_figure(trajectory: Trajectory, reading: Reading) -> Figure:
     curve.
     """
     figure, (swing, cable, period) = panels(3, height=2.2, sharex=True)
-    t, length = trajectory.t, trajectory["l_m"]
+    t = trajectory.t
+    length = trajectory["l_m"]
     swing.plot(t, np.degrees(trajectory["phi_rad"]), color=COLOURS["phi"])
     swing.set_ylabel("φ [°]")
     cable.plot(t, trajectory["l_setpoint_m"], "--", color=COLOURS["setpoint"], label="setpoint")
@@ -302,7 +326,8 @@ def _hoisting_figure(trajectory: Trajectory, reading: Reading) -> Figure:
 def _fits_figure(reading: Reading) -> Figure:
     """Draw the amplitude over cable length: through all points, and where the cable moves."""
     figure, axes = panels(1, 2, height=3.8, sharey=True)
-    lengths, amplitudes = reading.lengths, np.degrees(reading.amplitudes)
+    lengths = reading.lengths
+    amplitudes = np.degrees(reading.amplitudes)
     fine = np.linspace(lengths.min(), lengths.max(), 50)
     slow = np.degrees(reading.amplitudes[0] * (lengths[0] / fine) ** 0.75)
     moving = reading.hoisting

@@ -28,9 +28,23 @@ from cranedyn.references import hold, pulse
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
-RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0, 70.0, 4.0
-"""Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run,
-start of the comparison [s]."""
+RADIUS = 20.0
+"""Trolley radius [m]."""
+
+LENGTH = 15.0
+"""Cable length [m]."""
+
+PULSE = 0.05
+"""Angle of the slew pulse [rad]."""
+
+PULSE_AT = 5.0
+"""Start of the pulse [s], chosen here."""
+
+DURATION = 70.0
+"""Duration of the run [s]."""
+
+ANALYSED_FROM = 4.0
+"""Start of the comparison [s]."""
 
 SMOOTHING = 11
 """Samples in the Savitzky-Golay window (cubic) that turns the slew rate into a slew acceleration;
@@ -203,7 +217,8 @@ def by_paper(
 def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
     """Return the agreement of one model after the other, each with one cause of error less."""
     late = trajectory.since(ANALYSED_FROM)
-    theta, g = late["theta_rad"], crane.gravity
+    theta = late["theta_rad"]
+    g = crane.gravity
     length = float(late["l_m"].mean())
     inertia = (crane.payload_inertia[1, 1] + crane.dummy_inertia[1]) / (crane.payload_mass * length)
     amplitude = math.sqrt(2.0) * float(np.std(trajectory.since(DURATION / 2.0)["theta_rad"]))
@@ -229,7 +244,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         rows = [(file, EQUATION, result) for file, result in files.results]
         return Outcome([files.noted(_table([*rows, ("article", "", PUBLISHED)]))])
     position = {"radius": options.radius, "length": options.length}
-    soft, stiff = run(setup, **position), run(setup, STIFF_SLEW, **position)
+    soft = run(setup, **position)
+    stiff = run(setup, STIFF_SLEW, **position)
     results = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}
     rows = [(drive, name, a) for drive, models in results.items() for name, a in models]
     return Outcome(
@@ -252,7 +268,9 @@ def _claims(
     setup: Setup, results: Mapping[str, Sequence[tuple[str, Agreement]]], as_published: bool
 ) -> Iterator[Claim]:
     soft, stiff = ([result for _, result in models] for models in results.values())
-    ours, hard, last = soft[0], stiff[0], (soft[-1].relative, stiff[-1].relative)
+    ours = soft[0]
+    hard = stiff[0]
+    last = (soft[-1].relative, stiff[-1].relative)
     yield Claim(
         f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew "
         f"drive, {hard.correlation:+.4f} with a stiff one.",
@@ -313,7 +331,8 @@ def _stages_figure(results: Mapping[str, Sequence[tuple[str, Agreement]]]) -> Fi
     for (drive, models), colour, shift in zip(
         results.items(), (COLOURS["theta"], COLOURS["gamma"]), (-0.18, 0.18), strict=True
     ):
-        shares, positions = [100 * result.relative for _, result in models], np.arange(len(models))
+        shares = [100 * result.relative for _, result in models]
+        positions = np.arange(len(models))
         name = f"{drive} slew drive"
         bars = ax.barh(positions + shift, shares, 0.34, color=colour, label=name)
         ax.bar_label(bars, fmt="%.2f %%", padding=3)

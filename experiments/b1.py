@@ -50,7 +50,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     scores: dict[RestToRest, dict[str, Score]] = {move: {} for move in MOVES}
     for move in MOVES:
         for strategy in SHOWN:
-            plan, label = STRATEGIES[strategy](setup, move), f"{move.name}, {strategy}"
+            plan = STRATEGIES[strategy](setup, move)
+            label = f"{move.name}, {strategy}"
             runs[move][strategy], scores[move][strategy] = make(setup, move, plan, label=label)
     return Outcome(
         tables=[_table(move, of_move) for move, of_move in scores.items()],
@@ -148,7 +149,8 @@ def _swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
     figure, axes = panels(2, height=2.6, sharex=True)
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):
         for strategy in (PD, PAPER, LQR, FLAT):
-            style, colour = LINE_STYLES[column.removesuffix("_rad")], strategy_colour(strategy)
+            style = LINE_STYLES[column.removesuffix("_rad")]
+            colour = strategy_colour(strategy)
             run = runs[strategy]
             ax.plot(run.t, np.degrees(run[column]), style, color=colour, label=strategy)
         ax.axvline(move.duration, linestyle=":", color=COLOURS["unexplained"], linewidth=1.0)

@@ -8,24 +8,36 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from experiments import harness
-from experiments.harness import Outcome, Setup
+from experiments.harness import Claim, Outcome, ResultTable, Setup
 from experiments.relatives import agreement, control, modes, pendulum, robots, rope
 
+if TYPE_CHECKING:
+    from cranedyn.recording import Run
+
 STUDIES = (modes, rope, agreement, control, pendulum, robots)
-"""What is made with the cranes, each part with its tables and claims."""
+"""The parts of the experiment, each with tables and claims of its own."""
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run all cranes: frequencies, ropes, agreement, control, the double pendulum, and robots."""
-    update, outcomes = setup.reporter.count("parts", len(STUDIES)), list[Outcome]()
-    for study in STUDIES:
-        outcomes.append(study.study(setup))
-        update(len(outcomes))
+    update = setup.reporter.count("parts", len(STUDIES))
+    tables: list[ResultTable] = []
+    claims: list[Claim] = []
+    trajectories = {}
+    recording: list[Run] = []
+    for done, study in enumerate(STUDIES, start=1):
+        outcome = study.study(setup)
+        tables += outcome.tables
+        claims += outcome.claims
+        trajectories.update(outcome.trajectories)
+        recording += outcome.recording
+        update(done)
     return Outcome(
-        tables=[table for outcome in outcomes for table in outcome.tables],
-        claims=[claim for outcome in outcomes for claim in outcome.claims],
+        tables=tables,
+        claims=claims,
         parameters={
             "swing_rad": control.SWING,
             "way_m": control.WAY,
@@ -34,10 +46,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "duration_s": agreement.DURATION,
             "engine": setup.engine,
         },
-        trajectories={
-            name: run for outcome in outcomes for name, run in outcome.trajectories.items()
-        },
-        recording=[run for outcome in outcomes for run in outcome.recording],
+        trajectories=trajectories,
+        recording=recording,
     )
 
 

@@ -49,7 +49,10 @@ def pieces(
     setup: harness.Setup, tour: Timetable, controller: Controller, until: float
 ) -> Iterator[Trajectory]:
     """Simulate the tour piece by piece up to a time [s], which may be infinite."""
-    crane, state, t, period = setup.crane, setup.crane.start, 0.0, setup.control_period
+    crane = setup.crane
+    state = setup.crane.start
+    t = 0.0
+    period = setup.control_period
     while until - t > period / 2.0:
         stage, cycle = tour.stage(t + period / 2.0)
         steps = math.ceil(min(PIECE, until - t, cycle + stage.end - t) / period - 1e-6)
@@ -57,7 +60,8 @@ def pieces(
         piece = setup.simulate(
             crane, controller, tour, start=state, t_start=t, duration=length, label=""
         )
-        state, t = piece.state(-1), float(piece.t[-1])
+        state = piece.state(-1)
+        t = float(piece.t[-1])
         yield piece
 
 
@@ -78,7 +82,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     bare = None if options.control == "none" else Bare(setup, limits, options.dwell, tour)
     show = _Show(options, setup, tour, bare)
     run = show.run(pieces(setup, tour, controller, until))
-    rows, earlier_files = show.dwells.rows, [file.name for file in show.record.parts]
+    rows = show.dwells.rows
+    earlier_files = [file.name for file in show.record.parts]
     tables = [_table(rows, options.control, float(run.t[0]), earlier_files)]
     claims = _bare(setup, tour, show.dwells) if rows and options.control == "none" else []
     runs = {"demo" if bare is None else f"control {options.control}": run}
@@ -186,9 +191,12 @@ def _table(
 
 def _bare(setup: harness.Setup, tour: Timetable, dwells: endless.Dwells) -> list[harness.Claim]:
     """Claim that the load swings on, after the first leg as the closed form predicts."""
-    swing, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
-    row, length = dwells.first, dwells.first["l_m"]
-    angles, rates = row.coordinates("phi", "theta"), row.rates("phi", "theta")
+    swing = min(row.swing for row in dwells.rows)
+    hook = min(row.deviation for row in dwells.rows)
+    row = dwells.first
+    length = dwells.first["l_m"]
+    angles = row.coordinates("phi", "theta")
+    rates = row.rates("phi", "theta")
     amplitude = float(swing_amplitude(angles, rates, length, setup.gravity)[0])
     closed, allowed = started_and_stopped(setup, tour.stages[0], float(length[0]))
     limited = bool((dwells.effort >= setup.crane.effort_limit).any())
@@ -217,16 +225,19 @@ def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tu
     k_d/k_p, which takes √(1 + (ω k_d/k_p)²) off a swing of the frequency ω, and gives way a little.
     A finite swing changes A² of the swing, and A²/16 of its phase.
     """
-    crane, duration = setup.crane, stage.arrival - stage.begin
+    crane = setup.crane
+    duration = stage.arrival - stage.begin
     reduced = length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (
         crane.payload_mass * length
     )
-    g, k_p = setup.gravity, STIFFNESS["trolley"]
+    g = setup.gravity
+    k_p = STIFFNESS["trolley"]
     compliance = theory.pivot_compliance(reduced, g, crane.payload_mass, k_p)[0]
     omega = 2.0 * math.pi / (float(theory.point_period(reduced, g)) * (1.0 + compliance))
     rate = abs(float((stage.target - stage.origin) @ crane.layout.along("x"))) / duration
     lag = math.hypot(1.0, omega * DAMPING["trolley"] / k_p)
-    amplitude, turned = 2.0 * rate / math.sqrt(g * reduced) / lag, omega * duration
+    amplitude = 2.0 * rate / math.sqrt(g * reduced) / lag
+    turned = omega * duration
     return amplitude * abs(math.sin(turned / 2.0)), amplitude**3 * (1.0 + turned / 16.0)
 
 
@@ -244,7 +255,8 @@ def _better(
 
 def _nothing(setup: harness.Setup, dwells: endless.Dwells) -> harness.Claim:
     """Claim that flat paths leave no more swing than the sampling of the efforts explains."""
-    residual, peak = max(row.swing for row in dwells.rows), dwells.peak
+    residual = max(row.swing for row in dwells.rows)
+    peak = dwells.peak
     allowed = 1000.0 * of_sampling(setup.gravity, dwells.shortest, setup.control_period, peak)
     return harness.Claim(
         f"Flat paths leave no swing: {residual:.4f} mrad at most, where efforts that are held for "
@@ -262,11 +274,13 @@ def _figure(tour: Timetable, run: Trajectory) -> Figure:
     drives.plot(run.t, np.degrees(run["gamma_rad"]), color=COLOURS["gamma"], label="γ [°]")
     swing.plot(run.t, np.degrees(run["phi_rad"]), color=COLOURS["phi"], label="φ radial")
     swing.plot(run.t, np.degrees(run["theta_rad"]), color=COLOURS["theta"], label="θ tangential")
-    first, last = float(run.t[0]), float(run.t[-1])
+    first = float(run.t[0])
+    last = float(run.t[-1])
     cycles = np.arange(first // tour.duration, math.ceil(last / tour.duration))
     for cycle in tour.duration * cycles:
         for stage in tour.stages:
-            start, end = max(cycle + stage.arrival, first), min(cycle + stage.end, last)
+            start = max(cycle + stage.arrival, first)
+            end = min(cycle + stage.end, last)
             if start < last and first < end:
                 swing.axvspan(start, end, color=COLOURS["setpoint"], alpha=0.25, linewidth=0)
     swing.set(xlabel="time [s], dwells shaded", ylabel="swing [°]")
@@ -281,7 +295,9 @@ class _Show:
     def __init__(
         self, options: argparse.Namespace, setup: harness.Setup, tour: Timetable, bare: Bare | None
     ) -> None:
-        self._options, self._setup, self._bare = options, setup, bare
+        self._options = options
+        self._setup = setup
+        self._bare = bare
         self._pace = 1.0 if options.view or options.serve else None
         if options.pace is not None:
             self._pace = number("pace", options.pace, "", PACES)
@@ -295,7 +311,8 @@ class _Show:
             try:
                 for piece in pieces:
                     if not self.record:  # all that can be refused has been by now
-                        sinks, t_begin = _Sinks(self._options, self._setup, stack), time.monotonic()
+                        sinks = _Sinks(self._options, self._setup, stack)
+                        t_begin = time.monotonic()
                     sinks.append(piece)  # first: until the scene is drawn there is nothing to keep
                     self._add(piece)
                     if self._pace:
@@ -346,7 +363,8 @@ class _Sinks:
             viewer = server.data
             print(server.message)
         self._live = partial(recording.Live, setup.crane, "demo", title="The demo under way")
-        self._path, self._begin = options.recording, 0.0
+        self._path = options.recording
+        self._begin = 0.0
         self._shown = [stack.enter_context(self._live(viewer=viewer))] if viewer else []
         self._file = self._live(file=self._path)
         stack.callback(lambda: self._file.close())
@@ -355,7 +373,8 @@ class _Sinks:
         """Add the rows since the last piece."""
         if piece.t[0] - self._begin >= RECORDED:
             self.put_aside()
-            self._file, self._begin = self._live(file=self._path), float(piece.t[0])
+            self._file = self._live(file=self._path)
+            self._begin = float(piece.t[0])
         for live in (*self._shown, self._file):
             live.append(piece)
 

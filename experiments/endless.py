@@ -48,7 +48,9 @@ class EndlessRecord:
         begin = float(self._pieces[0].t[0])
         if float(piece.t[-1]) - begin < 2.0 * PART - 1e-6:
             return
-        run, file, end = join(self._pieces), part_of(self._file, begin), begin + PART - 1e-6
+        run = join(self._pieces)
+        file = part_of(self._file, begin)
+        end = begin + PART - 1e-6
         run.before(end).write(file)
         self._pieces = [_with_sums_from_zero(run.since(end))]
         self.parts.append(file)
@@ -89,11 +91,14 @@ class Dwells:
 
     def __init__(self, tour: Timetable, period: float) -> None:
         """Begin without a piece; pieces end within a control period [s] of the end of their leg."""
-        self._tour, self._period = tour, period
+        self._tour = tour
+        self._period = period
         self._begin = -np.inf
-        self._extremes, self._count = np.zeros((0, 2)), 0
+        self._extremes = np.zeros((0, 2))
+        self._count = 0
         self.rows: list[Dwell] = []
-        self.peak, self.shortest = 0.0, np.inf
+        self.peak = 0.0
+        self.shortest = np.inf
         self.first: Trajectory
         self.effort: np.ndarray | float = 0.0
 
@@ -107,7 +112,8 @@ class Dwells:
         stage, cycle = self._stage(piece)
         if cycle + stage.begin != self._begin:
             self._begin = cycle + stage.begin
-            self._extremes, self._count = np.zeros((0, 2)), 0
+            self._extremes = np.zeros((0, 2))
+            self._count = 0
         swing = np.linalg.norm(piece.coordinates("phi", "theta"), axis=1)
         self.peak = max(self.peak, float(swing.max()))
         self.shortest = min(self.shortest, float(piece["l_m"].min()))

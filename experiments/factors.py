@@ -20,7 +20,8 @@ from experiments.standards.needed import Need, across, upwards
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Compare formulas, derive them by simulation, and measure what moves need of them."""
-    moves, hoists = across(setup), upwards(setup)
+    moves = across(setup)
+    hoists = upwards(setup)
     factors_derived = derived(setup.gravity)
     return Outcome(
         tables=[_formulas(), _derived(factors_derived), _moves(moves), _hoists(hoists)],
@@ -110,7 +111,8 @@ def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
     claims = []
     for name in dict.fromkeys(need.move for need in moves):
         needs = {need.strategy: need.needed for need in moves if need.move == name}
-        joystick, one_push = needs.pop("operator"), moves[0].allowed
+        joystick = needs.pop("operator")
+        one_push = moves[0].allowed
         claims += [
             Claim(
                 f"{name}: a joystick that brakes while the load swings needs ψ_h = {joystick:.3f}, "
@@ -159,7 +161,8 @@ def _needed(moves: Sequence[Need]) -> Figure:
     figure, axes = panels(1, 2, height=3.0, width=10.0)
     for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
         of_move = [need for need in moves if need.move == name]
-        strategies, needs = [n.strategy for n in of_move], [n.needed for n in of_move]
+        strategies = [n.strategy for n in of_move]
+        needs = [n.needed for n in of_move]
         ax.barh(strategies, needs, color=COLOURS["phi"])
         ax.axvline(of_move[0].allowed, color=COLOURS["limit"], linestyle="--")
         ax.set(title=name, xlabel="ψ_h needed; dashed: allowed for")

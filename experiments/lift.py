@@ -11,7 +11,6 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -37,15 +36,38 @@ from experiments.scenarios.moves import LIMITS
 LIFTS = 10_000
 """Number of perturbed lifts."""
 
-OF_BOUND, OF_LEAST, IN_LEAST_TIME = 1.25, 1.4, 1.25
-"""How long the drives may need along the way, how long a planned motion may last, and one in least
-time, over the time that no motion falls short of."""
+# A claim compares durations with the least time of the drives from start to goal without obstacles
+# and without swing, `Lift.least`. No motion is shorter.
+
+MAX_PATH_RATIO = 1.25
+"""Largest time that the drives may need along the planned path, over that bound."""
+
+MAX_MOTION_RATIO = 1.4
+"""Largest duration of a planned motion over that bound."""
+
+MAX_LEAST_TIME_RATIO = 1.25
+"""Largest duration of a motion in least time over that bound."""
 
 LEAST_TIME = "also make each lift as short as it can be, some ten seconds a site (extra `optimal`)"
 """Help of the option of that name."""
 
-_APART = 90.0
-"""Distance between the sites in the recording [m]."""
+SITE_SPACING = 90.0
+"""Distance from one site to the next in the recording [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundLiftResult:
+    """A lift with lift-off from the ground, set-down, or both.
+
+    Attributes:
+        lift: The lift, by phases.
+        run: Its simulation.
+        checks: What was checked of the phases.
+    """
+
+    lift: GroundLift
+    run: Trajectory
+    checks: list[Check]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +75,16 @@ class SiteResult:
     """The lift of a site.
 
     Attributes:
-        name: Of its file.
-        is_example: Whether it is an example of the package, as it is.
+        name: Name of its file.
+        is_example: Whether it is an example of the package, with start and goal as they are there.
         site: The site.
         certificate: The planned lift, simulated and checked against the site.
         perturbed: Perturbed lifts; None if none were made.
-        seconds: Time that planning, certifying and perturbing took [s].
+        seconds: Time that planning, certifying and perturbing took, in this order [s].
         least: The same lift in least time; None if it was not asked for.
         least_seconds: Time that finding it took [s].
-        grounded: The lift with lift-off and set-down, simulated and checked by phases; None where
-            the load hangs at both ends.
+        grounded: The lift with lift-off and set-down; None where the load hangs at both ends, or
+            the lift between them is not certified.
     """
 
     name: str
@@ -73,7 +95,7 @@ class SiteResult:
     seconds: Sequence[float]
     least: Certificate | None
     least_seconds: float
-    grounded: tuple[GroundLift, Trajectory, list[Check]] | None = None
+    grounded: GroundLiftResult | None = None
 
     @property
     def lift(self) -> Lift:
@@ -86,12 +108,18 @@ class SiteResult:
 
 
 def arrival(certificate: Certificate) -> float:
-    """Return how long the motion of a lift lasts [s]."""
+    """Return the duration of the motion of a lift [s]."""
     return certificate.lift.timed.motion.arrival
 
 
 def certify_in_least_time(lift: Lift, dt: float, engine: EngineName = "compiled") -> Certificate:
-    """Certify a lift made as short as it can be."""
+    """Find the motion of least time along the path of a lift, and certify it.
+
+    Args:
+        lift: The planned lift.
+        dt: Step of the simulation [s].
+        engine: Engine of the simulation.
+    """
     from cranedyn.planning.least_time import in_least_time
 
     return certify(in_least_time(lift), dt=dt, engine=engine)
@@ -103,59 +131,64 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)
-    sites, results = _sites(options), list[SiteResult]()
+    sites = _sites(options)
+    results = list[SiteResult]()
     update = setup.reporter.count("sites", len(sites))
     for name, site in sites:
         results.append(_result(setup, name, site, options, count))
         update(len(results))
+
     certified = [result for result in results if result.certificate.holds]
     figures = {f"site_{result.name}": site_views(result.certificate) for result in certified}
     for result in certified:
         figures[f"time_{result.name}"] = clearance_over_time(result.certificate)
+
     trajectories = {f"lift_{result.name}": result.certificate.run for result in results}
-    for result in results:
+    claims: list[harness.Claim] = []
+    limits = {}
+    recording = []
+    for i, result in enumerate(results):
+        claims += _claims(result)
+        of_drives = result.lift.limits
+        limits[result.name] = [list(of_drives.rates), list(of_drives.accelerations)]
         if result.grounded:
-            trajectories[f"grounded_{result.name}"] = result.grounded[1]
+            trajectories[f"grounded_{result.name}"] = result.grounded.run
         if result.least:
             trajectories[f"least_time_{result.name}"] = result.least.run
+
+        # Where a load begins on the ground, the whole lift is shown, and the scenery, which shows
+        # the planned path, begins with its motion.
+        crane = result.lift.crane
+        run = result.certificate.run
+        motion_begins = 0.0
+        if result.grounded:
+            crane = result.grounded.lift.crane
+            run = result.grounded.run
+            motion_begins = result.grounded.lift.phases["motion"]
+        shown = scenery(result.certificate, begins=motion_begins)
+        place = (SITE_SPACING * i, 0.0, 0.0)
+        recording.append(Run(result.site.name, crane, run, place, scenery=shown))
+
     return harness.Outcome(
         tables=_tables(certified, results),
-        claims=[claim for result in results for claim in _claims(result)],
+        claims=claims,
         parameters={
             "sites": [result.name for result in results],
             "lifts": count,
-            "limits": {
-                r.name: [list(r.lift.limits.rates), list(r.lift.limits.accelerations)]
-                for r in results
-            },
+            "limits": limits,
         },
         trajectories=trajectories,
         figures=figures,
-        recording=[
-            Run(
-                result.site.name,
-                lift.crane,
-                run,
-                (_APART * i, 0.0, 0.0),
-                scenery=scenery(result.certificate, begins=begins),
-            )
-            for i, result in enumerate(results)
-            for lift, run, begins in (_whole(result),)
-        ],
+        recording=recording,
     )
 
 
-def _whole(result: SiteResult) -> tuple[Lift | GroundLift, Trajectory, float]:
-    """Return the lift, from the ground where it begins there, its run and when its motion begins
-    [s].
-    """
-    if result.grounded is None:
-        return result.lift, result.certificate.run, 0.0
-    lift, run, _ = result.grounded
-    return lift, run, lift.phases["motion"]
-
-
 def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
+    """Return the name and the site of each file, all examples without any.
+
+    Raises:
+        DataError: If two files have one name, or ends of a lift are given for several sites.
+    """
     files = options.site or EXAMPLES
     names = [Path(file).stem for file in files]
     if len(set(names)) < len(names):
@@ -170,29 +203,49 @@ def _sites(options: argparse.Namespace) -> list[tuple[str, Site]]:
     return list(zip(names, sites, strict=True))
 
 
+def _point(coordinates: Sequence[float] | None) -> np.ndarray | None:
+    """Return a point of the command line [m], None if it was not given.
+
+    Raises:
+        OutOfRange: If a coordinate is not finite.
+    """
+    if coordinates is None:
+        return None
+    return np.array([number("coordinate", value, "m") for value in coordinates])
+
+
 def _result(
     setup: harness.Setup, name: str, site: Site, options: argparse.Namespace, count: int
 ) -> SiteResult:
+    """Plan, certify and perturb the lift of a site, and take the time of each.
+
+    Args:
+        setup: Gravity, clocks, engine and numbers of the crane.
+        name: Name of the site's file.
+        site: The site.
+        options: Arguments of the command line.
+        count: Number of perturbed lifts.
+    """
     times = [time.monotonic()]
     crane = crane_of(site, gravity=setup.gravity, urdf=None, **setup.values)
-    start, goal = (
-        None if point is None else np.array([number("coordinate", value, "m") for value in point])
-        for point in (options.start, options.goal)
-    )
+    start = _point(options.start)
+    goal = _point(options.goal)
     limits = site.limits or LIMITS
     lift = plan_lift(site, limits, start=start, goal=goal, crane=crane, period=setup.control_period)
     times.append(time.monotonic())
     for sentence in site.unusual:
         print(f"{name}, unusual: {sentence}", file=sys.stderr)
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
-    ends = (site.start if start is None else start, site.goal if goal is None else goal)
-    at_start, at_goal = map(stands_at, ends)
+    stands_at_start = stands_at(site.start if start is None else start)
+    stands_at_goal = stands_at(site.goal if goal is None else goal)
     grounded = None
-    if (at_start or at_goal) and certificate.holds:
-        whole_lift = from_ground(lift, stands=(at_start, at_goal))
-        grounded = (whole_lift, *certify_ground_lift(whole_lift, engine=setup.engine))
+    if (stands_at_start or stands_at_goal) and certificate.holds:
+        whole_lift = from_ground(lift, stands=(stands_at_start, stands_at_goal))
+        run, checks = certify_ground_lift(whole_lift, engine=setup.engine)
+        grounded = GroundLiftResult(whole_lift, run, checks)
     times.append(time.monotonic())
-    perturbed, least = None, None
+    perturbed = None
+    least = None
     if count and certificate.holds:
         perturbed = perturb(certificate, count, dt=setup.control_period)
     times.append(time.monotonic())
@@ -203,35 +256,51 @@ def _result(
     files = options.site or EXAMPLES
     is_example = name in files and name in EXAMPLES and options.start is options.goal is None
     return SiteResult(
-        name,
-        is_example,
-        site,
-        certificate,
-        perturbed,
-        seconds,
-        least,
-        least_seconds,
-        grounded,
+        name=name,
+        is_example=is_example,
+        site=site,
+        certificate=certificate,
+        perturbed=perturbed,
+        seconds=seconds,
+        least=least,
+        least_seconds=least_seconds,
+        grounded=grounded,
     )
 
 
 def _tables(
     certified: Sequence[SiteResult], results: Sequence[SiteResult]
 ) -> list[harness.ResultTable]:
+    """Return all tables; those of what was not made are left out.
+
+    Args:
+        certified: Results whose lift is certified.
+        results: All results.
+    """
     tables = [_certified(certified)]
-    if perturbed := [result for result in certified if result.perturbed]:
+    perturbed = [result for result in certified if result.perturbed]
+    if perturbed:
         tables.append(_perturbed(perturbed))
-    if shorter := [result for result in certified if result.least and result.least.holds]:
+    shorter = [result for result in certified if result.least and result.least.holds]
+    if shorter:
         tables.append(_least_time(shorter))
     if certified:
         tables.append(_assumptions(certified))
-    columns = [("planned [s]", 0), ("certified [s]", 1), ("perturbed [s]", 2)]
-    times = [(header, ".1f", lambda r, i=i: r.seconds[i]) for header, i in columns]
-    title = "How long it took on this machine"
-    return [*tables, harness.make_table(title, results, _SITE, *times)]
+    tables.append(
+        harness.make_table(
+            "How long it took on this machine",
+            results,
+            _SITE,
+            ("planned [s]", ".1f", lambda r: r.seconds[0]),
+            ("certified [s]", ".1f", lambda r: r.seconds[1]),
+            ("perturbed [s]", ".1f", lambda r: r.seconds[2]),
+        )
+    )
+    return tables
 
 
 _SITE: harness.Column = ("site", "", lambda r: r.name)
+"""The first column of the tables with a row for each site."""
 
 
 def _certified(results: Sequence[SiteResult]) -> harness.ResultTable:
@@ -255,9 +324,13 @@ def _certified(results: Sequence[SiteResult]) -> harness.ResultTable:
 
 
 def _assumptions(results: Sequence[SiteResult]) -> harness.ResultTable:
+    rows = []
+    for result in results:
+        for assumption in result.certificate.assumptions:
+            rows.append((result.name, assumption))
     return harness.make_table(
         "What the certificates rest on",
-        [(result.name, a) for result in results for a in result.certificate.assumptions],
+        rows,
         ("site", "", lambda r: r[0]),
         ("quantity", "", lambda r: r[1].name),
         ("value", "", lambda r: r[1].value),
@@ -302,8 +375,12 @@ def _least_time(results: Sequence[SiteResult]) -> harness.ResultTable:
 
 
 def _claims(result: SiteResult) -> Iterator[harness.Claim]:
-    name, lift = result.name, result.lift
-    checks = [*result.certificate.checks, *(result.grounded[2] if result.grounded else ())]
+    """Yield the claims on the lift of a site."""
+    name = result.name
+    lift = result.lift
+    checks = list(result.certificate.checks)
+    if result.grounded:
+        checks += result.grounded.checks
     for check in checks:
         yield harness.Claim(f"{name}: {check.sentence}", check.verdict)
     # Whoever plans a lift needs a certificate: what is not judged leaves them without one.
@@ -315,8 +392,8 @@ def _claims(result: SiteResult) -> Iterator[harness.Claim]:
     # is in the table, and no fault of theirs.
     if result.certificate.holds and result.is_example:
         for phrase, duration, ratio in (
-            ("along the way the drives need", lift.timed.bound, OF_BOUND),
-            ("the motion lasts", arrival(result.certificate), OF_LEAST),
+            ("along the way the drives need", lift.timed.bound, MAX_PATH_RATIO),
+            ("the motion lasts", arrival(result.certificate), MAX_MOTION_RATIO),
         ):
             yield harness.Claim(
                 f"{name}: {phrase} {duration / lift.least:.3f} times what drives need at "
@@ -327,13 +404,13 @@ def _claims(result: SiteResult) -> Iterator[harness.Claim]:
         return
     for check in result.least.checks:
         yield harness.Claim(f"{name} in least time: {check.sentence}", check.verdict)
-    shortest = arrival(result.least)
     if not result.is_example:
         return
+    shortest = arrival(result.least)
     yield harness.Claim(
         f"{name}: in least time it lasts {shortest / lift.least:.3f} times what drives need "
-        f"at least, at most {IN_LEAST_TIME:g}, and less than planned.",
-        lift.least * IN_LEAST_TIME >= shortest < arrival(result.certificate),
+        f"at least, at most {MAX_LEAST_TIME_RATIO:g}, and less than planned.",
+        shortest <= lift.least * MAX_LEAST_TIME_RATIO and shortest < arrival(result.certificate),
     )
 
 
@@ -345,10 +422,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     text = "sites as TOML, see docs/howto/plan_lift.md, or names of examples (default all of them)"
     add("--site", nargs="+", metavar="FILE", default=None, help=text)
-    point: dict[str, Any] = {"nargs": "+", "type": float, "metavar": ("X", "Y")}
+    # An end on the ground has no height of its own.
     text = "centre of the load at the start, in the site's frame [m]: X Y Z, or X Y to lift it off"
-    add("--from", dest="start", help=text, **point)
-    add("--to", dest="goal", help="the same at the end, or X Y to set it down", **point)
+    add("--from", dest="start", nargs="+", type=float, metavar=("X", "Y"), help=text)
+    text = "the same at the end, or X Y to set it down"
+    add("--to", dest="goal", nargs="+", type=float, metavar=("X", "Y"), help=text)
     add("--lifts", type=int, default=LIFTS, metavar="N", help="perturbed lifts; 0 for none")
     add("--least-time", action="store_true", help=LEAST_TIME)
     return harness.run_experiment(parser, experiment, argv)

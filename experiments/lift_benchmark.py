@@ -29,18 +29,21 @@ from cranedyn.references.simple import shortest, spline
 from experiments import harness
 from experiments.harness.table import Cell
 from experiments.lift import (
-    IN_LEAST_TIME,
     LEAST_TIME,
-    OF_BOUND,
-    OF_LEAST,
+    MAX_LEAST_TIME_RATIO,
+    MAX_MOTION_RATIO,
+    MAX_PATH_RATIO,
     arrival,
     certify_in_least_time,
 )
 from experiments.scenarios.moves import LIMITS, instant
 from experiments.scenarios.shaping import joystick_path
 
-SITES, SEED = 100, 14
-"""How many sites, and the seed of them."""
+SITES = 100
+"""Number of random sites."""
+
+SEED = 14
+"""Seed of the sites."""
 
 _LOAD = np.array([[x, y, z] for x in (-0.75, 0.75) for y in (-1.0, 1.0) for z in (-0.6, 0.6)])
 
@@ -93,14 +96,16 @@ def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
 
 
 def _box(rng: np.random.Generator, i: int) -> Solid:
-    angle, radius = rng.uniform(-math.pi, math.pi), rng.uniform(6.0, 22.0)
+    angle = rng.uniform(-math.pi, math.pi)
+    radius = rng.uniform(6.0, 22.0)
     size = [*rng.uniform(1.0, 7.0, 2), float(rng.uniform(3.0, 20.0))]
     centre = radius * math.cos(angle), radius * math.sin(angle)
     return box(f"box {i + 1}", centre, size, 0.0, rng.uniform(0.0, math.pi))
 
 
 def _ends(rng: np.random.Generator) -> list[tuple[float, float, float]]:
-    begin, turn = rng.uniform(-math.pi, math.pi), rng.uniform(0.8, 2.8) * rng.choice([-1.0, 1.0])
+    begin = rng.uniform(-math.pi, math.pi)
+    turn = rng.uniform(0.8, 2.8) * rng.choice([-1.0, 1.0])
     return [
         (rng.uniform(6.0, 20.0), angle, rng.uniform(3.0, 12.0)) for angle in (begin, begin + turn)
     ]
@@ -109,7 +114,8 @@ def _ends(rng: np.random.Generator) -> list[tuple[float, float, float]]:
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
     count = whole("sites", options.sites, 1)
-    update, tried = setup.reporter.count("sites", count), list[SiteLift]()
+    update = setup.reporter.count("sites", count)
+    tried = list[SiteLift]()
     for site in sites(setup.crane, count):
         tried.append(_tried(setup, site, options.least_time))
         update(len(tried))
@@ -128,7 +134,8 @@ def _tried(setup: harness.Setup, site: Site, least_time: bool) -> SiteLift:
         return SiteLift(None, str(error), time.monotonic() - begun, {})
     certificate = certify(lift, dt=setup.dt)
     seconds = time.monotonic() - begun
-    means, least = {"planned": _measures(certificate), **_others(setup, lift)}, None
+    means = {"planned": _measures(certificate), **_others(setup, lift)}
+    least = None
     if least_time and certificate.holds:
         least = certify_in_least_time(lift, setup.dt)
         means["in least time"] = _measures(least)
@@ -162,7 +169,8 @@ def _run(
         controller: Controller = follow(lift.crane, reference, setup.control_period)
     else:
         controller = hold_controller(lift.crane)
-    duration, start = instant(arrives + AFTER, setup.control_period), lift.states()[0]
+    duration = instant(arrives + AFTER, setup.control_period)
+    start = lift.states()[0]
     batch = simulate_batch(
         lift.crane,
         controller,
@@ -177,8 +185,10 @@ def _run(
     )
     clearance = min(lift.clearance.least_distance(q) for q in batch.q[0])
     k = int(np.searchsorted(batch.t, arrives))
-    passive, hoist = lift.crane.layout.passive, lift.clearance.joints.hoist
-    q, v = batch.q[:, k], batch.v[:, k]
+    passive = lift.crane.layout.passive
+    hoist = lift.clearance.joints.hoist
+    q = batch.q[:, k]
+    v = batch.v[:, k]
     swing = swing_amplitude(q[:, passive], v[:, passive], float(q[0, hoist]), lift.crane.gravity)
     return arrives, clearance, float(swing[0])
 
@@ -263,17 +273,19 @@ def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
         ),
         at_most(
             "Along its way a lift takes the drives",
-            OF_BOUND,
+            MAX_PATH_RATIO,
             [(c.lift.timed.bound, c.lift.least) for _, c in certified],
         ),
         at_most(
-            "A planned motion lasts", OF_LEAST, [(arrival(c), c.lift.least) for _, c in certified]
+            "A planned motion lasts",
+            MAX_MOTION_RATIO,
+            [(arrival(c), c.lift.least) for _, c in certified],
         ),
     ]
     if any(result.least for result, _ in certified):
         subject = f"In least time {len(shorter)} of {len(certified)} are certified and last"
         times = shorter if len(shorter) == len(certified) else []
-        claims.insert(0, at_most(subject, IN_LEAST_TIME, times))
+        claims.insert(0, at_most(subject, MAX_LEAST_TIME_RATIO, times))
     return claims
 
 

@@ -76,7 +76,8 @@ def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
     from cranedyn.lifting.figures import scenery
     from cranedyn.recording import Run
 
-    lift, required = judgement.analysis, judgement.analysis.requirements
+    lift = judgement.analysis
+    required = judgement.analysis.requirements
     begins = 0.0 if lift.grounded is None else lift.grounded.lift.phases["motion"]
     shown = scenery(lift.certificate, begins=begins)
     return harness.Outcome(

@@ -33,11 +33,17 @@ from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.oracles.bench import locked
 from experiments.scenarios.moves import instant
 
-MASS, SIDES = 1000.0, (1.5, 3.0, 1.2)
-"""Mass [kg] and sides of the box [m]."""
+MASS = 1000.0
+"""Mass of the box [kg]."""
 
-LARGEST, CREEP = 0.8, 0.1
-"""Largest hoisting speed and creep speed [m/s]."""
+SIDES = (1.5, 3.0, 1.2)
+"""Sides of the box along X, Y and Z [m]; at zero slew the jib points along -Y."""
+
+MAX_HOISTING_SPEED = 0.8
+"""Largest hoisting speed [m/s]."""
+
+CREEP_SPEED = 0.1
+"""Creep speed of the hoist [m/s]."""
 
 DRIVES: tuple[DriveClass, ...] = ("HD1", "HD2", "HD4")
 """Drive classes that differ in the speed of lift-off."""
@@ -45,20 +51,44 @@ DRIVES: tuple[DriveClass, ...] = ("HD1", "HD2", "HD4")
 CLASSES: tuple[HoistingClass, ...] = ("HC1", "HC2", "HC3", "HC4")
 """Hoisting classes."""
 
-HOIST_LENGTH, HARD = 1000.0, 5e-4
-"""Length of the rope of a hoist of a class [m], so long that its stiffness hardly changes on the
-way; and static sink of hard ground [m]."""
+CLASS_ROPE_LENGTH = 1000.0
+"""Length of the rope of a hoist of a class [m], so long that its stiffness hardly changes while it
+shortens."""
 
-ROPE, LENGTH, ROPE_DAMPING, SLING_DAMPING = 2e7, 25.0, 2e4, 500.0
-"""EA [N], length [m] and damping [N s/m] of a rope, and damping of the box about its lug
-[N m s/rad], for all but the hoisting classes."""
+HARD_GROUND_SINK = 5e-4
+"""Depth by which the box sinks into hard ground under its weight [m]."""
 
-SLACK, ABOVE = 0.02, 0.05
-"""Slack of the rope before lift-off, and height of the box before set-down [m]."""
+# A real rope, for all but the hoisting classes.
 
-OFFSETS, FRICTIONS, SPEEDS = (0.1, 0.5, 1.0, 2.0), (0.2, 0.6), (0.05, 0.2)
-"""Trolley from above the box [m], coefficients of friction and hoisting speeds [m/s] of lifts
-off-lead."""
+ROPE_STIFFNESS = 2e7
+"""Stiffness E A of the rope [N]."""
+
+ROPE_LENGTH = 25.0
+"""Length of the rope [m]."""
+
+ROPE_DAMPING = 2e4
+"""Damping of the rope [N s/m]."""
+
+SLING_DAMPING = 500.0
+"""Damping of the box about its lug [N m s/rad]."""
+
+SLACK = 0.02
+"""Slack of the rope before lift-off [m]."""
+
+SET_DOWN_HEIGHT = 0.05
+"""Height of the box above ground before it is set down [m]."""
+
+OFFSETS = (0.1, 0.5, 1.0, 2.0)
+"""Distances of the trolley from above the box in lifts off-lead [m]."""
+
+FRICTIONS = (0.2, 0.6)
+"""Coefficients of friction of the ground."""
+
+OFF_LEAD_SPEEDS = (0.05, 0.2)
+"""Hoisting speeds of lifts off-lead [m/s]."""
+
+OFF_LEAD_TIME = 20.0
+"""Duration of a lift off-lead [s]."""
 
 SINK_RATES = (0.05, 0.1, 0.2, 0.4)
 """Speeds of setting down [m/s]."""
@@ -69,14 +99,22 @@ THROWN_SPEEDS = (0.5, 1.5)
 THROWN_SLACK = 0.5
 """Slack of its rope [m], so that it stays slack until the box rests."""
 
-ADIABATIC = 0.02
-"""Relative error of the law that a swing grows as l^(-3/4) on a shortening rope, here: of the order
-of the speed over l ω."""
+ADIABATIC_ERROR = 0.02
+"""Relative error of the law that a swing grows as l^(-3/4) on a rope that shortens slowly.
+
+It is of the order of the speed over l ω.
+"""
 
 
 class LiftOff(NamedTuple):
-    """Lift-off by a hoist of a class at a speed [m/s]: largest tension over the weight, and how far
-    it may be from 1 + β2 v.
+    """Lift-off by a hoist of a class.
+
+    Attributes:
+        hoisting: Hoisting class.
+        drive: Drive class.
+        speed: Hoisting speed [m/s].
+        simulated: Largest tension over the weight.
+        allowed: Largest difference of it from 1 + β2 v.
     """
 
     hoisting: HoistingClass
@@ -87,18 +125,26 @@ class LiftOff(NamedTuple):
 
     @property
     def closed(self) -> float:
-        """1 + β2 v."""
+        """Largest tension over the weight in closed form, 1 + β2 v."""
         return 1.0 + HOISTING[self.hoisting].slope * self.speed
 
     @property
     def standard(self) -> float:
-        """φ2 of the standard."""
+        """Factor φ2 of the standard, which covers it."""
         return factors.phi_2(self.hoisting, self.speed, self.drive)
 
 
 class OffLead(NamedTuple):
-    """Lift-off with the trolley beside the box [m]: angle of the rope as it gets taut [rad], way
-    that the box slides [m], largest swing as on a rope of the length at lift-off [rad].
+    """Lift-off with the trolley beside the box.
+
+    Attributes:
+        friction: Coefficient of friction.
+        offset: Distance of the trolley from above the box [m].
+        speed: Hoisting speed [m/s].
+        lead: Angle of the rope from plumb as it gets taut [rad].
+        slid: Distance that the box slides before it leaves the ground [m].
+        swing: Largest swing after that, as on a rope of the length at lift-off [rad].
+        run: The run.
     """
 
     friction: float
@@ -129,8 +175,14 @@ class Slide(NamedTuple):
 
 
 class SetDown(NamedTuple):
-    """Set-down at a speed [m/s]: largest tension and force of the ground over the weight, times
-    from touching to a slack rope and in the air again [s].
+    """Set-down of the box.
+
+    Attributes:
+        speed: Speed of lowering [m/s].
+        pull: Largest tension over the weight.
+        push: Largest force of the ground over the weight.
+        slack_after: Time from touching the ground to a slack rope [s]; inf if it stays taut.
+        rebounds: Time that the box is in the air again after it touched [s].
     """
 
     speed: float
@@ -142,9 +194,15 @@ class SetDown(NamedTuple):
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Lift the box off and set it down in all ways."""
-    picked = [_pick_up(setup, hoisting, drive) for hoisting in CLASSES for drive in DRIVES]
-    leaning = [_off_lead(setup, *case) for case in itertools.product(FRICTIONS, OFFSETS, SPEEDS)]
-    slides = [_slide(setup, *case) for case in itertools.product(FRICTIONS, THROWN_SPEEDS)]
+    picked = []
+    for hoisting, drive in itertools.product(CLASSES, DRIVES):
+        picked.append(_pick_up(setup, hoisting, drive))
+    leaning = []
+    for friction, offset, speed in itertools.product(FRICTIONS, OFFSETS, OFF_LEAD_SPEEDS):
+        leaning.append(_off_lead(setup, friction, offset, speed))
+    slides = []
+    for friction, speed in itertools.product(FRICTIONS, THROWN_SPEEDS):
+        slides.append(_slide(setup, friction, speed))
     down = [_set_down(setup, speed) for speed in SINK_RATES]
     worst = max(leaning, key=lambda lift: lift.swing / lift.lead)
     return Outcome(
@@ -163,43 +221,89 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 @cache
 def _crane(gravity: float, rope: float, length: float, **values: float) -> Crane:
-    """Return a crane with the box and a rope of an EA [N] that just reaches it on the ground when
-    it is as long as at the start [m].
+    """Return a crane with the box, whose rope reaches from its pivot to the box on the ground.
+
+    Args:
+        gravity: Gravity [m/s²].
+        rope: Stiffness E A of the rope [N].
+        length: Length of the rope at the start [m].
+        **values: Further numbers of the crane.
     """
-    top = length + SIDES[2]
-    heights = {"pivot_height": top, "mast_height": top - 2.0, "total_height": top + 5.0}
-    hoist = {"hoist_max": 2.0 * length, "hoist_init": length, "rope_stiffness": rope}
-    links = {"dummy_mass": 1.0, "dummy_inertia": 1.0}
-    numbers = {**box_load(MASS, *SIDES), **heights, **hoist, **links, **values}
+    pivot_height = length + SIDES[2]
+    numbers = {
+        **box_load(MASS, *SIDES),
+        "pivot_height": pivot_height,
+        "mast_height": pivot_height - 2.0,
+        "total_height": pivot_height + 5.0,
+        "hoist_max": 2.0 * length,
+        "hoist_init": length,
+        "rope_stiffness": rope,
+        # Links between the swing joints that weigh nothing beside the box.
+        "dummy_mass": 1.0,
+        "dummy_inertia": 1.0,
+        **values,
+    }
     return load_crane(gravity=gravity, values=numbers)
 
 
 def _roped(setup: Setup) -> Crane:
     """Return the crane with a real rope."""
-    damping = {"rope_damping": ROPE_DAMPING, "damp_sling": SLING_DAMPING}
-    return _crane(setup.gravity, ROPE, LENGTH, **damping)
+    return _crane(
+        setup.gravity,
+        ROPE_STIFFNESS,
+        ROPE_LENGTH,
+        rope_damping=ROPE_DAMPING,
+        damp_sling=SLING_DAMPING,
+    )
 
 
 def _run(
     setup: Setup, crane: Crane, ground: Ground, start: State, duration: float, label: str
 ) -> Trajectory:
-    """Return a run in which the drives keep their speed."""
-    clocks = instant(duration, setup.control_period)
-    options = {"drive": "motion", "validity": "mark", "ground": ground}
+    """Return a run in which the drives keep their speed.
+
+    It goes on where the rope is slack.
+
+    Args:
+        setup: Clocks and engine.
+        crane: The crane.
+        ground: The ground.
+        start: Where it starts.
+        duration: Duration [s]; it ends at the next control instant.
+        label: Name of the run.
+    """
     return setup.simulate(
-        crane, locked(crane), None, start=start, duration=clocks, label=label, **options
+        crane,
+        locked(crane),
+        None,
+        start=start,
+        duration=instant(duration, setup.control_period),
+        label=label,
+        drive="motion",
+        validity="mark",
+        ground=ground,
     )
 
 
 def _from_ground(crane: Crane, ground: Ground, offset: float, slack: float, speed: float) -> State:
-    """Return the start of a lift-off: trolley beside the box by an offset [m], rope slack [m], and
-    the hoist at its speed [m/s].
+    """Return the start of a lift-off, with the box on the ground and the hoist at its speed.
+
+    Args:
+        crane: The crane.
+        ground: The ground.
+        offset: Distance of the trolley from above the box [m].
+        slack: Slack of the rope [m].
+        speed: Hoisting speed [m/s].
     """
-    layout, rope = crane.layout, crane.start.q[crane.layout.index("l")]
+    layout = crane.layout
+    rope = crane.start.q[crane.layout.index("l")]
     lead = math.atan2(offset, rope)
+    # The rope leans; the sling turns the box back, so that it stands level.
     state = crane.state(phi=lead, sling_radial=-lead, l=math.hypot(rope, offset) + slack)
     v = np.zeros(layout.n)
-    v[layout.at("l", "rope_stretch")] = -speed, speed
+    # The hoist winds up the slack, and the load does not move.
+    v[layout.index("l")] = -speed
+    v[layout.index("rope_stretch")] = speed
     return standing(crane, ground, State(state.q, v))
 
 
@@ -211,73 +315,121 @@ def _pull(crane: Crane, run: Trajectory) -> np.ndarray:
 
 def _push(crane: Crane, ground: Ground, run: Trajectory) -> np.ndarray:
     """Return the force of level ground over the weight at each row."""
-    contacts, forces = ground.contacts(crane), []
+    contacts = ground.contacts(crane)
+    forces = []
     for q, v in zip(run.q, run.v, strict=True):
         place = body_points(crane.model, crane.data, contacts.body, np.array(contacts.points), q, v)
-        forces.append(float(np.sum(contacts.reaction(*place, place[0])[0][2])))
+        # The normal force does not depend on where a point stuck to the ground: the points
+        # themselves stand for it.
+        reaction = contacts.reaction(*place, place[0])[0]
+        forces.append(float(np.sum(reaction[2])))
     return np.array(forces) / (crane.payload_mass * crane.gravity)
 
 
 def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> LiftOff:
-    speed = factors.pick_up_speed(drive, LARGEST, CREEP)
+    """Lift the box off by a hoist of a class.
+
+    A load on a spring that is taken up at the speed v pulls by 1 + v ω/g of its weight: the slope
+    β2 of a hoisting class is that of a rope on which the load has the frequency ω = β2 g.
+    """
+    speed = factors.pick_up_speed(drive, MAX_HOISTING_SPEED, CREEP_SPEED)
     omega = HOISTING[hoisting].slope * setup.gravity
-    crane = _crane(setup.gravity, MASS * omega**2 * HOIST_LENGTH, HOIST_LENGTH)
-    ground = Ground(box_corners(*SIDES), sink=HARD)
+    stiffness = MASS * omega**2 * CLASS_ROPE_LENGTH
+    crane = _crane(setup.gravity, stiffness, CLASS_ROPE_LENGTH)
+    ground = Ground(box_corners(*SIDES), sink=HARD_GROUND_SINK)
     start = _from_ground(crane, ground, 0.0, SLACK, speed)
-    # the rope gets taut, takes up the weight, and the box bounces up once
-    stretch, jump = setup.gravity / omega**2, HOISTING[hoisting].slope * speed
+    # The rope gets taut, takes up the weight, and the box bounces up once.
+    stretch = setup.gravity / omega**2
+    jump = HOISTING[hoisting].slope * speed
     duration = (SLACK + stretch) / speed + 1.5 * math.pi / omega
     run = _run(setup, crane, ground, start, duration, f"{hoisting}, {drive}")
-    # the ground is soft; a rope that strains and shortens gets stiffer; the peak is between rows
-    strain = (stretch + 2.0 * speed / omega) / HOIST_LENGTH
-    allowed = jump * (HARD / stretch + 2.0 * strain + (omega * setup.control_period) ** 2)
+    # The difference has three reasons: the ground is soft, a rope that strains and shortens gets
+    # stiffer, and the peak is between two rows.
+    strain = (stretch + 2.0 * speed / omega) / CLASS_ROPE_LENGTH
+    softness = HARD_GROUND_SINK / stretch
+    allowed = jump * (softness + 2.0 * strain + (omega * setup.control_period) ** 2)
     return LiftOff(hoisting, drive, speed, float(_pull(crane, run).max()), allowed)
 
 
 def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> OffLead:
-    crane, ground = _roped(setup), Ground(box_corners(*SIDES), (), friction)
+    """Lift the box off by a rope that leans.
+
+    Args:
+        setup: Gravity, clocks and engine.
+        friction: Coefficient of friction.
+        offset: Distance of the trolley from above the box [m].
+        speed: Hoisting speed [m/s].
+    """
+    crane = _roped(setup)
+    ground = Ground(box_corners(*SIDES), (), friction)
     start = _from_ground(crane, ground, offset, SLACK / 4.0, speed)
-    run = _run(setup, crane, ground, start, 20.0, f"{offset:g} m off-lead")
-    lead, length = run["phi_rad"], run["l_m"]
-    off = int(np.flatnonzero(_push(crane, ground, run))[-1])
-    swing = np.abs(lead[off:]) * (length[off:] / length[off]) ** 0.75
-    slid = payload_position(crane, run.q[off]) - payload_position(crane, run.q[0])
-    distance = float(np.linalg.norm(slid[:2]))
-    return OffLead(friction, offset, speed, float(lead[0]), distance, float(swing.max()), run)
+    run = _run(setup, crane, ground, start, OFF_LEAD_TIME, f"{offset:g} m off-lead")
+    phi = run["phi_rad"]
+    length = run["l_m"]
+    left_ground = int(np.flatnonzero(_push(crane, ground, run))[-1])
+    # On a rope that shortens slowly a swing grows as l^(-3/4): scaled back to lift-off.
+    growth = (length[left_ground:] / length[left_ground]) ** 0.75
+    swing = np.abs(phi[left_ground:]) * growth
+    slid = payload_position(crane, run.q[left_ground]) - payload_position(crane, run.q[0])
+    return OffLead(
+        friction=friction,
+        offset=offset,
+        speed=speed,
+        lead=float(phi[0]),
+        slid=float(np.linalg.norm(slid[:2])),
+        swing=float(swing.max()),
+        run=run,
+    )
 
 
 def _slide(setup: Setup, friction: float, speed: float) -> Slide:
     """Let the box slide along the jib below a slack rope, level on the ground, until it rests."""
-    crane, ground = _roped(setup), Ground(box_corners(*SIDES), (), friction)
+    crane = _roped(setup)
+    ground = Ground(box_corners(*SIDES), (), friction)
     layout = crane.layout
-    start = standing(crane, ground, crane.state(phi=0.0, l=LENGTH + THROWN_SLACK))
+    start = standing(crane, ground, crane.state(phi=0.0, l=ROPE_LENGTH + THROWN_SLACK))
     closed = speed**2 / (2.0 * friction * setup.gravity)
     # The box keeps level: its lug swings about the pivot, and the sling turns back as fast.
-    swing = speed / float(start.q[layout.at("l", "rope_stretch")].sum())
+    # A slack rope has a negative stretch: with it the length is the distance from the pivot.
+    distance = float(start.q[layout.at("l", "rope_stretch")].sum())
+    swing_rate = speed / distance
     v = np.zeros(layout.n)
-    v[layout.at("phi", "sling_radial")] = swing, -swing
+    v[layout.index("phi")] = swing_rate
+    v[layout.index("sling_radial")] = -swing_rate
     duration = 1.5 * speed / (friction * setup.gravity) + 0.5
     run = _run(setup, crane, ground, State(start.q, v), duration, f"slides at {speed:g} m/s")
-    way = payload_position(crane, run.q[-1]) - payload_position(crane, run.q[0])
+    slid = payload_position(crane, run.q[-1]) - payload_position(crane, run.q[0])
     # At both ends of the way contacts are strained by μ times the sink, where friction builds up
     # and where they hold the box; and the box pitches, so that its centre moves by as much times
     # the square of height over length.
     strain = friction * ground.sink
     allowed = 2.0 * strain * (1.0 + (SIDES[2] / SIDES[1]) ** 2)
-    return Slide(friction, speed, float(np.linalg.norm(way[:2])), closed, allowed)
+    return Slide(friction, speed, float(np.linalg.norm(slid[:2])), closed, allowed)
 
 
 def _set_down(setup: Setup, speed: float) -> SetDown:
-    crane, ground = _roped(setup), Ground(box_corners(*SIDES))
+    """Lower the box to the ground at a speed [m/s], and on until the rope is slack."""
+    crane = _roped(setup)
+    ground = Ground(box_corners(*SIDES))
     stretch = crane.start.q[crane.layout.index("rope_stretch")]
-    start = crane.state(l=LENGTH - ABOVE - float(stretch), l_dot=speed)
-    run = _run(setup, crane, ground, start, (2.0 * ABOVE) / speed + 1.0, f"down at {speed:g} m/s")
-    pull, push = _pull(crane, run), _push(crane, ground, run)
+    start = crane.state(l=ROPE_LENGTH - SET_DOWN_HEIGHT - float(stretch), l_dot=speed)
+    duration = (2.0 * SET_DOWN_HEIGHT) / speed + 1.0
+    run = _run(setup, crane, ground, start, duration, f"down at {speed:g} m/s")
+    pull = _pull(crane, run)
+    push = _push(crane, ground, run)
     touched = int(np.flatnonzero(push)[0])
-    slack = run.t[touched + np.flatnonzero(pull[touched:] <= 0.0)]
-    rebounds = float(np.count_nonzero(push[touched:] == 0.0) * setup.control_period)
-    waited = float(slack[0] - run.t[touched]) if len(slack) else math.inf
-    return SetDown(speed, float(pull.max()), float(push.max()), waited, rebounds)
+    slack_times = run.t[touched + np.flatnonzero(pull[touched:] <= 0.0)]
+    slack_after = math.inf
+    if len(slack_times):
+        slack_after = float(slack_times[0] - run.t[touched])
+    rows_in_air = np.count_nonzero(push[touched:] == 0.0)
+    return SetDown(
+        speed=speed,
+        pull=float(pull.max()),
+        push=float(push.max()),
+        slack_after=slack_after,
+        rebounds=float(rows_in_air * setup.control_period),
+    )
 
 
 def _pick_up_table(picked: Sequence[LiftOff]) -> ResultTable:
@@ -303,7 +455,8 @@ def _figure(picked: Sequence[LiftOff]) -> Figure:
     speeds = np.array([0.0, max(p.speed for p in picked)])
     for i, hoisting in enumerate(CLASSES):
         slope, intercept = HOISTING[hoisting]
-        drawn, colour = [p for p in picked if p.hoisting == hoisting], run_colour(i)
+        drawn = [p for p in picked if p.hoisting == hoisting]
+        colour = run_colour(i)
         ax.plot(speeds, intercept + slope * speeds, color=colour, label=f"φ2, {hoisting}")
         ax.plot(speeds, 1.0 + slope * speeds, color=colour, linestyle=":")
         ax.plot([p.speed for p in drawn], [p.simulated for p in drawn], "o", color=colour)
@@ -357,13 +510,13 @@ def _set_down_table(down: Sequence[SetDown]) -> ResultTable:
 
 
 def _pick_up_claims(picked: Sequence[LiftOff]) -> list[Claim]:
-    off = max(picked, key=lambda p: abs(p.simulated - p.closed) / p.allowed)
+    worst = max(picked, key=lambda p: abs(p.simulated - p.closed) / p.allowed)
     near = min(picked, key=lambda p: p.standard - p.simulated)
     return [
         Claim(
             f"A box that leaves the ground loads the rope by 1 + β2 v_h in {len(picked)} cases; "
-            f"worst: {off.hoisting} {off.drive}, {off.simulated:.4f} beside {off.closed:.4f}, "
-            f"{off.allowed:.0e} allowed.",
+            f"worst: {worst.hoisting} {worst.drive}, {worst.simulated:.4f} beside "
+            f"{worst.closed:.4f}, {worst.allowed:.0e} allowed.",
             all(abs(p.simulated - p.closed) <= p.allowed for p in picked),
         ),
         Claim(
@@ -375,21 +528,27 @@ def _pick_up_claims(picked: Sequence[LiftOff]) -> list[Claim]:
 
 
 def _slide_claim(slides: Sequence[Slide]) -> Claim:
-    off = max(slides, key=lambda s: abs(s.slid - s.closed) / s.allowed)
+    worst = max(slides, key=lambda s: abs(s.slid - s.closed) / s.allowed)
     return Claim(
-        f"A box that slides rests after v²/(2 μ g) in {len(slides)} cases; worst: {off.slid:.4f} m "
-        f"beside {off.closed:.4f} m, {off.allowed:.0e} m allowed.",
+        f"A box that slides rests after v²/(2 μ g) in {len(slides)} cases; worst: {worst.slid:.4f} "
+        f"m beside {worst.closed:.4f} m, {worst.allowed:.0e} m allowed.",
         all(abs(s.slid - s.closed) <= s.allowed for s in slides),
     )
 
 
 def _other_claims(worst: OffLead, down: Sequence[SetDown]) -> list[Claim]:
+    """Return the claims on the swing after lift-off and on set-down.
+
+    Args:
+        worst: The lift off-lead with the largest swing over the angle by which its rope leaned.
+        down: All set-downs.
+    """
     hard = max(down, key=lambda d: d.pull)
     return [
         Claim(
             "After lift-off the load swings no farther than the rope leaned; worst: "
-            f"{worst.swing / worst.lead:.3f} of it, {1.0 + ADIABATIC:g} allowed.",
-            worst.swing <= (1.0 + ADIABATIC) * worst.lead,
+            f"{worst.swing / worst.lead:.3f} of it, {1.0 + ADIABATIC_ERROR:g} allowed.",
+            worst.swing <= (1.0 + ADIABATIC_ERROR) * worst.lead,
         ),
         Claim(
             f"A set-down loads the rope by no more than the weight: {hard.pull:.4f} at most; it "

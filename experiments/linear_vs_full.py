@@ -16,8 +16,11 @@ from experiments.linear import moves, results
 from experiments.linear.moves import ANGLES, SHARES, SITES, LinearCase
 from experiments.linear.results import RPM
 
-DT, CONTROL_PERIOD = 4e-3, 4e-2
-"""Coarser than elsewhere [s]."""
+DT = 4e-3
+"""Physics step [s], coarser than elsewhere."""
+
+CONTROL_PERIOD = 4e-2
+"""Time between control instants [s], coarser than elsewhere."""
 
 OF_STEP = 0.002
 """The step's own error, over the swing: some ω dt/2 of it."""
@@ -96,7 +99,8 @@ def claims(
         for name in OF_SLEWING
         if case.site is SITES[1] and "spline" not in case.job.name
     ]
-    off, back = [case.paper.rms for case in slewing], [case.rates.rms for case in cases]
+    off = [case.paper.rms for case in slewing]
+    back = [case.rates.rms for case in cases]
     full_speed = min(case.paper.rms for case in cases if case.job.name not in ALONE)
     shares = [rates[site.name] / site.slew for site in SITES]
     plant, eq8 = ([powers[k] for powers in hoisted.values()] for k in (0, 1))

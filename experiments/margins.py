@@ -45,13 +45,20 @@ from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 if TYPE_CHECKING:
     from cranedyn.bridges.margins import Margins, Regulator
 
-RADII, CABLES = (4.0, 20.0), (5.0, 25.0)
-"""Ends of the map: trolley radius and cable length [m]."""
+RADII = (4.0, 20.0)
+"""Least and largest trolley radius of the map [m]."""
+
+CABLES = (5.0, 25.0)
+"""Least and largest cable length of the map [m]."""
 
 MIDDLE = (12.0, 15.0)
 """Where the LQR that is not scheduled is designed [m]."""
 
-KEPT, BLIND = "LQR made for the middle", "LQR, no swing sensor"
+KEPT = "LQR made for the middle"
+"""Name of an LQR that keeps the gain of the middle of the map everywhere."""
+
+BLIND = "LQR, no swing sensor"
+"""Name of an LQR that does not measure the swing."""
 
 AFFECTED = 1e-3
 """By how much the load swings at the start of a simulated check [rad], so that it stays linear."""
@@ -69,7 +76,8 @@ then by radius; shape (points, points) each."""
 
 def standstill(setup: Setup, equilibrium: State) -> Motion:
     """Return a motion that stands still."""
-    layout, still = setup.crane.layout, np.zeros_like(equilibrium.q[None])
+    layout = setup.crane.layout
+    still = np.zeros_like(equilibrium.q[None])
     return Motion(setup.control_period, equilibrium.q[None], still, still, layout.drives)
 
 
@@ -97,13 +105,15 @@ def linear_form(setup: Setup, strategy: str, equilibrium: State) -> Regulator:
     """
     from cranedyn.bridges.margins import behind_observer, regulator
 
-    crane, period = setup.crane, setup.control_period
+    crane = setup.crane
+    period = setup.control_period
     if strategy == KEPT:
         return linear_form(setup, LQR, crane.state(x=MIDDLE[0], l=MIDDLE[1]))
     if strategy != BLIND:
         controller = CONTROLLERS[strategy](setup, equilibrium)
         return regulator(crane, controller, equilibrium, t=0.0, period=period)
-    plant, still = _plant(setup, equilibrium), standstill(setup, equilibrium)
+    plant = _plant(setup, equilibrium)
+    still = standstill(setup, equilibrium)
     gains = with_observer(lqr(crane, still, dt=setup.dt), crane, still, dt=setup.dt).gains
     output = np.eye(len(plant.a))[gains.measured]
     p = scipy.linalg.solve_discrete_are(plant.a.T, output.T, gains.disturbance, gains.noise)
@@ -121,7 +131,8 @@ def margins_at(setup: Setup, strategy: str, equilibrium: State) -> Margins:
 def margin_maps(setup: Setup, points: int) -> dict[str, MarginMap]:
     """Return the margins of each strategy over the map."""
     radii, cables = axes(points)
-    update, done = setup.reporter.count("margins", len(STRATEGIES) * points), 0
+    update = setup.reporter.count("margins", len(STRATEGIES) * points)
+    done = 0
     maps = {}
     for strategy in STRATEGIES:
         values = np.empty((4, points, points))
@@ -172,7 +183,8 @@ def grows(
     """Return the ratio of a drive's deviation in the last quarter of a run to that in the second,
     under the full-model LQR made for this place or another one; inf if the run breaks off.
     """
-    crane, layout = setup.crane, setup.crane.layout
+    crane = setup.crane
+    layout = setup.crane.layout
     q = equilibrium.q.copy()
     q[crane.swings] += AFFECTED
     designed = integrating(setup, equilibrium if made_for is None else made_for)
@@ -276,7 +288,8 @@ def _met(setup: Setup, mapped: MarginMap, points: int) -> tuple[ResultTable, lis
     periods = loop.drives[drive].delay / setup.control_period
     name = setup.crane.layout.driven[drive].effort_name
     last = math.ceil(periods) - 1
-    delays, factors = [last, last + 1], [0.98 * stronger, 1.02 * stronger]
+    delays = [last, last + 1]
+    factors = [0.98 * stronger, 1.02 * stronger]
     late = [grows(setup, equilibrium, drive, periods=delay) for delay in delays]
     strong = [grows(setup, equilibrium, drive, factor=factor) for factor in factors]
     rows = [
@@ -314,7 +327,8 @@ def _needed(setup: Setup, damping: np.ndarray, points: int) -> Claim:
     """Claim that the LQR made for the middle is unstable where the map says so, by simulation."""
     radii, cables = axes(points)
     middle = setup.crane.state(x=MIDDLE[0], l=MIDDLE[1])
-    agree, verdicts = True, []
+    agree = True
+    verdicts = []
     for i, j in (_first(damping, extreme) for extreme in (damping.min(), damping.max())):
         equilibrium = setup.crane.state(x=radii[j], l=cables[i])
         growth = grows(setup, equilibrium, setup.crane.layout.drive("x"), made_for=middle)

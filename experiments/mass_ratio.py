@@ -33,15 +33,25 @@ LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
 LOADS = (10.0, 1.0e3, 1.0e5)
 """Masses of the load [kg]."""
 
-SWING, LENGTH, DURATION, TOUR = 0.10, 15.0, 40.0, 20.0
-"""Swing at the start [rad], cable length [m], length of a free swing and of a tour [s]."""
+SWING = 0.10
+"""Swing at the start [rad]."""
+
+LENGTH = 15.0
+"""Cable length [m]."""
+
+DURATION = 40.0
+"""Duration of a free swing [s]."""
+
+TOUR = 20.0
+"""Duration of a tour [s]."""
 
 
 def swing(setup: Setup, link: float) -> Trajectory:
     """Swing the load from rest with the drives locked and dummy links of a given mass [kg]."""
     crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
-    label, drives = f"links of {link:g} kg", locked(crane)
+    label = f"links of {link:g} kg"
+    drives = locked(crane)
     return setup.simulate(
         crane, drives, None, start=start, duration=DURATION, label=label, drive="motion"
     )
@@ -106,7 +116,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     crane = setup.crane
     runs = {m: swing(setup, m) for m in LINKS}
     periods = {m: crossing_period(r) for m, r in runs.items()}
-    moment, factor = crane.payload_inertia[0, 0], float(theory.amplitude_factor(SWING))
+    moment = crane.payload_inertia[0, 0]
+    factor = float(theory.amplitude_factor(SWING))
     period = partial(theory.rigid_period, LENGTH, crane.gravity, crane.payload_mass)
     theory_periods = {m: period(moment + 2.0 * m) * factor for m in LINKS}
     finite = all(np.isfinite(r.q).all() for r in runs.values())
@@ -119,7 +130,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     light, inertia = (table[1e-6] / table[0.0] - 1.0 for table in (periods, theory_periods))
     points = {m: run_tour(setup, setup.variant(payload_mass=m, **POINT)) for m in LOADS}
     rigid = {m: run_tour(setup, setup.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
-    spread, spread_rigid = _spread(points), _spread(rigid)
+    spread = _spread(points)
+    spread_rigid = _spread(rigid)
     return Outcome(
         tables=[_links_table(crane, periods, theory_periods), _loads_table(points, rigid)],
         claims=[
@@ -194,7 +206,8 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
     theory_gain = masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia[0, 0])
     ax.loglog(masses, theory_gain, color=COLOURS["setpoint"], label="I/(2 m l²), two links")
     ax.axvline(1.0, linestyle=":", color=COLOURS["unexplained"])
-    text, offset = "the article's engine\ndiverged here", "offset points"
+    text = "the article's engine\ndiverged here"
+    offset = "offset points"
     ax.annotate(text, (1.0, gain.min()), xytext=(6, 0), textcoords=offset)
     ax.set(xlabel="mass of each link [kg]", ylabel="gain in period over no links")
     ax.legend()

@@ -36,8 +36,11 @@ from experiments.scenarios.moves import COMBINED
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
-LOADS, CABLES = (0.5, 1.0, 1.5), (-0.1, 0.0, 0.1)
-"""Loads over that planned for; by which share cables are longer than read."""
+LOADS = (0.5, 1.0, 1.5)
+"""Masses of the load over the planned one."""
+
+CABLES = (-0.1, 0.0, 0.1)
+"""Relative errors of the measured cable length: the cable is longer by this share."""
 
 SENSORS = ("drives", "swing", "imu")
 """See `cranedyn.estimation.load_filter.Sensors`."""
@@ -124,7 +127,8 @@ def _figure(swings: Cases) -> Figure:
     figure, (ax,) = panels(height=3.4)
     for k, sensors in enumerate(dict.fromkeys(case[0] for case in swings)):
         values = np.array([value for case, value in swings.items() if case[0] == sensors])
-        share, style = np.arange(1, len(values) + 1) / len(values), "steps-post"
+        share = np.arange(1, len(values) + 1) / len(values)
+        style = "steps-post"
         ax.plot(1e3 * np.sort(values), share, drawstyle=style, color=run_colour(k), label=sensors)
     ax.axvline(1e3 * LEFT, linestyle=":", color="#999999")
     ax.set(xscale="log", xlabel="swing at the arrival [mrad]", ylabel="share of the grid")

@@ -227,7 +227,8 @@ def _check_set(folder: Path, files: Mapping[str, str]) -> None:
 
 def _page_entry(folder: Path, result: Mapping[str, Any]) -> PageEntry:
     """Return the result in a folder as an entry of the page."""
-    entry, name = _entry(result), str(result["experiment"])
+    entry = _entry(result)
+    name = str(result["experiment"])
     claims = []
     for claim in result["claims"]:
         verdict = Verdict.of(claim["holds"])
@@ -356,7 +357,8 @@ def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
 
 
 def _arguments(name: str, options: argparse.Namespace) -> list[str]:
-    entry, plain = EXPERIMENTS[name], name in PLAIN or find_spec("llvmlite") is None
+    entry = EXPERIMENTS[name]
+    plain = name in PLAIN or find_spec("llvmlite") is None
     engine = options.engine or ("pinocchio" if plain else "compiled")
     return [
         *(entry.quick if options.quick else entry.arguments),

@@ -41,7 +41,8 @@ def main(arguments: list[str] | None = None) -> int:
     add("--fps", type=float, default=10.0, help=text)
     text = "what to show (default: %(default)s)"
     add("--view", choices=("dashboard", "3d"), default="dashboard", help=text)
-    text, pixels = "in pixels (default: 1280 720)", ("WIDTH", "HEIGHT")
+    text = "in pixels (default: 1280 720)"
+    pixels = ("WIDTH", "HEIGHT")
     add("--size", metavar=pixels, type=int, nargs=2, default=(1280, 720), help=text)
 
     def run() -> int:

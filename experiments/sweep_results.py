@@ -17,9 +17,14 @@ from experiments.scenarios.moves import COMBINED, DRAG, IDEAL
 from experiments.scenarios.robustness import AFTER, RANGES, UNBATCHED
 from experiments.scenarios.strategies import FLAT, PAPER, PD, strategy_colour
 
-LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)
-"""Ranges of the grid: mass of the payload over that planned for, length of the cable less that
-measured [m], time for the move [s]."""
+LOADS = (0.5, 1.5)
+"""Range of the grid: mass of the payload over the planned one."""
+
+CABLES = (-1.5, 1.5)
+"""Range of the grid: true less measured cable length [m]."""
+
+DURATIONS = (13.0, 35.0)
+"""Range of the grid: duration of the move [s]."""
 
 MOST_LEFT = 5e-3
 """Swing that may be left [rad]: 5 cm at the hook, on the 10 m of cable with which the move ends."""
@@ -90,7 +95,8 @@ def grid_claims(columns: Columns, errors: int) -> list[Claim]:
         for strategy, cases in by_strategy(columns).items()
     }
     other_swings = np.array([swing for strategy, swing in residual.items() if strategy != FLAT])
-    pd, paper = residual[PD], residual[PAPER]
+    pd = residual[PD]
+    paper = residual[PAPER]
     return [
         _none_is_bad(columns, errors),
         Claim(
@@ -131,7 +137,8 @@ def failures(columns: Columns) -> np.ndarray:
 
 def drawn_tables(columns: Columns, drive: str) -> list[ResultTable]:
     """Return the tables of swing, failures and time of each strategy."""
-    strategies, drives = by_strategy(columns), f"on {drive} drives"
+    strategies = by_strategy(columns)
+    drives = f"on {drive} drives"
     return [_swings(strategies, drives), _failures(strategies, drives), _costs(strategies, drives)]
 
 
@@ -265,7 +272,8 @@ def timing_figure(columns: Columns) -> Figure:
     for k, (strategy, cases) in enumerate(by_strategy(columns).items()):
         residual = [1e3 * cases["residual_swing_rad"][cases["duration_s"] == d] for d in durations]
         lowest, middle, highest = np.nanquantile(np.array(residual), [0.0, 0.5, 1.0], axis=1)
-        colour, marker = strategy_colour(strategy), "osv^D*Px"[k % 8]
+        colour = strategy_colour(strategy)
+        marker = "osv^D*Px"[k % 8]
         ax.plot(durations, middle, marker=marker, markersize=4.0, color=colour, label=strategy)
         ax.fill_between(durations, lowest, highest, color=colour, alpha=0.15, linewidth=0.0)
     ax.set(yscale="log", xlabel="time for the move [s]", ylabel="swing left 10 s after it [mrad]")

@@ -182,7 +182,8 @@ def _ripple_figure(bench: Bench, crane: Crane) -> Figure:
     figure, (ax,) = panels(1, height=3.2)
     for dt, colour in zip((0.02, 0.01, 0.005), ("x", "energy", "l"), strict=True):
         swing = bench.run(crane, crane.state(l=swings.LENGTH, phi=SWING), 30.0, dt)
-        gain, label = swing.energy - swing.energy[0], f"dt = {1000 * dt:g} ms"
+        gain = swing.energy - swing.energy[0]
+        label = f"dt = {1000 * dt:g} ms"
         ax.plot(swing.t, gain, color=COLOURS[colour], label=label)
     full = crane.payload_mass * crane.gravity * swings.LENGTH * (1.0 - np.cos(SWING))
     ax.set(xlabel="time [s]", ylabel=f"gain of energy [J] of {full:.0f} J")
@@ -200,7 +201,8 @@ def _oval_figure(trajectory: Trajectory) -> Figure:
         swings.LENGTH, far, near
     ) * np.arange(turns)
     ax.plot(*offset[:, :2].T, color=COLOURS["theta"], linewidth=0.8, label="load from above")
-    ends, label = far * np.array([np.cos(angles), np.sin(angles)]), "far ends by the integral"
+    ends = far * np.array([np.cos(angles), np.sin(angles)])
+    label = "far ends by the integral"
     ax.plot(*ends, "o", color=COLOURS["x"], label=label)
     ax.set(xlabel="[m]", ylabel="[m]", aspect="equal")
     ax.legend(loc="upper right")

@@ -1796,7 +1796,7 @@ experiments/measured/effects.py
 + np.sqrt(variance[0, 0])
 * a rail does not tilt
 ? measured::drag_centring_and_tilt_are_found_in_a_record_that_has_them
-- bias + tilt * self.way[i]
+- bias + tilt * self._distance[i]
 + bias
 experiments/measured/drive.py
 * friction at rest is that in motion

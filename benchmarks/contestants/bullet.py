@@ -67,17 +67,21 @@ def _stepped(case: Case, at_once: int) -> Run:
     # A velocity motor without force: otherwise Bullet brakes each joint.
     still = [0.0] * len(joints)
     bullet.setJointMotorControlArray(robot, joints, bullet.VELOCITY_CONTROL, forces=still, **here)
-    states, control = bullet.getJointStates, bullet.setJointMotorControlArray
-    torque, step = bullet.TORQUE_CONTROL, bullet.stepSimulation
+    states = bullet.getJointStates
+    control = bullet.setJointMotorControlArray
+    torque = bullet.TORQUE_CONTROL
+    step = bullet.stepSimulation
     calls = range(case.steps // at_once)
 
     def run(starts: np.ndarray, duration: float) -> Result:
         for joint, q, v in zip(joints, starts[0, :5], starts[0, 5:], strict=True):
             bullet.resetJointState(robot, joint, q, v, physicsClientId=setup)
-        effort, log = brake(case, starts[0]), np.empty((case.periods(duration) + 1, 13))
+        effort = brake(case, starts[0])
+        log = np.empty((case.periods(duration) + 1, 13))
         for k, row in enumerate(log):
             q, v, _, _ = zip(*states(robot, joints, setup), strict=True)
-            row[:5], row[5:10] = q, v
+            row[:5] = q
+            row[5:10] = v
             row[10:] = tau = effort(q, v)
             if k < len(log) - 1:
                 for _ in calls:

@@ -44,8 +44,10 @@ def _advanced(case: Case, *, discrete: bool) -> Run:
         context.SetTime(0.0)
         plant.SetPositionsAndVelocities(context, starts[0])
         simulator.Initialize()
-        effort, log = brake(case, starts[0]), np.empty((case.periods(duration) + 1, 13))
-        state, advance = plant.GetPositionsAndVelocities, simulator.AdvanceTo
+        effort = brake(case, starts[0])
+        log = np.empty((case.periods(duration) + 1, 13))
+        state = plant.GetPositionsAndVelocities
+        advance = simulator.AdvanceTo
         for k, row in enumerate(log):
             now = state(context)
             row[:10] = now

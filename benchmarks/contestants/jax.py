@@ -33,7 +33,9 @@ def _looped(case: Case, step: Step) -> Run:
     import jax
     import jax.numpy as jnp
 
-    hold, drives, swings = case.controller, case.crane.layout.drives, case.crane.swings
+    hold = case.controller
+    drives = case.crane.layout.drives
+    swings = case.crane.swings
     limit = case.crane.effort_limit[:, None]
     gains = [gain[:, None] for gain in (hold.feed_forward, hold.stiffness, hold.damping)]
 
@@ -67,15 +69,23 @@ def _by_hand(case: Case) -> Run:
     import jax.numpy as jnp
 
     n = c_constants(case)
-    dt, payload, inner, outer = case.dt, n["PAYLOAD"], n["INNER"], n["OUTER"]
+    dt = case.dt
+    payload = n["PAYLOAD"]
+    inner = n["INNER"]
+    outer = n["OUTER"]
     damping = [n[f"DAMP_{name}"] for name in ("SLEW", "TROLLEY", "PHI", "THETA", "HOIST")]
 
     def step(q: Any, v: Any, effort: Any) -> tuple[Any, Any]:
         _, x, phi, theta, length = q
         slew, out, v1, v2, down = v
-        sp, cp, st, ct = jnp.sin(phi), jnp.cos(phi), jnp.sin(theta), jnp.cos(theta)
-        lever, offset = length * ct, length * st
-        across, plumb = down * st + length * v2 * ct, down * ct - length * v2 * st
+        sp = jnp.sin(phi)
+        cp = jnp.cos(phi)
+        st = jnp.sin(theta)
+        ct = jnp.cos(theta)
+        lever = length * ct
+        offset = length * st
+        across = down * st + length * v2 * ct
+        plumb = down * ct - length * v2 * st
         radial = slew * (2.0 * across - slew * (x - lever * sp))
         aside = slew * (slew * offset + 2.0 * (out - sp * plumb - cp * lever * v1))
         below = sp * radial + cp * n["GRAVITY"] + lever * v1 * v1
@@ -85,21 +95,27 @@ def _by_hand(case: Case) -> Run:
         spin = inner * cp
         h1 = spin * v2 * slew - damping[2] * v1
         h2 = -spin * v1 * slew - damping[3] * v2
-        d1, d2 = payload * lever * lever + inner + outer, payload * length * length + inner
+        d1 = payload * lever * lever + inner + outer
+        d2 = payload * length * length + inner
         push1 = cp * ((inner + outer) * across1 / payload + lever * h1) * payload / d1
         push2 = (inner * across2 / payload + length * h2) * payload / d2
-        share, share2 = payload * (inner + outer) / d1 * cp * cp, payload * inner / d2
-        tilt, hoist = st * sp, effort[2] - damping[4] * down
+        share = payload * (inner + outer) / d1 * cp * cp
+        share2 = payload * inner / d2
+        tilt = st * sp
+        hoist = effort[2] - damping[4] * down
         slewing = n["SLEWING"] + outer + inner * cp * cp + n["TROLLEY"] * x * x
         m_gg = slewing + share * offset * offset + share2 * (x * ct) ** 2
         m_gx = share * offset - share2 * x * ct * tilt
         m_xx = n["TROLLEY"] + share + share2 * tilt * tilt
-        f_g = effort[0] - damping[0] * slew - 2.0 * n["TROLLEY"] * x * slew * out
-        f_g += x * st * hoist + offset * push1 + x * ct * push2 - sp * h2 - spin * v1 * v2
-        f_x = effort[1] - damping[1] * out + n["TROLLEY"] * x * slew * slew
-        f_x += ct * sp * hoist + push1 - tilt * push2
+        f_g = (effort[0] - damping[0] * slew - 2.0 * n["TROLLEY"] * x * slew * out) + (
+            x * st * hoist + offset * push1 + x * ct * push2 - sp * h2 - spin * v1 * v2
+        )
+        f_x = (effort[1] - damping[1] * out + n["TROLLEY"] * x * slew * slew) + (
+            ct * sp * hoist + push1 - tilt * push2
+        )
         det = m_gg * m_xx - m_gx * m_gx
-        a_g, a_x = (m_xx * f_g - m_gx * f_x) / det, (m_gg * f_x - m_gx * f_g) / det
+        a_g = (m_xx * f_g - m_gx * f_x) / det
+        a_x = (m_gg * f_x - m_gx * f_g) / det
         a1 = (h1 - lever * (across1 - payload * cp * (offset * a_g + a_x))) / d1
         a2 = (h2 - length * (across2 + payload * (tilt * a_x - x * ct * a_g))) / d2 - sp * a_g
         a_l = hoist / payload + x * st * a_g + ct * sp * a_x - along

@@ -29,8 +29,10 @@ def twin(urdf: str, *, gravity: float, dt: float) -> Any:
     # it takes no link without mass, such as those between the joints of a sling
     spec.compiler.boundmass = spec.compiler.boundinertia = 1e-9
     model = spec.compile()
-    option, off = model.opt, mujoco.mjtDisableBit
-    option.integrator, option.timestep = mujoco.mjtIntegrator.mjINT_EULER, dt
+    option = model.opt
+    off = mujoco.mjtDisableBit
+    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    option.timestep = dt
     option.gravity[:] = [0.0, 0.0, -gravity]
     option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
     return model
@@ -47,17 +49,23 @@ def _stepped(case: Case, at_once: int) -> Run:
     import mujoco
 
     model = twin(case.crane.urdf, gravity=case.crane.gravity, dt=case.dt)
-    data, step = mujoco.MjData(model), mujoco.mj_step
-    calls, n = range(case.steps // at_once), case.n
+    data = mujoco.MjData(model)
+    step = mujoco.mj_step
+    calls = range(case.steps // at_once)
+    n = case.n
 
     def run(starts: np.ndarray, duration: float) -> Result:
         mujoco.mj_resetData(model, data)
-        q, v, tau = data.qpos, data.qvel, data.qfrc_applied
+        q = data.qpos
+        v = data.qvel
+        tau = data.qfrc_applied
         q[:], v[:] = np.split(starts[0], 2)
         slew, trolley, hoist = case.crane.layout.drives.tolist()
-        effort, log = brake(case, starts[0]), np.empty((case.periods(duration) + 1, 2 * n + 3))
+        effort = brake(case, starts[0])
+        log = np.empty((case.periods(duration) + 1, 2 * n + 3))
         for k, row in enumerate(log):
-            row[:n], row[n : 2 * n] = q, v
+            row[:n] = q
+            row[n : 2 * n] = v
             row[2 * n :] = tau[slew], tau[trolley], tau[hoist] = effort(q.tolist(), v.tolist())
             if k < len(log) - 1:
                 for _ in calls:
@@ -76,20 +84,26 @@ def _rolled_out(case: Case) -> Run:
     from mujoco.rollout import Rollout
 
     model = twin(case.crane.urdf, gravity=case.crane.gravity, dt=case.dt)
-    threads, n = os.cpu_count() or 1, case.n
+    threads = os.cpu_count() or 1
+    n = case.n
     datas = [mujoco.MjData(model) for _ in range(threads)]
-    full, force = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_QFRC_APPLIED
-    rollout, hold, limit = Rollout(nthread=threads), case.controller, case.crane.effort_limit
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    force = mujoco.mjtState.mjSTATE_QFRC_APPLIED
+    rollout = Rollout(nthread=threads)
+    hold = case.controller
+    limit = case.crane.effort_limit
 
     def run(starts: np.ndarray, duration: float) -> Result:
         drives = case.crane.layout.drives
-        count, setpoint = len(starts), starts[:, drives]
+        count = len(starts)
+        setpoint = starts[:, drives]
         state = np.zeros((count, mujoco.mj_stateSize(model, full)))
         state[:, 1 : 1 + 2 * n] = starts
         states = np.empty((count, case.steps, state.shape[1]))
         steps: Any = {"control_spec": int(force), "nstep": case.steps, "state": states}
         steps["sensordata"] = np.empty((count, case.steps, 0))
-        tau, peaks = np.zeros((count, 1, n)), case.swing(starts)
+        tau = np.zeros((count, 1, n))
+        peaks = case.swing(starts)
         for _ in range(case.periods(duration)):
             rows = state[:, 1 : 1 + 2 * n]
             away = setpoint - rows[:, drives]

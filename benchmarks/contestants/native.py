@@ -31,8 +31,11 @@ FLAGS = (
 """What makes -ffast-math fast, without what it does to the processor's handling of tiny numbers in
 everything else that runs."""
 
-LANES, GROUPS = 8, 2
-"""Cranes in a vector, and vectors in turn: 16 cranes go together."""
+LANES = 8
+"""Number of cranes in a vector of the processor."""
+
+GROUPS = 2
+"""Number of vectors that are computed in turn: 16 cranes go together."""
 
 _CHUNKS = 4
 """Parts that each thread gets, so that all end at about the same time."""
@@ -50,7 +53,8 @@ def c_constants(case: Case) -> dict[str, float]:
         ModelError: If the crane is not one the equations were written for: inertias the same about
             each axis, centres on the joints.
     """
-    crane, hold = case.crane, case.controller
+    crane = case.crane
+    hold = case.controller
     trolley, outer, inner, payload = list(crane.model.inertias)[2:]
     links = {"trolley": trolley, "outer link": outer, "inner link": inner, "payload": payload}
     for name, body in links.items():
@@ -83,7 +87,8 @@ def c_constants(case: Case) -> dict[str, float]:
 
 def ledger_constants(case: Case) -> dict[str, float]:
     """Return the further parameters with which a single crane logs what `simulate` logs."""
-    crane, joints = case.crane, ("SLEW", "TROLLEY", "PHI", "THETA", "HOIST")
+    crane = case.crane
+    joints = ("SLEW", "TROLLEY", "PHI", "THETA", "HOIST")
     zero = np.zeros(crane.layout.n)
     weight = crane.payload_mass * crane.gravity
     constants = {
@@ -128,8 +133,11 @@ def _one(case: Case, columns: int = 13, **further: float) -> Run:
     library = load_library(case, 1, 1, **further)
 
     def run(starts: np.ndarray, duration: float) -> Result:
-        periods, starts = case.periods(duration), np.ascontiguousarray(starts, float)
-        ends, peaks, log = np.empty((1, 10)), np.empty(1), np.empty((periods + 1, columns))
+        periods = case.periods(duration)
+        starts = np.ascontiguousarray(starts, float)
+        ends = np.empty((1, 10))
+        peaks = np.empty(1)
+        log = np.empty((periods + 1, columns))
         library.run(1, periods, *(array.ctypes.data for array in (starts, ends, peaks, log)))
         return Result(ends, np.sqrt(peaks), lambda: log[:, :13])
 
@@ -146,10 +154,13 @@ def _many(threads: int, case: Case) -> Run:
     pool = ThreadPoolExecutor(threads)
 
     def run(starts: np.ndarray, duration: float) -> Result:
-        together, cranes, periods = LANES * GROUPS, len(starts), case.periods(duration)
+        together = LANES * GROUPS
+        cranes = len(starts)
+        periods = case.periods(duration)
         last = np.repeat(starts[-1:], -cranes % together, axis=0)
         full = np.ascontiguousarray(np.concatenate([starts, last]), float)
-        ends, peaks = np.empty_like(full), np.empty(len(full))
+        ends = np.empty_like(full)
+        peaks = np.empty(len(full))
 
         def part(rounds: np.ndarray) -> None:
             rows = slice(together * rounds[0], together * (rounds[-1] + 1))

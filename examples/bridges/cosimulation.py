@@ -23,7 +23,8 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
 
-PERIOD, DURATION = 5e-3, 20.0
+PERIOD = 5e-3
+DURATION = 20.0
 STATES = ("gamma", "x", "phi", "theta", "l", "gamma_dot", "x_dot", "phi_dot", "theta_dot", "l_dot")
 COMMANDS = ("T_gamma_command", "F_x_command", "F_l_command")
 
@@ -45,7 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     out.mkdir(parents=True, exist_ok=True)
 
     crane = load_crane()
-    start, brake = crane.state(x=12.0, l=11.0, phi=0.2), hold_controller(crane)
+    start = crane.state(x=12.0, l=11.0, phi=0.2)
+    brake = hold_controller(crane)
     path = export(crane, out / "crane.fmu")
     description = fmpy.read_model_description(path)
     reference = {variable.name: variable.valueReference for variable in description.modelVariables}
@@ -61,7 +63,9 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     unit.exitInitializationMode()
 
     states, commands = ([reference[name] for name in names] for names in (STATES, COMMANDS))
-    goal, rows, began = hold(crane, start)(0.0), [], time.perf_counter()
+    goal = hold(crane, start)(0.0)
+    rows = []
+    began = time.perf_counter()
     for k in range(round(DURATION / PERIOD) + 1):
         z = np.array(unit.getFloat64(states))
         rows.append(z)

@@ -41,9 +41,14 @@ from experiments.scenarios.strategies import (
 SCALE = np.array([1.0, 0.1, 0.1, 10.0, 1.0, 1.0, 5.0, 5.0, 5.0, 5.0, 0.05, 0.05], dtype=np.float32)
 """Brings what is observed to numbers of about one."""
 
-STANDING, FACTOR, WORST = 0.3, 3.0, -10.0
-"""Reward of a step far from the goal, which is added; what rewards are multiplied by then; and the
-least, for an end by too much swing."""
+REWARD_OFFSET = 0.3
+"""Number that is added to each reward, so that a step far from the goal gives about 0."""
+
+REWARD_FACTOR = 3.0
+"""Factor by which the sum is multiplied."""
+
+MIN_REWARD = -10.0
+"""Least reward, for a run that ends by too much swing."""
 
 BESIDE = ("spline alone", "spline + PD", "flat + LQR", "operator")
 """Strategies of `compare` that are shown beside what was learned."""
@@ -60,7 +65,7 @@ def network_inputs(observation: np.ndarray) -> np.ndarray:
 
 def shaped(reward: np.ndarray) -> np.ndarray:
     """Return rewards from which PPO learns sooner."""
-    return np.maximum(FACTOR * (reward + STANDING), WORST)
+    return np.maximum(REWARD_FACTOR * (reward + REWARD_OFFSET), MIN_REWARD)
 
 
 class LearningCurve(BaseCallback):
@@ -70,11 +75,9 @@ class LearningCurve(BaseCallback):
 
     def __init__(self, envs: VecEnv) -> None:
         super().__init__()
-        self.many, self.rows, self.began = (
-            envs,
-            list[tuple[int, float, float]](),
-            time.perf_counter(),
-        )
+        self.many = envs
+        self.rows = list[tuple[int, float, float]]()
+        self.began = time.perf_counter()
 
     def _on_step(self) -> bool:
         return True
@@ -182,7 +185,8 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
 
 def compare_learned(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
     """Score the learned controller beside strategies of `compare`, for the combined move."""
-    setup, move = Setup(engine="compiled"), MOVES[-1]
+    setup = Setup(engine="compiled")
+    move = MOVES[-1]
     task = SwingTask(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}
     plans["learned"] = MovePlan(

@@ -58,7 +58,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     published = PUBLISHED if swing == SWING else {}
     cases = [run(setup, x, swing=swing, published=published.get(x)) for x in options.length]
     length, k_p, k_d, article = SOFT
-    stiffness, damping = {"x": k_p}, {"x": k_d}
+    stiffness = {"x": k_p}
+    damping = {"x": k_d}
     soft = run(setup, length, swing=swing, stiffness=stiffness, damping=damping, published=article)
     return outcome(setup, cases, soft)
 
@@ -135,7 +136,8 @@ def _within(pairs: Sequence[tuple[float, float]]) -> tuple[bool, str]:
     one nearest to its bound [%].
     """
     sizes = [(abs(error), bound) for error, bound in pairs]
-    largest, nearest = max(sizes), max(sizes, key=lambda size: size[0] / size[1])
+    largest = max(sizes)
+    nearest = max(sizes, key=lambda size: size[0] / size[1])
     texts = [
         f"{100 * error:.2g} % where {100 * bound:.2g} % are allowed"
         for error, bound in dict.fromkeys([largest, nearest])
@@ -160,7 +162,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("a1", __doc__)
     harness.add_setup(parser, "hoist_init")
-    add, lengths = parser.add_argument, list(PUBLISHED)
+    add = parser.add_argument
+    lengths = list(PUBLISHED)
     add("--length", type=float, nargs="+", default=lengths, metavar="L", help="cable lengths [m]")
     add("--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]")
     text = "find the unpublished gains of trolley and hoist from the published columns"

@@ -51,8 +51,17 @@ This k_d is chosen to meet the published error; with the 5e4 N s/m of the stiff 
 would be +0.55 %.
 """
 
-SWING, PULSE_AT, DURATION, FIT_FROM = 0.10, 2.0, 70.0, 12.0
-"""Target amplitude [rad], start of the pulse, duration of a run, start of the fit [s]."""
+SWING = 0.10
+"""Amplitude of the swing that the pulse is to give [rad]."""
+
+PULSE_AT = 2.0
+"""Start of the pulse [s]."""
+
+DURATION = 70.0
+"""Duration of a run [s]."""
+
+FIT_FROM = 12.0
+"""Start of the part of a run to which a swing is fitted [s]."""
 
 
 @dataclass(frozen=True)
@@ -160,9 +169,12 @@ def budget(crane: Crane, length: float, amplitude: float, controller: Hold) -> d
     """Return what each cause adds to the period, relative to the point pendulum in standard
     gravity.
     """
-    g, m = crane.gravity, crane.payload_mass
-    k_p, k_d = controller.stiffness, controller.damping
-    trolley, hoist = crane.layout.drive("x"), crane.layout.drive("l")
+    g = crane.gravity
+    m = crane.payload_mass
+    k_p = controller.stiffness
+    k_d = controller.damping
+    trolley = crane.layout.drive("x")
+    hoist = crane.layout.drive("l")
     inertia = crane.payload_inertia[0, 0]
     point = float(theory.point_period(length, g))
     payload = theory.rigid_period(length, g, m, inertia)

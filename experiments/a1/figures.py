@@ -31,8 +31,10 @@ def waveform_figure(cases: Sequence[SwingCase]) -> Figure:
     """
     figure, axes = panels(len(cases), height=1.7, sharex=True)
     for ax, case in zip(axes, cases, strict=True):
-        t, fit = case.trajectory.t, case.fit
-        point, late = float(theory.point_period(case.length, STANDARD_GRAVITY)), t >= FIT_FROM
+        t = case.trajectory.t
+        fit = case.fit
+        point = float(theory.point_period(case.length, STANDARD_GRAVITY))
+        late = t >= FIT_FROM
         ideal = fit.amplitude_at(t) * np.cos(
             2 * np.pi / point * (t - FIT_FROM) + 2 * np.pi / fit.period * FIT_FROM + fit.phase
         )

@@ -32,7 +32,8 @@ def differences(setup: Setup, trolley_damping: float, hoist: Sequence[float]) ->
     """Return ours less the published error [percentage points], ζ and amplitude [rad] at the four
     lengths, shape (4, 3), by the trolley's k_d and the hoist's k_p and k_d.
     """
-    stiffness, damping = {"l": hoist[0]}, {"x": trolley_damping, "l": hoist[1]}
+    stiffness = {"l": hoist[0]}
+    damping = {"x": trolley_damping, "l": hoist[1]}
     cases = [run(setup, length, stiffness=stiffness, damping=damping) for length in PUBLISHED]
     ours = [(100 * c.error, c.fit.damping_ratio, c.fit.amplitude) for c in cases]
     return np.array(ours) - [(p.point, p.zeta, p.amplitude) for p in PUBLISHED.values()]

@@ -73,7 +73,8 @@ def budget_table(cases: Sequence[SwingCase]) -> ResultTable:
 
 def damping_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
     """Return what each cause adds to the damping ratio."""
-    g, m = crane.gravity, crane.payload_mass
+    g = crane.gravity
+    m = crane.payload_mass
 
     def parts(case: SwingCase) -> tuple[float, float, float]:
         inertia = crane.payload_inertia[0, 0] + crane.dummy_inertia[0]

@@ -38,7 +38,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make every move by every strategy, the combined one under every case, and the tour."""
     from cranedyn.recording import Run
 
-    drive, ideal = options.drive, options.drive == IDEAL
+    drive = options.drive
+    ideal = options.drive == IDEAL
     moves = [*MOVES, SWINGING]
     of_move, tours = _compute(options, setup, moves)
     combined = of_move[COMBINED.name]
@@ -81,7 +82,8 @@ def _compute(
     options: argparse.Namespace, setup: Setup, moves: Sequence[RestToRest]
 ) -> tuple[dict[str, Results], dict[str, TourResult | str]]:
     """Return the results of each move, and the tours if drives are ideal, computed in processes."""
-    drive, quiet = options.drive, replace(setup, reporter=ProgressReporter())
+    drive = options.drive
+    quiet = replace(setup, reporter=ProgressReporter())
     names = options.only or STRATEGIES
     with processes(options.jobs) as workers:
         submit = workers.submit

@@ -34,9 +34,11 @@ from experiments.energy.swing import (
 )
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
-LEAST_SWING, ROUNDING = 0.001, 1e-13
-"""Smallest swing at the start [rad], and smallest share of the energy that stands clear of its
-rounding."""
+LEAST_SWING = 0.001
+"""Smallest swing at the start [rad]."""
+
+ROUNDING = 1e-13
+"""Smallest share of the energy that stands clear of its rounding."""
 
 STEPS = (1.0e-3, 5.0e-4, 2.5e-4)
 """Physics steps compared [s]."""
@@ -50,7 +52,8 @@ def band(trajectory: Trajectory, period: float) -> tuple[float, float, float]:
     or loss carries the mean out of the band of the first swing; a ripple that decays with the swing
     does not.
     """
-    t, error = trajectory.t, trajectory.unexplained
+    t = trajectory.t
+    error = trajectory.unexplained
     first = error[t <= t[0] + period]
     return float(error[t >= t[-1] - period].mean()), float(first.min()), float(first.max())
 
@@ -112,7 +115,8 @@ def _ledger_claims(
     setup: Setup, crane: Crane, audit: Trajectory, ripple: Mapping[float, float], period: float
 ) -> Iterator[Claim]:
     first = float(swing_energy(crane, audit)[0])
-    worst, lead = float(np.abs(audit.unexplained).max()), half_step(crane, audit, setup.dt)
+    worst = float(np.abs(audit.unexplained).max())
+    lead = half_step(crane, audit, setup.dt)
     halving = [ripple[a] / ripple[b] for a, b in itertools.pairwise(STEPS)]
     # What the next power of the step changes in a ratio is a few ω dt.
     second = [8.0 * math.pi / period * dt for dt in STEPS[:-1]]
@@ -160,7 +164,8 @@ def _exact_claims(
 
 def _ledger(crane: Crane, trajectory: Trajectory) -> ResultTable:
     level = swing_energy(crane, trajectory)
-    first, last = float(level[0]), float(level[-1])
+    first = float(level[0])
+    last = float(level[-1])
     rows = [
         ("swing energy at t = 0", first, PUBLISHED[0]),
         (f"swing energy at t = {AUDIT:g} s", last, PUBLISHED[1]),
@@ -169,7 +174,8 @@ def _ledger(crane: Crane, trajectory: Trajectory) -> ResultTable:
         ("taken by joint damping", -float(trajectory.dissipated[-1]), None),
         ("unexplained", float(trajectory.unexplained[-1]), PUBLISHED[3]),
     ]
-    swing, cable = trajectory["phi_rad"][0], trajectory["l_m"][0]
+    swing = trajectory["phi_rad"][0]
+    cable = trajectory["l_m"][0]
     return ResultTable(
         f"Energy of a {swing:g} rad swing on {cable:g} m of cable",
         [("[J]", ""), ("ours", "+.2f"), ("article", "+.1f")],
@@ -214,9 +220,11 @@ def _steps(
 
 def _ledger_figure(crane: Crane, trajectory: Trajectory) -> Figure:
     figure, (above, below) = panels(2, height=2.4, sharex=True)
-    t, level = trajectory.t, swing_energy(crane, trajectory)
+    t = trajectory.t
+    level = swing_energy(crane, trajectory)
     above.plot(t, level, color=COLOURS["energy"], label="ours")
-    label, colour = "article, with its plugin", COLOURS["unexplained"]
+    label = "article, with its plugin"
+    colour = COLOURS["unexplained"]
     above.plot([0.0, AUDIT], PUBLISHED[:2], "x", color=colour, label=label)
     above.set(ylabel="swing energy [J]", ylim=(0, 1.1 * level[0]))
     below.plot(t, level - level[0], color=COLOURS["energy"], label="change of swing energy")
@@ -245,7 +253,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("energy", __doc__)
     harness.add_setup(parser, "damp_swing", "hoist_init")
-    add, text = parser.add_argument, "radial swing at the start [rad]"
+    add = parser.add_argument
+    text = "radial swing at the start [rad]"
     add("--swing", type=float, default=SWING, metavar="PHI", help=text)
     add("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     text = "what a plugin that overwrites the passive rates does to the swing"

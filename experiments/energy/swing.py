@@ -20,8 +20,17 @@ from cranedyn.references import spline
 from experiments.harness import Setup
 from experiments.oracles.bench import locked
 
-SWING, LENGTH, AUDIT, LONG = 0.15, 15.0, 6.0, 60.0
-"""Swing at the start [rad], cable length [m], time of the audit and of the long run [s]."""
+SWING = 0.15
+"""Swing at the start [rad]."""
+
+LENGTH = 15.0
+"""Cable length [m]."""
+
+AUDIT = 6.0
+"""Time at which the article audits the energy [s]."""
+
+LONG = 60.0
+"""Duration of the long run [s]."""
 
 DAMPINGS = (0.0, 1.0, 2.0e5)
 """Damping of the swing joints compared [N m s/rad]."""
@@ -32,8 +41,17 @@ of the drives, unexplained."""
 
 
 def run(setup: Setup, crane: Crane, swing: float, length: float, duration: float) -> Trajectory:
-    """Let the load swing from rest [rad] on a cable [m] with the drives held."""
-    start, label = crane.state(l=length, phi=swing), f"dt = {1000 * setup.dt:g} ms"
+    """Let the load swing from rest with the drives held.
+
+    Args:
+        setup: Clocks and engine.
+        crane: The crane.
+        swing: Swing at the start [rad].
+        length: Cable length [m].
+        duration: Duration [s].
+    """
+    start = crane.state(l=length, phi=swing)
+    label = f"dt = {1000 * setup.dt:g} ms"
     return setup.simulate(
         crane,
         hold_controller(crane, gravity=STANDARD_GRAVITY),
@@ -59,8 +77,9 @@ def swing_energy(crane: Crane, trajectory: Trajectory) -> np.ndarray:
 
 
 def half_step(crane: Crane, trajectory: Trajectory, dt: float) -> float:
-    """Return the largest work of the load's weight in half a step [J], by which positions are ahead
-    of velocities.
+    """Return the largest work of the load's weight in half a step [J].
+
+    With semi-implicit Euler positions are half a step ahead of velocities.
     """
     height = point_paths(crane, trajectory.q)[:, 0, 2]
     rate = float(np.abs(np.gradient(height, trajectory.t)).max())
@@ -79,7 +98,8 @@ def lowered(setup: Setup, length: float) -> tuple[float, float]:
     """
     crane = setup.variant(damp_slew=0, damp_trolley=0, damp_swing=0, damp_hoist=0)
     start = crane.state(l=length)
-    gamma, x = (start.q[crane.layout.index(symbol)] for symbol in ("gamma", "x"))
+    gamma = start.q[crane.layout.index("gamma")]
+    x = start.q[crane.layout.index("x")]
     run = setup.simulate(
         crane,
         hold_controller(crane, gravity=STANDARD_GRAVITY),
@@ -89,9 +109,13 @@ def lowered(setup: Setup, length: float) -> tuple[float, float]:
         label="a plumb load lowered",
         validity="mark",
     )
-    states = zip(run.q, run.v, strict=True)
-    level = np.array([energy(crane, State(q - setup.dt / 2.0 * v, v)) for q, v in states])
+    energies = []
+    for q, v in zip(run.q, run.v, strict=True):
+        in_step = State(q - setup.dt / 2.0 * v, v)
+        energies.append(energy(crane, in_step))
+    level = np.array(energies)
     error = level - level[0] - run.work.sum(axis=1)
+    # Rounding errors of as many sums add like random steps.
     rounding = math.sqrt(len(error)) * sys.float_info.epsilon * float(np.abs(level).max())
     return float(np.abs(error).max()), rounding
 
@@ -114,7 +138,8 @@ class Oscillation(NamedTuple):
 
     def __call__(self, t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Return swing, and rate over ω, at given times, as shares of the swing at the start."""
-        damped = cmath.sqrt(1.0 - self.ratio**2)  # imaginary beyond critical damping
+        # Imaginary beyond critical damping, where cosine and sine become hyperbolic.
+        damped = cmath.sqrt(1.0 - self.ratio**2)
         turned = self.frequency * damped * np.asarray(t)
         decay = np.exp(-self.ratio * self.frequency * np.asarray(t))
         swing = decay * (np.cos(turned) + self.ratio / damped * np.sin(turned))
@@ -141,10 +166,12 @@ def locked_off(setup: Setup, crane: Crane, swing: float, length: float) -> tuple
         Largest difference in energy up to the time of the audit, and that of semi-implicit Euler
         for a swing without damping, ω dt/2; both as shares of the energy at the start.
     """
-    weight, inertia = crane.payload_mass * crane.gravity * length, inertia_of(crane, length)
+    weight = crane.payload_mass * crane.gravity * length
+    inertia = inertia_of(crane, length)
     damping = float(crane.damping[crane.layout.index("phi")])
 
     def rates(_: float, y: np.ndarray) -> list[float]:
+        """Return the derivative of the angle and the rate of the damped pendulum."""
         return [y[1], -(damping * y[1] + weight * math.sin(y[0])) / inertia]
 
     # Locked drives need no buffers.
@@ -159,8 +186,17 @@ def locked_off(setup: Setup, crane: Crane, swing: float, length: float) -> tuple
         validity=validity,
         label="drives locked",
     )
-    exact = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12 * swing}
-    phi, rate = solve_ivp(rates, (0.0, AUDIT), [swing, 0.0], t_eval=run.t, **exact).y
+    solution = solve_ivp(
+        rates,
+        (0.0, AUDIT),
+        [swing, 0.0],
+        t_eval=run.t,
+        method="DOP853",
+        rtol=1e-10,
+        atol=1e-12 * swing,
+    )
+    phi, rate = solution.y
+    # m g l (1 - cos φ) = 2 m g l sin²(φ/2), which loses no digits where φ is small.
     pendulum = inertia * rate**2 / 2.0 + 2.0 * weight * np.sin(phi / 2.0) ** 2
     error = float(np.abs(swing_energy(crane, run) - pendulum).max() / pendulum[0])
     return error, math.sqrt(weight / inertia) * setup.dt / 2.0

@@ -43,7 +43,8 @@ def parser(
     )
     result.set_defaults(experiment=name, live=False, modes={}, conditions=[])
     result.set_defaults(view=False, serve=False, film=None)
-    add, no_default = result.common.add_argument, argparse.SUPPRESS
+    add = result.common.add_argument
+    no_default = argparse.SUPPRESS
     text = f"folder for results, default out/{name}"
     add("--out", metavar="DIR", help=text, default=no_default)
     add("--all", action="store_true", help="print all tables and claims, not one screen of them")
@@ -75,8 +76,13 @@ def add_engine(
 
 
 def add_mode(parser: argparse.ArgumentParser, name: str, *uses: str) -> None:
-    """Refuse all arguments beside the one with this name, except those that it uses and those that
-    say where to write.
+    """Add a mode: beside its argument all others are refused that would have no effect.
+
+    Args:
+        parser: The parser.
+        name: Destination of the argument that asks for the mode.
+        *uses: Destinations of the arguments that have an effect in it, besides those that say what
+            to print and where to write.
     """
     parser.set_defaults(modes={**parser.get_default("modes"), name: uses})
 
@@ -117,29 +123,47 @@ def parse_arguments(
 
 
 def _check_effect(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    flags = {
-        action.dest: action.option_strings[0] if action.option_strings else f"A {action.metavar}"
-        for action in parser._actions
-    }
-    changed = {
-        name: flags[name]
-        for name, value in vars(options).items()
-        if name in flags and value != parser.get_default(name)
-    }
+    """Refuse arguments that have no effect beside others, see `add_mode` and `add_condition`."""
+    changed = _changed_arguments(parser, options)
     for mode, uses in options.modes.items():
-        allowed = {mode, "out", "all", "document", *uses} if mode in changed else changed
-        for name in changed:
+        if mode not in changed:
+            continue
+        allowed = {mode, "out", "all", "document", *uses}
+        for name, flag in changed.items():
             if name not in allowed:
-                message = f"{changed[name]} has no effect beside {changed[mode]}; leave it out."
-                raise DataError(message)
+                raise DataError(f"{flag} has no effect beside {changed[mode]}; leave it out.")
     for needed, holds, names in options.conditions:
         for name in names:
             if name in changed and not holds(options):
                 raise DataError(f"{changed[name]} has no effect without {needed}; leave it out.")
 
 
+def _changed_arguments(
+    parser: argparse.ArgumentParser, options: argparse.Namespace
+) -> dict[str, str]:
+    """Return how an error message names each argument that is not at its default, by destination.
+
+    An argument that was given its default value cannot be told from one that was not given.
+    """
+    flags = {}
+    for action in parser._actions:
+        named = action.option_strings
+        flags[action.dest] = named[0] if named else f"A {action.metavar}"
+
+    changed = {}
+    for name, value in vars(options).items():
+        if name in flags and value != parser.get_default(name):
+            changed[name] = flags[name]
+    return changed
+
+
 def _check_recording(options: argparse.Namespace) -> None:
-    if hasattr(options, "port") and not any(getattr(options, mode, None) for mode in options.modes):
+    """Check before the run that its recording can be made, shown, served and filmed as asked.
+
+    Nothing is recorded by experiments without these arguments, nor in a mode, which reads files.
+    """
+    has_mode = any(getattr(options, mode, None) for mode in options.modes)
+    if hasattr(options, "port") and not has_mode:
         from cranedyn import recording
         from cranedyn.recording.film import check_film
 
@@ -153,7 +177,12 @@ def _check_recording(options: argparse.Namespace) -> None:
 
 
 def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
-    """Return the folder of the results and the file of the recording."""
+    """Return the folder of the results and the file of the recording.
+
+    Raises:
+        DataError: If they cannot be written: the folder is a file, a parent does not exist, or the
+            recording has another ending than ``.rrd``.
+    """
     folder = Path(getattr(options, "out", Path("out") / options.experiment))
     recording = Path(getattr(options, "save", folder / f"{options.experiment}.rrd"))
     parent = folder.absolute().parent

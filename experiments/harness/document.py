@@ -77,8 +77,10 @@ class Document:
                 return block[0]
             selection = self._tables(block, tables)
             if block["csv"]:
-                files = ((_subject(table.title), self._csv_file(table).name) for table in selection)
-                content = ["".join(f"* [{subject}]({file})\n" for subject, file in files)]
+                links = ""
+                for table in selection:
+                    links += f"* [{_subject(table.title)}]({self._csv_file(table).name})\n"
+                content = [links]
             else:
                 content = [f"{table.markdown()}\n" for table in selection]
             return "\n".join([block["begin"], *content, block["end"]])
@@ -88,8 +90,8 @@ class Document:
     def stale(self, tables: Sequence[ResultTable], *, subset: bool = False) -> list[str]:
         """Return a sentence for each cell or row that differs from newly computed tables.
 
-        A number may be off by one of its last digit: half of it is rounding, and the other half is
-        what other processors and libraries may add to a digit that is printed.
+        A number may differ by one in its last printed digit: half of that is rounding, and the
+        other half allows for other processors and libraries.
 
         Args:
             tables: The tables of the experiment.
@@ -98,13 +100,14 @@ class Document:
         Raises:
             DataError: If a block asks for a table that is missing.
         """
-        return [
-            f"{self.path}, {table.title}: {sentence}."
-            for block, table in self._wanted(tables)
-            for sentence in _differences(table, self._shown(block, table), subset)
-        ]
+        sentences = []
+        for block, table in self._wanted(tables):
+            for sentence in _differences(table, self._shown(block, table), subset):
+                sentences.append(f"{self.path}, {table.title}: {sentence}.")
+        return sentences
 
     def _wanted(self, tables: Sequence[ResultTable]) -> Iterator[tuple[re.Match[str], ResultTable]]:
+        """Yield each block of the experiment with each of the tables that it asks for."""
         for block in _BLOCK.finditer(self.text):
             if block["experiment"] == self.experiment:
                 yield from ((block, table) for table in self._tables(block, tables))
@@ -116,14 +119,16 @@ class Document:
         file = self._csv_file(table)
         if f"({file.name})" not in block["content"] or not os.path.isfile(file):
             return []
-        return [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(read_text(file)))]
+        rows = csv.reader(io.StringIO(read_text(file)))
+        return [[cell.strip() for cell in row] for row in rows]
 
     def _csv_file(self, table: ResultTable) -> Path:
-        """Return the file beside the document, named by the words of the title."""
+        """Return the CSV file of a table: beside the document, named by the words of its title."""
         words = re.findall(r"[a-z]+", _subject(table.title).lower())
         return self.path.parent / f"{'_'.join([self.experiment, *words])[:80]}.csv"
 
     def _tables(self, block: re.Match[str], tables: Sequence[ResultTable]) -> list[ResultTable]:
+        """Return the tables that a block asks for."""
         result = [table for table in tables if table.title.startswith(block["title"])]
         if not result:
             raise DataError(
@@ -161,31 +166,52 @@ def read_document(path: str | Path, experiment: str) -> Document:
 
 
 def _subject(title: str) -> str:
-    """Return a title without units and coordinates."""
+    """Return a title without what follows it in brackets: units such as " [m]", coordinates such as
+    ": (x, l)".
+    """
     return re.sub(r"(: \(| \[).*", "", title)
 
 
 def _csv(table: ResultTable) -> str:
+    """Return a table as the text of a CSV file."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([header.strip() for header, _ in table.columns])
-    for row in table.shown():  # numbers without separators of thousands
-        forms = [form for _, form in table.columns]
-        writer.writerow(
-            [cell.replace(",", "") if form else cell for cell, form in zip(row, forms, strict=True)]
-        )
+    forms = [form for _, form in table.columns]
+    for row in table.shown():
+        # Programs that read the file take a separator of thousands for one of columns.
+        cells = [
+            cell.replace(",", "") if form else cell for cell, form in zip(row, forms, strict=True)
+        ]
+        writer.writerow(cells)
     return text.getvalue()
 
 
 def _rows(content: str, title: str) -> list[list[str]]:
-    """Return the rows of the table with a title in a block, the header first; none without it."""
+    """Return the rows of a Markdown table with a title, the header first; none if it is not there.
+
+    Args:
+        content: Text of a block.
+        title: Title of the table.
+    """
     text = content.partition(f"**{title}**\n\n")[2].partition("\n\n")[0]
     lines = [line for line in text.splitlines() if line.startswith("|")]
-    rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines]
+    rows = []
+    for line in lines:
+        cells = line.strip().strip("|").split("|")
+        rows.append([cell.strip() for cell in cells])
+    # The second line holds the alignment of the columns.
     return [*rows[:1], *rows[2:]]
 
 
 def _differences(table: ResultTable, rows: Sequence[Sequence[str]], subset: bool) -> Iterator[str]:
+    """Yield in words how a newly computed table differs from what a document shows of it.
+
+    Args:
+        table: The newly computed table.
+        rows: Rows that the document shows, the header first.
+        subset: Whether rows may be missing in the new table.
+    """
     headers = [header.strip() for header, _ in table.columns]
     if not rows or list(rows[0]) != headers:
         yield "it is not there, or has other columns"
@@ -204,7 +230,7 @@ def _differences(table: ResultTable, rows: Sequence[Sequence[str]], subset: bool
 
 
 def _by_name(rows: Sequence[Sequence[Any]]) -> dict[str, Sequence[Any]]:
-    """Return rows by their first cell, with a number where it comes again."""
+    """Return rows by their first cell, with "#2", "#3" after one that occurs again."""
     result: dict[str, Sequence[Any]] = {}
     for row in rows:
         count = sum(name == row[0] or name.startswith(f"{row[0]} #") for name in result)
@@ -213,15 +239,29 @@ def _by_name(rows: Sequence[Sequence[Any]]) -> dict[str, Sequence[Any]]:
 
 
 def _rounds(cell: str, value: float | str | None, form: str) -> bool:
+    """Return whether a cell shows a number to within one in its last digit."""
     if value is None or isinstance(value, str) or cell == "-":
         return False
-    number = resolution(form) / 2.0 if cell[0] == "<" else float(cell.replace(",", ""))
-    # 1e-9 of it for decimal fractions that are no binary ones
+    if cell[0] == "<":
+        # "< 0.1" says that the number is from 0 to 0.1: take the middle.
+        number = resolution(form) / 2.0
+    else:
+        number = float(cell.replace(",", ""))
+    # Decimal fractions are no binary ones, so a difference of exactly one digit is rounded.
     return abs(number - value) <= (1.0 + 1e-9) * last_digit(value, form)
 
 
 def last_digit(value: float, form: str) -> float:
-    """Return one of the last digit with which a format shows a value."""
+    """Return the value of one in the last digit that a format shows, for example 0.01 for ".2f".
+
+    Args:
+        value: The number that is shown; the last digit of formats e and g depends on its size.
+        form: The format, as a column of a table has it.
+
+    Returns:
+        The value; 0 for formats of whole numbers and for numbers that are not finite, which have to
+        agree exactly.
+    """
     match = re.fullmatch(r"[+-]?,?(?:\.(\d+))?([a-z%]?)", form.partition(">")[0])
     if match is None or match[2] not in "efg" or not math.isfinite(value):
         return 0.0
@@ -229,12 +269,14 @@ def last_digit(value: float, form: str) -> float:
     if match[2] == "f":
         return max(10.0**-digits, resolution(form))
     exponent = math.floor(math.log10(abs(value))) if value else 0
-    return max(10.0 ** (exponent - digits + (match[2] == "g")), resolution(form))
+    # Format e counts the digits after the point, format g all of them.
+    decimals = digits - 1 if match[2] == "g" else digits
+    return max(10.0 ** (exponent - decimals), resolution(form))
 
 
 @contextmanager
 def naming_result(file: Path) -> Iterator[None]:
-    """Name the file in errors about what it holds.
+    """Name the file in the errors that occur while its content is read.
 
     Raises:
         DataError: If it cannot be read, or is not the result of an experiment.
@@ -270,6 +312,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(options: argparse.Namespace) -> int:
+    """Print which cells are stale, write the tables if asked to, and return the exit code."""
     stale = []
     for path in options.documents:
         blocks = _BLOCK.finditer(read_text(path))

@@ -26,8 +26,15 @@ Claim = Check
 """What an experiment shows, in a sentence: it holds, fails, or the arguments do not allow to judge
 it."""
 
-_LINES, _MOST_CLAIMS = 19, 5
-"""Lines of a screen for its table and claims, and most claims there that do not fail."""
+SCREEN_LINES = 19
+"""Lines for table and claims on a screen of 24.
+
+The other five are the blank line below the table, the count of claims, and up to three lines that
+say where files are and which commands show more.
+"""
+
+MAX_OTHER_CLAIMS = 5
+"""Largest number of claims on a screen that do not fail; those that fail are all shown."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,12 @@ class Outcome:
 
 
 def side_by_side(runs: Mapping[str, tuple[Crane, Trajectory]], apart: float = 20.0) -> list[Run]:
-    """Return cranes and their trajectories by name as runs for the viewer, some way apart [m]."""
+    """Return runs for the viewer whose cranes stand in a row along X.
+
+    Args:
+        runs: Crane and trajectory of each run, by name.
+        apart: Distance from one crane to the next [m].
+    """
     from cranedyn.recording import Run
 
     return [
@@ -64,17 +76,19 @@ def side_by_side(runs: Mapping[str, tuple[Crane, Trajectory]], apart: float = 20
 
 
 def show(outcome: Outcome, *, whole: bool = True) -> str:
-    """Print tables, claims, and how many of these hold; on a terminal in its width, else in that of
-    the variable COLUMNS or 80.
+    """Print tables, claims, and how many of the claims hold.
+
+    The width is that of the terminal. Where the output goes elsewhere, it is that of the variable
+    COLUMNS, or 80.
 
     Args:
         outcome: The outcome.
-        whole: Whether to print all of it. Else what fits a screen of 24 lines is printed: the
-            first columns and rows of the first table, and the claims; those that fail in full, the
-            others cut to a line.
+        whole: Whether to print all of it. Otherwise only what fits a screen of 24 lines is printed:
+            the first columns and rows of the first table, and the claims. Claims that fail are
+            printed in full, the others are cut to a line.
 
     Returns:
-        What is left out, as "3 tables and 5 columns"; empty for nothing.
+        What is left out, for example "3 tables and 5 columns"; empty if nothing is.
     """
     console = Console(highlight=False)
     if whole:
@@ -82,36 +96,67 @@ def show(outcome: Outcome, *, whole: bool = True) -> str:
             for block in blocks(table, console.width):
                 console.print(block)
             console.print()
-    failed = [claim for claim in outcome.claims if claim.verdict is Verdict.FAILS]
-    others = [claim for claim in outcome.claims if claim.verdict is Verdict.NOT_JUDGED]
-    others += [claim for claim in outcome.claims if claim.verdict is Verdict.HOLDS]
-    claims = outcome.claims if whole else [*failed, *others[:_MOST_CLAIMS]]
-    folded = {"table": 0, "column": 0, "row": 0, "claim": len(outcome.claims) - len(claims)}
-    if not whole and outcome.tables:
-        table, lines = outcome.tables[0], _LINES - len(claims)
-        block, folded["column"], folded["row"] = excerpt(table, console.width, lines)
-        folded["table"] = len(outcome.tables) - 1
-        console.print(block)
-        console.print()
-    for claim in claims:
-        if not whole and claim in others:
-            line = Text(f"{claim.verdict.word:11}{claim.sentence}")
-            line.truncate(console.width, overflow="ellipsis")
-            console.print(line)
-        elif console.is_terminal:
-            grid = RichTable.grid(padding=(0, 1, 0, 0))
-            grid.add_row(Text(f"{claim.verdict.word:10}"), Text(claim.sentence))
-            console.print(grid)
-        else:  # a line each, for searching
-            print(f"{claim.verdict.word:11}{claim.sentence}")
+        for claim in outcome.claims:
+            _print_claim(console, claim)
+        left_out: dict[str, int] = {}
+    else:
+        left_out = _show_screen(console, outcome)
     if outcome.claims:
         console.print(summary(outcome.claims))
-    counts = [f"{n} {noun}{'s' * (n > 1)}" for noun, n in folded.items() if n]
-    return " and ".join(filter(None, (", ".join(counts[:-1]), *counts[-1:])))
+    return _listed(left_out)
+
+
+def _show_screen(console: Console, outcome: Outcome) -> dict[str, int]:
+    """Print what fits a screen, and return how many tables, columns, rows and claims do not."""
+    failed = [claim for claim in outcome.claims if claim.verdict is Verdict.FAILS]
+    # Claims that were not judged stand first, so that they are not the ones that are left out.
+    others = [claim for claim in outcome.claims if claim.verdict is Verdict.NOT_JUDGED]
+    others += [claim for claim in outcome.claims if claim.verdict is Verdict.HOLDS]
+    shown = others[:MAX_OTHER_CLAIMS]
+    claim_count = len(failed) + len(shown)
+
+    left_out = {"table": 0, "column": 0, "row": 0, "claim": len(outcome.claims) - claim_count}
+    if outcome.tables:
+        first = excerpt(outcome.tables[0], console.width, SCREEN_LINES - claim_count)
+        left_out["table"] = len(outcome.tables) - 1
+        left_out["column"] = first.columns_left_out
+        left_out["row"] = first.rows_left_out
+        console.print(first.block)
+        console.print()
+    for claim in failed:
+        _print_claim(console, claim)
+    for claim in shown:
+        line = Text(f"{claim.verdict.word:11}{claim.sentence}")
+        line.truncate(console.width, overflow="ellipsis")
+        console.print(line)
+    return left_out
+
+
+def _print_claim(console: Console, claim: Claim) -> None:
+    """Print a claim in full: folded in its column on a terminal, else on one line."""
+    if console.is_terminal:
+        grid = RichTable.grid(padding=(0, 1, 0, 0))
+        grid.add_row(Text(f"{claim.verdict.word:10}"), Text(claim.sentence))
+        console.print(grid)
+    else:
+        # A line each, so that tools such as grep find whole claims.
+        print(f"{claim.verdict.word:11}{claim.sentence}")
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    """Return counts in words, "1 table, 2 columns and 3 claims"; those that are 0 are not named."""
+    phrases = [f"{count} {noun}{'s' * (count > 1)}" for noun, count in counts.items() if count]
+    if len(phrases) < 2:
+        return "".join(phrases)
+    return f"{', '.join(phrases[:-1])} and {phrases[-1]}"
 
 
 def summary(claims: Sequence[Claim]) -> str:
-    """Return how many claims hold, and how many were not judged, which counts as neither."""
+    """Return how many claims hold, and how many were not judged.
+
+    A claim that was not judged counts neither as one that holds nor as one that fails.
+    """
     verdicts = [claim.verdict for claim in claims]
-    count, unknown = verdicts.count(Verdict.HOLDS), verdicts.count(Verdict.NOT_JUDGED)
+    count = verdicts.count(Verdict.HOLDS)
+    unknown = verdicts.count(Verdict.NOT_JUDGED)
     return f"{count} of {len(claims)} claims hold, {unknown} not judged."

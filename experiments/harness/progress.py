@@ -1,5 +1,7 @@
-"""Progress of runs, counts and sweeps: bars on a terminal, else a line on standard error now and
-then.
+"""Progress of runs, counts and sweeps.
+
+On a terminal it is shown as bars. Elsewhere a line goes to standard error now and then, so that a
+log shows that work goes on, and results on standard output stay clean.
 """
 
 from __future__ import annotations
@@ -19,20 +21,33 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from cranedyn.sweep import Progress as SweepProgress
 
 LINE_INTERVAL = 10.0
-"""Time between two lines, and before the first [s]: short work prints nothing."""
+"""Time between two lines, and before the first [s]; work that takes less time prints nothing."""
 
-_BAR_INTERVAL = 0.5
-"""Simulated time between two updates of a bar [s]."""
+BAR_INTERVAL = 0.5
+"""Simulated time between two updates of a bar [s].
+
+A run reports each control instant, of which there are hundreds in a second; drawing is slower.
+"""
 
 
 class ProgressLines:
-    """Lines on standard error, at least `LINE_INTERVAL` apart by a clock [s]."""
+    """Lines on standard error, at least `LINE_INTERVAL` apart."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._due = clock, clock() + LINE_INTERVAL
+        """Begin to wait for the first line.
+
+        Args:
+            clock: Function that returns the time [s].
+        """
+        self._clock = clock
+        self._due = clock() + LINE_INTERVAL
 
     def say(self, text: Callable[[], str]) -> None:
-        """Print a text if the next line is due."""
+        """Print a line if the next one is due.
+
+        Args:
+            text: Function that makes the line; it is called only if the line is printed.
+        """
         now = self._clock()
         if now >= self._due:
             self._due = now + LINE_INTERVAL
@@ -41,34 +56,52 @@ class ProgressLines:
 
 @dataclass(frozen=True)
 class ProgressReporter:
-    """Progress in bars or in lines; with neither, nothing is shown.
+    """Shows progress in bars or in lines; with neither, it shows nothing.
 
     Attributes:
-        bars: Bars of rich.
-        lines: Lines on standard error.
+        bars: Bars on a terminal.
+        lines: Lines on standard error, if there are no bars.
     """
 
     bars: Progress | None = None
     lines: ProgressLines | None = None
 
     def run(self, name: str, duration: float) -> Callable[[float], None] | None:
-        """Return the callback of a run for `simulate`, None if nothing is shown."""
+        """Return a callback that takes the simulated time of a run [s].
+
+        Args:
+            name: Name of the run.
+            duration: Simulated time at its end [s].
+
+        Returns:
+            The callback; None if nothing is shown.
+        """
         bars = self.bars
         if bars is None:
             return self.message(name, f"of {duration:g} s", ".1f")
-        task, last = bars.add_task(name, total=duration, speed=""), -math.inf
+        task = bars.add_task(name, total=duration, speed="")
+        last = -math.inf
 
         def update(t: float) -> None:
             nonlocal last
-            if t > min(last + _BAR_INTERVAL, duration) - 1e-9:
-                last, elapsed = t, bars.tasks[task].elapsed or 0.0
+            # Always at the end of the run, so that no bar stays short of it. Times are sums of
+            # steps, which rounding leaves a little short of the number that is meant.
+            if t > min(last + BAR_INTERVAL, duration) - 1e-9:
+                last = t
+                elapsed = bars.tasks[task].elapsed or 0.0
+                # A speed from less than a tenth of a second would jump.
                 speed = f"{t:6.1f} s, {t / elapsed:.0f}x real time" if elapsed > 0.1 else ""
                 bars.update(task, completed=t, speed=speed)
 
         return update
 
     def count(self, name: str, total: int) -> Callable[[int], None]:
-        """Return a callback that takes how many of several tasks are done."""
+        """Return a callback that takes the number of tasks that are done.
+
+        Args:
+            name: What the tasks are.
+            total: Number of all tasks.
+        """
         bars = self.bars
         if bars is None:
             return self.message(name, f"of {total}") or (lambda done: None)
@@ -76,14 +109,26 @@ class ProgressReporter:
         return lambda done: bars.update(task, completed=done, speed=f"{done} of {total}")
 
     def message(self, name: str, unit: str, form: str = "") -> Callable[[float], None] | None:
-        """Return a callback that prints a number with its unit in lines, None on a terminal."""
+        """Return a callback that prints a number in lines; None if no lines are printed.
+
+        Args:
+            name: What stands before the number.
+            unit: What stands after it.
+            form: Format of the number.
+        """
         return self._lines(lambda number: f"{name}: {number:{form}} {unit}")
 
     def sweep(
         self, name: str, clock: Callable[[], float] = time.monotonic
     ) -> Callable[[SweepProgress], None] | None:
-        """Return the callback of a sweep for `cranedyn.sweep.sweep`, None if nothing is shown."""
-        bars, start = self.bars, clock()
+        """Return the progress callback for `cranedyn.sweep.sweep`; None if nothing is shown.
+
+        Args:
+            name: Name of the sweep.
+            clock: Function that returns the time [s].
+        """
+        bars = self.bars
+        start = clock()
         if bars is None:
             return self._lines(lambda progress: f"{name}: {_rate(progress, clock() - start)}")
         task = bars.add_task(name, total=None, speed="")
@@ -95,20 +140,34 @@ class ProgressReporter:
         return update
 
     def _lines(self, text: Callable[[Any], str]) -> Callable[[Any], None] | None:
+        """Return a callback that prints its argument as a text makes a line of it; None if no lines
+        are printed.
+        """
         lines = self.lines
-        return None if lines is None else lambda value: lines.say(lambda: text(value))
+        if lines is None:
+            return None
+        return lambda value: lines.say(lambda: text(value))
 
 
 @contextmanager
 def reporting() -> Iterator[ProgressReporter]:
-    """Report progress while the context lasts: in bars on a terminal, else in lines."""
+    """Yield a reporter that shows bars if standard error is a terminal, and prints lines if not.
+
+    The bars disappear with the context, so that only results stay on the screen.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
         yield ProgressReporter(lines=ProgressLines())
         return
-    texts = TextColumn("{task.description}"), TextColumn("{task.fields[speed]}")
-    columns = texts[0], BarColumn(), texts[1], TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True) as bars:
+    bars = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[speed]}"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    )
+    with bars:
         yield ProgressReporter(bars)
 
 
@@ -120,10 +179,17 @@ def sweeping(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
 
 
 def _rate(progress: SweepProgress, elapsed: float) -> str:
-    """Return the cases done, their rate, the bad ones and the time left, after a time [s]."""
+    """Return the progress of a sweep in words: cases done, their rate, how many failed, and the
+    time left.
+
+    Args:
+        progress: Counts of cases.
+        elapsed: Time since the sweep began or was taken up again [s].
+    """
     phrases = [f"{progress.done} of {progress.cases} cases"]
     remaining = progress.left(elapsed)
     if remaining is not None and elapsed > 0.0:
+        # Without the cases that were done before the sweep was taken up again.
         phrases.append(f"{(progress.done - progress.before) / elapsed:.3g}/s")
     if progress.errors:
         phrases.append(f"{progress.errors} bad")

@@ -1,5 +1,6 @@
-"""Data that an experiment reads instead of simulating: tables of other programs, recordings of ROS,
-results of a sweep.
+"""Data that an experiment reads instead of simulating.
+
+These are tables of other programs, recordings of ROS, and results of a sweep.
 """
 
 from __future__ import annotations
@@ -24,8 +25,17 @@ from experiments.harness.table import ResultTable
 
 Analysis = TypeVar("Analysis")
 
-_LARGEST, _FASTEST, _LONGEST_GAP = 1e6, 10.0, 0.5
-"""Largest number in any unit, fastest angle [rad/s], longest time from row to row [s]."""
+MAX_VALUE = 1e6
+"""Largest magnitude of any other recorded number, in the unit of its column."""
+
+MAX_ANGULAR_RATE = 10.0
+"""Largest magnitude of a recorded angular rate [rad/s]."""
+
+MIN_CABLE_LENGTH = 1e-3
+"""Shortest recorded cable [m]. A pendulum of no length has no period."""
+
+MAX_GAP = 0.5
+"""Longest time from one row of a recorded file to the next [s]."""
 
 
 def add_files(parser: Parser, columns: Sequence[str], *uses: str) -> None:
@@ -33,7 +43,7 @@ def add_files(parser: Parser, columns: Sequence[str], *uses: str) -> None:
 
     Args:
         parser: The parser.
-        columns: Columns that the analysis needs.
+        columns: Names of the columns that the analysis needs.
         uses: Destinations of further arguments that have an effect on the analysis.
     """
     add_mode(parser, "files", *uses, "columns", "joints")
@@ -49,8 +59,9 @@ def add_sources(parser: Parser, place: str) -> None:
     """Add the arguments for the names of columns and joints in recorded files.
 
     Args:
-        parser: The parser, whose argument `files` has the files.
-        place: What these arguments need, with braces for the ending of a file: "{} FILE".
+        parser: The parser. Its argument `files` has the recorded files.
+        place: What these arguments need, as the error message names it, with braces for the kind of
+            file, for example "{} FILE".
     """
     text = (
         "what columns of tables are called, or #3 for the third, and their units where they are "
@@ -63,9 +74,11 @@ def add_sources(parser: Parser, place: str) -> None:
     parser.common.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)
 
     def has_file(options: argparse.Namespace, *, ros: bool) -> bool:
+        """Return whether a file is a recording of ROS, or whether one is a table."""
         return any(bags.is_recording(file) is ros for file in options.files or ())
 
-    bag, table = place.format("an .mcap or .bag"), place.format("a .csv or .parquet")
+    bag = place.format("an .mcap or .bag")
+    table = place.format("a .csv or .parquet")
     add_condition(parser, bag, lambda options: has_file(options, ros=True), "joints")
     add_condition(parser, table, lambda options: has_file(options, ros=False), "columns")
 
@@ -75,15 +88,15 @@ class FileAnalyses(Generic[Analysis]):
     """Analyses of recorded files.
 
     Attributes:
-        results: Name of each file and its analysis.
-        remarks: What was decided about the files, a sentence each.
+        results: Name of each file, with its analysis.
+        remarks: Sentences about how files were read, such as which of several columns was taken.
     """
 
     results: list[tuple[str, Analysis]]
     remarks: tuple[str, ...]
 
     def noted(self, table: ResultTable) -> ResultTable:
-        """Return a table with what was decided about the files in its note."""
+        """Return a table whose note ends with the remarks."""
         return replace(table, note=" ".join([table.note, *self.remarks]).strip())
 
 
@@ -92,12 +105,12 @@ def analyse_files(
     columns: Sequence[str],
     analyse: Callable[[str, dict[str, np.ndarray]], Analysis],
 ) -> FileAnalyses[Analysis]:
-    """Return the names of the files of ``--from``, each with the analysis of its columns.
+    """Read and analyse the files of ``--from``.
 
     Args:
         options: The arguments of the command line.
-        columns: Our names of the columns.
-        analyse: Function of the name of a file and its columns, shape (n,) each.
+        columns: Names of the columns that are needed, as this project calls them.
+        analyse: Function that takes the name of a file and its columns, shape (rows,) each.
 
     Raises:
         DataError: If a file cannot be read or analysed; the message begins with its name.
@@ -115,12 +128,12 @@ def analyse_files(
 
 
 def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> ExternalTable:
-    """Return columns of a recorded file, time `t_s` and the cable length `l_m` among them.
+    """Return columns of a recorded file, among them the time `t_s` and the cable length `l_m`.
 
     Raises:
-        DataError: As `load_external`; if a cable is shorter than a millimetre, an angle changes by
-            more than 10 rad/s, any other number is beyond a million of its unit, or rows are more
-            than half a second apart.
+        DataError: As `load_external`; also if a cable is shorter than `MIN_CABLE_LENGTH`, an angle
+            changes faster than `MAX_ANGULAR_RATE`, another number is larger than `MAX_VALUE`, or
+            rows are more than `MAX_GAP` apart.
     """
     if bags.is_recording(file):
         joints = parse_pairs("joints", options.joints)
@@ -129,17 +142,18 @@ def _read(file: str, columns: Sequence[str], options: argparse.Namespace) -> Ext
         table = load_external(open_log(file), columns, parse_sources(options.columns))
     data = table.columns
     for name, values in data.items():
-        high = _FASTEST if name.endswith("_rad_s") else _LARGEST
-        low = 1e-3 if name == "l_m" else -high
+        high = MAX_ANGULAR_RATE if name.endswith("_rad_s") else MAX_VALUE
+        low = MIN_CABLE_LENGTH if name == "l_m" else -high
         for extreme in (values.min(), values.max()):
+            # NaN fails this comparison, too.
             if not low <= extreme <= high:
                 raise DataError(
                     f"{file}: {name} is {extreme:g} in some row; allowed is {low:g} to {high:g}."
                 )
-    if (gap := np.diff(data["t_s"]).max()) > _LONGEST_GAP:
+    gap = np.diff(data["t_s"]).max()
+    if gap > MAX_GAP:
         raise DataError(
-            f"{file}: t_s leaves a gap of {gap:g} s; allowed are {_LONGEST_GAP:g} s from row to "
-            "row."
+            f"{file}: t_s leaves a gap of {gap:g} s; allowed are {MAX_GAP:g} s from row to row."
         )
     return table
 
@@ -148,10 +162,11 @@ def swept_columns(folder: Path) -> dict[str, np.ndarray]:
     """Return the columns of a finished sweep by name, shape (cases,) each.
 
     Raises:
-        CraneError: If no case of it went well.
+        CraneError: If every case of it failed.
     """
     table = results(folder)
     errors = table["error"]
+    # The column holds the error of each case that failed, and null for the others.
     if errors.null_count == 0:
         raise CraneError(f"Each of {len(errors):,} cases is bad; the first: {errors[0].as_py()}")
     return {name: table[name].to_numpy() for name in table.column_names}

@@ -34,20 +34,26 @@ from experiments.harness.progress import reporting
 from experiments.harness.setup import Setup, setup_of
 
 FIGURES = (".png", ".svg")
-"""Endings under which a figure is stored: for a glance, and for pages and papers."""
+"""Endings under which each figure is stored: one for a glance, one for pages and papers."""
 
 Experiment = Callable[[argparse.Namespace, Setup], Outcome]
+"""What an experiment does, from the arguments of its command line and its setup."""
 
 
 def run_experiment(
     parser: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None
 ) -> int:
-    """Run an experiment from the command line: print its tables and claims, write its files.
+    """Run an experiment from the command line: print its tables and claims, and write its files.
 
     Among the parameters in ``result.json`` are those of its setup.
 
-    A claim that could not be judged under the arguments given is no pass: it is printed as "not
-    judged", and the last line counts the claims that hold, all claims, and those not judged.
+    A claim that cannot be judged under the arguments given does not count as a pass: it is printed
+    as "not judged". The last line counts the claims that hold, all claims, and those not judged.
+
+    Args:
+        parser: Parser of the command line, see `harness.parser`.
+        experiment: Function that computes the outcome.
+        argv: Arguments of the command line; those of the process if None.
 
     Returns:
         0 if no claim fails, 1 if one does or a run failed, 2 for bad arguments, 130 if interrupted.
@@ -59,8 +65,11 @@ def _run(
     parser: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None
 ) -> int:
     options = parse_arguments(parser, argv)
-    options.about, options.argv = parser.description, sys.argv[1:] if argv is None else argv
+    options.about = parser.description
+    options.argv = sys.argv[1:] if argv is None else argv
+    # Two runs that write into one folder would mix their files.
     with lock_folder(options.folder):
+        # Before the run, which may take minutes.
         for file in (options.folder / "result.json", options.recording):
             check_writable(file)
         try:
@@ -69,35 +78,42 @@ def _run(
             return _store_partial_run(error, options.folder)
     left_out = show(outcome, whole=options.all)
     print(_pointers(outcome, options, left_out))
-    if outcome.recording and not options.live:  # the demo has shown it already
+    # A live demo has been shown while it ran.
+    if outcome.recording and not options.live:
         _view(options)
     return FAILED if overall(outcome.claims) is Verdict.FAILS else 0
 
 
 def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
+    """Return the outcome of an experiment, and write its files."""
+    # Read before the run, so that a document without blocks for the tables is refused at once.
     file = getattr(options, "document", None)
     document = None if file is None else read_document(file, options.experiment)
     with reporting() as reporter:
         setup = setup_of(options, reporter)
         outcome = with_events(experiment(options, setup))
+    # Experiments without `add_setup` have no gravity; recorded files have a world of their own.
     if hasattr(options, "gravity") and not getattr(options, "files", None):
         parameters = {**setup.parameters(), **outcome.parameters}
         outcome = replace(outcome, parameters=parameters)
-    # Claims are about the errors of the default stepping rule.
+    # Claims hold within the errors of the default stepping rule; under another they say nothing.
     if setup.integrator != "euler":
-        outcome = replace(outcome, claims=[Claim(c.sentence, None) for c in outcome.claims])
+        unjudged = [Claim(claim.sentence, None) for claim in outcome.claims]
+        outcome = replace(outcome, claims=unjudged)
     _write(outcome, options, document)
     return outcome
 
 
 def _write(outcome: Outcome, options: argparse.Namespace, document: Document | None) -> None:
-    """Write the files of a run and its document as one set; ``result.json`` lists the others with
-    digests.
+    """Write the files of a run and its document as one set: all of them or none.
+
+    ``result.json`` lists the files in the folder with their digests, and is written last.
     """
     from cranedyn.data.tables import write_table
     from cranedyn.plotting.figures import save
 
-    result, folder = _result(outcome, options), options.folder
+    result = _result(outcome, options)
+    folder = options.folder
     with atomic_write_set() as drafts:
         if document is not None:
             document.write(outcome.tables)
@@ -122,54 +138,80 @@ def _json(result: dict[str, Any]) -> str:
         DataError: If a number in it is not finite.
     """
     try:
+        # Scalars of NumPy are written as the numbers that they hold.
         return json.dumps(
             result, indent=1, ensure_ascii=False, allow_nan=False, default=lambda n: n.item()
         )
     except ValueError:
-        bad = [
-            f"{column} in row {i + 1} of the table {table['title']!r}"
-            for table in result["tables"]
-            for i, row in enumerate(table["rows"])
-            for column, value in zip(table["columns"], row, strict=True)
-            if not isinstance(value, str | None) and not math.isfinite(value)
-        ]
+        cells = _cells_not_finite(result)
         raise DataError(
             "These arguments give a result that is not finite: "
-            f"{', '.join(bad) or 'one of its parameters'}."
+            f"{', '.join(cells) or 'one of its parameters'}."
         ) from None
 
 
+def _cells_not_finite(result: dict[str, Any]) -> list[str]:
+    """Return column, row and table of each number in the tables that is NaN or infinite."""
+    found = []
+    for table in result["tables"]:
+        for i, row in enumerate(table["rows"]):
+            for column, value in zip(table["columns"], row, strict=True):
+                is_number = not isinstance(value, str | None)
+                if is_number and not math.isfinite(value):
+                    found.append(f"{column} in row {i + 1} of the table {table['title']!r}")
+    return found
+
+
 def _record(outcome: Outcome, options: argparse.Namespace) -> None:
+    """Write the recording, with claims and tables as a text in it, and the film if one is asked
+    for.
+    """
     from cranedyn.recording import record
     from cranedyn.recording.film import film
 
     claims = [f"**{claim.verdict.word}**: {claim.sentence}" for claim in outcome.claims]
-    text = "\n\n".join([options.about, *claims, *(t.markdown() for t in outcome.tables)])
+    tables = [table.markdown() for table in outcome.tables]
+    text = "\n\n".join([options.about, *claims, *tables])
     title = f"Experiment {options.experiment}"
     record(options.recording, outcome.recording, title=title, text=text)
     if options.film:
-        ends = [run.trajectory.t[row] for run in outcome.recording for row in (0, -1)]
+        first = min(run.trajectory.t[0] for run in outcome.recording)
+        last = max(run.trajectory.t[-1] for run in outcome.recording)
         with reporting() as reporter:
-            show_time = reporter.run("film", float(max(ends) - min(ends)))
+            show_time = reporter.run("film", float(last - first))
             film(options.film, outcome.recording, progress=show_time)
 
 
 def _pointers(outcome: Outcome, options: argparse.Namespace, left_out: str) -> str:
-    """Return where the files are, and the commands that show more."""
-    picture = next((f"; picture: {options.folder / name}.png" for name in outcome.figures), "")
+    """Return the lines below the claims: where the files are, and the commands that show more.
+
+    Args:
+        outcome: The outcome.
+        options: The arguments of the command line.
+        left_out: What the screen left out, see `show`.
+    """
+    written = f"Written to {options.folder}"
+    if outcome.figures:
+        first_figure = next(iter(outcome.figures))
+        written += f"; picture: {options.folder / first_figure}.png"
+    if hasattr(options, "port") and not (outcome.recording or options.live):
+        written += "; no run to record"
+
     commands = []
     if outcome.recording:
         commands.append(f"cranedyn view {shlex.quote(str(options.recording))}")
     if left_out:
         again = shlex.join([*options.argv, "--all"])
         commands.append(f"{command_name(options.experiment)} {again}  # {left_out} more")
-    nexts = [f"{lead}{line}" for lead, line in zip(("Next: ", " " * 6), commands, strict=False)]
-    if hasattr(options, "port") and not (outcome.recording or options.live):
-        picture += "; no run to record"
-    return "\n".join([f"Written to {options.folder}{picture}.", *nexts])
+    lines = [f"{written}."]
+    for i, line in enumerate(commands):
+        lead = "Next: " if i == 0 else " " * len("Next: ")
+        lines.append(lead + line)
+    return "\n".join(lines)
 
 
 def _view(options: argparse.Namespace) -> None:
+    """Open the recording in the viewer, and serve it to browsers until Ctrl-C, where asked to."""
     from cranedyn import recording
 
     if options.view:
@@ -184,6 +226,7 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
+    """Return what ``result.json`` holds, but for the digests of the files."""
     versions: dict[str, str | None] = {"python": platform.python_version()}
     for package in ("cranedyn", "pin", "numpy", "scipy", "rerun-sdk"):
         try:
@@ -206,6 +249,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _store_partial_run(error: RunError, folder: Path) -> int:
+    """Write what a run that broke off had recorded, and return the exit code."""
     print(f"error: {error}", file=sys.stderr)
     if error.trajectory is not None and len(error.trajectory) > 0:
         try:

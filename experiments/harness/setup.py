@@ -116,25 +116,38 @@ class Setup:
             engine=self.engine,
             integrator=INTEGRATORS[self.integrator],
             monitors=[] if show is None else [lambda row, t, state: show(t)],
+            # An experiment may ask for another validity than the command line.
             **{"validity": self.validity, **options},
         )
 
     def judged(self, holds: bool) -> bool | None:
-        """Return whether a claim about published numbers holds; None unless gravity is the
-        article's 9.8 m/s² and all but the engine the default.
+        """Return the verdict of a claim about numbers that the article published.
+
+        Args:
+            holds: Whether it holds in this world.
+
+        Returns:
+            The same; None, for not judged, unless gravity is the article's 9.8 m/s² and everything
+            else the default. Engines agree to round-off, so any may be used.
         """
         article = replace(Setup(9.8), engine=self.engine, reporter=self.reporter)
         return bool(holds) if self == article else None
 
     def parameters(self) -> dict[str, object]:
         """Return the numbers of this world, with units in the names."""
-        clocks = {"dt_s": self.dt, "control_period_s": self.control_period}
-        means = {"validity": self.validity, "engine": self.engine, "integrator": self.integrator}
-        return {"gravity_m_s2": self.gravity, **clocks, **means, **self.values}
+        return {
+            "gravity_m_s2": self.gravity,
+            "dt_s": self.dt,
+            "control_period_s": self.control_period,
+            "validity": self.validity,
+            "engine": self.engine,
+            "integrator": self.integrator,
+            **self.values,
+        }
 
 
 def setup_of(options: argparse.Namespace, reporter: ProgressReporter) -> Setup:
-    """Return the setup of a command line.
+    """Return the setup of a command line, the default one if the experiment has no such arguments.
 
     Raises:
         DataError: If a number of the crane is given twice, or the experiment sets it itself.
@@ -148,5 +161,13 @@ def setup_of(options: argparse.Namespace, reporter: ProgressReporter) -> Setup:
                 f"{name} is set by the experiment {options.experiment} itself; leave it out of "
                 "--set."
             )
-    means = options.validity, options.engine, options.integrator
-    return Setup(options.gravity, values, options.dt, options.control_period, *means, reporter)
+    return Setup(
+        gravity=options.gravity,
+        values=values,
+        dt=options.dt,
+        control_period=options.control_period,
+        validity=options.validity,
+        engine=options.engine,
+        integrator=options.integrator,
+        reporter=reporter,
+    )

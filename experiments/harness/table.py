@@ -19,7 +19,7 @@ smaller number is "< 0.1". It is for columns in which rounding decides what is s
 
 
 def resolution(form: str) -> float:
-    """Return the resolution of a column's format, 0 where it has none."""
+    """Return the resolution of a column's format in the unit of the column, 0 if it has none."""
     return float(form.partition(">")[2] or 0.0)
 
 
@@ -27,11 +27,13 @@ def cell(value: float | str | None, form: str) -> str:
     """Return a value as a column with a format shows it."""
     if value is None:
         return "-"
-    plain, _, step = form.partition(">")
-    if step:
-        if abs(float(value)) < float(step):
-            return f"< {step}"
-        value = round(float(value), -round(math.log10(float(step))))
+    plain, _, smallest = form.partition(">")
+    if smallest:
+        if abs(float(value)) < float(smallest):
+            return f"< {smallest}"
+        # The resolution is a power of ten, 10^-k: round to k decimals.
+        decimals = -round(math.log10(float(smallest)))
+        value = round(float(value), decimals)
     return printable(format(value, plain))
 
 
@@ -77,36 +79,44 @@ class ResultTable:
 
     @classmethod
     def of(cls, stored: Mapping[str, Any]) -> ResultTable:
-        """Return the table of a ``result.json``.
+        """Return a table as `stored` wrote it into a ``result.json``.
 
         Raises:
-            LookupError, TypeError, ValueError: If it is none.
+            LookupError, TypeError, ValueError: If what was read is no such table.
         """
         columns = list(zip(stored["columns"], stored["formats"], strict=True))
         return cls(stored["title"], columns, stored["rows"], stored["note"])
 
     def stored(self) -> dict[str, Any]:
         """Return the table as ``result.json`` holds it."""
-        headers, formats = ([column[i] for column in self.columns] for i in (0, 1))
-        values = {"columns": headers, "formats": formats, "rows": list(self.rows)}
-        return {"title": self.title, **values, "note": self.note}
+        return {
+            "title": self.title,
+            "columns": [header for header, _ in self.columns],
+            "formats": [form for _, form in self.columns],
+            "rows": list(self.rows),
+            "note": self.note,
+        }
 
     def shown(self) -> list[list[str]]:
-        """Return the rows as text, each cell on one line."""
-        return [
-            [cell(value, form) for value, (_, form) in zip(row, self.columns, strict=True)]
-            for row in self.rows
-        ]
+        """Return the formatted cells of each row; no cell has a line break."""
+        forms = [form for _, form in self.columns]
+        rows = []
+        for row in self.rows:
+            rows.append([cell(value, form) for value, form in zip(row, forms, strict=True)])
+        return rows
 
     def markdown(self) -> str:
-        """Return the table in Markdown."""
-        head = [
-            [header for header, _ in self.columns],
-            ["---:" if form else "---" for _, form in self.columns],
-        ]
-        rows = [[cell.replace("|", "\\|") for cell in row] for row in self.shown()]
-        lines = "\n".join(f"| {' | '.join(row)} |" for row in [*head, *rows])
-        return "\n\n".join(text for text in (f"**{self.title}**", lines, self.note) if text)
+        """Return the table in Markdown: title, table and note, with numbers set to the right."""
+        headers = [header for header, _ in self.columns]
+        alignment = ["---:" if form else "---" for _, form in self.columns]
+        rows = [headers, alignment]
+        for shown in self.shown():
+            # A bar would end the cell.
+            rows.append([text.replace("|", "\\|") for text in shown])
+
+        lines = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+        parts = [f"**{self.title}**", lines, self.note]
+        return "\n\n".join(part for part in parts if part)
 
 
 def make_table(
@@ -116,9 +126,19 @@ def make_table(
     note: str = "",
     last_row: Sequence[Cell] = (),
 ) -> ResultTable:
-    """Return a table with a row for each item, and perhaps a last row of other origin, such as the
-    published values.
+    """Return a table with a row for each item.
+
+    Args:
+        title: Title of the table.
+        items: What the rows are about.
+        *columns: Header, format, and function that returns the value of an item, for each column.
+        note: Remark below the table.
+        last_row: Values of one more row that is of no item, such as published values.
     """
-    rows = [tuple(value(item) for *_, value in columns) for item in items]
+    rows: list[Sequence[Cell]] = []
+    for item in items:
+        rows.append(tuple(value(item) for _, _, value in columns))
+    if last_row:
+        rows.append(last_row)
     heads = [(header, form) for header, form, _ in columns]
-    return ResultTable(title, heads, [*rows, last_row] if last_row else rows, note)
+    return ResultTable(title, heads, rows, note)

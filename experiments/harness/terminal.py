@@ -1,5 +1,10 @@
-"""A table on a terminal of any width: upright with folded headers, turned on its side, or in
-blocks; a number is never cut.
+"""Layout of a result table on a terminal of any width.
+
+A number is never cut. The first of these that fits the width is printed:
+
+1. the table as it is, with headers folded to at most `MAX_HEADER_LINES` lines;
+2. the table transposed: a row for each column;
+3. several tables one below the other, each of which repeats the columns that tell rows apart.
 """
 
 from __future__ import annotations
@@ -15,23 +20,26 @@ from rich.text import Text
 
 from experiments.harness.table import ResultTable
 
-_FRAME = 3
-"""Width of the frame of a column: two spaces and a line."""
+FRAME_WIDTH = 3
+"""Width of the frame of a column [characters]: two spaces and a line."""
 
-_LINES = 4
-"""Most lines of a folded header."""
+MAX_HEADER_LINES = 4
+"""Largest number of lines of a folded header."""
 
-_TEXT_WIDTH = 26
-"""Width of a column of text where a table becomes blocks."""
+KEY_WIDTH = 26
+"""Width to which repeated columns of text are folded where a table is split [characters].
+
+It leaves more than half of a terminal of 80 characters to the other columns.
+"""
 
 
 class TextColumn(NamedTuple):
-    """A column as text.
+    """A column of a table whose cells are formatted.
 
     Attributes:
-        head: Its header.
-        cells: Its cells.
-        is_text: Whether its cells may be folded; numbers may not.
+        head: The header.
+        cells: The formatted cells.
+        is_text: Whether the cells may be folded at spaces; numbers may not.
     """
 
     head: str
@@ -39,49 +47,79 @@ class TextColumn(NamedTuple):
     is_text: bool
 
     @property
-    def natural(self) -> int:
-        """The width that needs no folding."""
-        return max(map(cell_len, (self.head, *self.cells)))
+    def unfolded_width(self) -> int:
+        """Width in which neither the header nor a cell is folded [characters]."""
+        return max(cell_len(text) for text in (self.head, *self.cells))
 
     @property
-    def least(self) -> int:
-        """The smallest width in which every word and every number is whole."""
-        cells = [w for cell in self.cells for w in cell.split()] if self.is_text else self.cells
-        return max((cell_len(word) for word in (*self.head.split(), *cells)), default=1)
+    def min_width(self) -> int:
+        """Smallest width in which every word and every number is whole [characters]."""
+        unbreakable = self.head.split()
+        for cell in self.cells:
+            unbreakable += cell.split() if self.is_text else [cell]
+        return max((cell_len(text) for text in unbreakable), default=1)
 
 
 def blocks(table: ResultTable, width: int) -> Iterator[RichTable]:
-    """Yield the table in one or several blocks that fit a terminal of a width [columns], the title
-    over the first and the note under the last.
+    """Yield the table in one or several blocks that fit a width [characters].
+
+    The title stands above the first block and the note below the last.
     """
-    groups = _split(columns_of(table), width)
+    groups = _arrange(columns_of(table), width)
+    last = len(groups) - 1
     for i, columns in enumerate(groups):
-        last = i == len(groups) - 1
-        yield _block(columns, width, "" if i else table.title, table.note if last else "")
+        title = table.title if i == 0 else ""
+        note = table.note if i == last else ""
+        yield _block(columns, width, title, note)
 
 
-def excerpt(table: ResultTable, width: int, lines: int) -> tuple[RichTable, int, int]:
-    """Return the first columns and rows of a table that fit into a width [columns] and a number of
-    lines, but one row at least, and how many columns and rows are left out.
+class Excerpt(NamedTuple):
+    """The beginning of a table.
+
+    Attributes:
+        block: What is printed.
+        columns_left_out: Number of columns that do not fit.
+        rows_left_out: Number of rows that do not fit.
     """
-    columns, count = columns_of(table), len(table.columns)
-    while count > 1 and (
-        _total(column.least for column in columns[:count]) > width
-        or max(_lines(column.head, column.least) for column in columns[:count]) > _LINES
-    ):
-        count -= 1
+
+    block: RichTable
+    columns_left_out: int
+    rows_left_out: int
+
+
+def excerpt(table: ResultTable, width: int, lines: int) -> Excerpt:
+    """Return the first columns and rows of a table that fit a screen.
+
+    The note is left out before a row is. One row is kept even where it does not fit.
+
+    Args:
+        table: The table.
+        width: Width of the screen [characters].
+        lines: Number of lines for the table, with title, header and note.
+    """
+    columns = columns_of(table)
+    column_count = len(columns)
+    while column_count > 1 and not _fits_folded(columns[:column_count], width):
+        column_count -= 1
+
+    # Only the rendered block tells how many lines it takes, since cells of text fold. So rows are
+    # dropped one by one, from as many as there could be if each took a line.
     console = Console(width=width)
-    for rows in range(min(len(table.rows), max(lines, 1)), -1, -1):
-        first = [c._replace(cells=c.cells[:rows]) for c in columns[:count]]
+    most_rows = min(len(table.rows), max(lines, 1))
+    for row_count in range(most_rows, -1, -1):
+        first = [
+            column._replace(cells=column.cells[:row_count]) for column in columns[:column_count]
+        ]
         for note in dict.fromkeys((table.note, "")):
             block = _block(first, width, table.title, note)
-            if (rows <= 1 and not note) or len(console.render_lines(block)) <= lines:
-                return block, len(columns) - count, len(table.rows) - rows
-    raise AssertionError("no row always fits")
+            is_smallest = row_count <= 1 and not note
+            if is_smallest or len(console.render_lines(block)) <= lines:
+                return Excerpt(block, len(columns) - column_count, len(table.rows) - row_count)
+    raise AssertionError("a table without rows and note is always returned")
 
 
 def columns_of(table: ResultTable) -> list[TextColumn]:
-    """Return the columns of a table as text."""
+    """Return the columns of a table with formatted cells."""
     rows = table.shown()
     return [
         TextColumn(head, tuple(row[i] for row in rows), not form)
@@ -89,65 +127,113 @@ def columns_of(table: ResultTable) -> list[TextColumn]:
     ]
 
 
-def _split(columns: list[TextColumn], width: int) -> list[list[TextColumn]]:
-    """Return all columns, turned ones, or blocks that repeat the first columns, whichever fits."""
-    if _total(column.natural for column in columns) <= width or (
-        _total(column.least for column in columns) <= width
-        and max(_lines(column.head, column.least) for column in columns) <= _LINES
-    ):
+def _arrange(columns: list[TextColumn], width: int) -> list[list[TextColumn]]:
+    """Return the columns of each block to print: all of them in one block, the transposed table,
+    or several blocks, whichever fits first.
+    """
+    unfolded = _table_width(column.unfolded_width for column in columns)
+    if unfolded <= width or _fits_folded(columns, width):
         return [columns]
-    # One column tells rows apart, or two do.
+
+    key_count = _key_count(columns)
+    row_count = len(columns[0].cells)
+    # A transposed table with as many columns as before would not be narrower. It needs one name a
+    # row, for its header.
+    if key_count == 1 and row_count < len(columns):
+        transposed = _transposed(columns)
+        if _table_width(column.min_width for column in transposed) <= width:
+            return [transposed]
+    return _split(columns, key_count, width)
+
+
+def _fits_folded(columns: Sequence[TextColumn], width: int) -> bool:
+    """Return whether columns fit a width with headers and text folded, but no header to more than
+    `MAX_HEADER_LINES`.
+    """
+    if _table_width(column.min_width for column in columns) > width:
+        return False
+    return max(_header_lines(column) for column in columns) <= MAX_HEADER_LINES
+
+
+def _key_count(columns: Sequence[TextColumn]) -> int:
+    """Return the number of first columns that tell rows apart: one, or two where cells of the first
+    come more than once.
+    """
     names = columns[0].cells
-    keys = 1 if len(set(names)) == len(names) or len(columns) < 3 else 2
-    turned = _turned(columns)
-    if (
-        keys == 1
-        and len(names) < len(columns)
-        and _total(column.least for column in turned) <= width
-    ):
-        return [turned]
-    fixed = sum(max(c.least, min(c.natural, _TEXT_WIDTH)) + _FRAME for c in columns[:keys])
-    result: list[list[TextColumn]] = []
-    for column in columns[keys:]:
-        if not result or fixed + _total(c.least for c in (*result[-1][keys:], column)) > width:
-            result.append([*columns[:keys]])
-        result[-1].append(column)
-    return result or [columns]
+    names_differ = len(set(names)) == len(names)
+    return 1 if names_differ or len(columns) < 3 else 2
 
 
-def _total(widths: Iterable[int]) -> int:
-    return sum(width + _FRAME for width in widths) + 1
+def _split(columns: list[TextColumn], key_count: int, width: int) -> list[list[TextColumn]]:
+    """Return blocks that each begin with the key columns and are filled up to a width."""
+    keys = columns[:key_count]
+    key_width = 0
+    for column in keys:
+        folded = max(column.min_width, min(column.unfolded_width, KEY_WIDTH))
+        key_width += folded + FRAME_WIDTH
+
+    groups: list[list[TextColumn]] = []
+    for column in columns[key_count:]:
+        is_full = True
+        if groups:
+            with_column = [*groups[-1][key_count:], column]
+            is_full = key_width + _table_width(c.min_width for c in with_column) > width
+        if is_full:
+            groups.append([*keys])
+        groups[-1].append(column)
+    return groups or [columns]
 
 
-def _turned(columns: Sequence[TextColumn]) -> list[TextColumn]:
-    """Return the rows as columns, with the headers in front."""
-    heads, *rows = zip(*((column.head, *column.cells) for column in columns), strict=True)
-    return [TextColumn(row[0], row[1:], row is heads) for row in (heads, *rows)]
+def _table_width(widths: Iterable[int]) -> int:
+    """Return the width of a table of columns with these widths, frame included [characters]."""
+    return sum(width + FRAME_WIDTH for width in widths) + 1
 
 
-def _lines(head: str, width: int) -> int:
-    """Return the number of lines of a header folded to a width."""
-    return len(wrap(head, width, break_long_words=False, break_on_hyphens=False))
+def _transposed(columns: Sequence[TextColumn]) -> list[TextColumn]:
+    """Return a table with a row for each column, the headers in front.
+
+    Its first column is text. The others hold numbers of different columns, which are not folded.
+    """
+    headers = TextColumn(columns[0].head, tuple(c.head for c in columns[1:]), is_text=True)
+    result = [headers]
+    for row in range(len(columns[0].cells)):
+        name = columns[0].cells[row]
+        values = tuple(column.cells[row] for column in columns[1:])
+        result.append(TextColumn(name, values, is_text=False))
+    return result
 
 
-def _widths(columns: Sequence[TextColumn], width: int) -> list[int]:
-    """Return the widths of columns: the least ones, and what is left goes to text first."""
-    widths = [column.least for column in columns]
-    spare = width - _total(widths)
+def _header_lines(column: TextColumn) -> int:
+    """Return the number of lines of a header folded to the smallest width of its column."""
+    lines = wrap(column.head, column.min_width, break_long_words=False, break_on_hyphens=False)
+    return len(lines)
+
+
+def _column_widths(columns: Sequence[TextColumn], width: int) -> list[int]:
+    """Return the widths of columns [characters]: the smallest ones, widened where they are folded.
+
+    What is left of the width goes to columns of text first, because folded text takes more lines,
+    and then to the headers of numbers.
+    """
+    widths = [column.min_width for column in columns]
+    spare = width - _table_width(widths)
     for is_text in (True, False):
         for i, column in enumerate(columns):
             if column.is_text is is_text:
-                extra = max(0, min(spare, column.natural - widths[i]))
-                widths[i], spare = widths[i] + extra, spare - extra
+                extra = max(0, min(spare, column.unfolded_width - widths[i]))
+                widths[i] += extra
+                spare -= extra
     return widths
 
 
 def _block(columns: Sequence[TextColumn], width: int, title: str, note: str) -> RichTable:
+    """Return a table for the terminal; without a line for a title or a note that is empty."""
     block = RichTable(title_justify="left", caption_justify="left")
-    block.title, block.caption = (Text(text) if text else None for text in (title, note))
-    for column, size in zip(columns, _widths(columns, width), strict=True):
+    block.title = Text(title) if title else None
+    block.caption = Text(note) if note else None
+    for column, column_width in zip(columns, _column_widths(columns, width), strict=True):
         side: Literal["left", "right"] = "left" if column.is_text else "right"
-        block.add_column(Text(column.head), justify=side, width=size, overflow="fold")
+        block.add_column(Text(column.head), justify=side, width=column_width, overflow="fold")
     for row in zip(*(column.cells for column in columns), strict=True):
-        block.add_row(*map(Text, row))
+        block.add_row(*(Text(cell) for cell in row))
     return block

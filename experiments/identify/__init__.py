@@ -35,13 +35,16 @@ FREE = ("a1_l5", "a1_l10", "a1_l15", "a1_l20")
 """Recordings of Gazebo Classic in which the load swings freely from 12 s on."""
 
 HELD = ("a1_l5", "a1_l15")
-"""Those of which the brake's gains are found, too."""
+"""Recordings from which the gains of the brake are estimated, too."""
 
 UNTIL = 42.0
-"""And up to when they are looked at for that [s]."""
+"""End of the part of these recordings from which the gains are estimated [s]."""
 
 WORLD = ("gravity", "dummy_inertia", "damp_swing")
+"""Parameters of the world that are estimated from a free swing."""
+
 GAINS = ("x_stiffness", "x_damping", "l_stiffness", "l_damping")
+"""Gains of the brake."""
 
 MADE_WITH = {
     "gravity": gazebo.GRAVITY,
@@ -52,14 +55,17 @@ MADE_WITH = {
     "l_stiffness": 3e4,
     "l_damping": 2e4,
 }
-"""What these recordings were made with."""
+"""True values of these parameters in the recordings [SI units]."""
 
 CLOSE = {"gravity": 1e-6, **dict.fromkeys(("dummy_inertia", "damp_swing", *GAINS), 5e-3)}
-"""How far off each may be, relative. Gazebo steps by 0.5 ms with the velocity at the end of the
-step, as if each k_d were k_p dt/2 larger (0.15 % of the trolley's), and moves centres along
-chords."""
+"""Largest relative error of each estimate.
 
-_SHOWN = 4
+Gazebo steps by 0.5 ms with the velocity at the end of the step, as if each k_d were k_p dt/2 larger
+(0.15 % of the trolley's), and moves centres along chords.
+"""
+
+MAX_FIGURES = 4
+"""Largest number of records of which a figure is drawn."""
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -67,10 +73,13 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     if options.coverage is not None:
         return covered(options, setup)
     loading = load_options(options)
-    urdf, values = loading.pop("urdf"), loading.pop("values")
+    urdf = loading.pop("urdf")
+    values = loading.pop("values")
     if (name := loading.pop("machine")) is not None:
         machine = read_machine(name)
-        urdf, values = machine.urdf, machine.values | values
+        urdf = machine.urdf
+        values = machine.values | values
+    # Gravity is a parameter to estimate: its prior value is an option of its own.
     del loading["gravity"]
     prior = Prior(urdf, values, options.believed, loading)
     return files(options, setup, prior) if options.files else examples(setup)
@@ -119,7 +128,9 @@ def _signs(arguments: Sequence[str]) -> dict[str, int]:
 
 
 def _believed(subject: str, result: Identification) -> list[Claim]:
-    """Judge whether the twin explains the records, and whether its numbers lie within bounds."""
+    """Return the claims that the twin explains the records, and that none of its numbers is at an
+    end of its range.
+    """
     share, column = result.estimate.least_explained
     bounds = result.estimate.at_bound
     return [
@@ -136,8 +147,9 @@ def _believed(subject: str, result: Identification) -> list[Claim]:
 
 
 def _white(subject: str, result: Identification) -> Claim:
-    """Judge what every interval presumes."""
-    coloured, verdict = ", ".join(result.estimate.not_white), "all"
+    """Return the claim that residuals are white noise, on which all intervals rest."""
+    coloured = ", ".join(result.estimate.not_white)
+    verdict = "all"
     if coloured:
         verdict = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
     return Claim(
@@ -163,20 +175,18 @@ def examples(setup: Setup) -> Outcome:
     trials = _trials(both.estimate)
     worlds = {"free swing": free, "brake": brake}
     subject = "The trial, setpoints of the drives alone"
-    tables = [
-        *(
-            values_table(result, f"Gazebo Classic 11.1, {n}", MADE_WITH)
-            for n, result in worlds.items()
-        ),
+    tables = []
+    claims: list[Claim] = []
+    for name, result in worlds.items():
+        tables.append(values_table(result, f"Gazebo Classic 11.1, {name}", MADE_WITH))
+        claims += _worlds_claims(name, result)
+    tables += [
         values_table(alone, subject, TRUTH),
         *doubts(alone, subject),
         *record_tables(both, "The trial, positions of the drives recorded, too", TRUTH),
         *of_trials(trials),
     ]
-    claims = [
-        *(claim for name, result in worlds.items() for claim in _worlds_claims(name, result)),
-        *_trials_claims(alone, both, trials),
-    ]
+    claims += _trials_claims(alone, both, trials)
     outcome = _outcome(both, tables, claims)
     figures = {
         "gazebo": beside(free.estimate, FREE.index("a1_l15")),
@@ -196,6 +206,7 @@ def _recordings(
     drives: Drives,
     until: float = math.inf,
 ) -> Model:
+    """Return the model of some parameters with recordings of Gazebo, from the free swing on."""
     records = [
         load_record(gazebo.RECORDINGS / f"{name}.parquet", prior.crane, since=12.0, until=until)
         for name in names
@@ -204,28 +215,37 @@ def _recordings(
 
 
 def _worlds_claims(name: str, result: Identification) -> Iterator[Claim]:
+    """Yield the claims that the numbers of Gazebo's world are found in its recordings."""
     for parameter, (value, _) in result.estimate.intervals.items():
-        off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
+        error = abs(value / MADE_WITH[parameter] - 1.0)
+        allowed = CLOSE[parameter]
         yield Claim(
             f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
-            f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
-            off <= allowed,
+            f"were made with ({value:.8g}, {error:.1e} off), from files alone.",
+            error <= allowed,
         )
 
 
 def _trials_claims(
     alone: Identification, both: Identification, trials: Sequence[Trial]
 ) -> Iterator[Claim]:
+    """Yield the claims on the trial.
+
+    Args:
+        alone: Identification from setpoints of the drives alone.
+        both: Identification from setpoints and positions.
+        trials: Strategies that were tried.
+    """
     for columns, result in (("setpoints alone", alone), ("positions, too", both)):
-        off = {
-            name: abs(value - TRUTH[name]) / margin
-            for name, (value, margin) in result.estimate.intervals.items()
-        }
-        worst = max(off, key=lambda name: off[name])
+        # Error over half the interval.
+        errors = {}
+        for name, (value, margin) in result.estimate.intervals.items():
+            errors[name] = abs(value - TRUTH[name]) / margin
+        worst = max(errors, key=lambda name: errors[name])
         yield Claim(
             f"The trial, {columns}: everything is found within twice its interval (at most "
-            f"{off[worst]:.2f} times, {worst}).",
-            off[worst] <= 2.0,
+            f"{errors[worst]:.2f} times, {worst}).",
+            errors[worst] <= 2.0,
         )
         yield _white(f"The trial, {columns}", result)
     pairs = [p for p in alone.judged.alike if {p.first, p.second} == {"delay", "x_lag"}]
@@ -262,7 +282,8 @@ def _outcome(
     result: Identification, tables: Sequence[ResultTable], claims: Sequence[Claim]
 ) -> Outcome:
     """Return the outcome with the twin, its runs of the records, and their figures."""
-    estimate, twin = result.estimate, result.twin
+    estimate = result.estimate
+    twin = result.twin
     model = estimate.model
     names = [record.name for record in model.records]
     runs = [model.run(i, estimate.values, twin.crane) for i in range(len(names))]
@@ -276,7 +297,7 @@ def _outcome(
             "twin": twin.options,
         },
         trajectories={f"twin_{i + 1}": run for i, run in enumerate(runs)},
-        figures={f"twin_{i + 1}": beside(estimate, i) for i in range(min(len(names), _SHOWN))},
+        figures={f"twin_{i + 1}": beside(estimate, i) for i in range(min(len(names), MAX_FIGURES))},
         recording=harness.side_by_side(
             {name: (twin.crane, run) for name, run in zip(names, runs, strict=True)}, apart=60.0
         ),
@@ -304,9 +325,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         "controller that holds them at their setpoints"
     )
     add("--drives", choices=("motion", "effort", "hold"), help=text)
-    for name, end, default in (("since", "before", -math.inf), ("until", "after", math.inf)):
-        text = f"leave out what was recorded {end} this time [s]"
-        add(f"--{name}", type=float, default=default, metavar="T", help=text)
+    text = "leave out what was recorded before this time [s]"
+    add("--since", type=float, default=-math.inf, metavar="T", help=text)
+    text = "leave out what was recorded after this time [s]"
+    add("--until", type=float, default=math.inf, metavar="T", help=text)
     text = "sign of a swing, 1 as recorded; by default both are tried if that does not explain it"
     add("--sign", nargs="+", default=[], metavar="S", help=text)
     harness.add_sources(parser, "{} FILE")
@@ -334,7 +356,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     harness.add_condition(parser, "a FILE", lambda options: bool(options.files), *of_files)
     text = "steps in which synthetic positions are recorded [m and degrees], 0 for exact ones"
     add("--resolution", type=float, metavar="STEP", help=text)
-    of_coverage = "plant", "workers", "resolution"
+    of_coverage = ("plant", "workers", "resolution")
     harness.add_condition(
         parser, "--coverage", lambda options: options.coverage is not None, *of_coverage
     )

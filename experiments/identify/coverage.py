@@ -1,5 +1,8 @@
-"""Synthetic cranes, each with numbers and moves of its own, identified from a noisy record of a run
-of `simulate` or of MuJoCo: how often the intervals hold the truth.
+"""How often the intervals of an identification hold the truth.
+
+Synthetic cranes, each with numbers and moves of its own, are run by `simulate` or by MuJoCo and
+recorded with noise. Each is identified from its record, beginning with the same wrong crane. Of
+95 % intervals, about 95 % have to hold the true numbers.
 """
 
 from __future__ import annotations
@@ -9,7 +12,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -29,7 +32,7 @@ from experiments.harness import Claim, Outcome, ResultTable, Setup, swept_column
 from experiments.identify.trial import simulate_motion
 
 NAMES = ("l_offset", "payload_mass", "damp_swing", "delay", "phi_bias", "theta_bias", "x_friction")
-"""What is found of each crane."""
+"""Parameters that are estimated of each crane."""
 
 RANGES = {
     "l_offset": (-0.5, 0.5),
@@ -40,64 +43,107 @@ RANGES = {
     "theta_bias": (-5e-3, 5e-3),
     "x_friction": (200.0, 800.0),
 }
-"""Between what the truth lies, each number by itself and evenly."""
+"""Lower and upper end of the true value of each parameter [its SI unit]; it is drawn evenly, and
+without regard to the others."""
 
-DURATION, INTERVAL, SWING = 40.0, 0.1, math.radians(20.0)
-"""Of a record [s], from row to row, and largest angle of a swing joint at its beginning [rad]."""
+DURATION = 40.0
+"""Duration of a record [s]."""
+
+INTERVAL = 0.1
+"""Time from one row of a record to the next [s]."""
+
+SWING = math.radians(20.0)
+"""Largest angle of a swing joint at the beginning [rad]."""
 
 NOISE = {"swing": 2e-3, "effort": 50.0}
-"""Standard deviation of what the sensors add: to a swing [rad], to an effort [N]."""
+"""Standard deviation of the noise of the sensors: of a swing [rad], of an effort [N]."""
 
-_PERIOD, _FINE, _STIFF = 2e-3, 4, 500.0
-"""Time between rows of the plant [s], in how many steps of MuJoCo, and frequency of the servos that
-bring its motors along [rad/s]."""
+PLANT_PERIOD = 2e-3
+"""Time between rows of the plant [s]."""
 
-_TAIL = 5e-4
-"""Probability of a count below, and above, what a claim allows."""
+MUJOCO_SUBSTEPS = 4
+"""Steps of MuJoCo between two rows."""
 
-_MOVES = {"x": (2, 2.0, 2.0, 6.0), "gamma": (1, 0.3, 3.0, 8.0), "l": (1, 3.0, 6.0, 12.0)}
+SERVO_FREQUENCY = 500.0
+"""Frequency of the servos that make MuJoCo's motors follow the motion [rad/s]."""
+
+TAIL_PROBABILITY = 5e-4
+"""Probability that a correct count is below what a claim allows, and that it is above."""
+
+
+class Moves(NamedTuple):
+    """Moves of a drive in a record.
+
+    Attributes:
+        number: Number of moves.
+        distance: Largest distance of a move [rad or m].
+        shortest: Shortest duration [s].
+        longest: Longest duration [s].
+    """
+
+    number: int
+    distance: float
+    shortest: float
+    longest: float
+
+
+MOVES = {
+    "x": Moves(2, 2.0, 2.0, 6.0),
+    "gamma": Moves(1, 0.3, 3.0, 8.0),
+    "l": Moves(1, 3.0, 6.0, 12.0),
+}
+"""Moves of each drive, by its symbol."""
 
 
 @cache
 def believed() -> Prior:
-    """Return the prior of all of them: the crane of its description."""
+    """Return the prior of all cranes: the crane of the description."""
     return Prior()
 
 
 def synthetic(
     seed: int, *, plant: str = "simulate", resolution: float = 0.0
 ) -> tuple[Model, dict[str, float]]:
-    """Record a crane that is not as one believes, and return what is true of it, too.
+    """Record a crane that differs from what is believed of it.
 
     Args:
-        seed: Of all that is random.
+        seed: Seed of all that is random.
         plant: What moves the crane, one of `PLANTS`.
-        resolution: Steps in which the positions of trolley and hoist are recorded [m], and that of
-            the slew by as many degrees as these are metres; 0 for exact positions.
+        resolution: Steps in which the positions of trolley and hoist are recorded [m]; that of the
+            slew is recorded in steps of as many degrees. 0 for exact positions.
+
+    Returns:
+        The model with its record, and the true value of each parameter.
     """
     steps = {"m": resolution, "rad": math.radians(resolution)}
-    rng, prior = np.random.default_rng(seed), believed()
+    rng = np.random.default_rng(seed)
+    prior = believed()
     truth = {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
     crane = prior.load(payload_mass=truth["payload_mass"], damp_swing=truth["damp_swing"])
-    t = _PERIOD * np.arange(round(DURATION / _PERIOD) + 1)
+    t = PLANT_PERIOD * np.arange(round(DURATION / PLANT_PERIOD) + 1)
     position, velocity = _motion(crane, rng, t)
     first = dict(zip(("gamma", "x", "l"), position[0].tolist(), strict=True))
+    # The true pendulum is longer than the cable that is recorded.
     first["l"] += truth["l_offset"]
     swing = {name: float(rng.uniform(-SWING, SWING)) for name in ("phi", "theta")}
     q, effort = PLANTS[plant](crane, crane.state(**first, **swing), position, velocity)
-    stride = round(INTERVAL / _PERIOD)
+
+    stride = round(INTERVAL / PLANT_PERIOD)
     columns = {"t_s": t[::stride]}
     for i, joint in enumerate(crane.layout.driven):
-        symbol, index = joint.symbol, int(crane.layout.drives[i])
+        symbol = joint.symbol
+        index = int(crane.layout.drives[i])
         recorded = (q[:, index] - truth.get(f"{symbol}_offset", 0.0))[::stride]
         if resolution > 0.0:
             recorded = steps[joint.unit] * np.round(recorded / steps[joint.unit])
         columns[joint.columns[0]] = recorded
         noise = NOISE["effort"] * rng.standard_normal(len(columns["t_s"]))
+        # The plant moves its drives without friction: it is added to their efforts.
         friction = truth.get(f"{symbol}_friction", 0.0) * np.sign(velocity[:, i])
         if symbol != "gamma":
             columns[joint.effort_column] = (effort[:, i] + friction)[::stride] + noise
-    for joint in (crane.layout.joints[i] for i in crane.swings.tolist()):
+    for index in crane.swings.tolist():
+        joint = crane.layout.joints[index]
         signal = CubicSpline(t, q[:, crane.layout.index(joint.symbol)])
         late = signal(np.maximum(columns["t_s"] - truth["delay"], 0.0))
         noise = NOISE["swing"] * rng.standard_normal(len(late))
@@ -107,17 +153,22 @@ def synthetic(
 
 
 def _motion(crane: Crane, rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the drives should be and how fast, shape (rows, m) each."""
+    """Return positions and rates of the drives at times [s], shape (rows, m) each.
+
+    Each drive starts at a random place and makes its `MOVES`, one after the other, by quintic
+    splines of random begin, duration, direction and size.
+    """
     start = {"x": rng.uniform(6.0, 16.0), "gamma": 0.0, "l": rng.uniform(8.0, 16.0)}
-    position, velocity = np.zeros((2, len(t), crane.layout.m))
+    position = np.zeros((len(t), crane.layout.m))
+    velocity = np.zeros((len(t), crane.layout.m))
     for i, joint in enumerate(crane.layout.driven):
-        times, distance, shortest, longest = _MOVES[joint.symbol]
+        moves = MOVES[joint.symbol]
         position[:, i] = start[joint.symbol]
-        for k in range(times):
-            begins = rng.uniform(k, k + 0.8) * (DURATION - longest) / times
-            lasts = rng.uniform(shortest, longest)
+        for k in range(moves.number):
+            begins = rng.uniform(k, k + 0.8) * (DURATION - moves.longest) / moves.number
+            lasts = rng.uniform(moves.shortest, moves.longest)
             phase = np.clip((t - begins) / lasts, 0.0, 1.0)
-            size = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0) * distance
+            size = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0) * moves.distance
             position[:, i] += size * phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
             velocity[:, i] += size / lasts * 30.0 * (phase * (1.0 - phase)) ** 2
     return position, velocity
@@ -126,8 +177,10 @@ def _motion(crane: Crane, rng: np.random.Generator, t: np.ndarray) -> tuple[np.n
 def _simulated(
     crane: Crane, start: State, position: np.ndarray, velocity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return coordinates, shape (rows, n), and logged efforts of drives that follow a motion."""
-    motion = SampledMotion(_PERIOD, position, velocity)
+    """Return coordinates, shape (rows, n), and logged efforts, shape (rows, m), of a run of
+    `simulate` whose drives follow positions and velocities.
+    """
+    motion = SampledMotion(PLANT_PERIOD, position, velocity)
     run = simulate_motion(crane, start, motion, DURATION, validity="mark")
     return run.q, run.effort
 
@@ -135,32 +188,44 @@ def _simulated(
 def _by_mujoco(
     crane: Crane, start: State, position: np.ndarray, velocity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same of MuJoCo, whose motors are stiff servos."""
+    """Return the same as `_simulated` of a run of MuJoCo, whose motors are stiff servos.
+
+    A motor's force is the one that the motion needs of a crane at rest at the start, with a
+    critically damped servo that takes what is left of the error.
+    """
     try:
         import mujoco
     except ImportError:
         raise DataError("mujoco is not installed: pip install 'cranedyn[mujoco]'.") from None
-    dt = _PERIOD / _FINE
+    dt = PLANT_PERIOD / MUJOCO_SUBSTEPS
     text = ET.tostring(mjcf(crane, urdf_element(crane), dt), encoding="unicode")
     model = mujoco.MjModel.from_xml_string(text)
-    data, drives = mujoco.MjData(model), crane.layout.drives
-    data.qpos[:], data.qvel[:] = start
+    data = mujoco.MjData(model)
+    drives = crane.layout.drives
+    data.qpos[:] = start.q
+    data.qvel[:] = start.v
+    # Relative to the start: the record does not show the offset of the cable length.
     aim = position + (start.q[drives] - position[0])
-    acceleration = np.gradient(velocity, _PERIOD, axis=0)
+    acceleration = np.gradient(velocity, PLANT_PERIOD, axis=0)
     inertia = np.zeros((crane.layout.n, crane.layout.n))
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, inertia)
+    # What a drive has to move where the others and the load are free to yield.
     mass = 1.0 / np.diag(np.linalg.inv(inertia))[drives]
     needed = data.qfrc_bias[drives] + mass * acceleration
-    q, effort = np.empty((len(aim), crane.layout.n)), np.empty_like(aim)
+    q = np.empty((len(aim), crane.layout.n))
+    effort = np.empty_like(aim)
     for k in range(len(aim)):
         q[k] = data.qpos
-        for step in range(_FINE):
+        for step in range(MUJOCO_SUBSTEPS):
             after = step * dt
             moved = after * (velocity[k] + 0.5 * after * acceleration[k])
-            off = data.qpos[drives] - aim[k] - moved
-            rate = data.qvel[drives] - velocity[k] - after * acceleration[k]
-            data.ctrl[:] = needed[k] - mass * _STIFF * (_STIFF * off + 2.0 * rate)
+            position_error = data.qpos[drives] - aim[k] - moved
+            rate_error = data.qvel[drives] - velocity[k] - after * acceleration[k]
+            # ω² times the error and 2 ω times its rate: a critically damped oscillator.
+            data.ctrl[:] = needed[k] - mass * SERVO_FREQUENCY * (
+                SERVO_FREQUENCY * position_error + 2.0 * rate_error
+            )
             mujoco.mj_step(model, data)
             if step == 0:
                 effort[k] = data.actuator_force
@@ -168,22 +233,24 @@ def _by_mujoco(
 
 
 PLANTS = {"simulate": _simulated, "mujoco": _by_mujoco}
-"""What makes the records: neither is what predicts them."""
+"""What makes the records. The identification predicts them by neither."""
 
 
 def coverage(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Identify synthetic cranes; a study for `cranedyn.sweep`.
+    """Identify synthetic cranes: a study for `cranedyn.sweep`.
 
     Args:
         cases: Columns ``seed``, ``plant`` and ``resolution``.
 
     Returns:
-        For each parameter how far off it is [its unit], and half the width of its interval; and
-        how many channels left a residual that is not white.
+        For each parameter, its error and half the width of its interval [its unit]; and the number
+        of channels whose residual is not white.
     """
     columns: dict[str, list[Any]] = {}
-    rows = zip(*(cases[name].tolist() for name in ("seed", "plant", "resolution")), strict=True)
-    for seed, plant, resolution in rows:
+    seeds = cases["seed"].tolist()
+    plants = cases["plant"].tolist()
+    resolutions = cases["resolution"].tolist()
+    for seed, plant, resolution in zip(seeds, plants, resolutions, strict=True):
         model, truth = synthetic(int(seed), plant=plant, resolution=resolution)
         estimate = identify(model)
         for name, value in truth.items():
@@ -195,7 +262,8 @@ def coverage(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Identify synthetic cranes, and count how often the intervals hold the truth."""
-    count, plant = whole("coverage", options.coverage, 1), options.plant or "simulate"
+    count = whole("coverage", options.coverage, 1)
+    plant = options.plant or "simulate"
     resolution = number("resolution", options.resolution or 0.0, "m", ">= 0")
     folder = options.folder / "cases"
     end = sweep(
@@ -209,34 +277,42 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
     data = swept_columns(folder)
     rows = []
     for name in NAMES:
-        off, margin = data[f"{name}_off"], data[f"{name}_margin"]
-        hits = int((np.abs(off) <= margin).sum())
-        rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
-    low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
-    channels, coloured = 4 * count, int(data["not_white"].sum())
-    bound = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
+        error = data[f"{name}_off"]
+        margin = data[f"{name}_margin"]
+        hits = int((np.abs(error) <= margin).sum())
+        rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(error.std())))
+
+    # The count of intervals that hold is binomial with a probability of 95 %.
+    low = int(binom.ppf(TAIL_PROBABILITY, count, 0.95))
+    high = int(binom.ppf(1.0 - TAIL_PROBABILITY, count, 0.95))
+    is_exact = resolution == 0.0
     claims = []
     for name, hits, *_ in rows:
         sentence = f"{name}: {hits} of {count} intervals hold the truth; "
-        # Errors of a rounded motion have a memory, for which intervals are widened.
-        exact = resolution == 0.0
-        if exact:
+        # Errors of a rounded motion have a memory, for which intervals are widened: then more of
+        # them may hold.
+        if is_exact:
             sentence += f"95 % of as many would be {low} to {high}."
+            holds = low <= hits <= high
         else:
             sentence += f"at least {low} of such as hold it in 95 % do."
-        claims.append(Claim(sentence, low <= hits and (hits <= high or not exact)))
-    if resolution == 0.0:
-        claims.append(
-            Claim(
-                f"{coloured} of {channels} residuals are not white; of white ones {bound} would be "
-                "at most.",
-                coloured <= bound,
-            )
+            holds = low <= hits
+        claims.append(Claim(sentence, holds))
+    if is_exact:
+        # Four channels of each crane: two swings and the efforts of two drives.
+        channels = 4 * count
+        coloured = int(data["not_white"].sum())
+        bound = int(binom.ppf(1.0 - TAIL_PROBABILITY, channels, WHITE))
+        sentence = (
+            f"{coloured} of {channels} residuals are not white; of white ones {bound} would be "
+            "at most."
         )
+        claims.append(Claim(sentence, coloured <= bound))
     claims.append(Claim("No crane failed.", end.errors == 0))
     columns = [("parameter", ""), ("held", "d"), ("%", ".1f"), ("±, mean", ".3g"), ("std", ".3g")]
+    certainty = 100 * (1 - 2 * TAIL_PROBABILITY)
     note = (
-        f"Exact intervals hold in {low} to {high} with {100 * (1 - 2 * _TAIL):g} % certainty. "
+        f"Exact intervals hold in {low} to {high} with {certainty:g} % certainty. "
         f"Records are made by {'MuJoCo' if plant == 'mujoco' else '`simulate`'}, with efforts as "
         f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. Each crane has "
         "numbers, moves and noise of its own; all fits start from the same wrong crane."

@@ -1,8 +1,8 @@
-"""Figures of an identified crane: what was recorded beside what its twin does, and what is left."""
+"""Figures of an identified crane: its record beside the run of its twin, and the residual."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.signal import periodogram
@@ -13,52 +13,78 @@ from cranedyn.plotting.figures import COLOURS, panels
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LINES = {"recorded": "#777777", "left": "#000000"}
+RECORDED_COLOUR = "#777777"
+"""Colour of what was recorded."""
+
+RESIDUAL_COLOUR = "#000000"
+"""Colour of the residual."""
 
 
 def beside(estimate: Estimate, index: int) -> Figure:
     """Draw each swing of a record as recorded and as predicted, the residual, and both spectra."""
     model = estimate.model
-    channels = [
-        (c, channel) for c, channel in enumerate(model.channels[index]) if channel.kind == "swing"
-    ]
-    record, rows = model.records[index], model.rows(index)
-    t, measured = record.t[rows], model.measured(index)
+    of_record = model.channels[index]
+    channels = [(c, channel) for c, channel in enumerate(of_record) if channel.kind == "swing"]
+    record = model.records[index]
+    rows = model.rows(index)
+    t = record.t[rows]
+    measured = model.measured(index)
     figure, axes = panels(len(channels), 3, height=2.8, width=13.0)
     for row, (c, channel) in enumerate(channels):
         wave, residual, spectrum = axes[3 * row : 3 * row + 3]
         symbol = model.prior.crane.layout.symbols[channel.at]
-        off = estimate.residuals[index][c]
+        left = estimate.residuals[index][c]
         recorded = 1e3 * measured[c]
-        wave.plot(t, recorded, color=_LINES["recorded"], linewidth=2.4, label="recorded")
-        wave.plot(t, recorded - 1e3 * off, color=COLOURS.get(symbol, "#0072B2"), linewidth=1.0,
-                  label="twin")  # fmt: skip
+        twin = recorded - 1e3 * left
+        twin_colour = COLOURS.get(symbol, "#0072B2")
+        wave.plot(t, recorded, color=RECORDED_COLOUR, linewidth=2.4, label="recorded")
+        wave.plot(t, twin, color=twin_colour, linewidth=1.0, label="twin")
         wave.set(xlabel="time [s]", ylabel=f"{symbol} [m{channel.unit}]")
         wave.legend(loc="upper right", fontsize=9)
-        residual.plot(t, 1e3 * off, color=_LINES["left"], linewidth=0.7)
+        residual.plot(t, 1e3 * left, color=RESIDUAL_COLOUR, linewidth=0.7)
         residual.set(xlabel="time [s]", ylabel=f"recorded less twin [m{channel.unit}]")
-        frequency, *densities = spectra(record.interval, t, measured[c], off)
-        for density, (name, colour) in zip(densities, _LINES.items(), strict=True):
+        shown = spectra(record.interval, t, measured[c], left)
+        for density, name, colour in (
+            (shown.recorded, "recorded", RECORDED_COLOUR),
+            (shown.residual, "left", RESIDUAL_COLOUR),
+        ):
+            # A logarithmic axis has no zero.
             amplitude = np.sqrt(np.maximum(density, 1e-300))
-            spectrum.loglog(frequency, amplitude, color=colour, linewidth=0.9, label=name)
+            spectrum.loglog(shown.frequency, amplitude, color=colour, linewidth=0.9, label=name)
         spectrum.set(xlabel="frequency [Hz]", ylabel="rad/√Hz")
         spectrum.legend(loc="lower left", fontsize=9)
     figure.suptitle(record.name)
     return figure
 
 
-def spectra(
-    interval: float, t: np.ndarray, measured: np.ndarray, off: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return frequencies [Hz], and densities of the record and of its residual [rad²/Hz], at equal
-    times an interval [s] apart.
+class Spectra(NamedTuple):
+    """Spectra of a record and of its residual.
+
+    Attributes:
+        frequency: Frequencies above zero [Hz], shape (frequencies,).
+        recorded: Power spectral density of the record [rad²/Hz], shape (frequencies,).
+        residual: That of the residual.
+    """
+
+    frequency: np.ndarray
+    recorded: np.ndarray
+    residual: np.ndarray
+
+
+def spectra(interval: float, t: np.ndarray, measured: np.ndarray, left: np.ndarray) -> Spectra:
+    """Return the spectra of a record and of its residual.
+
+    Args:
+        interval: Time between the equidistant samples to which both are interpolated [s].
+        t: Times of the rows [s].
+        measured: The record [rad].
+        left: Its residual [rad].
     """
     even = np.arange(t[0], t[-1], interval)
-    densities = [
-        periodogram(np.interp(even, t, values), 1.0 / interval, window="hann")
-        for values in (measured, off)
-    ]
-    return densities[0][0][1:], densities[0][1][1:], densities[1][1][1:]
+    rate = 1.0 / interval
+    frequency, recorded = periodogram(np.interp(even, t, measured), rate, window="hann")
+    _, residual = periodogram(np.interp(even, t, left), rate, window="hann")
+    return Spectra(frequency[1:], recorded[1:], residual[1:])
 
 
 def correlations(names: list[str], correlation: np.ndarray) -> Figure:

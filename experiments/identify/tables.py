@@ -1,5 +1,5 @@
-"""What is printed of an identified crane: numbers, what is left, doubts, and what controllers leave
-on its twin.
+"""Tables of an identified crane: its numbers, residuals and doubts, and the residual swing of
+controllers on its twin.
 """
 
 from __future__ import annotations
@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,12 +22,12 @@ from experiments.identify.trial import Trial
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What was found of records.
+    """Result of the identification of records.
 
     Attributes:
-        estimate: The numbers.
-        judged: What these records can tell.
-        twin: The crane that follows.
+        estimate: Estimates of the parameters, with intervals.
+        judged: Which parameters these records can tell apart, and which moves would help.
+        twin: The crane with these numbers.
     """
 
     estimate: Estimate
@@ -35,7 +36,7 @@ class Identification:
 
 
 def identify_records(model: Model, setup: Setup, label: str) -> Identification:
-    """Identify, judge, and make the twin, with progress under a label."""
+    """Identify a crane from the records of a model, with progress under a label."""
     estimate = identify(model, progress=setup.reporter.message(label, "predictions of the records"))
     return Identification(estimate, preflight(model, estimate), twin_of(estimate))
 
@@ -43,7 +44,13 @@ def identify_records(model: Model, setup: Setup, label: str) -> Identification:
 def record_tables(
     result: Identification, subject: str, truth: Mapping[str, float]
 ) -> list[ResultTable]:
-    """Return the tables of records: numbers, residuals, and what they cannot tell."""
+    """Return the tables of records: numbers, residuals, and what they cannot tell.
+
+    Args:
+        result: The identification.
+        subject: What the records are, for the titles; empty for none.
+        truth: True values that are known, by name.
+    """
     return [
         values_table(result, subject, truth),
         *_sign_tables(result.estimate, subject),
@@ -53,13 +60,14 @@ def record_tables(
 
 
 def _titled(title: str, subject: str) -> str:
+    """Return a title that begins with its subject, if there is one."""
     return f"{subject}: {title[0].lower()}{title[1:]}" if subject else title
 
 
 def _rounded(value: float, margin: float) -> float:
-    """Return a value rounded two digits behind the first one of its margin.
+    """Return a value rounded two digits behind the first digit of its margin.
 
-    What is behind that says nothing, and another processor finds another digit there.
+    Digits behind that say nothing, and differ from one processor to another.
     """
     if not 0.0 < margin < math.inf:
         return value
@@ -67,10 +75,12 @@ def _rounded(value: float, margin: float) -> float:
 
 
 def values_table(result: Identification, subject: str, truth: Mapping[str, float]) -> ResultTable:
-    """Return the values with their intervals, beside the prior and the truth."""
+    """Return the table of estimates with their intervals, beside prior and true values; the
+    arguments are those of `record_tables`.
+    """
     estimate = result.estimate
 
-    def off(p: Parameter) -> float | None:
+    def error(p: Parameter) -> float | None:
         return estimate.intervals[p.name][0] - truth[p.name] if p.name in truth else None
 
     columns: list[Column] = [
@@ -81,40 +91,78 @@ def values_table(result: Identification, subject: str, truth: Mapping[str, float
         ("±", ".2g", lambda p: finite_or_none(estimate.intervals[p.name][1])),
     ]
     if truth:
-        columns += [("true", ".6g", lambda p: truth.get(p.name)), ("error", "+.2g", off)]
+        columns += [("true", ".6g", lambda p: truth.get(p.name)), ("error", "+.2g", error)]
+    note = _note(estimate)
+    title = _titled("What the records say", subject)
+    return make_table(title, estimate.model.own, *columns, note=note)
+
+
+def _note(estimate: Estimate) -> str:
+    """Return the note of the table of values: meanings of parameters, those at the end of their
+    range, and remarks about the records.
+    """
     kinds = dict.fromkeys(p.kind for p in estimate.model.own if p.kind in MEANINGS)
     meanings = "; ".join(f"{kind}: {MEANINGS[kind]}" for kind in kinds)
-    note = f"±: half the 95 % interval. {meanings[:1].upper()}{meanings[1:]}" + "." * bool(meanings)
+    note = f"±: half the 95 % interval. {meanings[:1].upper()}{meanings[1:]}"
+    if meanings:
+        note += "."
     if estimate.at_bound:
         bounds = ", ".join(estimate.at_bound)
         note += f" At the end of what is allowed, where an interval says nothing: {bounds}."
+    # A remark about several records stands once, after their names.
     remarks: dict[str, list[str]] = {}
     for record in estimate.model.records:
         for remark in record.notes:
             remarks.setdefault(remark.removeprefix(f"{record.name}: "), []).append(record.name)
-    note = " ".join([note, *(f"{', '.join(names)}: {text}" for text, names in remarks.items())])
-    title = _titled("What the records say", subject)
-    return make_table(title, estimate.model.own, *columns, note=note.strip())
+    for text, names in remarks.items():
+        note += f" {', '.join(names)}: {text}"
+    return note.strip()
+
+
+class _Residual(NamedTuple):
+    """Residual of a column of a record.
+
+    Attributes:
+        record: Name of the record.
+        column: Name of the column.
+        values: The residual [unit of the column], shape (rows,).
+        measured: The column, shape (rows,).
+        is_white: Whether the residual is white noise.
+    """
+
+    record: str
+    column: str
+    values: np.ndarray
+    measured: np.ndarray
+    is_white: bool
 
 
 def _residual_table(result: Identification, subject: str) -> ResultTable:
+    """Return a row for each column of each record that the twin predicts."""
     estimate = result.estimate
-    residuals, model, white = estimate.residuals, estimate.model, estimate.white
-    channels = [
-        (record, channel, residuals[i][c], model.measured(i)[c], white[i][c])
-        for i, record in enumerate(model.records)
-        for c, channel in enumerate(model.channels[i])
-    ]
+    model = estimate.model
+    residuals = []
+    for i, record in enumerate(model.records):
+        measured = model.measured(i)
+        for c, channel in enumerate(model.channels[i]):
+            residual = _Residual(
+                record=record.name,
+                column=channel.column,
+                values=estimate.residuals[i][c],
+                measured=measured[c],
+                is_white=bool(estimate.white[i][c]),
+            )
+            residuals.append(residual)
     return make_table(
         _titled("What the twin leaves", subject),
-        channels,
-        ("record", "", lambda row: row[0].name),
-        ("column", "", lambda row: row[1].column),
-        ("rows", "d", lambda row: len(row[2])),
-        ("recorded, std", ".3g", lambda row: float(np.std(row[3]))),
-        ("residual, RMS", ".3g", lambda row: float(np.sqrt(np.mean(row[2] ** 2)))),
-        ("residual, largest", ".3g", lambda row: float(np.abs(row[2]).max())),
-        ("white", "", lambda row: "yes" if row[4] else "no"),
+        residuals,
+        ("record", "", lambda r: r.record),
+        ("column", "", lambda r: r.column),
+        ("rows", "d", lambda r: len(r.values)),
+        ("recorded, std", ".3g", lambda r: float(np.std(r.measured))),
+        ("residual, RMS", ".3g", lambda r: float(np.sqrt(np.mean(r.values**2)))),
+        ("residual, largest", ".3g", lambda r: float(np.abs(r.values).max())),
+        ("white", "", lambda r: "yes" if r.is_white else "no"),
         note="White: by Ljung and Box at 0.1 %. If a column is not, the model lacks something, and "
         "intervals are widened to those of correlated errors.",
     )
@@ -141,14 +189,15 @@ def _sign_tables(estimate: Estimate, subject: str) -> list[ResultTable]:
 
 
 def inertia_tables(estimate: Estimate, effects: Sequence[InertiaEffect]) -> list[ResultTable]:
-    """Return how far estimates move with masses and inertias that nobody stated; no table if all
-    were stated or estimated.
+    """Return the table of how far estimates move with masses and inertias that nobody stated; no
+    table if all were stated or estimated.
     """
     assumed = assumed_inertias(estimate)
     if not effects:
         return []
 
     def moved(name: str) -> Column:
+        """Return the column of how far a parameter moves."""
         return f"Δ {name}", "+.3g", lambda effect: effect.moved.get(name)
 
     values = ", ".join(f"{one.name} = {one.value:g} {one.unit}" for one in assumed)
@@ -172,7 +221,7 @@ def inertia_tables(estimate: Estimate, effects: Sequence[InertiaEffect]) -> list
 
 
 def doubts(result: Identification, subject: str) -> list[ResultTable]:
-    """Return what records cannot tell, and which moves would."""
+    """Return the tables of what records cannot tell, and of moves whose record would."""
     judged = result.judged
     pairs = [(f"{p.first} from {p.second}", finite_or_none(p.correlation)) for p in judged.alike]
     pairs += [(f"{name}, next to nothing", None) for name in judged.blind]
@@ -185,6 +234,7 @@ def doubts(result: Identification, subject: str) -> list[ResultTable]:
         return [pairs_table]
 
     def margin(name: str) -> Column:
+        """Return the column of half the interval of a parameter."""
         return f"± {name}", ".2g", lambda advice: finite_or_none(advice.margins[name])
 
     worst = max((abs(pair.correlation) for pair in judged.alike), default=0.0)

@@ -1,5 +1,5 @@
-"""A record to try identification on, made by a crane that is not as one believes; and controllers
-tried on the crane that was found.
+"""A trial of identification: a record of a crane that differs from what is believed of it, and
+controllers tried on the crane that was found.
 """
 
 from __future__ import annotations
@@ -35,11 +35,19 @@ TRUTH = {
     "x_lag": 0.25,
     "l_lag": 0.25,
 }
-"""What is true of the crane of the trial and not believed of it."""
+"""True values of the parameters that are believed otherwise [SI units]."""
 
-DURATION, INTERVAL, NOISE, ENCODER = 120.0, 0.05, 2e-3, {"rad": 1e-4, "m": 1e-3}
-"""Of its record: how long it lasts and from row to row [s], noise of the swing [rad] and of the
-drives [their unit]."""
+DURATION = 120.0
+"""Duration of the record [s]."""
+
+INTERVAL = 0.05
+"""Time from one row of the record to the next [s]."""
+
+NOISE = 2e-3
+"""Standard deviation of the noise of a swing sensor [rad]."""
+
+ENCODER_NOISE = {"rad": 1e-4, "m": 1e-3}
+"""Standard deviation of the noise of a drive's position, by its unit."""
 
 PULSES = (
     JoystickPulse("x", 0.6, 2.0, 5.0),
@@ -50,27 +58,29 @@ PULSES = (
     JoystickPulse("l", -0.4, 80.0, 5.0),
     JoystickPulse("x", 0.4, 92.0, 3.0),
 )
-"""What an operator does meanwhile."""
+"""What an operator does during the record."""
 
 TRIED = (strategies.PD, strategies.FLAT)
 """Strategies that are tried on a twin."""
 
-DRAWS, AFTER = 64, 10.0
-"""How many cranes as sure as the estimate is, and how long after the arrival the swing is looked at
-[s]."""
+DRAWS = 64
+"""Number of cranes that are drawn from the distribution of the estimate."""
 
-_STEP = 5e-3
+SETTLING_TIME = 10.0
+"""Time after the arrival at which the residual swing is read [s]."""
+
+STEP = 5e-3
+"""Step of the run that is recorded [s]."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What a strategy leaves on the twin.
+    """Residual swing of a strategy on cranes as the estimate describes them.
 
     Attributes:
-        strategy: Its name.
-        designed: For which crane: "believed" or "twin".
-        swing: Largest swing left after the arrival by each crane that the estimate allows [rad],
-            shape (cranes,).
+        strategy: Name of the strategy.
+        designed: Crane for which it is designed: "believed" or "twin".
+        swing: Residual swing of each crane that is drawn from the estimate [rad], shape (cranes,).
     """
 
     strategy: str
@@ -81,8 +91,14 @@ class Trial:
 def simulate_motion(
     crane: Crane, start: State, motion: SampledMotion, duration: float, **options: Any
 ) -> Trajectory:
-    """Simulate drives that follow a motion exactly, at its own step, for a time [s]; further
-    options are those of `cranedyn.simulation.simulate.simulate`.
+    """Simulate a crane whose drives follow a motion exactly, with its period as the step.
+
+    Args:
+        crane: The crane.
+        start: Where it starts.
+        motion: Motion of the drives.
+        duration: Duration [s].
+        **options: Further options of `cranedyn.simulation.simulate.simulate`.
     """
     step = motion.period
     return simulate(
@@ -105,29 +121,40 @@ def trial_run() -> Trajectory:
     crane = Prior().load(damp_swing=TRUTH["damp_swing"])
     start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"])
     aims = joystick(crane, start, PULSES, accelerations=LIMITS.accelerations)
-    times = _STEP * np.arange(round(DURATION / _STEP) + 2)
-    aim = np.array([aims(t).position for t in times.tolist()])
-    lags = [TRUTH[f"{joint.symbol}_lag"] for joint in crane.layout.driven]
-    moved = [lagged(aim[:, i], _STEP, lag) for i, lag in enumerate(lags)]
-    position, velocity = (np.stack(column, axis=1) for column in zip(*moved, strict=True))
-    motion = SampledMotion(_STEP, position, velocity)
+    times = STEP * np.arange(round(DURATION / STEP) + 2)
+    setpoints = np.array([aims(t).position for t in times.tolist()])
+    positions = []
+    velocities = []
+    for i, joint in enumerate(crane.layout.driven):
+        position, velocity = lagged(setpoints[:, i], STEP, TRUTH[f"{joint.symbol}_lag"])
+        positions.append(position)
+        velocities.append(velocity)
+    motion = SampledMotion(STEP, np.stack(positions, axis=1), np.stack(velocities, axis=1))
     return simulate_motion(crane, start, motion, DURATION, reference=aims)
 
 
 def trial_record(prior: Prior, *, positions: bool) -> Record:
-    """Return the record of the trial: swing, setpoints of the drives, and perhaps their positions,
-    as sensors show them.
+    """Return the record of the trial as sensors show it.
+
+    Args:
+        prior: What is believed of the crane.
+        positions: Whether positions of the drives are recorded beside their setpoints.
     """
-    run, rng = trial_run(), np.random.default_rng(18)
-    rows = np.arange(0, len(run), round(INTERVAL / _STEP))
+    run = trial_run()
+    rng = np.random.default_rng(18)
+    rows = np.arange(0, len(run), round(INTERVAL / STEP))
     t = run.t[rows]
     columns = {"t_s": t}
     for joint in prior.crane.layout.driven:
-        off = TRUTH.get(f"{joint.symbol}_offset", 0.0)
-        position, aim = joint.columns[0], joint.setpoint_column
-        columns[aim] = run[aim][rows] - off
-        measured = run[position][rows] - off + ENCODER[joint.unit] * rng.standard_normal(len(t))
-        columns |= {position: measured} if positions else {}
+        offset = TRUTH.get(f"{joint.symbol}_offset", 0.0)
+        position = joint.columns[0]
+        setpoint = joint.setpoint_column
+        columns[setpoint] = run[setpoint][rows] - offset
+        # The noise is drawn in any case, so that swings have the same noise with and without
+        # positions.
+        noise = ENCODER_NOISE[joint.unit] * rng.standard_normal(len(t))
+        if positions:
+            columns[position] = run[position][rows] - offset + noise
     for symbol in ("phi", "theta"):
         late = np.interp(t - TRUTH["delay"], run.t, run[f"{symbol}_rad"])
         noise = NOISE * rng.standard_normal(len(t))
@@ -136,67 +163,85 @@ def trial_record(prior: Prior, *, positions: bool) -> Record:
 
 
 def try_strategies(estimate: Estimate) -> list[Trial]:
-    """Try strategies on cranes that the estimate allows, designed for the crane that was believed
-    in and for the twin; the combined move of the comparison.
+    """Try strategies on cranes that are drawn from the estimate, in the combined move.
+
+    Each strategy is designed for the crane that was believed, with sensors as they are, and for the
+    twin, with sensors corrected by their estimated errors.
     """
     prior = estimate.model.prior
     mean = {name: value for name, (value, _) in estimate.intervals.items()}
     draws = _draws(estimate)
     family = estimate.model.family
-    cranes = [
-        family.at(np.array([float(draws[name][i]) for name in family.names])) for i in range(DRAWS)
-    ]
+    cranes = []
+    for i in range(DRAWS):
+        values = [float(draws[name][i]) for name in family.names]
+        cranes.append(family.at(np.array(values)))
+
     arguments = dict(estimate.arguments)
     gravity = arguments.pop("gravity", prior.crane.gravity)
     beliefs = {
         "believed": (Setup(prior.crane.gravity, prior.values), dict[str, float]()),
         "twin": (Setup(gravity, {**prior.values, **arguments}), mean),
     }
-    return [
-        Trial(strategy, belief, _left(setup, strategy, cranes, draws, corrected))
-        for strategy in TRIED
-        for belief, (setup, corrected) in beliefs.items()
-    ]
+    trials = []
+    for strategy in TRIED:
+        for belief, (setup, corrected) in beliefs.items():
+            swing = _residual_swing(setup, strategy, cranes, draws, corrected)
+            trials.append(Trial(strategy, belief, swing))
+    return trials
 
 
 def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Draw parameters from the estimate's distribution, by name, shape (draws,) each."""
+    """Draw parameters from the normal distribution of an estimate, each clipped to its range.
+
+    Returns:
+        Values by the name of the parameter, shape (draws,) each.
+    """
     parameters = estimate.model.own
     count = len(parameters)
     rng = np.random.default_rng(0)
     covariance = estimate.covariance[:count, :count].copy()
-    covariance[np.isinf(covariance)] = 0.0  # of what nothing is said stays what one believed
+    # A parameter of which the records say nothing stays as it was believed.
+    covariance[np.isinf(covariance)] = 0.0
     spread = rng.multivariate_normal(estimate.values[:count], covariance, DRAWS, method="eigh")
-    low, high = (
-        np.array([getattr(parameter, end) for parameter in parameters]) for end in ("low", "high")
-    )
-    return dict(
-        zip([parameter.name for parameter in parameters], np.clip(spread, low, high).T, strict=True)
-    )
+    low = np.array([parameter.low for parameter in parameters])
+    high = np.array([parameter.high for parameter in parameters])
+    clipped = np.clip(spread, low, high)
+    return {parameter.name: clipped[:, i] for i, parameter in enumerate(parameters)}
 
 
-def _left(
+def _residual_swing(
     setup: Setup,
     strategy: str,
     cranes: list[Crane],
     draws: Mapping[str, np.ndarray],
     corrected: Mapping[str, float],
 ) -> np.ndarray:
-    """Return the swing that a plan leaves with uncorrected sensor offsets."""
-    move, layout = COMBINED, setup.crane.layout
+    """Return the residual swing of a strategy on each crane [rad], shape (cranes,).
+
+    Args:
+        setup: Crane and clocks for which the strategy is designed.
+        strategy: Name of the strategy.
+        cranes: Cranes on which it is tried.
+        draws: Parameters of these cranes, by name.
+        corrected: Errors of sensors for which measurements are corrected, by name.
+    """
+    move = COMBINED
+    layout = setup.crane.layout
     plan = strategies.STRATEGIES[strategy](setup, move)
     start = move.ends(setup.crane)[0]
     q = np.tile(start.q, (len(cranes), 1))
-    wrong = np.zeros((len(cranes), 2 * layout.n))
+    sensor_offset = np.zeros((len(cranes), 2 * layout.n))
     for name, values in draws.items():
         symbol, _, kind = name.rpartition("_")
-        off = values - corrected.get(name, 0.0)
+        error = values - corrected.get(name, 0.0)
         if kind == "offset":
-            q[:, layout.index(symbol)] += off
-            wrong[:, layout.index(symbol)] -= off
+            # The drive stands that far beside where its sensor shows it.
+            q[:, layout.index(symbol)] += error
+            sensor_offset[:, layout.index(symbol)] -= error
         elif kind == "bias":
-            wrong[:, layout.index(symbol)] += off
-    ends = instant(plan.arrives + AFTER, setup.control_period)
+            sensor_offset[:, layout.index(symbol)] += error
+    ends = instant(plan.arrives + SETTLING_TIME, setup.control_period)
     return simulate_batch(
         cranes,
         plan.controller(),
@@ -206,6 +251,6 @@ def _left(
         dt=setup.dt,
         control_period=setup.control_period,
         drive=plan.drive,
-        sensor_offset=wrong,
+        sensor_offset=sensor_offset,
         residual_from=ends,
     ).residual_swing

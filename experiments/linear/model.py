@@ -1,5 +1,8 @@
-"""Equations of a small swing under given drives, integrated beside a run of the plant, and what the
-paper's leave out.
+"""Equations of a small swing under given drives, integrated beside a run of the plant.
+
+There are two models: the equations of the paper, and those with everything that is linear in the
+swing. `miss` tells how far a model is from the plant, `dropped` how large the terms are that the
+paper leaves out.
 """
 
 from __future__ import annotations
@@ -13,49 +16,71 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
 
-# Without the checks of their arguments, which come from runs, four times a row.
-_radial, _tangential = unwrap(theory.radial_paper), unwrap(theory.tangential_paper)
+# Without the checks of their arguments: these come from runs, and are taken four times a row.
+_radial = unwrap(theory.radial_paper)
+_tangential = unwrap(theory.tangential_paper)
 _small_swing = unwrap(theory.small_swing)
 
 
 Drives = Mapping[str, float]
-"""Motion of the drives at an instant by the names of `cranedyn.theory.small_swing`: x, x_rate,
-x_acceleration of the trolley [m, s], slew_rate, slew_acceleration [rad, s], length, length_rate of
-the cable [m, s]."""
+"""Motion of the drives at an instant, by the names of `cranedyn.theory.small_swing`.
+
+These are x, x_rate and x_acceleration of the trolley [m, m/s, m/s²]; slew_rate and
+slew_acceleration [rad/s, rad/s²]; length and length_rate of the cable [m, m/s].
+"""
 
 Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
-"""From swing, its rates, drives and gravity [m/s²] to φ̈, θ̈."""
+"""Function that takes the swing (φ, θ) [rad], its rates [rad/s], the motion of the drives and
+gravity [m/s²], and returns φ̈ and θ̈ [rad/s²]."""
 
 
 def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
-    """Return Eqs. (8) and (10) of Muddassir et al."""
-    pendulum = {"length": drives["length"], "gravity": gravity}
-    phi = _radial(swing[0], **pendulum, excitation=drives["x_acceleration"])
+    """Return φ̈ and θ̈ [rad/s²] by Eqs. (8) and (10) of Muddassir et al."""
+    length = drives["length"]
+    along_jib = drives["x_acceleration"]
     along_arc = drives["x"] * drives["slew_acceleration"]
-    return np.array([phi, _tangential(swing[1], **pendulum, excitation=along_arc)])
+    phi = _radial(swing[0], length=length, gravity=gravity, excitation=along_jib)
+    theta = _tangential(swing[1], length=length, gravity=gravity, excitation=along_arc)
+    return np.array([phi, theta])
 
 
 def all_rates(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
-    """Return the same with everything that is linear in the swing."""
+    """Return φ̈ and θ̈ [rad/s²] with everything that is linear in the swing."""
     return _small_swing(swing, rates, gravity=gravity, **drives)
 
 
 def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
-    """Integrate φ, θ and their rates of a model along a run, from its start and under the motion of
-    its drives, shape (n, 4).
+    """Integrate a model along a run, from its start and under the motion of its drives.
 
-    Runge-Kutta of order 4, one step for each row; between rows the drives accelerate evenly, as in
-    prescribed motion.
+    The method is Runge-Kutta of order 4 with a step for each row. Between rows the drives
+    accelerate evenly, as in prescribed motion.
+
+    Args:
+        run: A run whose rows are equally far apart.
+        model: The model.
+        gravity: Gravity [m/s²].
+
+    Returns:
+        φ, θ [rad] and their rates [rad/s], shape (rows, 4).
     """
-    names = "gamma", "x", "l"
-    h, q, v = float(run.t[1] - run.t[0]), run.coordinates(*names), run.rates(*names)
+    h = float(run.t[1] - run.t[0])
+    q = run.coordinates("gamma", "x", "l")
+    v = run.rates("gamma", "x", "l")
     a = drive_accelerations(run)
 
     def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:
+        """Return the derivative of φ, θ and their rates, a time s after row k."""
         _, x, length = q[k] + (2.0 * v[k] + a[k] * s) / 2.0 * s
-        drives = {"x": x, "length": length, "slew_acceleration": a[k, 0], "x_acceleration": a[k, 1]}
-        speeds = zip(("slew_rate", "x_rate", "length_rate"), v[k] + a[k] * s, strict=True)
-        drives.update(speeds)
+        slew_rate, x_rate, length_rate = v[k] + a[k] * s
+        drives = {
+            "x": x,
+            "x_rate": x_rate,
+            "x_acceleration": a[k, 1],
+            "slew_rate": slew_rate,
+            "slew_acceleration": a[k, 0],
+            "length": length,
+            "length_rate": length_rate,
+        }
         return np.concatenate([y[2:], model(y[:2], y[2:], drives, gravity)])
 
     swing = [np.hstack([run.coordinates("phi", "theta"), run.rates("phi", "theta")])[0]]
@@ -64,25 +89,28 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
         k1 = rates(y, k, 0.0)
         k2 = rates(y + h / 2.0 * k1, k, h / 2.0)
         k3 = rates(y + h / 2.0 * k2, k, h / 2.0)
-        swing.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(y + h * k3, k, h)))
+        k4 = rates(y + h * k3, k, h)
+        swing.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
     return np.array(swing)
 
 
 def drive_accelerations(run: Trajectory) -> np.ndarray:
     """Return the accelerations of the drives between each row and the next [rad/s², m/s², m/s²],
-    shape (n - 1, 3).
+    shape (rows - 1, 3).
     """
     return np.diff(run.rates("gamma", "x", "l"), axis=0) / np.diff(run.t)[:, None]
 
 
 class Miss(NamedTuple):
-    """How far a model is from the plant, as a share of the largest swing of the plant, both angles
-    together.
+    """Error of a model beside the plant, over the largest swing of the plant.
+
+    Where both angles count together, it is by the root of the sum of their squares.
 
     Attributes:
-        swing: That largest swing [rad].
-        phi, theta: Root mean square of each angle's error.
-        peak: Largest error, both angles together.
+        swing: Largest swing of the plant, both angles together [rad].
+        phi: Root mean square of the error of φ, over this swing.
+        theta: Root mean square of the error of θ, over this swing.
+        peak: Largest error of both angles together, over this swing.
     """
 
     swing: float
@@ -92,12 +120,17 @@ class Miss(NamedTuple):
 
     @property
     def rms(self) -> float:
-        """Root mean square of the error, both angles together."""
+        """Root mean square of the error of both angles together, over the largest swing."""
         return float(np.hypot(self.phi, self.theta))
 
 
 def miss(run: Trajectory, modelled: np.ndarray) -> Miss:
-    """Compare what `integrate` made of a model with the run that it follows."""
+    """Return the error of a model.
+
+    Args:
+        run: The run of the plant.
+        modelled: Swing of the model along this run, see `integrate`.
+    """
     angles = run.coordinates("phi", "theta")
     swing = float(np.linalg.norm(angles, axis=1).max())
     error = (modelled[:, :2] - angles) / swing
@@ -106,16 +139,17 @@ def miss(run: Trajectory, modelled: np.ndarray) -> Miss:
 
 
 def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
-    """Return what the paper's equations keep of the drives, and what they drop, at their largest
-    along a run.
+    """Return how large the terms are along a run that the paper's equations leave out.
 
     Returns:
-        The larger of ẍ and x γ̈ [m/s²]; each dropped term by its formula, as a share of that.
+        The largest excitation that they keep, ẍ or x γ̈ [m/s²]; and the largest value of each term
+        that they leave out over this, by its formula.
     """
-    x, phi, theta, length = run.coordinates("x", "phi", "theta", "l")[:-1].T
-    slew_rate, x_rate, phi_rate, theta_rate, length_rate = run.rates(
-        "gamma", "x", "phi", "theta", "l"
-    )[:-1].T
+    # Accelerations are between rows: one less.
+    coordinates = run.coordinates("x", "phi", "theta", "l")[:-1]
+    rates = run.rates("gamma", "x", "phi", "theta", "l")[:-1]
+    x, phi, theta, length = coordinates.T
+    slew_rate, x_rate, phi_rate, theta_rate, length_rate = rates.T
     slew, trolley, _ = drive_accelerations(run).T
     terms: Mapping[str, Sequence[np.ndarray]] = {
         "γ̇² (x - lφ)": [slew_rate**2 * (x - length * phi)],
@@ -126,7 +160,7 @@ def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
         "2l̇φ̇, 2l̇θ̇": [2.0 * length_rate * phi_rate, 2.0 * length_rate * theta_rate],
     }
     largest = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
-    return largest, {
-        name: float(max(np.abs(term).max() for term in components)) / largest
-        for name, components in terms.items()
-    }
+    shares = {}
+    for name, components in terms.items():
+        shares[name] = float(max(np.abs(term).max() for term in components)) / largest
+    return largest, shares

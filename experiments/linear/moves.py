@@ -113,7 +113,9 @@ def jobs(site: SiteCrane, crane: Crane) -> list[Job]:
     """Return the moves: single drives, in splines and at constant speed between ramps, then pairs,
     then all.
     """
-    middle, tip, high = 0.5 * site.jib, 0.9 * site.jib, 2.0 / 3.0 * site.height
+    middle = 0.5 * site.jib
+    tip = 0.9 * site.jib
+    high = 2.0 / 3.0 * site.height
     outward = JoystickPulse("x", site.trolley, 0.0, 0.4 * site.jib / site.trolley)
     slew = JoystickPulse("gamma", site.slew, 0.0, QUARTER / site.slew)
     slow, fast = (
@@ -137,8 +139,11 @@ def jobs(site: SiteCrane, crane: Crane) -> list[Job]:
     ]
 
 
-SHARES, HOLD = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32), 30.0
-"""Shares of its slew rate that a crane turns at, and how long the joystick is held [s]."""
+SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32)
+"""Rates at which a crane turns, over its largest slew rate."""
+
+HOLD = 30.0
+"""Time for which the joystick is held [s]."""
 
 ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 """Short slews [°]."""
@@ -168,7 +173,8 @@ def short_slews(site: SiteCrane, crane: Crane) -> list[Job]:
         angle_rad = math.radians(angle)
         hold = max(math.sqrt(angle_rad / site.accelerations[0]), angle_rad / site.slew)
         pulse = JoystickPulse("gamma", site.slew, 0.0, hold)
-        name, start = f"slew of {angle:g}°", _outside(site, crane)
+        name = f"slew of {angle:g}°"
+        start = _outside(site, crane)
         slews.append(_pulsed(crane, site.accelerations, name, start, pulse))
     return slews
 
@@ -178,7 +184,8 @@ def _outside(site: SiteCrane, crane: Crane) -> State:
 
 
 def _splined(name: str, site: SiteCrane, crane: Crane, start: State, goal: Sequence[float]) -> Job:
-    rates, accelerations = (site.slew, site.trolley, site.hoist[1]), site.accelerations
+    rates = (site.slew, site.trolley, site.hoist[1])
+    accelerations = site.accelerations
     (duration,) = shortest(crane, start, [goal], rates=rates, accelerations=accelerations)
     return Job(name, start, spline(crane, start, [goal], [duration]), duration)
 
@@ -194,9 +201,14 @@ def _pulsed(
 INERTIA = {"payload_inertia": 400.0, "dummy_mass": 50.0, "dummy_inertia": 50.0}
 """The article's load and links [kg m², kg, kg m²]."""
 
-SWING, DEEP, HIGH = 0.02, 0.9, 0.45
-"""Swing at the start of slow hoisting [rad], and the cable before and after it as shares of the
-longest."""
+SWING = 0.02
+"""Swing at the start of slow hoisting [rad]."""
+
+DEEP = 0.9
+"""Cable length before slow hoisting, over the longest."""
+
+HIGH = 0.45
+"""Cable length after slow hoisting, over the longest."""
 
 
 class LinearCase(NamedTuple):
@@ -286,7 +298,8 @@ def powers(setup: Setup, site: SiteCrane, crane: Crane) -> list[float]:
     """Return the power of the cable length with which a free swing changes when it is hoisted
     slowly: in the plant, and by Eq. (8).
     """
-    first, last = DEEP * site.height, HIGH * site.height
+    first = DEEP * site.height
+    last = HIGH * site.height
     start = crane.state(l=first, phi=SWING)
     duration = 15.0 / 8.0 * (first - last) / site.hoist[0]
     goal = (0.0, start.q[crane.layout.index("x")], last)

@@ -147,7 +147,8 @@ def slew_figure(
     """Draw the error over slew rate and over slew angle, for each crane."""
     figure, (left, right) = panels(1, 2, height=3.8, sharey=True)
     for site, colour in zip(SITES, _CRANES, strict=True):
-        rates, errors = RPM * site.slew * np.array(SHARES), 100.0 * np.array(slow[site.name])
+        rates = RPM * site.slew * np.array(SHARES)
+        errors = 100.0 * np.array(slow[site.name])
         left.loglog(rates, errors, ".-", color=COLOURS[colour], label=site.name)
         right.loglog(ANGLES, 100.0 * np.array(short[site.name]), ".-", color=COLOURS[colour])
     for ax, ticks, label in (

@@ -29,12 +29,16 @@ if TYPE_CHECKING:
     from cranedyn.recording import Run
 
 STEPS = 60
-"""Least peak-to-peak swing of a record in steps of its sensor; below, the steps are the swing."""
+"""Least peak-to-peak swing of a record, in steps of its sensor.
+
+Of a smaller swing the sensor shows its steps rather than the motion.
+"""
 
 COVERED = 12 / 13
 """Least share of the records whose offset agrees with the mean of all."""
 
-_FIGURES = 4
+MAX_FIGURES = 4
+"""Largest number of records of which a figure is drawn, evenly among all."""
 
 
 class Single(NamedTuple):
@@ -66,7 +70,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "The records have no licence and are no part of this project. Clone them into a folder "
             f"DIR: {commands} then add --data DIR."
         )
-    singles, drives, count = list[Single](), list[Log](), 0
+    singles = list[Single]()
+    drives = list[Log]()
+    count = 0
     for source in SOURCES:
         folder = Path(options.data) / source.folder
         if folder.is_dir():
@@ -94,20 +100,24 @@ def _identified(source: PublicRecords, logs: list[tuple[str, Log]], setup: Setup
     for done, record in enumerate(records):
         count(done)
         estimates.append(identify(Model.of(prior, [record], source.names)))
-    return [
-        Single(source.name, estimate, _held_out(estimate, estimates[:i] + estimates[i + 1 :]))
-        for i, estimate in enumerate(estimates)
-    ]
+    singles = []
+    for i, estimate in enumerate(estimates):
+        peers = estimates[:i] + estimates[i + 1 :]
+        singles.append(Single(source.name, estimate, _held_out(estimate, peers)))
+    return singles
 
 
 def _steps(swing: np.ndarray) -> float:
-    """Return the peak-to-peak swing in steps of its sensor."""
+    """Return the peak-to-peak swing in steps of its sensor.
+
+    A step is the smallest difference between two values.
+    """
     values = np.unique(swing)
     return float(np.ptp(values) / np.diff(values).min()) if len(values) > 1 else 0.0
 
 
 def _means(estimates: Sequence[Estimate]) -> Mapping[str, float]:
-    """Return the mean of each parameter, weighted by its variances."""
+    """Return the mean of each parameter, each estimate weighted by the inverse of its variance."""
     means = {}
     for p in estimates[0].model.own:
         values, margins = np.array([e.intervals[p.name] for e in estimates]).T
@@ -116,10 +126,21 @@ def _means(estimates: Sequence[Estimate]) -> Mapping[str, float]:
 
 
 def _held_out(estimate: Estimate, peers: Sequence[Estimate]) -> float | None:
-    """Return the relative error of a record predicted with what others say of the crane."""
+    """Return the relative RMS error of a record that is predicted with the means of the others.
+
+    Parameters that belong to the record itself, such as its first swing, keep their estimates.
+
+    Args:
+        estimate: Estimate from the record alone.
+        peers: Estimates from the other records of the crane.
+
+    Returns:
+        The error over the standard deviation of the swing; None without other records.
+    """
     if not peers:
         return None
-    model, means = estimate.model, _means(peers)
+    model = estimate.model
+    means = _means(peers)
     values = np.array(
         [
             means[p.name] if p.record is None else value
@@ -149,7 +170,9 @@ def _outcome(singles: Sequence[Single], drives: Sequence[Log], count: int) -> Ou
     best = min(fits, key=lambda f: f.criterion) if fits else None
     if best is not None:
         claims += _shared(best, fits[1])
-    chosen = [singles[i] for i in np.unique(np.linspace(0, len(singles) - 1, _FIGURES, dtype=int))]
+    chosen = [
+        singles[i] for i in np.unique(np.linspace(0, len(singles) - 1, MAX_FIGURES, dtype=int))
+    ]
     return Outcome(
         tables=[
             _records_table(singles, count),
@@ -172,15 +195,19 @@ def _runs(single: Single, aside: float) -> list[Run]:
     """
     from cranedyn.recording import Run
 
-    estimate, record = single.estimate, single.record
+    estimate = single.estimate
+    record = single.record
     numbers = {name: value for name, (value, _) in estimate.intervals.items()}
-    crane, joint = twin_of(estimate).crane, record.swings[0]
+    crane = twin_of(estimate).crane
+    joint = record.swings[0]
     window = numbers.get("window", 0.0)
     late = numbers.get("delay", 0.0) + 0.5 * window
     twin = estimate.model.run(0, estimate.values, crane).before(record.duration - late)
     period = point_period(float(np.mean(twin["l_m"])), crane.gravity)
     swing = np.interp(twin.t + late, record.t, record.columns[joint.columns[0]])
-    q, v, i = twin.q.copy(), twin.v.copy(), crane.layout.index(joint.symbol)
+    q = twin.q.copy()
+    v = twin.v.copy()
+    i = crane.layout.index(joint.symbol)
     q[:, i] = (swing - numbers.get(f"{joint.symbol}_bias", 0.0)) / np.sinc(window / period)
     v[:, i] = np.gradient(q[:, i], twin.t)
     energies = [energy(crane, State(*row)) for row in zip(q, v, strict=True)]
@@ -195,7 +222,8 @@ def _shared(best: Fit, averaged: Fit) -> list[Claim]:
     """Return the claims on all records of the crane whose trolley moves, fitted together."""
     effects = " and ".join(best.names[1:]) or "nothing else"
     spread, former = (1e3 * f.offsets.std() for f in (best, averaged))
-    (mean, agree), (gravity, margin) = best.agreement, best.gravity
+    mean, agree = best.agreement
+    gravity, margin = best.gravity
     return [
         Claim(
             f"Beside the sensor's window the records show {effects}, with which their offsets "

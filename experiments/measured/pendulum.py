@@ -1,4 +1,13 @@
-"""Pendulum under a moving trolley by equations of its own, and records as a logger writes them."""
+"""Pendulum under a moving trolley, independent of the plant, and records as a logger writes them.
+
+With the angle φ from plumb, the length l and the acceleration of the trolley a, see
+`simulate_swing`,
+
+    φ̈ = (a cos φ - g sin φ) / l - (c + k |φ̇|) φ̇ - f sign(φ̇) - r sign(φ)
+
+with viscous damping c, drag k, dry friction f and a centring acceleration r. Here, a positive
+acceleration of the trolley drives the swing to positive angles.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +21,14 @@ from cranedyn.model.crane import STANDARD_GRAVITY
 STEP = 0.01
 """Integration step [s]."""
 
-_KINK, _SLOW = 1e-3, 2e-3
-"""Swing [rad] and rate [rad/s] within which centring and dry friction change their sign."""
+CENTRING_WIDTH = 1e-3
+"""Swing within which the centring acceleration changes its sign [rad].
+
+The sign is a tanh, so that integrator and fit have a smooth function.
+"""
+
+FRICTION_WIDTH = 2e-3
+"""Rate of the swing within which dry friction changes its sign [rad/s], likewise."""
 
 
 def simulate_swing(
@@ -39,13 +54,18 @@ def simulate_swing(
     """
 
     def rate(y: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """Return rate and acceleration of the swing, shape (2, lanes)."""
         phi, omega = y
-        torque = (pull * np.cos(phi) - STANDARD_GRAVITY * np.sin(phi)) / length
-        losses = (damping + drag * np.abs(omega)) * omega + friction * np.tanh(omega / _SLOW)
-        return np.stack([omega, torque - losses - centring * np.tanh(phi / _KINK)])
+        driving = (pull * np.cos(phi) - STANDARD_GRAVITY * np.sin(phi)) / length
+        losses = (damping + drag * np.abs(omega)) * omega
+        losses += friction * np.tanh(omega / FRICTION_WIDTH)
+        return np.stack([omega, driving - losses - centring * np.tanh(phi / CENTRING_WIDTH)])
 
+    # Each step of the classical Runge-Kutta method takes the acceleration at its two ends and in
+    # its middle.
     steps = len(acceleration) // 2
-    phi, y = np.empty((steps + 1, len(length))), np.array(start, dtype=float)
+    phi = np.empty((steps + 1, len(length)))
+    y = np.array(start, dtype=float)
     for k in range(steps):
         phi[k] = y[0]
         first, middle, last = acceleration[2 * k : 2 * k + 3]
@@ -59,22 +79,23 @@ def simulate_swing(
 
 
 def reported(t: np.ndarray, phi: np.ndarray, delay: float, window: float) -> np.ndarray:
-    """Return a swing as its sensor reports it: late by a delay [s], averaged over a window [s].
+    """Return a swing as its sensor reports it: late, and averaged over a window [rad].
 
     Args:
         t: Times of the reports [s], shape (rows,).
-        phi: Swing each `STEP` from time zero on [rad], shape (steps + 1,); at rest before.
-        delay: Delay [s].
-        window: Window [s]; 0 for none.
+        phi: Swing each `STEP` from time zero on [rad], shape (steps + 1,); before, it is the first.
+        delay: Time by which reports are late [s].
+        window: Time before that over which they are averaged [s]; 0 for none.
     """
     curve = CubicSpline(STEP * np.arange(len(phi)), phi)
     late = np.clip(t - delay, 0.0, STEP * (len(phi) - 1))
     if window <= 0.0:
         return np.asarray(curve(late))
-    first = late - window
-    total = curve.antiderivative()
-    before = phi.item(0) * np.minimum(first, 0.0)
-    return np.asarray((total(late) - total(np.maximum(first, 0.0)) - before) / window)
+    begin = late - window
+    integral = curve.antiderivative()
+    # The part of a window before time zero, where the swing is the first one; it is negative.
+    before = phi.item(0) * np.minimum(begin, 0.0)
+    return np.asarray((integral(late) - integral(np.maximum(begin, 0.0)) - before) / window)
 
 
 def logged(
@@ -105,24 +126,41 @@ def logged(
         delay: Delay of the swing sensor [s].
         window: Time over which it averages [s].
     """
-    rng, one = np.random.default_rng(seed), np.ones(1)
+    rng = np.random.default_rng(seed)
+    one_lane = np.ones(1)
     half = 0.5 * STEP * np.arange(4301)
     motion = CubicSpline(half, trolley(half, travel, lasts))
-    effects = [factor * one for factor in (damping, 0.0, 0.0, 0.0)]
-    phi = simulate_swing(motion(half, 2)[:, None], length * one, np.zeros((2, 1)), *effects).ravel()
+    phi = simulate_swing(
+        motion(half, 2)[:, None],
+        length * one_lane,
+        np.zeros((2, 1)),
+        damping=damping * one_lane,
+        drag=0.0 * one_lane,
+        friction=0.0 * one_lane,
+        centring=0.0 * one_lane,
+    ).ravel()
+    # The logger polls as often as it can: mostly every 7 or 12.5 ms, and at times twice at once.
     t = np.cumsum(rng.choice([1e-4, 0.007, 0.0125], size=3200, p=[0.25, 0.45, 0.3]))
     t = t[t < 21.0]
     columns = {"t_s": t, "l_m": np.full(len(t), cable)}
+    # Time between two readings [s], step of the reading, and what is read, by column.
     sensors: dict[str, tuple[float, float, Callable[[np.ndarray], np.ndarray]]] = {
         "x_m": (0.030, 5e-5, lambda s: trolley(s, travel, lasts)),
         "phi_rad": (0.033, 1e-3, lambda s: sign * (reported(s, phi, delay, window) + bias)),
     }
     for name, (interval, quantum, sensor) in sensors.items():
-        columns[name] = np.round(sensor(np.floor(t / interval) * interval) / quantum) * quantum
+        last_reading = np.floor(t / interval) * interval
+        columns[name] = np.round(sensor(last_reading) / quantum) * quantum
     return columns
 
 
 def trolley(t: np.ndarray, travel: float = 1.2, lasts: float = 3.5) -> np.ndarray:
-    """Return the position of a trolley that moves by a distance [m] in a time [s], from 0.5 s."""
+    """Return the position of a trolley that moves once, by a quintic spline from rest to rest [m].
+
+    Args:
+        t: Times [s].
+        travel: Distance that it moves [m].
+        lasts: Time for the move [s]; it begins at 0.5 s.
+    """
     s = np.clip((np.asarray(t) - 0.5) / lasts, 0.0, 1.0)
     return np.asarray(travel * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))

@@ -20,19 +20,20 @@ from cranedyn.data.workbooks import Sheet, read_sheets
 from cranedyn.errors import DataError, quoted
 
 Columns = dict[str, np.ndarray]
+"""Columns of a record by name, shape (rows,) each."""
 
 
 @dataclass(frozen=True)
 class PublicRecords:
-    """Public repository with records of one crane.
+    """A public repository with records of one crane.
 
     Attributes:
-        name: Name of the crane.
+        name: Name of the crane in tables.
         repository: Owner and name on GitHub.
-        commit: Commit that was read.
-        values: Numbers of the crane that its owner wrote, as arguments of the overhead crane.
-        names: Parameters to be estimated.
-        read: Function that yields name and columns of each record of a clone.
+        commit: Commit that is read.
+        values: Numbers of the crane as its owner states them, as arguments of the overhead crane.
+        names: Names of the parameters that are estimated.
+        read: Function that takes the folder of a clone, and yields name and columns of each record.
     """
 
     name: str
@@ -63,8 +64,10 @@ _GANTRY_COLUMNS = {
     "sway_angle": "phi_rad",
     "pwm_trolley_motor": "x_command",
 }
-_FULL = 1023.0
-"""Command of a motor's full voltage, in steps of its pulses."""
+"""Our names of the columns of the gantry crane's workbooks, by theirs."""
+
+_FULL_COMMAND = 1023.0
+"""Command of the motor at full voltage, as its pulse-width modulation counts."""
 
 _LARGEST = {"x_m": 100.0, "l_m": 100.0, "phi_rad": np.pi}
 """Largest number that each column of a laboratory crane can hold [m or rad]."""
@@ -86,7 +89,7 @@ def _gantry(clone: Path) -> Iterator[tuple[str, Columns]]:
         drive, *_, pwm, _, _ = path.stem.split("_")
         for i, columns in enumerate(read_workbook(path), start=1):
             columns["x_m"] += _LIGHT["trolley_init"]
-            columns["x_command"] /= _FULL
+            columns["x_command"] /= _FULL_COMMAND
             yield f"{drive} {pwm}, {i}", columns
 
 
@@ -243,7 +246,8 @@ def read_mat(content: bytes, name: str) -> Columns:
         index = names.index(variable)
         numbers = result.content.view("<f8")
         arrays[variable] = numbers[ends[index] - result.header["lengths"][index] : ends[index]]
-    t, y = arrays["t"], arrays["y"]
+    t = arrays["t"]
+    y = arrays["y"]
     if len(t) != len(y):
         raise DataError(f"{name}.mat has {len(t)} times and {len(y)} angles.")
     columns = {"t_s": t, "phi_rad": y, "l_m": np.full(len(t), _AAU_LENGTH)}

@@ -1,8 +1,8 @@
 """A box on the ground: how far it sinks, where friction holds it, how it slides, how it rebounds,
 and where it leans on a platform that is turned.
 
-The box is free in a plane and pushed at its centre, so that the law of contact is on its own.
-Contacts act in steps of 0.5 ms at most, so a step here is a fortieth of the bench's.
+The box is free in a plane and pushed at its centre, so that nothing but the law of contact acts.
+Contacts need steps of 0.5 ms at most, so that a step here is a fortieth of the bench's.
 """
 
 from __future__ import annotations
@@ -23,56 +23,98 @@ from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import MASS, Bench, G, Oracle
 
-SHARE = 40
+SUBSTEPS = 40
 """Step of the bench over a step of contacts."""
 
-WIDTH, HEIGHT = 1.0, 2.0
-"""Sides of the box in the plane [m]."""
+DT = 5e-4
+"""Step of the runs whose end is a state of rest, so that the step does not show in it [s]."""
 
-FRICTION, SINK = 0.4, 0.002
-"""Coefficient of friction and static sink [m]."""
+WIDTH = 1.0
+"""Width of the box in the plane of its motion [m]."""
 
-HELD, PUSHED = 0.95, 1.2
-"""Pushes over the largest friction: one that must not move the box, and one that must."""
+HEIGHT = 2.0
+"""Height of the box [m]."""
 
-LEAVES = 1e-6, "the end of contact between two steps"
-"""Error of the rebound [m/s] that does not go with a power of the step: ½ ω² v dt²."""
+FRICTION = 0.4
+"""Coefficient of friction."""
 
-DT, SETTLED, TILT = 5e-4, 2.0, 1e-4
-"""Step of the runs in which the step does not show [s], time for which a push lasts [s], and tilts
-from balance on an edge [rad]."""
+SINK = 0.002
+"""Depth by which the box sinks into the ground under its weight [m]."""
 
-SPEED, RESTITUTION, AFTER = 1.0, 0.5, 0.08
-"""Speed of an impact [m/s], coefficient of restitution, and time from touching to the row that is
-read, when the box is in the air again [s]."""
+HOLDING_RATIO = 0.95
+"""Push over the largest friction that must not move the box."""
 
+SLIDING_RATIO = 1.2
+"""Push over the largest friction under which the box must slide."""
 
-BUMPER, OFFSET = 0.8, 0.3
-"""How far a point of the box is ahead of its centre, and aside of it [m]."""
+PUSH_TIME = 2.0
+"""Time for which a push lasts [s]."""
+
+TILT = 1e-4
+"""Tilt to either side of balance on an edge from which the box is released [rad]."""
+
+IMPACT_SPEED = 1.0
+"""Speed of an impact [m/s]."""
+
+RESTITUTION = 0.5
+"""Coefficient of restitution of this impact."""
+
+REBOUND_TIME = 0.08
+"""Time from touching to the row that is read [s]; the box is in the air again."""
+
+REBOUND_ERROR = 1e-6
+"""Error of the rebound that does not go with a power of the step [m/s].
+
+Contact ends within a step. Up to the end of it the force is off by as much as ω² v dt, over a time
+of dt: ½ ω² v dt².
+"""
+
+REBOUND_REASON = "the end of contact between two steps"
+"""The reason that is stated for this error, see `Oracle.why`."""
+
+BUMPER_AHEAD = 0.8
+"""Distance by which a point of the box, the bumper, is ahead of its centre [m]."""
+
+BUMPER_ASIDE = 0.3
+"""Distance by which the bumper is aside of the centre [m]."""
 
 PLATFORM = Platform((3.0, -0.2), (2.0, 4.0), 3.0, yaw=math.radians(30.0))
-"""Stands ahead of the box, turned from X towards Y."""
+"""A platform ahead of the box, turned from X towards Y."""
 
-LEANING = 2000.0
-"""Force with which the box leans on it [N]."""
+LEANING_FORCE = 2000.0
+"""Force with which the box leans on the platform [N]."""
 
 
 def free_box() -> Crane:
-    """Return a box that is free in the plane of X and Z and pushed along X."""
+    """Return a box that is free in the plane of X and Z, and pushed along X.
+
+    It is a chain of three joints without mass before the box: two that shift and one that tips it.
+    """
     inertia = MASS * (WIDTH**2 + HEIGHT**2) / 12.0
-    joints = [("x", "prismatic", "1 0 0"), ("z", "prismatic", "0 0 1"), ("p", "revolute", "0 1 0")]
-    links = ["world", "carriage", "lift", "box"]
-    chain = "".join(
-        f'<link name="{parent}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
-        f'<child link="{child}"/><axis xyz="{axis}"/>'
-        '<limit lower="-100" upper="100" effort="1e9" velocity="100"/></joint>'
-        for (name, kind, axis), parent, child in zip(joints, links[:-1], links[1:], strict=True)
-    )
+    chain = ""
+    for name, kind, axis, parent, child in (
+        ("x", "prismatic", "1 0 0", "world", "carriage"),
+        ("z", "prismatic", "0 0 1", "carriage", "lift"),
+        ("p", "revolute", "0 1 0", "lift", "box"),
+    ):
+        chain += (
+            f'<link name="{parent}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="{child}"/><axis xyz="{axis}"/>'
+            '<limit lower="-100" upper="100" effort="1e9" velocity="100"/></joint>'
+        )
     moments = " ".join(f'i{axis}{axis}="{inertia}"' for axis in "xyz")
     body = f'<mass value="{MASS}"/><inertia {moments} ixy="0" ixz="0" iyz="0"/>'
     urdf = f'<robot name="box">{chain}<link name="box"><inertial>{body}</inertial></link></robot>'
-    record = {"urdf": urdf, "gravity": G, "joints": {}, "driven": ["x"], "payload": "p"}
-    return load_crane(from_record={"crane": {**record, "check_axes": False}})
+    record = {
+        "urdf": urdf,
+        "gravity": G,
+        "joints": {},
+        "driven": ["x"],
+        "payload": "p",
+        # These joints are none of a crane.
+        "check_axes": False,
+    }
+    return load_crane(from_record={"crane": record})
 
 
 @cache
@@ -86,8 +128,17 @@ def push(
     ground: Ground | None = None,
     **start: float,
 ) -> Trajectory:
-    """Return a run of the box under a force along X [N], from rest on the ground unless its start
-    is given by its coordinates. The ground is level and bare unless it is given.
+    """Return a run of the box under a constant force.
+
+    Args:
+        crane: The box, see `free_box`.
+        force: Force along X [N].
+        duration: Duration [s].
+        dt: Step [s].
+        engine: Engine that computes a step.
+        restitution: Coefficient of restitution of a ground that is not given.
+        ground: Ground; level and bare if it is None.
+        **start: Coordinates at the start; at rest on the ground unless they are given.
     """
     if ground is None:
         ground = Ground(box_corners(WIDTH, WIDTH, HEIGHT), (), FRICTION, restitution, SINK)
@@ -106,100 +157,143 @@ def push(
 
 def box_on_ground(bench: Bench) -> list[Oracle]:
     """Return the oracles of a box on the ground."""
-    crane, cone = free_box(), FRICTION * MASS * G
+    crane = free_box()
+    largest_friction = FRICTION * MASS * G
 
     def sink(dt: float) -> float:
         return HEIGHT / 2.0 - float(push(crane, 0.0, 0.2, DT, bench.engine)["z_m"][-1])
 
     def creep(dt: float) -> float:
-        return float(push(crane, HELD * cone, SETTLED, DT, bench.engine)["x_dot_m_s"][-1])
+        run = push(crane, HOLDING_RATIO * largest_friction, PUSH_TIME, DT, bench.engine)
+        return float(run["x_dot_m_s"][-1])
 
     def slide(dt: float) -> float:
-        run = push(crane, PUSHED * cone, SETTLED, DT, bench.engine)
+        run = push(crane, SLIDING_RATIO * largest_friction, PUSH_TIME, DT, bench.engine)
+        # Over the last quarter, after the box has settled.
         row = len(run.t) * 3 // 4
-        return float((run["x_dot_m_s"][-1] - run["x_dot_m_s"][row]) / (run.t[-1] - run.t[row]))
+        rate = run["x_dot_m_s"]
+        return float((rate[-1] - rate[row]) / (run.t[-1] - run.t[row]))
 
     def balance(dt: float) -> float:
-        """Return the tilt at which the box stands still on its edge, by two runs [rad]."""
-        tilts = math.atan(WIDTH / HEIGHT) + TILT * np.array([-1.0, 1.0])
-        first, second = (_tipping(crane, tilt, bench.engine) for tilt in tilts.tolist())
-        return float(tilts[0] - first * (tilts[1] - tilts[0]) / (second - first))
+        """Return the tilt at which the box stands still on its edge [rad].
+
+        On either side of it the box begins to tip; between the two rates is zero.
+        """
+        low = math.atan(WIDTH / HEIGHT) - TILT
+        high = math.atan(WIDTH / HEIGHT) + TILT
+        low_rate = _tipping_rate(crane, low, bench.engine)
+        high_rate = _tipping_rate(crane, high, bench.engine)
+        return float(low - low_rate * (high - low) / (high_rate - low_rate))
 
     def rebound(dt: float) -> float:
         run = push(
-            crane, 0.0, AFTER, dt / SHARE, bench.engine, RESTITUTION, z=HEIGHT / 2.0, z_dot=-SPEED
+            crane,
+            0.0,
+            REBOUND_TIME,
+            dt / SUBSTEPS,
+            bench.engine,
+            RESTITUTION,
+            z=HEIGHT / 2.0,
+            z_dot=-IMPACT_SPEED,
         )
+        # In the air the energy stays: it tells the speed at the height where the box touched.
         return math.sqrt(2.0 * (run.energy[-1] / MASS - G * HEIGHT / 2.0))
 
     def lean(dt: float) -> float:
-        points = (*box_corners(WIDTH, WIDTH, HEIGHT), (BUMPER, OFFSET, 0.0))
+        points = (*box_corners(WIDTH, WIDTH, HEIGHT), (BUMPER_AHEAD, BUMPER_ASIDE, 0.0))
         smooth_ground = Ground(points, (PLATFORM,), friction=0.0, sink=SINK)
         near = _leaning_place() - 0.005
-        run = push(crane, LEANING, SETTLED, DT, bench.engine, ground=smooth_ground, x=near)
+        run = push(crane, LEANING_FORCE, PUSH_TIME, DT, bench.engine, ground=smooth_ground, x=near)
         return float(run["x_m"][-1])
 
+    slides = (SLIDING_RATIO - 1.0) * FRICTION * G
     return [
         Oracle("static sink", "m", SINK, sink),
-        Oracle(f"creeps under {HELD:g} of the largest friction", "m/s", 0.0, creep),
-        Oracle(f"slides under {PUSHED:g} of it", "m/s²", (PUSHED - 1.0) * FRICTION * G, slide),
+        Oracle(f"creeps under {HOLDING_RATIO:g} of the largest friction", "m/s", 0.0, creep),
+        Oracle(f"slides under {SLIDING_RATIO:g} of it", "m/s²", slides, slide),
         Oracle("balances on its edge, tan b/h", "rad", math.atan(WIDTH / HEIGHT), balance, TILT**2),
-        Oracle(f"rebounds from {SPEED:g} m/s", "m/s", _rebound_speed(), rebound, *LEAVES),
+        Oracle(
+            f"rebounds from {IMPACT_SPEED:g} m/s",
+            "m/s",
+            _rebound_speed(),
+            rebound,
+            REBOUND_ERROR,
+            REBOUND_REASON,
+        ),
         Oracle("leans on a platform turned by 30°", "m", _leaning_place(), lean),
     ]
 
 
 def _leaning_place() -> float:
-    """Return where the box leans on the platform [m]. By trigonometry, the side that faces it
-    crosses the line of its bumper half the platform over the cosine ahead of the middle, and by
-    the tangent nearer for what the bumper is aside of it. There the normal force carries the push
-    by its cosine, and the bumper is in the side by that force over the stiffness of a point, m g
-    over four sinks; along the push that is over the cosine once more.
-    """
+    """Return where the centre of the box is while it leans on the platform [m]."""
     x, y = PLATFORM.centre
-    cosine, tangent = math.cos(math.pi / 6.0), math.tan(math.pi / 6.0)
-    side = x - 0.5 * PLATFORM.size[0] / cosine - (OFFSET - y) * tangent
+    yaw = math.pi / 6.0
+    cosine = math.cos(yaw)
+    # The side of the platform that faces the box is half the platform ahead of its middle, at a
+    # right angle to the side: over the cosine along X. The bumper meets it farther aside, and by
+    # the tangent nearer.
+    side = x - 0.5 * PLATFORM.size[0] / cosine - (BUMPER_ASIDE - y) * math.tan(yaw)
+    # Without friction the force of the side is normal to it. Its component along X, by the cosine,
+    # carries the push, so the force is the push over the cosine. It presses the bumper into the
+    # side by its own size over the stiffness; along X that is over the cosine once more.
+    # Four corners of the box carry its weight at the static sink.
     stiffness = MASS * G / (4.0 * SINK)
-    return side - BUMPER + LEANING / (stiffness * cosine**2)
+    return side - BUMPER_AHEAD + LEANING_FORCE / (stiffness * cosine**2)
 
 
-def _tipping(crane: Crane, tilt: float, engine: EngineName) -> float:
+def _tipping_rate(crane: Crane, tilt: float, engine: EngineName) -> float:
     """Return the rate of tipping of a box soon after it is released on its edge [rad/s]."""
+    # One edge carries all the weight, by two of the four corners: it sinks twice as far.
     above = 0.5 * (WIDTH * math.sin(tilt) + HEIGHT * math.cos(tilt))
     run = push(crane, 0.0, 0.02, DT, engine, z=above - 2.0 * SINK, p=tilt)
     return float(run["p_dot_rad_s"][-1])
 
 
 def _rebound_speed() -> float:
-    """Return the speed of the box after the impact, where it touched first [m/s]: the motion on
-    spring, damper and gravity up to where they no longer push.
+    """Return the speed of the box after the impact, at the height where it touched first [m/s].
+
+    It moves on the spring and damper of the contact under gravity, integrated up to where these no
+    longer push; from there it is in free flight.
     """
-    omega, ratio = math.sqrt(G / SINK), _impact_ratio(RESTITUTION)
+    # The weight makes the static sink: k SINK = m g, and ω² = k/m.
+    omega = math.sqrt(G / SINK)
+    ratio = _impact_ratio(RESTITUTION)
 
     def push_off(t: float, state: np.ndarray) -> float:
+        """Return the force of the contact over the mass [m/s²], from depth and its rate."""
         return float(omega**2 * state[0] + 2.0 * ratio * omega * state[1])
 
     def motion(t: float, state: np.ndarray) -> list[float]:
         return [state[1], G - push_off(t, state)]
 
-    push_off.terminal, push_off.direction = True, -1.0  # type: ignore[attr-defined]
-    impact = solve_ivp(motion, (0.0, 1.0), [0.0, SPEED], events=push_off, rtol=1e-12, atol=1e-14)
+    push_off.terminal = True  # type: ignore[attr-defined]
+    push_off.direction = -1.0  # type: ignore[attr-defined]
+    impact = solve_ivp(
+        motion, (0.0, 1.0), [0.0, IMPACT_SPEED], events=push_off, rtol=1e-12, atol=1e-14
+    )
     depth, rate = impact.y[:, -1]
     return math.sqrt(rate**2 - 2.0 * G * depth)
 
 
 def _impact_ratio(restitution: float) -> float:
-    """Return the damping ratio at which a point that hits spring and damper without gravity leaves
-    them at a share of its speed, by integration up to where they no longer push.
+    """Return the damping ratio of a contact from its coefficient of restitution.
+
+    A point that hits a spring and damper without gravity leaves them, where they no longer push, at
+    the coefficient times its speed. The motion is integrated in units in which ω, mass and speed
+    are 1.
     """
 
     def excess(ratio: float) -> float:
+        """Return the share of the speed at which the point leaves, less the coefficient."""
+
         def push_off(t: float, state: np.ndarray) -> float:
             return float(state[0] + 2.0 * ratio * state[1])
 
         def motion(t: float, state: np.ndarray) -> list[float]:
             return [state[1], -push_off(t, state)]
 
-        push_off.terminal, push_off.direction = True, -1.0  # type: ignore[attr-defined]
+        push_off.terminal = True  # type: ignore[attr-defined]
+        push_off.direction = -1.0  # type: ignore[attr-defined]
         impact = solve_ivp(motion, (0.0, 9.0), [0.0, 1.0], events=push_off, rtol=1e-12, atol=1e-14)
         return -float(impact.y[1, -1]) - restitution
 

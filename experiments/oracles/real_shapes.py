@@ -93,8 +93,11 @@ def real_distances(run: SiteRun) -> RealDistances:
     """
     stations = run.site.stations
     cranes = [_ShapesOfCrane(station) for station in stations]
-    instants, overlaps, uncounted = 0, 0, 0
-    least, excess = math.inf, -math.inf
+    instants = 0
+    overlaps = 0
+    uncounted = 0
+    least = math.inf
+    excess = -math.inf
     for k, (i, j) in enumerate(itertools.combinations(range(len(cranes)), 2)):
         names = stations[i].name, stations[j].name
         times = [x.t for x in run.contacts if (x.first, x.second) == names]

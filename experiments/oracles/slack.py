@@ -1,5 +1,7 @@
-"""Ropes that go slack and taut: the load that falls onto its rope, bounces and is caught, beside
-closed forms; and the energy ledger through a thousand changes of phase.
+"""Ropes that go slack and taut.
+
+The load falls onto its rope, bounces and is caught, beside closed forms; and the energy ledger is
+followed through a thousand changes of phase.
 
 Drives stand still, so that an elastic rope is a linear spring while it is taut. The motion is along
 the rope, by RK4 with a step that leaves less than a thousandth of what is allowed.
@@ -23,18 +25,49 @@ from cranedyn.model.crane import Crane
 from experiments.harness import Claim, ResultTable, make_table
 from experiments.oracles.bench import MASS, Bench, G, curve, zero_between
 
-LENGTH, EA, DRUM = 10.0, 1e6, 3000.0
-"""Cable length [m], EA of a fall of the rope [N], and mass of the drum at the rope [kg]."""
+LENGTH = 10.0
+"""Cable length [m]."""
 
-SPEED, HEIGHT, RELEASED, DT = 2.0, 0.5, 200.0, 2.5e-3
-"""Speed of the load [m/s], height of its fall [m], part that is released [kg], and step [s]."""
+EA = 1e6
+"""Stiffness E A of one fall of the rope [N]."""
 
-ALLOWED, CHANGES = 1e-6, 1000
-"""Relative error allowed, and changes of phase."""
+DRUM_MASS = 3000.0
+"""Mass of the drum as it shows at the rope [kg]: its inertia over the square of its radius."""
+
+SPEED = 2.0
+"""Speed of the load at which its rope is taken up, or leaves it slack [m/s]."""
+
+FALL_HEIGHT = 0.5
+"""Height from which the load falls into its rope [m]."""
+
+RELEASED_MASS = 200.0
+"""Part of the load that is released [kg]."""
+
+STEP = 2.5e-3
+"""Step of the runs [s]."""
+
+MAX_ERROR = 1e-6
+"""Largest relative error of a run."""
+
+PHASE_CHANGES = 1000
+"""Number of changes from taut to slack and back through which the ledger is followed."""
+
+TAUT = 0.0
+"""Phase of a rope that pulls, as a run records it."""
+
+SLACK = 1.0
+"""Phase of a rope that does not."""
 
 
 class SlackCheck(NamedTuple):
-    """A number in closed form and in a run."""
+    """A number in closed form and in a run.
+
+    Attributes:
+        name: What the number is.
+        unit: Its unit, empty for a pure number.
+        closed: Value in closed form.
+        simulated: Value in the run.
+    """
 
     name: str
     unit: str
@@ -49,23 +82,23 @@ class SlackCheck(NamedTuple):
 
 def study(bench: Bench) -> tuple[ResultTable, list[Claim], int]:
     """Return the table, its claims, and the number of closed forms."""
-    results = [
-        check._replace(closed=float(check.closed), simulated=float(check.simulated))
-        for check in (*_elastic(bench), *_reeved(bench), *_inextensible(bench))
-    ]
+    results = []
+    for check in (*_elastic(bench), *_reeved(bench), *_inextensible(bench)):
+        # Numbers read from a run are scalars of NumPy, which print differently.
+        plain = check._replace(closed=float(check.closed), simulated=float(check.simulated))
+        results.append(plain)
     table = make_table(
         "Ropes that go slack",
         results,
         ("quantity", "", lambda c: f"{c.name} [{c.unit}]".removesuffix(" []")),
         ("closed form", ".10g", lambda c: c.closed),
-        (f"dt = {1000 * DT:g} ms", ".7g", lambda c: c.simulated),
+        (f"dt = {1000 * STEP:g} ms", ".7g", lambda c: c.simulated),
         ("error", "+.0e>1e-9", lambda c: c.error),
     )
-    claims = [
-        Claim(f"{c.name}: {c.closed:.10g} {c.unit}".rstrip() + f" within {ALLOWED:.0e}.",
-              abs(c.error) < ALLOWED)
-        for c in results
-    ]  # fmt: skip
+    claims = []
+    for check in results:
+        number = f"{check.name}: {check.closed:.10g} {check.unit}".rstrip()
+        claims.append(Claim(f"{number} within {MAX_ERROR:.0e}.", abs(check.error) < MAX_ERROR))
     return table, [*claims, *_ledgers(bench)], len(results)
 
 
@@ -75,114 +108,197 @@ def _run(
     start: State,
     duration: float,
     *,
-    dt: float = DT,
+    dt: float = STEP,
     drive: Drive = "motion",
     rule: Integrator = rk4,
 ) -> Trajectory:
+    """Run a crane with a row for each step, for at least a duration [s]."""
     duration = math.ceil(duration / dt) * dt
     return bench.run(crane, start, duration, dt, substeps=1, drive=drive, integrator=rule)
 
 
 def _crane(bench: Bench, **values: float) -> Crane:
+    """Return a crane with an elastic rope, with some numbers changed."""
     return bench.build(**{"rope_stiffness": EA, "hoist_init": LENGTH, "damp_swing": 0.0, **values})
 
 
-def _from(crane: Crane, stretch: float, rate: float = 0.0) -> State:
+def _stretched(crane: Crane, stretch: float, rate: float = 0.0) -> State:
+    """Return the state with the rope stretched [m], at a rate [m/s]; negative if it is slack."""
     return crane.state(rope_stretch=stretch, rope_stretch_dot=rate)
 
 
 def _elastic(bench: Bench) -> Iterator[SlackCheck]:
+    """Yield the checks of an elastic rope: T is its tension and W the weight of the load."""
     crane = _crane(bench)
-    weight, stiffness = MASS * G, EA / LENGTH
-    static, omega = weight / stiffness, theory.rope_bounce(EA, LENGTH, MASS)
+    omega = theory.rope_bounce(EA, LENGTH, MASS)
+    yield from _caught_by_spring(bench, crane, omega)
+    yield from _bounces(bench, crane, omega)
+    yield from _rebounds(bench, crane, omega)
+    yield _released(bench)
+    yield from _on_falls(bench)
+
+
+def _caught_by_spring(bench: Bench, crane: Crane, omega: float) -> Iterator[SlackCheck]:
+    """Yield the checks of the largest tension of a load that its rope takes up or catches.
+
+    Args:
+        bench: Where it runs.
+        crane: A crane with an elastic rope.
+        omega: Frequency of the load on its rope [rad/s].
+    """
+    weight = MASS * G
+    stiffness = EA / LENGTH
+    static = weight / stiffness
     period = 2.0 * math.pi / omega
 
-    def peak(start: State, duration: float) -> float:
-        return _peaks(_run(bench, crane, start, duration))[0][1] / static
+    def largest_tension(start: State, duration: float) -> float:
+        """Return the largest tension over the weight."""
+        first = _peaks(_run(bench, crane, start, duration))[0]
+        return first.stretch / static
 
-    taken_up = peak(_from(crane, static, SPEED), 0.5 * period)
+    taken_up = largest_tension(_stretched(crane, static, SPEED), 0.5 * period)
     factor = theory.pickup_factor(SPEED, omega, G)
     yield SlackCheck(f"T/W, taken up at {SPEED:g} m/s", "", factor, taken_up)
+    # The kinetic energy goes into the spring: m v² = F²/k, beside the weight.
     snap = SPEED * math.sqrt(stiffness * MASS)
     yield SlackCheck("snap load then, v √(k m)", "N", snap, (taken_up - 1.0) * weight)
-    fallen = peak(_from(crane, -HEIGHT), period)
-    factor = theory.fall_factor(HEIGHT, stiffness, weight)
-    yield SlackCheck(f"T/W after a fall by {HEIGHT:g} m", "", factor, fallen)
-    start = _from(crane, 0.0, SPEED)
-    run = _run(bench, crane, start, 3.0 * (period + 2.0 * SPEED / G))
-    leaves, back = _slack_times(run, crane.gravity)
-    yield SlackCheck(f"slack after leaving at {SPEED:g} m/s", "s", 2.0 * SPEED / G, back - leaves)
-    (first, _), (second, _), *_ = _peaks(run)
+    fallen = largest_tension(_stretched(crane, -FALL_HEIGHT), period)
+    factor = theory.fall_factor(FALL_HEIGHT, stiffness, weight)
+    yield SlackCheck(f"T/W after a fall by {FALL_HEIGHT:g} m", "", factor, fallen)
+
+
+def _bounces(bench: Bench, crane: Crane, omega: float) -> Iterator[SlackCheck]:
+    """Yield the checks of a load that bounces: how long the rope is slack, and the period."""
+    period = 2.0 * math.pi / omega
+    start = _stretched(crane, 0.0, SPEED)
+    flight = 2.0 * SPEED / G
+    run = _run(bench, crane, start, 3.0 * (period + flight))
+    slack_from, slack_to = _slack_times(run, crane.gravity)
+    yield SlackCheck(f"slack after leaving at {SPEED:g} m/s", "s", flight, slack_to - slack_from)
+    first, second, *_ = _peaks(run)
     bounce = _bounce_period(SPEED, omega, G)
-    yield SlackCheck(f"bounce period at {SPEED:g} m/s", "s", bounce, second - first)
+    name = f"bounce period at {SPEED:g} m/s"
+    yield SlackCheck(name, "s", bounce, second.time - first.time)
+
+
+def _rebounds(bench: Bench, crane: Crane, omega: float) -> Iterator[SlackCheck]:
+    """Yield the checks of the speed at which a damped rope throws its load back."""
+    period = 2.0 * math.pi / omega
+    start = _stretched(crane, 0.0, SPEED)
     for ratio in (0.02, 0.1):
         damped = _crane(bench, rope_damping=2.0 * ratio * omega * MASS)
         run = _run(bench, damped, start, period)
-        v, phase = run["rope_stretch_dot_m_s"], run["phase"]
-        s = run["rope_stretch_m"]
-        free = np.flatnonzero((phase == 1.0) & (s < 0.0))[0]
-        rebound = math.sqrt(v[free] ** 2 - 2.0 * G * s[free])
-        closed = _rebound(SPEED, omega, ratio, G)
-        yield SlackCheck(
-            f"rebound from {SPEED:g} m/s, damping ratio {ratio:g}", "m/s", closed, rebound
-        )
-    mass = MASS - RELEASED
-    light, half = _crane(bench, payload_mass=mass), math.pi / theory.rope_bounce(EA, LENGTH, mass)
-    run = _run(bench, light, _from(light, static), period)
-    lowest = curve(run.t, run["rope_stretch_m"], int(half / DT))(half) * stiffness / (mass * G)
-    closed = 1.0 - theory.drop_factor(RELEASED, mass)
-    yield SlackCheck(f"T/W at least, {RELEASED:g} kg released", "", closed, lowest)
+        rate = run["rope_stretch_dot_m_s"]
+        stretch = run["rope_stretch_m"]
+        free = np.flatnonzero((run["phase"] == SLACK) & (stretch < 0.0))[0]
+        # In free fall v² - 2 g s stays. Where the rope has its own length, s = 0, it is v².
+        rebound = math.sqrt(rate[free] ** 2 - 2.0 * G * stretch[free])
+        name = f"rebound from {SPEED:g} m/s, damping ratio {ratio:g}"
+        yield SlackCheck(name, "m/s", _rebound(SPEED, omega, ratio, G), rebound)
+
+
+def _released(bench: Bench) -> SlackCheck:
+    """Return the check of the least tension after a part of the load is released.
+
+    The run has the mass that is left, and starts with the stretch under the whole load.
+    """
+    mass = MASS - RELEASED_MASS
+    stiffness = EA / LENGTH
+    light = _crane(bench, payload_mass=mass)
+    omega = theory.rope_bounce(EA, LENGTH, mass)
+    # The load is highest half a period later.
+    half = math.pi / omega
+    period = 2.0 * math.pi / theory.rope_bounce(EA, LENGTH, MASS)
+    run = _run(bench, light, _stretched(light, MASS * G / stiffness), period)
+    stretch = curve(run.t, run["rope_stretch_m"], int(half / STEP))(half)
+    least = stretch * stiffness / (mass * G)
+    closed = 1.0 - theory.drop_factor(RELEASED_MASS, mass)
+    return SlackCheck(f"T/W at least, {RELEASED_MASS:g} kg released", "", closed, least)
+
+
+def _on_falls(bench: Bench) -> Iterator[SlackCheck]:
+    """Yield the checks of the period on several falls, which carry the load together."""
+    static = MASS * G / (EA / LENGTH)
+    period = 2.0 * math.pi / theory.rope_bounce(EA, LENGTH, MASS)
     for falls in (2, 4):
-        reeved = _crane(bench, falls=falls)
-        start = _from(reeved, static / falls, 0.1 * SPEED)
-        run = _run(bench, reeved, start, period)
-        (first, _), (second, _), *_ = _peaks(run)
+        crane = _crane(bench, falls=falls)
+        run = _run(bench, crane, _stretched(crane, static / falls, 0.1 * SPEED), period)
+        first, second, *_ = _peaks(run)
         closed = 2.0 * math.pi / theory.rope_bounce(falls * EA, LENGTH, MASS)
-        yield SlackCheck(f"period on {falls} falls", "s", closed, second - first)
+        yield SlackCheck(f"period on {falls} falls", "s", closed, second.time - first.time)
 
 
 def _reeved(bench: Bench) -> Iterator[SlackCheck]:
-    crane, n, eta = _crane(bench, rope_stiffness=0.0), 4, 0.95
-    for verb, rate, share in (("hoists", -0.1, eta), ("lowers", 0.1, 1.0 / eta)):
+    """Yield the checks of the pull in the line that leads to the drum.
+
+    Of n falls each has η times the tension of the one before it, where sheaves turn with an
+    efficiency η. The tensions are a geometric series whose sum is the weight. While the load is
+    lowered, the line has the least of them and not the largest: 1/η stands for η.
+    """
+    crane = _crane(bench, rope_stiffness=0.0)
+    falls = 4
+    efficiency = 0.95
+    for verb, rate, ratio in (("hoists", -0.1, efficiency), ("lowers", 0.1, 1.0 / efficiency)):
         run = _run(bench, crane, crane.state(l_dot=rate), 0.1)
-        line = Reeving(n, eta).columns(crane, run)["line_N"][-1]
-        closed = MASS * G * (1.0 - share) / (1.0 - share**n)
-        yield SlackCheck(f"line of {n} falls that {verb}, η = {eta:g}", "N", closed, line)
+        line = Reeving(falls, efficiency).columns(crane, run)["line_N"][-1]
+        closed = MASS * G * (1.0 - ratio) / (1.0 - ratio**falls)
+        yield SlackCheck(
+            f"line of {falls} falls that {verb}, η = {efficiency:g}", "N", closed, line
+        )
 
 
 def _inextensible(bench: Bench) -> Iterator[SlackCheck]:
-    crane = _crane(bench, rope_stiffness=math.inf, drum_inertia=DRUM)
-    start, time = _from(crane, -HEIGHT), math.sqrt(2.0 * HEIGHT / G)
-    run = _run(bench, crane, start, 2.0 * time, drive="effort")
-    speed, reduced = G * time, MASS * DRUM / (MASS + DRUM)
-    after = MASS * speed / (MASS + DRUM) + MASS * G / (MASS + DRUM) * (run.t[-1] - time)
+    """Yield the checks of a rope that does not stretch: it catches the load by an impact."""
+    crane = _crane(bench, rope_stiffness=math.inf, drum_inertia=DRUM_MASS)
+    time = math.sqrt(2.0 * FALL_HEIGHT / G)
+    run = _run(bench, crane, _stretched(crane, -FALL_HEIGHT), 2.0 * time, drive="effort")
+    speed = G * time
+    # Load and drum share the momentum, and then fall together under the weight of the load.
+    total_mass = MASS + DRUM_MASS
+    after = MASS * speed / total_mass + MASS * G / total_mass * (run.t[-1] - time)
     yield SlackCheck("load and drum after an impact", "m/s", after, run["l_dot_m_s"][-1])
-    lost = -reduced * speed**2 / 2.0
+    reduced_mass = MASS * DRUM_MASS / total_mass
+    lost = -reduced_mass * speed**2 / 2.0
     yield SlackCheck("work of that impact", "J", lost, run["W_impacts_J"][-1])
+
+    # Two metres nearer to the pivot than the rope is long, and aside of it.
     aside = math.radians(40.0)
-    run = _run(bench, crane, crane.state(phi=aside, rope_stretch=-2.0), 4.0)
-    caught = np.flatnonzero(run["phase"] == 0.0)[0]
-    name, work = "work, load caught beside its pivot", _caught(LENGTH - 2.0, aside, LENGTH, MASS, G)
+    slack = 2.0
+    run = _run(bench, crane, crane.state(phi=aside, rope_stretch=-slack), 4.0)
+    caught = np.flatnonzero(run["phase"] == TAUT)[0]
+    work = _work_of_catching(LENGTH - slack, aside, LENGTH, MASS, G)
+    name = "work, load caught beside its pivot"
     yield SlackCheck(name, "J", work, run["W_impacts_J"][caught])
 
 
 def _rebound(speed: float, frequency: float, ratio: float, gravity: float) -> float:
-    """Return the speed at which a load passes the length of the unstretched rope again, after the
-    rope caught it at a speed [m/s]: a spring with a damper of a ratio that pulls only.
+    """Return the speed at which a damped rope throws its load back [m/s], where it has the length
+    of the unstretched rope again.
+
+    The rope is a spring with a damper that pulls but does not push: it lets go before that length.
+
+    Args:
+        speed: Speed at which the rope catches the load [m/s].
+        frequency: Frequency of the load on its rope without damping [rad/s].
+        ratio: Damping ratio of the rope.
+        gravity: Gravity [m/s²].
     """
-    static, decay = gravity / frequency**2, ratio * frequency
+    static = gravity / frequency**2
+    decay = ratio * frequency
     damped = frequency * math.sqrt(1.0 - ratio**2)
 
     def motion(t: float) -> tuple[float, float]:
         """Return stretch [m] and its rate [m/s]."""
-        # z = exp(-decay t) (-static cos + b sin) about the stretch at rest
+        # z = exp(-decay t) (-static cos + b sin), about the stretch at rest under the weight.
         b = (speed - decay * static) / damped
-        cosine, sine = math.cos(damped * t), math.sin(damped * t)
+        cosine = math.cos(damped * t)
+        sine = math.sin(damped * t)
         z = math.exp(-decay * t) * (b * sine - static * cosine)
         rate = math.exp(-decay * t) * damped * (b * cosine + static * sine) - decay * z
         return static + z, rate
 
     def pull(t: float) -> float:
+        """Return the tension over the mass [m/s²]."""
         stretch, rate = motion(t)
         return frequency**2 * stretch + 2.0 * decay * rate
 
@@ -192,66 +308,115 @@ def _rebound(speed: float, frequency: float, ratio: float, gravity: float) -> fl
     return math.sqrt(rate**2 - 2.0 * gravity * stretch)
 
 
-def _caught(distance: float, angle: float, length: float, mass: float, gravity: float) -> float:
-    """Return the work of the impact [J] in which an inextensible rope catches a load that falls
-    freely from rest at a distance and an angle from plumb: the speed along the rope is lost.
+def _work_of_catching(
+    distance: float, angle: float, length: float, mass: float, gravity: float
+) -> float:
+    """Return the work of the impact in which an inextensible rope catches a load beside its pivot.
+
+    The load falls freely from rest until it is as far from the pivot as the rope is long. Then the
+    part of its speed along the rope is lost.
+
+    Args:
+        distance: Distance from the pivot at first [m].
+        angle: Angle from plumb at first [rad].
+        length: Length of the rope [m].
+        mass: Mass of the load [kg].
+        gravity: Gravity [m/s²].
+
+    Returns:
+        The work [J], negative.
     """
     down = math.sqrt(length**2 - (distance * math.sin(angle)) ** 2)
     height = down - distance * math.cos(angle)
+    # m v²/2 = m g h, of which the square of the cosine between fall and rope is lost.
     return -mass * gravity * height * (down / length) ** 2
 
 
 def _bounce_period(speed: float, frequency: float, gravity: float) -> float:
-    """Return the period of a load that bounces on a rope and leaves it slack [s]: 2 v/g in flight
-    and (π + 2 atan(g/(ω v)))/ω on the rope.
+    """Return the period of a load that bounces on a rope and leaves it slack [s].
+
+    It is 2 v/g in flight and (π + 2 atan(g/(ω v)))/ω on the rope.
+
+    Args:
+        speed: Speed at which the load leaves the rope, and comes back, v [m/s].
+        frequency: Frequency of the load on its rope, ω [rad/s].
+        gravity: Gravity, g [m/s²].
     """
     taut = (math.pi + 2.0 * math.atan(gravity / (frequency * speed))) / frequency
     return 2.0 * speed / gravity + taut
 
 
-def _peaks(run: Trajectory) -> list[tuple[float, float]]:
-    """Return times [s] and values [m] of the largest stretches."""
-    t, s, peaks = run.t, run["rope_stretch_m"], []
-    for row in (
-        np.flatnonzero((s[1:-1] > s[:-2]) & (s[1:-1] >= s[2:]) & (s[1:-1] > 0.0)) + 1
-    ).tolist():
-        smooth = curve(t, s, row)
+class _Peak(NamedTuple):
+    """A largest stretch of the rope.
+
+    Attributes:
+        time: When it is [s].
+        stretch: How large it is [m].
+    """
+
+    time: float
+    stretch: float
+
+
+def _peaks(run: Trajectory) -> list[_Peak]:
+    """Return the largest stretches of the rope in a run, read between the rows."""
+    t = run.t
+    stretch = run["rope_stretch_m"]
+    before = stretch[:-2]
+    here = stretch[1:-1]
+    after = stretch[2:]
+    rows = np.flatnonzero((here > before) & (here >= after) & (here > 0.0)) + 1
+    peaks = []
+    for row in rows.tolist():
+        smooth = curve(t, stretch, row)
         time = zero_between(smooth.derivative(), t[row - 1], t[row + 1])
-        peaks.append((time, float(smooth(time))))
+        peaks.append(_Peak(time, float(smooth(time))))
     return peaks
 
 
 def _slack_times(run: Trajectory, gravity: float) -> tuple[float, float]:
-    """Return the times [s] between which the rope is slack for the first time: where the parabolas
-    of the first and last slack rows meet zero.
+    """Return the times between which the rope is slack for the first time [s]: where the parabolas
+    of the first and the last slack row meet zero.
     """
-    rows = np.flatnonzero(run["phase"] == 1.0)
+    rows = np.flatnonzero(run["phase"] == SLACK)
+    # The first slack rows end where the next one does not follow, or there is none.
+    first = rows[0]
     last = rows[np.flatnonzero(np.diff(rows, append=rows[-1] + 2) > 1)[0]]
     times = []
-    for row, side in ((rows[0], -1.0), (last, 1.0)):
-        s, v = run["rope_stretch_m"][row], run["rope_stretch_dot_m_s"][row]
+    for row, side in ((first, -1.0), (last, 1.0)):
+        # s + v t + g t²/2 = 0, before the first row and after the last.
+        s = run["rope_stretch_m"][row]
+        v = run["rope_stretch_dot_m_s"][row]
         times.append(run.t[row] + (side * math.sqrt(v**2 - 2.0 * gravity * s) - v) / gravity)
     return times[0], times[1]
 
 
 def _ledgers(bench: Bench) -> Iterator[Claim]:
-    """Bounce until the rope has changed its phase a thousand times, and see what energy is left
-    over; by semi-implicit Euler a part of it, with two steps.
+    """Yield the claims on the energy that the ledger leaves unexplained while a load bounces.
+
+    By RK4 it is followed through all changes of phase; by semi-implicit Euler through a few of
+    them, with two steps.
     """
-    stiffness, speed = 1e3 * EA, 3e-3 * SPEED
+    # A stiff rope and a slow load: bounces are short.
+    stiffness = 1e3 * EA
+    speed = 3e-3 * SPEED
     crane = _crane(bench, rope_stiffness=stiffness)
     omega = theory.rope_bounce(stiffness, LENGTH, MASS)
-    start, period = _from(crane, 0.0, speed), _bounce_period(speed, omega, G)
-    run = _run(bench, crane, start, (CHANGES // 2 + 1) * period, dt=2.5e-4)
-    changes, unexplained = np.count_nonzero(np.diff(run["phase"])), _unexplained(run)
+    start = _stretched(crane, 0.0, speed)
+    period = _bounce_period(speed, omega, G)
+    # Two changes in a bounce.
+    run = _run(bench, crane, start, (PHASE_CHANGES // 2 + 1) * period, dt=2.5e-4)
+    changes = np.count_nonzero(np.diff(run["phase"]))
+    unexplained = _unexplained(run)
     yield Claim(
-        f"RK4: through {CHANGES:g} changes of phase the ledger closes to 1e-9 of the energy.",
-        bool(changes >= CHANGES and unexplained < 1e-9),
+        f"RK4: through {PHASE_CHANGES:g} changes of phase the ledger closes to 1e-9 of the energy.",
+        bool(changes >= PHASE_CHANGES and unexplained < 1e-9),
     )
-    coarse, fine = (
-        _unexplained(_run(bench, crane, start, 5 * period, dt=dt, rule=semi_implicit_euler))
-        for dt in (4e-5, 1e-5)
-    )
+    few = 5 * period
+    coarse_run = _run(bench, crane, start, few, dt=4e-5, rule=semi_implicit_euler)
+    fine_run = _run(bench, crane, start, few, dt=1e-5, rule=semi_implicit_euler)
+    coarse = _unexplained(coarse_run)
+    fine = _unexplained(fine_run)
     yield Claim(
         "Semi-implicit Euler: the energy left over falls with the step, 3 to 5 times for a fourth.",
         3.0 < coarse / fine < 5.0,
@@ -259,4 +424,5 @@ def _ledgers(bench: Bench) -> Iterator[Claim]:
 
 
 def _unexplained(run: Trajectory) -> float:
+    """Return the largest energy that the ledger leaves unexplained, over the largest energy."""
     return float(np.abs(run.unexplained).max() / np.abs(run["energy_J"]).max())

@@ -1,11 +1,14 @@
-"""Swings with the drives locked, in a plane at any amplitude and on ovals that turn; and while the
-cable runs, at constant speed and slowly.
+"""Swings with the drives locked, and swings while the cable runs.
+
+With locked drives they are in a plane at any amplitude, and on ovals that turn. The cable runs at a
+constant speed, or so slowly that the action of the swing stays.
 """
 
 from __future__ import annotations
 
 import math
 from functools import cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,11 +30,29 @@ from experiments.oracles.bench import (
     zero_between,
 )
 
-LENGTH, SHORT = 20.0, 5.0
-"""Cable lengths [m]: of a point load, and of a load with inertia, which shows on a short cable."""
+# --- locked drives --------------------------------------------------------------------------------
 
-BEAM, SPACING = 500.0, 2.0
-"""Inertia of a thin beam across its axis [kg m²], and distance of the two falls it hangs on [m]."""
+LENGTH = 20.0
+"""Cable length of a point load [m]."""
+
+SHORT_LENGTH = 5.0
+"""Cable length of a load with inertia [m], which shows on a short cable."""
+
+LOAD_INERTIA = 400.0
+"""Inertia of a rigid load about each axis [kg m²]."""
+
+LINK_INERTIA = 50.0
+"""Inertia of each of the two links between the swing joints and the load [kg m²], and their mass
+[kg].
+
+Both turn with the load in φ, one of them in θ.
+"""
+
+BEAM_INERTIA = 500.0
+"""Inertia of a thin beam across its axis [kg m²]."""
+
+FALL_SPACING = 2.0
+"""Distance of the two falls on which the beam hangs [m]."""
 
 OVALS = ((2.0, 1.0), (8.0, 4.0))
 """Half axes of the ovals [m]."""
@@ -40,16 +61,27 @@ OVALS = ((2.0, 1.0), (8.0, 4.0))
 def locked_drives(bench: Bench) -> list[Oracle]:
     """Return the oracles of periods, tensions and precessions."""
     point = bench.build()
-    rigid = bench.build(payload_inertia=400.0, dummy_mass=50.0, dummy_inertia=50.0)
-    beam = bench.build(fall_spacing=SPACING, payload_ixx=BEAM, payload_izz=BEAM)
-    period, small = partial(_period, bench), partial(theory.rigid_period, gravity=G, mass=MASS)
-    sway, yaw = theory.bifilar(MASS, BEAM, SPACING / 2.0, LENGTH, G)
+    rigid = bench.build(
+        payload_inertia=LOAD_INERTIA, dummy_mass=LINK_INERTIA, dummy_inertia=LINK_INERTIA
+    )
+    beam = bench.build(
+        fall_spacing=FALL_SPACING, payload_ixx=BEAM_INERTIA, payload_izz=BEAM_INERTIA
+    )
+    small_period = partial(theory.rigid_period, gravity=G, mass=MASS)
+    of_point = small_period(LENGTH, inertia=0.0)
+    of_phi = small_period(SHORT_LENGTH, inertia=LOAD_INERTIA + 2.0 * LINK_INERTIA)
+    of_theta = small_period(SHORT_LENGTH, inertia=LOAD_INERTIA + LINK_INERTIA)
+    sway, yaw = theory.bifilar(MASS, BEAM_INERTIA, FALL_SPACING / 2.0, LENGTH, G)
+    of_sway = 2.0 * math.pi / sway
+    of_yaw = 2.0 * math.pi / yaw
     return [
-        *(period(point, "phi", LENGTH, small(LENGTH, inertia=0.0), a) for a in (30.0, 60.0, 90.0)),
-        period(rigid, "phi", SHORT, small(SHORT, inertia=500.0), 60.0, ", φ with 500 kg m²"),
-        period(rigid, "theta", SHORT, small(SHORT, inertia=450.0), 60.0, ", θ with 450 kg m²"),
-        period(beam, "theta", LENGTH, 2.0 * math.pi / sway, 1.0, ", sway on two falls"),
-        period(beam, "load_yaw", LENGTH, 2.0 * math.pi / yaw, 1.0, ", yaw on two falls"),
+        _period(bench, point, "phi", LENGTH, of_point, 30.0),
+        _period(bench, point, "phi", LENGTH, of_point, 60.0),
+        _period(bench, point, "phi", LENGTH, of_point, 90.0),
+        _period(bench, rigid, "phi", SHORT_LENGTH, of_phi, 60.0, ", φ with 500 kg m²"),
+        _period(bench, rigid, "theta", SHORT_LENGTH, of_theta, 60.0, ", θ with 450 kg m²"),
+        _period(bench, beam, "theta", LENGTH, of_sway, 1.0, ", sway on two falls"),
+        _period(bench, beam, "load_yaw", LENGTH, of_yaw, 1.0, ", yaw on two falls"),
         *_tensions(bench, point),
         *_precessions(bench, point),
     ]
@@ -60,22 +92,33 @@ def _period(
     crane: Crane,
     joint: str,
     length: float,
-    small: float,
+    small_period: float,
     degrees: float,
-    of: str = "",
+    suffix: str = "",
 ) -> Oracle:
-    """Return the oracle of the period, from that of small swings: twice the time between passages
-    of the vertical, where the run starts with the speed that carries the load to its amplitude.
+    """Return the oracle of the period of a swing, twice the time from one passage of the vertical
+    to the next.
+
+    Args:
+        bench: Where it runs.
+        crane: The crane.
+        joint: Coordinate that swings.
+        length: Cable length [m].
+        small_period: Period of small swings [s].
+        degrees: Amplitude [°].
+        suffix: What the name of the oracle says of the load.
     """
     amplitude = math.radians(degrees)
-    rate = 2.0 * math.sin(amplitude / 2.0) * 2.0 * math.pi / small
+    # The run starts at the lowest point, by conservation of energy with the rate 2 ω sin(A/2).
+    rate = 2.0 * math.sin(amplitude / 2.0) * 2.0 * math.pi / small_period
 
     def read(dt: float) -> float:
         run = bench.run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
+        # The run starts at a passage, so that the second change of sign is a whole period later.
         return crossing(run.t, run[f"{joint}_rad"], 2)
 
-    name = f"period of {degrees:g}°, l = {length:g} m{of}"
-    return Oracle(name, "s", small * float(theory.amplitude_factor(amplitude)), read)
+    name = f"period of {degrees:g}°, l = {length:g} m{suffix}"
+    return Oracle(name, "s", small_period * float(theory.amplitude_factor(amplitude)), read)
 
 
 def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
@@ -86,7 +129,8 @@ def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
     swing = cache(lambda dt: bench.run(crane, crane.state(l=LENGTH, phi=amplitude), 10.0, dt))
 
     def lowest(dt: float) -> float:
-        t, tension = swing(dt).t, -swing(dt)["F_l_N"]
+        t = swing(dt).t
+        tension = -swing(dt)["F_l_N"]
         bottom = crossing(t, swing(dt)["phi_rad"], 1)
         return float(curve(t, tension, int(np.searchsorted(t, bottom)))(bottom))
 
@@ -103,8 +147,15 @@ def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
 
 
 def oval(crane: Crane, half_axis: float, other_half_axis: float) -> State:
-    """Return a load let go at a distance from the vertical [m], with a speed to the left seen from
-    above that makes the other half axis [m].
+    """Return the state in which a load on an oval is at the end of its first half axis.
+
+    A small swing with the amplitude b passes the vertical at the speed b ω; here it does so at a
+    right angle to the first half axis, to the left seen from above.
+
+    Args:
+        crane: The crane.
+        half_axis: Distance from the vertical [m].
+        other_half_axis: The other half axis, b [m].
     """
     return crane.state(
         l=LENGTH,
@@ -114,11 +165,20 @@ def oval(crane: Crane, half_axis: float, other_half_axis: float) -> State:
 
 
 def apse(trajectory: Trajectory) -> tuple[float, float]:
-    """Return the time at which an oval first comes back to its far end [s], and its turn since the
-    start [rad].
+    """Return when an oval comes back to its far end, and how far it has turned meanwhile.
+
+    Args:
+        trajectory: A run from that end.
+
+    Returns:
+        The time [s], and the angle [rad] by which the direction of the far end has turned.
     """
-    t, offset = trajectory.t, offset_from_plumb(trajectory.q)[:, :2]
-    square, angle = (offset**2).sum(axis=1), np.unwrap(np.arctan2(offset[:, 1], offset[:, 0]))
+    t = trajectory.t
+    offset = offset_from_plumb(trajectory.q)[:, :2]
+    square = (offset**2).sum(axis=1)
+    angle = np.unwrap(np.arctan2(offset[:, 1], offset[:, 0]))
+    # An oval is at a far end each half period. The one after a whole period is the largest
+    # distance beyond 0.7 of it.
     late = t > 0.7 * theory.point_period(LENGTH, G)
     row = int(np.argmax(np.where(late, square, 0.0)))
     t_apse = zero_between(curve(t, square, row).derivative(), t[row - 1], t[row + 1])
@@ -126,6 +186,11 @@ def apse(trajectory: Trajectory) -> tuple[float, float]:
 
 
 def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
+    """Return the oracles of the angle by which an oval turns in a revolution.
+
+    They are exact, but for one more of Airy's formula for small ovals.
+    """
+
     def turned(far: float, near: float, dt: float) -> float:
         return apse(bench.run(crane, oval(crane, far, near), 10.0, dt))[1]
 
@@ -136,79 +201,125 @@ def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
         closed = theory.apsidal_precession(LENGTH, far, near)
         oracles.append(Oracle(f"{name}, a revolution", "rad", closed, read))
         if (far, near) == OVALS[0]:
-            airy, square = theory.airy_precession(LENGTH, far, near), (far**2 + near**2) / LENGTH**2
+            airy = theory.airy_precession(LENGTH, far, near)
+            # The next term of the series is smaller by about the square of the angles.
+            square = (far**2 + near**2) / LENGTH**2
             why = "(a² + b²)/l²"
             oracles.append(Oracle(f"{name}, by Airy", "rad", airy, read, airy * square, why))
     return oracles
 
 
-CONSTANT = ((10.0, 0.5), (40.0, -0.8))
-"""Cable length at the start [m] and its rate [m/s], positive downward."""
+# --- running cable --------------------------------------------------------------------------------
 
-SWING, AFTER = 0.05, 40.0
-"""Swing at the start [rad] and time at which it is looked at [s]."""
 
-FROM, TO, SLOWLY, LARGE = 20.0, 10.0, 100.0, 45.0
-"""Cable length before and after slow hoisting [m], the time it takes [s], and a swing that is not
-small [°]."""
+class ConstantHoisting(NamedTuple):
+    """A cable that runs at a constant speed.
+
+    Attributes:
+        length: Cable length at the start [m].
+        rate: Rate of the cable length [m/s], positive downwards.
+    """
+
+    length: float
+    rate: float
+
+
+CONSTANT = (ConstantHoisting(10.0, 0.5), ConstantHoisting(40.0, -0.8))
+"""A load that is lowered, and one that is hoisted."""
+
+SWING = 0.05
+"""Swing at the start [rad]."""
+
+READ_TIME = 40.0
+"""Time at which the swing is read while the cable runs at a constant speed [s]."""
+
+SLOW_START = 20.0
+"""Cable length before slow hoisting [m]."""
+
+SLOW_END = 10.0
+"""Cable length after slow hoisting [m]."""
+
+SLOW_DURATION = 100.0
+"""Duration of slow hoisting [s], a dozen periods of the swing."""
+
+LARGE_SWING = 45.0
+"""Swing before slow hoisting that is not small [°]."""
 
 
 def running_cable(bench: Bench) -> list[Oracle]:
     """Return the oracles of Bessel's functions, the three quarter power, and the action."""
     crane = bench.build()
     return [
-        *(_constant(bench, crane, *case) for case in CONSTANT),
+        *(_constant(bench, crane, case.length, case.rate) for case in CONSTANT),
         _power(bench, crane),
         _action(bench, crane),
     ]
 
 
 def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
+    """Return the oracle of a small swing at a constant rate of the cable, by Bessel's functions."""
+
     def read(dt: float) -> float:
-        run = bench.run(crane, crane.state(l=length, l_dot=rate, phi=SMALL * SWING), AFTER, dt)
+        start = crane.state(l=length, l_dot=rate, phi=SMALL * SWING)
+        run = bench.run(crane, start, READ_TIME, dt)
         return float(run["phi_rad"][-1]) / SMALL
 
-    times = np.array([0.0, AFTER])
+    times = np.array([0.0, READ_TIME])
     closed = float(theory.constant_hoisting(times, length, rate, G, SWING, 0.0)[-1])
     largest = float(theory.constant_hoisting_envelope(times, length, rate, G, SWING, 0.0).max())
+    # The period of a swing with amplitude A is longer by A²/16 of itself. Its phase is the integral
+    # of √(g/l) over time, which is 2 √(g l)/l̇ where l̇ is constant.
     phase = abs(np.diff(2.0 * np.sqrt(G * (length + rate * times)) / rate)[0])
     late = largest * (SMALL * largest) ** 2 / 16.0 * phase
-    name = f"φ after {AFTER:g} s at {rate:+g} m/s from l = {length:g} m"
+    name = f"φ after {READ_TIME:g} s at {rate:+g} m/s from l = {length:g} m"
     return Oracle(name, "rad", closed, read, late, FINITE)
 
 
-def _hoisted(bench: Bench, crane: Crane, start: State, dt: float) -> tuple[float, float]:
-    """Return φ and its rate at the end of slow hoisting."""
-    slow = spline(crane, start, [(0.0, start.q[crane.layout.index("x")], TO)], [SLOWLY])
-    run = bench.moved(crane, start, slow, SLOWLY, dt, substeps=10)
+def _after_slow_hoisting(
+    bench: Bench, crane: Crane, start: State, dt: float
+) -> tuple[float, float]:
+    """Return φ [rad] and its rate [rad/s] at the end of slow hoisting by a spline."""
+    goal = (0.0, start.q[crane.layout.index("x")], SLOW_END)
+    slow = spline(crane, start, [goal], [SLOW_DURATION])
+    run = bench.moved(crane, start, slow, SLOW_DURATION, dt, substeps=10)
     return float(run["phi_rad"][-1]), float(run["phi_dot_rad_s"][-1])
 
 
-def _fast() -> float:
-    """Return the square of the largest l̇/(ω l), which slow hoisting neglects."""
+def _adiabatic_error() -> float:
+    """Return the order of the relative error of laws for slow hoisting: the square of the largest
+    l̇/(ω l), the change of the cable in a radian of the swing.
+    """
     s = np.linspace(0.0, 1.0, 1001)
-    length = FROM + (TO - FROM) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    return float(np.abs(np.gradient(length, SLOWLY * s) / np.sqrt(G * length)).max() ** 2)
+    length = SLOW_START + (SLOW_END - SLOW_START) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    rate = np.gradient(length, SLOW_DURATION * s)
+    return float(np.abs(rate / np.sqrt(G * length)).max() ** 2)
 
 
 def _power(bench: Bench, crane: Crane) -> Oracle:
+    """Return the oracle of a small swing while the cable is hoisted slowly: its amplitude goes with
+    the cable length to the power of -3/4.
+    """
+
     def read(dt: float) -> float:
         small = SMALL * SWING
-        phi, rate = _hoisted(bench, crane, crane.state(l=FROM, phi=small), dt)
-        return math.log(math.hypot(phi, rate * math.sqrt(TO / G)) / small) / math.log(TO / FROM)
+        start = crane.state(l=SLOW_START, phi=small)
+        phi, rate = _after_slow_hoisting(bench, crane, start, dt)
+        amplitude = math.hypot(phi, rate * math.sqrt(SLOW_END / G))
+        return math.log(amplitude / small) / math.log(SLOW_END / SLOW_START)
 
     name = "exponent of the amplitude, l slowly 20 to 10 m"
-    return Oracle(name, "", -0.75, read, _fast(), "(l̇/ωl)²")
+    return Oracle(name, "", -0.75, read, _adiabatic_error(), "(l̇/ωl)²")
 
 
 def _action(bench: Bench, crane: Crane) -> Oracle:
-    """Return the oracle of a swing for which the three quarter power does not hold."""
-    large = math.radians(LARGE)
+    """Return the oracle of a large swing, for which that power does not hold: its action stays."""
+    large = math.radians(LARGE_SWING)
 
     def read(dt: float) -> float:
-        phi, rate = _hoisted(bench, crane, crane.state(l=FROM, phi=large), dt)
-        return math.acos(math.cos(phi) - TO * rate**2 / (2.0 * G))
+        phi, rate = _after_slow_hoisting(bench, crane, crane.state(l=SLOW_START, phi=large), dt)
+        # At the amplitude A the energy l²φ̇²/2 - g l cos φ is all potential: -g l cos A.
+        return math.acos(math.cos(phi) - SLOW_END * rate**2 / (2.0 * G))
 
-    closed = float(theory.adiabatic_amplitude(np.array([TO]), FROM, large)[0])
-    name = f"amplitude then, {LARGE:g}° at first, by the action"
-    return Oracle(name, "rad", closed, read, closed * _fast(), "(l̇/ωl)²")
+    closed = float(theory.adiabatic_amplitude(np.array([SLOW_END]), SLOW_START, large)[0])
+    name = f"amplitude then, {LARGE_SWING:g}° at first, by the action"
+    return Oracle(name, "rad", closed, read, closed * _adiabatic_error(), "(l̇/ωl)²")

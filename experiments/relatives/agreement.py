@@ -24,34 +24,42 @@ from cranedyn.simulation.simulate import simulate
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.relatives.catalogue import RELATIVES, Relative, moved, relative_crane
 
-SWING, DURATION = 0.1, 6.0
-"""Of the load at the start [rad], and how long the move lasts [s]."""
+SWING = 0.1
+"""Swing of the load at the start [rad]."""
+
+DURATION = 6.0
+"""Duration of the move [s]."""
 
 ROUNDING = 1e-12
-"""Between engines [rad, m, per second]: a push of 1e-15 g moves a free drive by 2e-13 m in 6 s;
-stiff springs and bodies of almost no mass, by which sums are divided, cost a digit more."""
+"""Largest difference between engines [rad, m, per second].
 
-_LEAST = 1e-12
-"""Mass [kg] and inertia [kg m²] that MuJoCo wants of bodies that have none."""
+A push of 1e-15 g moves a free drive by 2e-13 m in 6 s. Stiff springs and bodies of almost no mass,
+by which sums are divided, cost a digit more.
+"""
+
+MIN_MUJOCO_MASS = 1e-12
+"""Mass [kg] and inertia [kg m²] of bodies that have none: MuJoCo refuses those."""
 
 SITES = ((0.0, 0.0), (40.0, 0.0), (80.0, 0.0), (0.0, -60.0), (40.0, -60.0), (75.0, -40.0))
-"""Where the cranes stand in the recording [m]."""
+"""Places of the cranes in the recording [m]."""
 
 OPEN = 2.4e-9
-"""Share of what the energy changes by that RK4 may leave open: (ω dt)⁴ of the fastest mode, 14
-rad/s, in steps of 0.5 ms."""
+"""Largest unexplained energy of RK4 over the range of the energy.
+
+It is (ω dt)⁴ of the fastest mode, 14 rad/s, in steps of 0.5 ms.
+"""
 
 
 class EngineAgreement(NamedTuple):
-    """What one crane shows.
+    """Result of one crane.
 
     Attributes:
-        relative: Which.
-        run: The move.
-        engines: Largest difference of compiled code and Pinocchio [rad, m, per second].
-        mujoco: The same of MuJoCo; None without it.
-        left_open: Energy that the ledger of the same move by RK4 leaves open, at most [J].
-        energy: What the energy changes by in it [J].
+        relative: The crane.
+        run: The move by Pinocchio.
+        engines: Largest difference between compiled code and Pinocchio [rad, m, per second].
+        mujoco: Largest difference between MuJoCo and Pinocchio; None if MuJoCo is not installed.
+        left_open: Largest energy that the ledger of the same move by RK4 leaves unexplained [J].
+        energy: Range of the energy in that move [J].
     """
 
     relative: Relative
@@ -77,17 +85,19 @@ def study(setup: Setup) -> Outcome:
 
 
 def _compared(relative: Relative) -> EngineAgreement:
+    """Move a crane by each engine."""
     crane = relative_crane(relative)
-    run, code = _moved(crane), _moved(crane, engine="compiled")
+    run = _moved(crane)
+    code = _moved(crane, engine="compiled")
     exact = _moved(crane, integrator=rk4, engine="compiled")
     difference = max(float(np.abs(code.q - run.q).max()), float(np.abs(code.v - run.v).max()))
     return EngineAgreement(
-        relative,
-        run,
-        difference,
-        mujoco_deviation(crane, run) if find_spec("mujoco") else None,
-        float(np.abs(exact.unexplained).max()),
-        float(np.ptp(exact.energy)),
+        relative=relative,
+        run=run,
+        engines=difference,
+        mujoco=mujoco_deviation(crane, run) if find_spec("mujoco") else None,
+        left_open=float(np.abs(exact.unexplained).max()),
+        energy=float(np.ptp(exact.energy)),
     )
 
 
@@ -96,12 +106,19 @@ def _moved(crane: Crane, **options: Any) -> Trajectory:
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
     reference = hold(crane, start)
     distances = {"gamma": 0.2, "bridge": 1.0, "x": 1.0, "l": -0.5}
-    for symbol in (joint.symbol for joint in crane.layout.driven):
-        distance = distances[symbol]
+    for joint in crane.layout.driven:
+        distance = distances[joint.symbol]
         rate = abs(distance) / 3.0
-        reference = ramp(crane, reference, symbol, distance, rate=rate, at=0.5)
-    options |= {"start": start, "duration": DURATION, "validity": "mark"}
-    return simulate(crane, hold_controller(crane), reference, **options)
+        reference = ramp(crane, reference, joint.symbol, distance, rate=rate, at=0.5)
+    return simulate(
+        crane,
+        hold_controller(crane),
+        reference,
+        start=start,
+        duration=DURATION,
+        validity="mark",
+        **options,
+    )
 
 
 def _mujoco_model(crane: Crane, dt: float) -> Any:
@@ -111,17 +128,23 @@ def _mujoco_model(crane: Crane, dt: float) -> Any:
     import mujoco
 
     spec = mujoco.MjSpec.from_string(crane.urdf)
-    spec.compiler.boundmass = spec.compiler.boundinertia = _LEAST
-    # It looks at a cable of no length, where a point load has no inertia against swing.
+    spec.compiler.boundmass = MIN_MUJOCO_MASS
+    spec.compiler.boundinertia = MIN_MUJOCO_MASS
+    # MuJoCo warns of a singular inertia: it looks at coordinates of zero, where the cable has no
+    # length and a point load no inertia against swing.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = spec.compile()
-    off, option = mujoco.mjtDisableBit, model.opt
-    option.integrator, option.timestep = mujoco.mjtIntegrator.mjINT_EULER, dt
+    disabled = mujoco.mjtDisableBit
+    option = model.opt
+    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    option.timestep = dt
     option.gravity[:] = 0.0, 0.0, -crane.gravity
-    option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
+    # No joint ranges, and damping by the velocity before the step, as `simulate` has it.
+    option.disableflags |= disabled.mjDSBL_CONSTRAINT | disabled.mjDSBL_EULERDAMP
     model.dof_armature[:] = crane.model.armature
-    model.jnt_stiffness[:], model.qpos_spring[:] = crane.springs.stiffness, crane.springs.rest
+    model.jnt_stiffness[:] = crane.springs.stiffness
+    model.qpos_spring[:] = crane.springs.rest
     return model
 
 
@@ -133,9 +156,13 @@ def mujoco_deviation(crane: Crane, run: Trajectory) -> float:
 
     dt = float(run.parameters["dt_s"])
     mj_model = _mujoco_model(crane, dt)
-    data, rope = mujoco.MjData(mj_model), crane.springs.rope
-    data.qpos[:], data.qvel[:] = run.state(0)
-    steps, worst = round(float(run.parameters["control_period_s"]) / dt), 0.0
+    data = mujoco.MjData(mj_model)
+    rope = crane.springs.rope
+    start = run.state(0)
+    data.qpos[:] = start.q
+    data.qvel[:] = start.v
+    steps = round(float(run.parameters["control_period_s"]) / dt)
+    worst = 0.0
     for k in range(len(run)):
         worst = max(
             worst,
@@ -148,6 +175,8 @@ def mujoco_deviation(crane: Crane, run: Trajectory) -> float:
             mujoco.mj_step(mj_model, data, steps)
             continue
         for _ in range(steps):
+            # The energy of a rope of length l stretched by s is EA s²/(2 l): it pulls the stretch
+            # by EA s/l, and lengthens the cable by EA (s/l)²/2.
             strain = data.qpos[rope.stretch] / data.qpos[rope.length]
             data.qfrc_applied[:] = acting
             data.qfrc_applied[rope.stretch] -= rope.stiffness * strain

@@ -26,11 +26,11 @@ class Relative:
     """A crane that is not the tower crane of five joints.
 
     Attributes:
-        name: What it is called.
+        name: Name in tables.
         values: Numbers of the xacro that make it.
         overhead: Whether the xacro is that of the overhead crane.
-        rates: Limits of the rates of its drives [rad/s or m/s].
-        accelerations: Of their accelerations [rad/s² or m/s²].
+        rates: Largest rates of its drives [rad/s or m/s].
+        accelerations: Largest accelerations of its drives [rad/s² or m/s²].
     """
 
     name: str
@@ -45,7 +45,7 @@ class Relative:
 
     @property
     def limits(self) -> Limits:
-        """What its drives may do."""
+        """Limits of rates and accelerations of its drives."""
         return Limits(self.rates, self.accelerations)
 
 
@@ -57,9 +57,11 @@ ROPE = Relative("rope that stretches", {"rope_stiffness": 3e6})
 TWIST = Relative("tower that twists", {"tower_twist_stiffness": 2e7})
 BEND = Relative("tower that bends", {"tower_bend_stiffness": 1e8})
 JIB = Relative("jib that bends", {"jib_bend_stiffness": 4e7})
-BRIDGE = Relative("overhead crane", {}, True, (1.6, 0.8, 0.4), (0.3, 0.3, 0.2))
+BRIDGE = Relative(
+    "overhead crane", {}, overhead=True, rates=(1.6, 0.8, 0.4), accelerations=(0.3, 0.3, 0.2)
+)
 RELATIVES = (HOOK, ROPE, TWIST, BEND, JIB, BRIDGE)
-"""All of them."""
+"""All cranes of the catalogue."""
 
 
 @cache
@@ -69,13 +71,21 @@ def relative_crane(relative: Relative) -> Crane:
 
 
 def moved(crane: Crane, **offsets: float) -> State:
-    """Return the crane hanging at rest at its start, with some joints moved by a distance, by their
-    symbols, or with rates ("_dot").
+    """Return the state of a crane at its start, with some joints moved.
+
+    Args:
+        crane: The crane.
+        **offsets: Distance [rad or m] by which a joint is moved, by its symbol; or its rate
+            [rad/s or m/s], by the symbol with "_dot".
     """
-    q, v = crane.start.q.copy(), crane.start.v.copy()
-    for name, by in offsets.items():
+    q = crane.start.q.copy()
+    v = crane.start.v.copy()
+    for name, offset in offsets.items():
         symbol = name.removesuffix("_dot")
-        (q if symbol == name else v)[crane.layout.index(symbol)] += by
+        if symbol == name:
+            q[crane.layout.index(symbol)] += offset
+        else:
+            v[crane.layout.index(symbol)] += offset
     return State(q, v)
 
 

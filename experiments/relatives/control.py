@@ -40,14 +40,20 @@ from experiments.relatives.catalogue import (
 )
 from experiments.scenarios.moves import of_sampling
 
-SWING, DURATION = 0.05, 10.0
-"""Swing of all swing joints at the start [rad], and for how long controllers have their way [s]."""
+SWING = 0.05
+"""Angle of all swing joints at the start [rad]."""
+
+DURATION = 10.0
+"""Time for which controllers damp the swing [s]."""
 
 WAY = 2.0
 """Of the trolley in the moves of least time [m]."""
 
-GUST, AREA = 15.0, 4.0
-"""Speed of the wind [m/s], and drag area of the load [m²]."""
+GUST = 15.0
+"""Speed of the wind [m/s]."""
+
+AREA = 4.0
+"""Drag area of the load [m²]: drag coefficient times area."""
 
 HALF = 0.5
 """A controller that damps leaves at most this share of what the hold controller leaves in the same
@@ -61,29 +67,41 @@ LEDGER = 1e-10
 """Share of the wind's work: energies of 1e6 J are known to 1e-10 J, the work is 100 J, and there
 are 800 rows."""
 
-_DT, _PERIOD, _COPIES = 1e-3, 5e-3, 8
-_CLOCKS: dict[str, Any] = {"dt": _DT, "control_period": _PERIOD}
+STEP = 1e-3
+"""Physics step [s]."""
+
+PERIOD = 5e-3
+"""Time between control instants [s]."""
+
+COPIES = 8
+"""Number of cranes in a batch."""
+
+CLOCKS: dict[str, Any] = {"dt": STEP, "control_period": PERIOD}
+"""Both clocks, as functions that run a crane take them."""
 
 
 class ControlResult(NamedTuple):
-    """What became of one crane.
+    """Result of one crane.
 
     Attributes:
-        relative: Which.
-        pull: How far the trolley may give way to the load under the hold controller: twice m g
-            φ/k_p, as at once [m].
-        deflection: How far it does at most [m].
-        left_by_hold, left_by_lqr, left_by_observer, left_by_mpc: Swing left by each [rad].
-        predicted: Left by the LQR in the linear closed loop, from the same start [rad].
-        efforts: Largest share of an effort limit that the MPC uses.
-        arrival: Of the move of least time [s].
-        residual: Swing left from there on, all modes together [rad].
-        sampling: What it may leave, since efforts are held for a control period, see
+        relative: The crane.
+        pull: Bound of the deflection of the trolley under the hold controller [m]. The load pulls
+            with m g φ against the stiffness k_p; applied at once, that deflects by twice m g φ/k_p.
+        deflection: Largest deflection of the trolley in the run [m].
+        left_by_hold: Swing that the hold controller leaves [rad].
+        left_by_lqr: Swing that the LQR leaves [rad].
+        left_by_observer: Swing that the LQR leaves with an observer that measures the drives [rad].
+        left_by_mpc: Swing that the MPC leaves [rad].
+        predicted: Swing that the LQR leaves in the linear closed loop, from the same start [rad].
+        efforts: Largest effort of the MPC over its limit.
+        arrival: Duration of the move of least time [s].
+        residual: Residual swing of this move, all modes together [rad].
+        sampling: Bound of that, since efforts are held for a control period, see
             `experiments.scenarios.moves.of_sampling` [rad].
-        limits: Largest share of a limit of rate, acceleration or effort that the move uses.
-        blown: How far the wind moves the load [m].
-        open: Share of the wind's work that the ledger leaves open.
-        lanes: Largest difference between a batch and runs one by one [rad, m, per second].
+        limits: Largest rate, acceleration or effort of the move over its limit.
+        blown: Distance by which the wind moves the load [m].
+        open: Share of the wind's work that the energy ledger leaves unexplained.
+        lanes: Largest difference between a batch and single runs [rad, m, per second].
         run: The move of least time.
     """
 
@@ -113,71 +131,81 @@ def study(setup: Setup) -> Outcome:
 
 
 def _controlled(relative: Relative, engine: EngineName) -> ControlResult:
+    """Control a crane by each controller, from a swing in all swing joints."""
     crane = relative_crane(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
-    reference = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
-    regulator = lqr(crane, reference, dt=_DT)
+    reference = hanging_reference(crane, hold(crane, crane.start), 2 * PERIOD, PERIOD)
+    regulator = lqr(crane, reference, dt=STEP)
 
     def run(controller: Controller) -> Trajectory:
         return simulate(
-            crane, controller, reference, start=start, duration=DURATION, engine=engine, **_CLOCKS
+            crane, controller, reference, start=start, duration=DURATION, engine=engine, **CLOCKS
         )
 
     residual = partial(_swing_left, crane, crane.start)
     brake = hold_controller(crane)
-    with_hold, damped = run(brake), run(regulator)
-    observed = run(with_observer(regulator, crane, reference, dt=_DT))
-    ahead = run(mpc(crane, reference, dt=_DT, period=10 * _PERIOD, horizon=20))
+    with_hold = run(brake)
+    damped = run(regulator)
+    observed = run(with_observer(regulator, crane, reference, dt=STEP))
+    ahead = run(mpc(crane, reference, dt=STEP, period=10 * PERIOD, horizon=20))
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
+    # All that hangs: the bodies behind the radial swing joint, in chain order. Bodies count from 1.
     hanging = list(crane.model.inertias)[crane.layout.index("phi") + 1 :]
     weight = sum(float(body.mass) for body in hanging) * crane.gravity
-    blown, missing = _blown(crane, engine)
+    blown, unexplained = _blown(crane, engine)
     return ControlResult(
-        relative,
-        2.0 * weight * SWING / float(brake.stiffness[drive]),
-        float(np.abs(with_hold["x_m"] - with_hold["x_m"][0]).max()),
-        residual(with_hold),
-        residual(damped),
-        residual(observed),
-        residual(ahead),
-        _predicted(crane, regulator, start),
-        float((np.abs(ahead.effort) / crane.effort_limit).max()),
-        motion.arrival,
-        _swing_left(crane, goal, move, motion.arrival),
-        _sampling(crane, goal, motion),
-        max(use(crane, motion, relative.limits).values()),
-        blown,
-        missing,
-        _lanes(crane, regulator, reference, start),
-        move,
+        relative=relative,
+        pull=2.0 * weight * SWING / float(brake.stiffness[drive]),
+        deflection=float(np.abs(with_hold["x_m"] - with_hold["x_m"][0]).max()),
+        left_by_hold=residual(with_hold),
+        left_by_lqr=residual(damped),
+        left_by_observer=residual(observed),
+        left_by_mpc=residual(ahead),
+        predicted=_predicted(crane, regulator, start),
+        efforts=float((np.abs(ahead.effort) / crane.effort_limit).max()),
+        arrival=motion.arrival,
+        residual=_swing_left(crane, goal, move, motion.arrival),
+        sampling=_sampling(crane, goal, motion),
+        limits=max(use(crane, motion, relative.limits).values()),
+        blown=blown,
+        open=unexplained,
+        lanes=_lanes(crane, regulator, reference, start),
+        run=move,
     )
 
 
 def _swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None = None) -> float:
-    """Return the largest swing that the modes about a rest can still make together in any swing
-    joint [rad], at a time or at the end.
+    """Return the largest swing that all modes can still make together in any swing joint [rad].
+
+    Args:
+        crane: The crane.
+        goal: State of rest about which the modes swing.
+        run: The run.
+        since: Time at which the modes are read [s]; the end of the run if None.
     """
     row = len(run) - 1 if since is None else int(np.searchsorted(run.t, since - 1e-9))
     return _swing(crane, goal, *run.state(row))
 
 
 def _swing(crane: Crane, goal: State, q: np.ndarray, v: np.ndarray) -> float:
+    """Return the same for a state: the amplitudes of all modes, each by its share in a joint."""
     modes = free_modes(crane, goal)
     reach = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)])
     return float((reach @ modes.amplitudes(q[None], v[None])[0]).max())
 
 
 def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[Motion, Trajectory]:
+    """Return a motion of least time of the trolley, and a run in which an LQR tracks it."""
     goal = rest_at(crane, x=at_start(crane, "x") + WAY)
     still = [joint.symbol for joint in crane.layout.driven if joint.symbol != "x"]
     motion = optimal(
-        crane, crane.start, goal, relative.limits, ramp=1.0, still=still, period=_PERIOD
+        crane, crane.start, goal, relative.limits, ramp=1.0, still=still, period=PERIOD
     )
-    tracking = lqr(crane, motion, dt=_DT)
-    duration = _PERIOD * round((motion.arrival + 1.0) / _PERIOD)
-    return motion, simulate(crane, tracking, motion, duration=duration, engine=engine, **_CLOCKS)
+    tracking = lqr(crane, motion, dt=STEP)
+    duration = PERIOD * round((motion.arrival + 1.0) / PERIOD)
+    return motion, simulate(crane, tracking, motion, duration=duration, engine=engine, **CLOCKS)
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
@@ -187,15 +215,14 @@ def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
     swinging = shapes[np.isin(modes.passive, crane.swings)].max(axis=0) > 0.01 * shapes.max(axis=0)
     length = crane.gravity / float(modes.frequencies[swinging].max()) ** 2
     peak = float(np.abs(motion.q[:, crane.swings]).max())
-    return of_sampling(crane.gravity, length, _PERIOD, peak)
+    return of_sampling(crane.gravity, length, PERIOD, peak)
 
 
 def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
     """Return the swing that the linear closed loop leaves at the end [rad]."""
-    loop = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD).closed(regulator.gain[-1])
-    z = np.linalg.matrix_power(loop, round(DURATION / _PERIOD)) @ np.concatenate(
-        [start.q - crane.start.q, start.v]
-    )
+    loop = sampled(crane, crane.start, dt=STEP, control_period=PERIOD).closed(regulator.gain[-1])
+    deviation = np.concatenate([start.q - crane.start.q, start.v])
+    z = np.linalg.matrix_power(loop, round(DURATION / PERIOD)) @ deviation
     q, v = np.split(z, 2)
     return _swing(crane, crane.start, crane.start.q + q, v)
 
@@ -208,28 +235,37 @@ def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
         hold_controller(crane),
         disturbance=breeze,
         duration=4.0,
-        dt=_PERIOD,
-        control_period=_PERIOD,
+        dt=PERIOD,
+        control_period=PERIOD,
         integrator=rk4,
         engine=engine,
     )
     offset = point_positions(crane, run.q[-1])[0] - point_positions(crane, run.q[0])[0]
-    return float(np.linalg.norm(offset)), float(
-        np.abs(run.unexplained).max() / np.abs(run["W_force_J"]).max()
-    )
+    unexplained = float(np.abs(run.unexplained).max() / np.abs(run["W_force_J"]).max())
+    return float(np.linalg.norm(offset)), unexplained
 
 
 def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) -> float:
     """Compare a batch of cranes that start with swings of their own to two of them run alone."""
-    shares = np.linspace(0.2, 1.0, _COPIES)
+    shares = np.linspace(0.2, 1.0, COPIES)
     starts = [State(crane.start.q + share * (start.q - crane.start.q), start.v) for share in shares]
-    times = {"duration": 2.0, **_CLOCKS}
-    batch = simulate_batch(crane, regulator, motion, start=starts, **times)
+    duration = 2.0
+    batch = simulate_batch(crane, regulator, motion, start=starts, duration=duration, **CLOCKS)
     worst = 0.0
-    for i in (0, _COPIES - 1):
-        alone = simulate(crane, regulator, motion, start=starts[i], engine="compiled", **times)
-        ends = zip((batch.end.q[i], batch.end.v[i]), alone.state(-1), strict=True)
-        worst = max(worst, *(float(np.abs(a - b).max()) for a, b in ends))
+    for i in (0, COPIES - 1):
+        alone = simulate(
+            crane,
+            regulator,
+            motion,
+            start=starts[i],
+            engine="compiled",
+            duration=duration,
+            **CLOCKS,
+        )
+        end = alone.state(-1)
+        position_difference = float(np.abs(batch.end.q[i] - end.q).max())
+        rate_difference = float(np.abs(batch.end.v[i] - end.v).max())
+        worst = max(worst, position_difference, rate_difference)
     return worst
 
 

@@ -41,7 +41,14 @@ _SMALL = 1e-5
 """Amplitude of the small swings [rad or m]; what is not linear in them goes with its square, some
 1e-10 of the frequency."""
 
-_DT, _PERIOD, _ROWS = 5e-3, 0.04, 100
+STEP = 5e-3
+"""Physics step [s]."""
+
+PERIOD = 0.04
+"""Time from one row of a run to the next [s]."""
+
+ROWS = 100
+"""Number of rows of a run from which a frequency is read."""
 
 
 class Frequency(NamedTuple):
@@ -120,7 +127,9 @@ def _twists() -> Iterator[Measured]:
     """
     numbers = {"trolley_init": 20.0, "hoist_init": 15.0, "payload_mass": 2000.0, **POINT}
     numbers["trolley_inertia"] = 0.0
-    inertia, trolley, radius = 1e6, 500.0, 20.0
+    inertia = 1e6
+    trolley = 500.0
+    radius = 20.0
     for name, inertia_of_structure in (
         ("trolley within J", inertia - trolley * radius**2),
         ("and a trolley of 500 kg", inertia),
@@ -134,7 +143,9 @@ def _twists() -> Iterator[Measured]:
 
 
 def _bends() -> Iterator[Measured]:
-    height, mass, length = 28.0, 1000.0, 15.0
+    height = 28.0
+    mass = 1000.0
+    length = 15.0
     crane = BEND.crane(trolley_inertia=0.0, **POINT)
     above = crane.trolley_mass + 3000.0
     inertia = above * height**2 + 0.02 * 1e6
@@ -185,7 +196,8 @@ def _rolling(
     squares = -np.linalg.eigvals(by_q).real
     linear = float(np.sqrt(squares[np.argmin(np.abs(squares - closed**2))]))
     none = np.zeros(crane.layout.m)
-    free, start = Hold(crane, none, none, holding), moved(crane, **{symbol: _SMALL})
+    free = Hold(crane, none, none, holding)
+    start = moved(crane, **{symbol: _SMALL})
     signal = _rows(crane, free, start, "effort", engine)[:, crane.layout.index(symbol)]
     return Frequency(BRIDGE.name, mode, closed, linear, _frequency(signal), _stepped(linear))
 
@@ -198,9 +210,9 @@ def _rows(
         crane,
         controller,
         start=start,
-        duration=_PERIOD * _ROWS,
-        dt=_DT,
-        control_period=_PERIOD,
+        duration=PERIOD * ROWS,
+        dt=STEP,
+        control_period=PERIOD,
         drive=drive,
         validity="mark",
         engine=engine,
@@ -211,14 +223,15 @@ def _frequency(y: np.ndarray) -> float:
     """Return the frequency of one undamped oscillation in rows [rad/s]: y[k+1] + y[k-1] = 2 cos(ω
     T) y[k].
     """
-    ahead, middle = y[2:] + y[:-2], y[1:-1]
+    ahead = y[2:] + y[:-2]
+    middle = y[1:-1]
     # 1 - cos, not cos, so that slow swings keep their digits
     square = float((2.0 * middle - ahead) @ middle) / float(middle @ middle)
-    return 2.0 / _PERIOD * math.asin(math.sqrt(square) / 2.0)
+    return 2.0 / PERIOD * math.asin(math.sqrt(square) / 2.0)
 
 
 def _stepped(frequency: float) -> float:
-    return 2.0 / _DT * math.asin(frequency * _DT / 2.0)
+    return 2.0 / STEP * math.asin(frequency * STEP / 2.0)
 
 
 def _table(results: Sequence[Frequency]) -> ResultTable:

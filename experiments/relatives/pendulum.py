@@ -31,15 +31,27 @@ from experiments.relatives.catalogue import HOOK, POINT, at_start, moved, relati
 from experiments.relatives.control import ALIKE
 from experiments.scenarios.moves import instant, of_sampling
 
-WAY, LASTS = 4.0, 9.0
-"""Of the trolley in the moves [m], and time for those that are given one [s]."""
+TRAVEL = 4.0
+"""Distance that the trolley moves [m]."""
+
+DURATION = 9.0
+"""Duration of a move by a spline [s]; the others take the time that they need."""
 
 NUDGE = 0.05
 """Speed of the operator's moves that are shaped [m/s]: slow, since the closed form is that of a
 small swing."""
 
-_DT, _PERIOD, _AFTER = 1e-3, 5e-3, 10.0
-_CLOCKS: dict[str, Any] = {"dt": _DT, "control_period": _PERIOD}
+STEP = 1e-3
+"""Physics step [s]."""
+
+PERIOD = 5e-3
+"""Time between control instants [s]."""
+
+WATCH_TIME = 10.0
+"""Time for which a move is watched after its arrival [s]."""
+
+CLOCKS: dict[str, Any] = {"dt": STEP, "control_period": PERIOD}
+"""Both clocks, as functions that run a crane take them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +93,15 @@ class ModeResidual(NamedTuple):
 
 def study(setup: Setup) -> Outcome:
     """Make the moves, and compare closed loops that know of the hook and that do not."""
-    shaped, moves = _shaping(setup.engine), list(_trolley_moves(setup.engine))
-    growth, growth_in_run = _closed_loop_growth(), _stirred(setup.engine)
+    shaped = _shaping(setup.engine)
+    moves = list(_trolley_moves(setup.engine))
+    growth = _closed_loop_growth()
+    growth_in_run = _stirred(setup.engine)
     note = f"Trolley at {NUDGE:g} m/s; closed: by the swing that the move leaves unshaped."
     return Outcome(
         [
             _table("Double pendulum: shaped moves of an operator", shaped, note),
-            _table(f"Double pendulum: {WAY:g} m of the trolley", moves, _unaware_note(growth)),
+            _table(f"Double pendulum: {TRAVEL:g} m of the trolley", moves, _unaware_note(growth)),
         ],
         _claims(shaped, moves, growth, growth_in_run),
         trajectories={"double_pendulum_unaware": moves[-1].run},
@@ -122,15 +136,15 @@ def _shaping(engine: EngineName) -> list[ModeResidual]:
     results: list[ModeResidual] = []
     for name, modes in plans.items():
         reference = shaped(base, zv(), [2.0 * np.pi / mode for mode in modes]) if modes else base
-        end = instant(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes), _PERIOD)
+        end = instant(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes), PERIOD)
         run = simulate(
             crane,
-            follow(crane, reference, _PERIOD),
+            follow(crane, reference, PERIOD),
             reference,
             duration=end + 0.5,
             drive="motion",
             engine=engine,
-            **_CLOCKS,
+            **CLOCKS,
         )
         amplitudes = _amplitudes(crane, rest_at(crane, x=float(run["x_m"][-1])), run, end)
         results.append(ModeResidual(name, end, *amplitudes, run))
@@ -145,23 +159,24 @@ def _trolley_moves(engine: EngineName) -> Iterator[ModeResidual]:
     """Move the trolley by four metres, with the whole model, and with that of a load on one
     cable.
     """
-    crane, simple = relative_crane(HOOK), _one_pendulum()
+    crane = relative_crane(HOOK)
+    simple = _one_pendulum()
     joints = crane.layout.at(*simple.layout.symbols)
-    goal = rest_at(crane, x=at_start(crane, "x") + WAY)
+    goal = rest_at(crane, x=at_start(crane, "x") + TRAVEL)
     for name, designed, motion in (
         ("spline, LQR of the whole model", crane, _spline(crane)),
         ("least time, LQR of the whole model", crane, _fastest(crane)),
         ("spline, five-joint LQR", simple, _spline(simple)),
         ("least time, five-joint LQR", simple, _fastest(simple)),
     ):
-        tracking = lqr(designed, motion, dt=_DT)
+        tracking = lqr(designed, motion, dt=STEP)
         run = simulate(
             crane,
             tracking if designed is crane else Unaware(tracking, joints),
             motion.__call__,  # of the drives, which both cranes have
-            duration=instant(motion.arrival + _AFTER, _PERIOD),
+            duration=instant(motion.arrival + WATCH_TIME, PERIOD),
             engine=engine,
-            **_CLOCKS,
+            **CLOCKS,
         )
         amplitudes = _amplitudes(crane, goal, run, motion.arrival)
         yield ModeResidual(name, motion.arrival, *amplitudes, run)
@@ -178,13 +193,15 @@ def _closed_loop_growth() -> tuple[float, float]:
     """Return the largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and
     of five joints on the crane with the hook.
     """
-    crane, simple = relative_crane(HOOK), _one_pendulum()
-    loop = sampled(crane, crane.start, **_CLOCKS)
-    indices, n = crane.layout.at(*simple.layout.symbols), crane.layout.n
+    crane = relative_crane(HOOK)
+    simple = _one_pendulum()
+    loop = sampled(crane, crane.start, **CLOCKS)
+    indices = crane.layout.at(*simple.layout.symbols)
+    n = crane.layout.n
     gain = np.zeros((crane.layout.m, 2 * n))
     gain[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
     aware, unaware = (
-        float(np.log(np.abs(np.linalg.eigvals(loop.closed(matrix))).max()) / _PERIOD)
+        float(np.log(np.abs(np.linalg.eigvals(loop.closed(matrix))).max()) / PERIOD)
         for matrix in (_regulator(crane).gain[-1], gain)
     )
     return aware, unaware
@@ -194,14 +211,15 @@ def _stirred(engine: EngineName) -> float:
     """Return the growth rate of the fast mode in a run under the LQR of five joints [1/s], from a
     small swing of the sling across the jib.
     """
-    crane, simple = relative_crane(HOOK), _one_pendulum()
+    crane = relative_crane(HOOK)
+    simple = _one_pendulum()
     run = simulate(
         crane,
         Unaware(_regulator(simple), crane.layout.at(*simple.layout.symbols)),
         start=moved(crane, sling_tangential=1e-3),
         duration=30.0,
         engine=engine,
-        **_CLOCKS,
+        **CLOCKS,
     )
     later = run.since(15.0)
     fast = np.hypot(*free_modes(crane, crane.start).amplitudes(later.q, later.v)[:, 2:].T)
@@ -210,19 +228,21 @@ def _stirred(engine: EngineName) -> float:
 
 def _regulator(crane: Crane) -> Tracking:
     return lqr(
-        crane, hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD), dt=_DT
+        crane, hanging_reference(crane, hold(crane, crane.start), 2 * PERIOD, PERIOD), dt=STEP
     )
 
 
 def _spline(crane: Crane) -> Motion:
-    goal = crane.start.q[crane.layout.drives] + WAY * crane.layout.along("x")
-    return hanging_reference(crane, spline(crane, crane.start, [goal], [LASTS]), LASTS, _PERIOD)
+    goal = crane.start.q[crane.layout.drives] + TRAVEL * crane.layout.along("x")
+    return hanging_reference(
+        crane, spline(crane, crane.start, [goal], [DURATION]), DURATION, PERIOD
+    )
 
 
 def _fastest(crane: Crane) -> Motion:
-    goal = rest_at(crane, x=at_start(crane, "x") + WAY)
+    goal = rest_at(crane, x=at_start(crane, "x") + TRAVEL)
     return optimal(
-        crane, crane.start, goal, HOOK.limits, ramp=1.0, still=["gamma", "l"], period=_PERIOD
+        crane, crane.start, goal, HOOK.limits, ramp=1.0, still=["gamma", "l"], period=PERIOD
     )
 
 
@@ -254,9 +274,9 @@ def _unaware_note(growth: tuple[float, float]) -> str:
     loops [1/s].
     """
     return (
-        f"At the arrival, and {LASTS + 1:g} s later. Designs of five joints treat hook and load as "
-        f"one load of 2300 kg. The slowest mode at rest decays with {growth[0]:+.4f} 1/s under the "
-        f"LQR of the whole model, and has {growth[1]:+.4f} 1/s under that of five joints"
+        f"At the arrival, and {DURATION + 1:g} s later. Designs of five joints treat hook and load "
+        f"as one load of 2300 kg. The slowest mode at rest decays with {growth[0]:+.4f} 1/s under "
+        f"the LQR of the whole model, and has {growth[1]:+.4f} 1/s under that of five joints"
         + ", which excites the fast mode across the jib through the slew."
         * (growth[1] > 0.0)
     )
@@ -270,12 +290,13 @@ def _claims(
 ) -> list[Claim]:
     size = max(shaped[0].slow, shaped[0].fast)
     off = max(max(abs(s.slow - s.closed[0]), abs(s.fast - s.closed[1])) for s in shaped if s.closed)
-    least_time, unaware = moves[1], moves[3]
+    least_time = moves[1]
+    unaware = moves[3]
     # Of the fast mode.
     crane = relative_crane(HOOK)
     length = crane.gravity / float(free_modes(crane, crane.start).frequencies[-1]) ** 2
     peak = float(np.abs(least_time.run.q[:, crane.swings]).max())
-    sampling = of_sampling(crane.gravity, length, _PERIOD, peak)
+    sampling = of_sampling(crane.gravity, length, PERIOD, peak)
     return [
         Claim(
             "Shapers on the double pendulum leave their closed form, Π |cos(π ω/(2 ω_i))|, to "

@@ -79,7 +79,8 @@ def _robot(name: str, payload: str, driven: int) -> Robot:
     path = Path(str(next(file for file in files if file.name == name).locate()))
     joints = list(pin.buildModelFromUrdf(str(path)).names)[1:]
     crane = load_crane(path, payload=payload, driven=joints[:driven])
-    engines, open_energy = dict[str, float](), dict[str, tuple[float, float]]()
+    engines = dict[str, float]()
+    open_energy = dict[str, tuple[float, float]]()
     for rule in (semi_implicit_euler, rk4):
         runs = [_moved(crane, rule, engine, STEP) for engine in ("pinocchio", "compiled")]
         engines[rule.name] = max(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,18 +19,19 @@ from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.oracles.bench import locked
 from experiments.relatives.catalogue import POINT, ROPE, at_start, moved, rope_stiffness
 
-_DT = 5e-4
+STEP = 5e-4
+"""Physics step, and time between control instants [s]."""
 
 
 class Jump(NamedTuple):
-    """Largest tension over the weight that hangs.
+    """An extreme tension over the weight that hangs.
 
     Attributes:
-        name: What happens.
-        closed: By the closed form.
-        simulated: In a run.
-        allowed: Between them.
-        why: Where that comes from.
+        name: What happens to the load.
+        closed: Value in closed form.
+        simulated: Value in a run.
+        allowed: Largest difference between them.
+        why: Reasons for the difference.
     """
 
     name: str
@@ -41,7 +42,7 @@ class Jump(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether they agree."""
+        """Whether the run agrees with the closed form."""
         return abs(self.simulated - self.closed) < self.allowed
 
 
@@ -57,36 +58,40 @@ def study(setup: Setup) -> Outcome:
 
 
 def _pickups(engine: EngineName) -> Iterator[Jump]:
-    """Pick up a load that still stands, on a rope that just carries it, by a drum that already
-    turns: the load rises by what the rope is too short.
+    """Pick up a load that stands on the ground by a drum that already turns.
+
+    The run begins when the rope just carries the load: it is stretched by the weight, and stretches
+    at the speed of the drum.
     """
     crane = ROPE.crane(**POINT)
-    length, omega = at_start(crane, "l"), _bounce(crane)
+    length = at_start(crane, "l")
+    omega = _bounce(crane)
     for speed in (0.05, 0.2, 0.5):
         start = moved(crane, l_dot=-speed, rope_stretch_dot=speed)
         closed = theory.pickup_factor(speed, omega, crane.gravity)
         hoisted = ramp(crane, hold(crane, start), "l", -speed, rate=speed, at=-0.5)
-        run = _run(crane, follow(crane, hoisted, _DT), hoisted, start, 0.4, engine)
+        run = _run(crane, follow(crane, hoisted, STEP), hoisted, start, 0.4, engine)
         assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
         weight = crane.payload_mass * crane.gravity
         peak = float(_tension(crane, run).max()) / weight
-        strain, shorter = weight / rope_stiffness(crane), math.pi / 2.0 * speed / (omega * length)
-        allowed = (closed - 1.0) * (strain + shorter) + (omega * _DT) ** 2
+        strain = weight / rope_stiffness(crane)
+        shorter = math.pi / 2.0 * speed / (omega * length)
+        allowed = (closed - 1.0) * (strain + shorter) + (omega * STEP) ** 2
         why = "strain at rest; shorter cable at the peak; (ω dt)²"
         yield Jump(f"picked up at {speed:g} m/s", closed, peak, allowed, why)
 
 
 def _drops(engine: EngineName) -> Iterator[Jump]:
+    """Drop a part of the load: the run has what is left, and the stretch under the whole load."""
     for mass_before, mass_after in ((1000.0, 800.0), (1000.0, 500.0)):
-        before, after = (
-            ROPE.crane(payload_mass=mass, **POINT) for mass in (mass_before, mass_after)
-        )
+        before = ROPE.crane(payload_mass=mass_before, **POINT)
+        after = ROPE.crane(payload_mass=mass_after, **POINT)
         stretch = at_start(before, "rope_stretch") - at_start(after, "rope_stretch")
         start = moved(after, rope_stretch=stretch)
         run = _run(after, locked(after), None, start, 1.0, engine)
         tension = _tension(after, run) / (mass_after * after.gravity)
         closed = theory.drop_factor(mass_before - mass_after, mass_after)
-        allowed = (_bounce(after) * _DT) ** 2
+        allowed = (_bounce(after) * STEP) ** 2
         name = f"{mass_before - mass_after:g} of {mass_before:g} kg dropped"
         yield Jump(f"{name}, at most", 1.0 + closed, float(tension.max()), allowed, "(ω dt)²")
         yield Jump(f"{name}, at least", 1.0 - closed, float(tension.min()), allowed, "(ω dt)²")
@@ -100,16 +105,28 @@ def _run(
     duration: float,
     engine: EngineName,
 ) -> Trajectory:
-    clocks: Any = {"dt": _DT, "control_period": _DT, "duration": duration}
-    mode: Any = {"drive": "motion", "validity": "mark", "engine": engine}
-    return simulate(crane, controller, reference, start=start, **clocks, **mode)
+    """Run a crane whose drives move as prescribed, with a row for each step."""
+    return simulate(
+        crane,
+        controller,
+        reference,
+        start=start,
+        dt=STEP,
+        control_period=STEP,
+        duration=duration,
+        drive="motion",
+        validity="mark",
+        engine=engine,
+    )
 
 
 def _tension(crane: Crane, run: Trajectory) -> np.ndarray:
+    """Return the tension of the rope at each row, by its strain [N]."""
     return rope_stiffness(crane) * run["rope_stretch_m"] / run["l_m"]
 
 
 def _bounce(crane: Crane) -> float:
+    """Return the frequency of the load on its rope [rad/s]."""
     return theory.rope_bounce(rope_stiffness(crane), at_start(crane, "l"), crane.payload_mass)
 
 

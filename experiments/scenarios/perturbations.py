@@ -88,7 +88,9 @@ class Misread:
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command, shape (m,)."""
-        hoist, q, v = self.crane.layout.index("l"), state.q.copy(), state.v.copy()
+        hoist = self.crane.layout.index("l")
+        q = state.q.copy()
+        v = state.v.copy()
         q[hoist] = (q[hoist] - self.offset) / (1.0 + self.share)
         v[hoist] /= 1.0 + self.share
         return self.controller(t, State(q, v), setpoint)
@@ -102,7 +104,8 @@ class Misread:
         form = affine_form(self.controller, times, positions, 2 * layout.n)
         if form is None:
             return None
-        scale, added = np.ones(2 * layout.n), np.zeros(2 * layout.n)
+        scale = np.ones(2 * layout.n)
+        added = np.zeros(2 * layout.n)
         scale[layout.index("l") :: layout.n] += self.share  # position and rate
         added[layout.index("l")] = self.offset
         of_drives = scale[layout.drives]

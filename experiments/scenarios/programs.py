@@ -57,7 +57,8 @@ class _Asking(Setup):
         label: str,
         **options: Any,
     ) -> NoReturn:
-        clocks, drive = (self.dt, self.control_period), options.get("drive", "effort")
+        clocks = (self.dt, self.control_period)
+        drive = options.get("drive", "effort")
         raise _Asked(Program(crane, controller, reference, start, duration, *clocks, drive))
 
 
@@ -124,7 +125,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write the run that the command line names, and return its folder."""
-    name, choices = options.experiment, {"length": options.length, "strategy": options.strategy}
+    name = options.experiment
+    choices = {"length": options.length, "strategy": options.strategy}
     if options.urdf is None and options.machine is None:
         setup = Setup(options.gravity, parse_values(options.values))
         handed_on = program(name or "a1", setup, **choices)

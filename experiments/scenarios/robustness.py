@@ -61,11 +61,14 @@ STRATEGIES = strategies.STRATEGIES | SWEPT
 """All plans that there are."""
 
 
-_TOGETHER, _ROWS = 128, 0.05
-"""Moves in a batch whose sensors have noise, of which each needs some MB; time between the instants
-at which those are looked at [s]."""
+NOISY_BATCH = 128
+"""Largest number of moves in a batch whose sensors have noise; each of them needs some MB."""
+
+ROW_INTERVAL = 0.05
+"""Time between the instants at which such moves are looked at [s]."""
 
 Cases = Mapping[str, np.ndarray]
+"""Columns of cases by name, shape (cases,) each."""
 
 
 def robustness(cases: Cases) -> dict[str, np.ndarray]:
@@ -89,16 +92,18 @@ def robustness(cases: Cases) -> dict[str, np.ndarray]:
     setup = Setup(gravity, dt=dt, control_period=control_period)
     count = len(cases["strategy"])
     drives = cases.get("drive", np.full(count, IDEAL))
-    kinds = list(
-        zip(cases["strategy"].tolist(), cases["duration_s"].tolist(), drives.tolist(), strict=True)
-    )
+    strategies_of_cases = cases["strategy"].tolist()
+    durations = cases["duration_s"].tolist()
+    # Cases with one plan run as a batch.
+    kinds = list(zip(strategies_of_cases, durations, drives.tolist(), strict=True))
     columns: dict[str, np.ndarray] = {}
     for kind in dict.fromkeys(kinds):
         rows = np.array([row for row, kind_of_case in enumerate(kinds) if kind_of_case == kind])
-        batches = math.ceil(len(rows) / _TOGETHER) if "noise" in cases else 1
+        batches = math.ceil(len(rows) / NOISY_BATCH) if "noise" in cases else 1
         for chunk in np.array_split(rows, batches):
-            mine = {name: column[chunk] for name, column in cases.items()}
-            for name, values in _made(setup, *_planned(gravity, dt, control_period, *kind), mine):
+            of_chunk = {name: column[chunk] for name, column in cases.items()}
+            plan, move = _planned(gravity, dt, control_period, *kind)
+            for name, values in _made(setup, plan, move, of_chunk):
                 columns.setdefault(name, np.ma.masked_all(count))[chunk] = values
     return columns
 
@@ -121,15 +126,19 @@ def _made(
     began = time.process_time()
     masses = (cases["load"] * setup.crane.payload_mass).tolist()
     cranes = [_crane(setup.gravity, mass) for mass in masses]
-    errors, drawn = cases["cable_error_m"], "noise" in cases
-    start, goal = (_longer(setup.crane, end, errors) for end in move.ends(setup.crane))
+    errors = cases["cable_error_m"]
+    drawn = "noise" in cases
+    move_start, move_goal = move.ends(setup.crane)
+    start = _longer(setup.crane, move_start, errors)
+    goal = _longer(setup.crane, move_goal, errors)
     # A plan that states no arrival has the duration of the move for it.
     arrives = instant(plan.arrives or move.duration, setup.control_period)
     ends = instant(arrives + AFTER, setup.control_period)
     times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
-    stride = max(1, round(_ROWS / setup.control_period))
-    if plan.drive == "motion":  # drives that follow exactly know where they are
-        cases = {name: column for name, column in cases.items() if name not in _SENSORS}
+    stride = max(1, round(ROW_INTERVAL / setup.control_period))
+    # Drives that follow exactly need no sensors.
+    if plan.drive == "motion":
+        cases = {name: column for name, column in cases.items() if name not in SENSOR_CASES}
     batch = simulate_batch(
         cranes,
         plan.controller(),
@@ -153,7 +162,7 @@ def _made(
         ("off_goal_m", _away(cranes, batch.end.q, goal.q)),
     ]
     shares = batch.largest_effort / setup.crane.effort_limit
-    result += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(_DRIVES)]
+    result += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(DRIVES)]
     result.append(("valid_until_s", batch.valid_until))
     if drawn:
         row = int(np.searchsorted(batch.t, arrives - 1e-9))
@@ -163,23 +172,29 @@ def _made(
             ("broken", 1.0 - _whole(setup.crane, batch)),
             ("spent_s", np.full(len(masses), spent)),
         ]
-    return [
-        (name, np.ma.masked_invalid(values) if drawn or name == "valid_until_s" else values)
-        for name, values in result
-    ]
+    masked = []
+    for name, values in result:
+        may_be_invalid = drawn or name == "valid_until_s"
+        masked.append((name, np.ma.masked_invalid(values) if may_be_invalid else values))
+    return masked
 
 
-_DRIVES, _SENSORS = ("slew", "trolley", "hoist"), ("noise", "delay")
+DRIVES = ("slew", "trolley", "hoist")
+"""Names of the drives, in the order of the chain."""
+
+SENSOR_CASES = ("noise", "delay")
+"""Columns of cases that change sensors."""
 
 
 def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
-    """Return the forces of a gust of shape (1 - cos)/2 on each load [N], shape (cranes, rows, 3
-    points).
+    """Return the forces of a gust on each load [N], shape (cranes, rows, 3 points).
 
-    The load's own velocity is neglected: the force is that on a load at rest.
+    Its speed rises and falls as (1 - cos)/2. The load's own velocity is neglected: the force is
+    that on a load at rest.
     """
     shape = gust_shape(times, cases["gust_at_s"][:, None], cases["gust_lasts_s"][:, None])
-    speed, direction = cases["gust_m_s"][:, None] * shape, cases["gust_to_rad"]
+    speed = cases["gust_m_s"][:, None] * shape
+    direction = cases["gust_to_rad"]
     along = np.column_stack([np.cos(direction), np.sin(direction)])
     first = 3 * crane.layout.points.index("payload")
     force = np.zeros((*speed.shape, 3 * len(crane.points)))
@@ -188,20 +203,31 @@ def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
 
 
 def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
-    """Return the sensor errors of coordinates and rates: cable error, shape (cranes, 2 n), and with
-    noise, shape (cranes, rows, 2 n).
+    """Return the errors of the sensors of coordinates and rates.
+
+    Args:
+        crane: The crane.
+        cases: The cases, with noise or without.
+        rows: Number of rows of a run.
+
+    Returns:
+        Errors by the cable, shape (cranes, 2 n); with noise, shape (cranes, rows, 2 n).
     """
-    errors, hoist = cases["cable_error_m"], crane.layout.index("l")
+    errors = cases["cable_error_m"]
+    hoist = crane.layout.index("l")
     if "noise" not in cases:
         added = np.zeros((len(errors), 2 * crane.layout.n))
     else:
         sizes = noise_of(crane)
         added = np.empty((len(errors), rows, len(sizes)))
         for noise, seed, number in zip(added, cases["seed"], cases["number"], strict=True):
+            # Of a case itself, so that it does not depend on how cases are put into batches.
             bits = np.random.SFC64([int(seed), int(number)])
             np.random.Generator(bits).standard_normal(out=noise)
         added *= cases["noise"][:, None, None] * sizes
-    added[..., hoist] -= errors.reshape(-1, *[1] * (added.ndim - 2))
+    # The cable is longer than measured by the error. With noise there is an axis more, of rows.
+    cable_errors = errors if added.ndim == 2 else errors[:, None]
+    added[..., hoist] -= cable_errors
     return added
 
 
@@ -213,31 +239,34 @@ def lagging(crane: Crane, cases: Cases) -> list[Converters]:
 
 def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarray:
     """Return the distances of loads from their goals [m]; NaN where a crane diverged."""
-    return np.array(
-        [
-            np.linalg.norm(payload_position(crane, q) - payload_position(crane, goal))
-            if np.isfinite(q).all()
-            else math.nan
-            for crane, q, goal in zip(cranes, ends, goals, strict=True)
-        ]
-    )
+    distances = []
+    for crane, q, goal in zip(cranes, ends, goals, strict=True):
+        distance = math.nan
+        if np.isfinite(q).all():
+            offset = payload_position(crane, q) - payload_position(crane, goal)
+            distance = float(np.linalg.norm(offset))
+        distances.append(distance)
+    return np.array(distances)
 
 
 def _amplitudes(crane: Crane, batch: Batch, row: int) -> np.ndarray:
     """Return amplitudes of the swing at a recorded row [rad], shape (cranes,)."""
-    q, v, swings = batch.q[:, row], batch.v[:, row], crane.swings
+    q = batch.q[:, row]
+    v = batch.v[:, row]
+    swings = crane.swings
     length = q[:, crane.layout.index("l")]
     return swing_amplitude(q[:, swings], v[:, swings], length, crane.gravity)
 
 
 def _whole(crane: Crane, batch: Batch) -> np.ndarray:
     """Return 1 where joints are in range, rope taut and load above ground, shape (cranes,)."""
-    rows = batch.q.shape[:2]
-    q, v, effort = (
-        values.reshape(-1, values.shape[-1]) for values in (batch.q, batch.v, batch.effort)
-    )
+    shape = batch.q.shape[:2]
+    q = batch.q.reshape(-1, batch.q.shape[-1])
+    v = batch.v.reshape(-1, batch.v.shape[-1])
+    effort = batch.effort.reshape(-1, batch.effort.shape[-1])
+    # A crane that diverged has numbers that are not finite.
     with np.errstate(invalid="ignore"):
-        holds = valid(conditions(crane, q, v, hoisting(crane, effort))).reshape(rows)
+        holds = valid(conditions(crane, q, v, hoisting(crane, effort))).reshape(shape)
     return holds.all(axis=1).astype(float)
 
 
@@ -265,14 +294,17 @@ RANGES = {
     "delay": (0.0, 5.0),
     "lag": (0.5, 2.0),
 }
-"""Between which numbers each is drawn, all of them alike likely: mass of the payload over that
-planned for; length of the cable less that measured; a gust of wind, its largest speed, where it
-blows to as an angle from the world's +X, when it begins and how long it lasts; noise of the sensors
-as a multiple of `sensor_model.noise_of`; by how many control periods they are late,
-0 to 4; lags of frequency converters over the typical ones."""
+"""Lower and upper end of the range from which each number of a case is drawn evenly.
+
+These are the mass of the payload over the planned one; the true less the measured cable length [m];
+of a gust of wind the largest speed [m/s], the direction in which it blows, from the world's +X
+[rad], its beginning and its duration [s]; the noise of the sensors as a multiple of
+`sensor_model.noise_of`; their delay in whole control periods, 0 to 4; and the lags of frequency
+converters over the typical ones.
+"""
 
 LEVELS = 129
-"""How many different loads there are, evenly, so that not every case needs a crane of its own."""
+"""Number of different loads, at equal distances: so not every case needs a crane of its own."""
 
 UNBATCHED = {
     strategies.MPC: "its optimiser is called from Python; the compiled one stands for it",
@@ -281,18 +313,20 @@ UNBATCHED = {
 """Strategies that no batch runs, and why."""
 
 DRAWN = [name for name in strategies.STRATEGIES if name not in UNBATCHED]
-"""Those that are drawn for."""
+"""Strategies for which cases are drawn."""
 
 
 def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int) -> Design:
-    """Draw the same cases for each strategy; fewer of one seed are the first of more.
+    """Draw cases, the same for each strategy.
+
+    With the same seed, fewer cases are the first of more.
 
     Args:
-        setup: Where it takes place.
-        names: Of strategies.
-        drive: "ideal" or "velocity".
-        count: Cases for each strategy.
-        seed: Of the random numbers.
+        setup: Gravity and clocks.
+        names: Names of strategies.
+        drive: Kind of drives, "ideal" or "velocity".
+        count: Number of cases for each strategy.
+        seed: Seed of the random numbers.
 
     Raises:
         OutOfRange: If the seed is not a whole number from 0.
@@ -312,8 +346,8 @@ def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int)
     shares = np.random.default_rng(seed).random((count, len(RANGES)))
     columns = dict(zip(RANGES, (low + (high - low) * shares).T, strict=True))
     lightest, heaviest = RANGES["load"]
-    columns["load"] = np.linspace(lightest, heaviest, LEVELS)[
-        np.rint((columns["load"] - lightest) / (heaviest - lightest) * (LEVELS - 1)).astype(int)
-    ]
+    levels = np.linspace(lightest, heaviest, LEVELS)
+    share = (columns["load"] - lightest) / (heaviest - lightest)
+    columns["load"] = levels[np.rint(share * (LEVELS - 1)).astype(int)]
     columns["delay"] = np.floor(columns["delay"])
     return cross(plans, Design(columns | {"number": np.arange(count, dtype=float)}))

@@ -25,7 +25,9 @@ def joystick_path(
     """Return the motion of an operator who knows the way from corner to corner, the first of which
     is the start: full rate at once in every drive, and back to rest in time; with its end [s].
     """
-    pulses, end, drives = [], 0.0, crane.layout.driven
+    pulses = []
+    end = 0.0
+    drives = crane.layout.driven
     for corner, next_corner in itertools.pairwise(corners):
         lasts = 0.0
         for joint, begin, finish, rate, acceleration in zip(
@@ -43,7 +45,8 @@ def joystick_path(
 
 def joystick_move(setup: Setup, move: RestToRest) -> tuple[Reference, float]:
     """Return the motion of an operator for a move, and its end [s]."""
-    crane, start = setup.crane, move.ends(setup.crane)[0]
+    crane = setup.crane
+    start = move.ends(setup.crane)[0]
     return joystick_path(crane, start, [move.start, move.goal], LIMITS.for_crane(crane))
 
 
@@ -64,7 +67,8 @@ def _joystick_base(setup: Setup, move: RestToRest, longer: float) -> tuple[Refer
 
 def spline_base(setup: Setup, move: RestToRest, longer: float) -> tuple[Reference, float]:
     """Return a spline that is so much shorter that it ends with the move when shaped."""
-    shorter, start = move.duration - longer, move.ends(setup.crane)[0]
+    shorter = move.duration - longer
+    start = move.ends(setup.crane)[0]
     return spline(setup.crane, start, [move.goal], [shorter]), shorter
 
 

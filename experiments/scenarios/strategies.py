@@ -1,5 +1,7 @@
-"""Strategies for a move: what is planned, what controls it, on which kind of drives, and the colour
-of each in every figure and recording.
+"""Strategies for a move: what is planned, what controls it, on which kind of drives.
+
+A strategy is a function that takes a setup and a move, and returns a `MovePlan`. `STRATEGIES` has
+them by their names in tables. Each has one colour in every figure and recording.
 """
 
 from __future__ import annotations
@@ -39,50 +41,70 @@ from experiments.scenarios.shaping import (
 
 
 def _spline(setup: Setup, move: RestToRest) -> Spline:
+    """Return a quintic spline of the drives, which does not regard the swing."""
     return spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [move.duration])
 
 
 def _alone(setup: Setup, move: RestToRest) -> MovePlan:
+    """Let the drives follow a spline exactly."""
     return followed(setup, _spline(setup, move), move.duration)
 
 
 def _spline_pd(setup: Setup, move: RestToRest) -> MovePlan:
-    hold, reference = partial(hold_controller, setup.crane), _spline(setup, move)
+    """Let PD controllers of the drives follow a spline by efforts."""
+    hold = partial(hold_controller, setup.crane)
+    reference = _spline(setup, move)
     return MovePlan(hold, reference, "effort", move.duration, uses_swing_sensor=False)
 
 
 def _hanging(setup: Setup, move: RestToRest) -> Motion:
+    """Return a spline of the drives below which the load hangs at rest."""
     spline = _spline(setup, move)
     return hanging_reference(setup.crane, spline, move.duration, setup.control_period)
 
 
 def _paper(setup: Setup, move: RestToRest) -> MovePlan:
-    motion, reference = _hanging(setup, move), _spline(setup, move)
+    """Let the paper's controllers follow a spline."""
+    motion = _hanging(setup, move)
+    reference = _spline(setup, move)
     controller = paper_controller(setup.crane, motion, gravity=STANDARD_GRAVITY)
-    return MovePlan(
-        lambda: replace(controller, integral=0.0), reference, "effort", move.duration, motion
-    )
+
+    def fresh() -> Controller:
+        """Return the controller with an integral that a run before it has not changed."""
+        return replace(controller, integral=0.0)
+
+    return MovePlan(fresh, reference, "effort", move.duration, motion)
 
 
 def flat_motion(setup: Setup, move: RestToRest, duration: float | None = None) -> Motion:
-    """Return the motion along a flat path of the load in a time [s], by default the move's."""
-    ends = move.ends(setup.crane)
-    return flat(setup.crane, *ends, duration or move.duration, period=setup.control_period)
+    """Return the motion along a flat path of the load: one from which that of the drives follows.
+
+    Args:
+        setup: Crane and clocks.
+        move: The move.
+        duration: Duration [s]; that of the move if None.
+    """
+    start, goal = move.ends(setup.crane)
+    return flat(setup.crane, start, goal, duration or move.duration, period=setup.control_period)
 
 
 def _fastest_flat(setup: Setup, move: RestToRest) -> Motion:
+    """Return that motion in the shortest duration in which drives keep their limits."""
     lasting = partial(flat_motion, setup, move)
     return lasting(fastest(setup.crane, lasting, LIMITS))
 
 
 def _least_time(setup: Setup, move: RestToRest, duration: float | None = None) -> Motion:
+    """Return the motion of least time; if a duration is given [s], that of least swing in it."""
     from cranedyn.planning.optimal import optimal
 
-    ends, period = move.ends(setup.crane), setup.control_period
-    return optimal(setup.crane, *ends, LIMITS, period=period, duration=duration)
+    start, goal = move.ends(setup.crane)
+    period = setup.control_period
+    return optimal(setup.crane, start, goal, LIMITS, period=period, duration=duration)
 
 
 def _least_swing(setup: Setup, move: RestToRest) -> Motion:
+    """Return the motion of least swing in the duration of the move."""
     return _least_time(setup, move, move.duration)
 
 
@@ -93,29 +115,40 @@ def _tracked(motion_of: Callable[[Setup, RestToRest], Motion]) -> Planner:
         motion = motion_of(setup, move)
         controller = with_integral(setup, motion)
         softer = partial(with_integral, setup, motion, soft_weight(setup.crane))
-        factory = partial(replace, controller, integral=0.0)
-        return MovePlan(factory, motion, "effort", motion.arrival, motion, softer=softer)
+        # Runs begin with an integral that the ones before have not changed.
+        fresh = partial(replace, controller, integral=0.0)
+        return MovePlan(fresh, motion, "effort", motion.arrival, motion, softer=softer)
 
     return plan
 
 
 def soft_weight(crane: Crane) -> np.ndarray:
-    """Return R of an LQR for drives with converters, whose jerk is limited: efforts that move the
-    load sideways weigh `SOFTER` times as much as for drives that take efforts, shape (m, m).
+    """Return the weight R of efforts in an LQR for drives with converters, shape (m, m).
+
+    Their jerk is limited: efforts that move the load sideways weigh `SOFTER` times as much as for
+    drives that take efforts.
     """
-    return effort_weight_of(crane) * np.diag(np.where(crane.layout.along("l") > 0.0, 1.0, SOFTER))
+    is_hoist = crane.layout.along("l") > 0.0
+    return effort_weight_of(crane) * np.diag(np.where(is_hoist, 1.0, SOFTER))
 
 
 def with_integral(
     setup: Setup, motion: Motion, effort_weight: np.ndarray | None = None
 ) -> HoistIntegral:
-    """Return the full-model LQR about a motion with an integrator on the hoist."""
+    """Return the full-model LQR about a motion, with an integrator on the hoist.
+
+    Args:
+        setup: Crane and clocks.
+        motion: The motion.
+        effort_weight: Weight R of efforts, shape (m, m); the usual one if None.
+    """
     crane = setup.crane
     tracking = lqr(crane, motion, dt=setup.dt, effort_weight=effort_weight)
     return HoistIntegral(crane, tracking, HOIST_INTEGRAL, float(crane.effort_limit[2]))
 
 
 def _damped(setup: Setup, move: RestToRest) -> MovePlan:
+    """Let an operator move the crane, whose drives yield so that the swing is damped."""
     reference, end = joystick_move(setup, move)
     controller = with_damping(
         setup.crane, reference, limits=LIMITS, recovery=0.3, control_period=setup.control_period
@@ -124,6 +157,7 @@ def _damped(setup: Setup, move: RestToRest) -> MovePlan:
 
 
 def _mpc(setup: Setup, move: RestToRest) -> MovePlan:
+    """Let predictive control track the flat motion."""
     motion = flat_motion(setup, move)
 
     def controller(effort_weight: np.ndarray | None = None) -> PredictiveController:
@@ -136,7 +170,8 @@ def _mpc(setup: Setup, move: RestToRest) -> MovePlan:
             effort_weight=effort_weight,
         )
 
-    first = cache(controller)  # it never runs, so that its copies remember nothing
+    # Made once, when it is first needed. It never runs itself, so that its copies remember nothing.
+    first = cache(controller)
     softer = partial(controller, soft_weight(setup.crane))
     return MovePlan(lambda: copy(first()), motion, "effort", motion.arrival, motion, softer=softer)
 
@@ -144,6 +179,14 @@ def _mpc(setup: Setup, move: RestToRest) -> MovePlan:
 def _receding(
     setup: Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
 ) -> Controller:
+    """Return the compiled predictive control.
+
+    Args:
+        setup: Crane and clocks.
+        motion: Motion that it tracks; None to go to the goal of its reference.
+        swing: Largest swing that it plans with [rad].
+        drive: Kind of drives.
+    """
     from cranedyn.compiled.horizon.receding import receding, usual_input_weight
 
     usual = usual_input_weight(np.array(LIMITS.accelerations))
@@ -160,6 +203,7 @@ def _receding(
 
 
 def _compiled_mpc(setup: Setup, move: RestToRest) -> MovePlan:
+    """Let the compiled predictive control track the flat motion."""
     motion = flat_motion(setup, move)
     controller = partial(_receding, setup, motion, math.pi / 4.0)
     rates = partial(controller, "velocity")
@@ -167,21 +211,39 @@ def _compiled_mpc(setup: Setup, move: RestToRest) -> MovePlan:
 
 
 def _to_goal(setup: Setup, move: RestToRest) -> MovePlan:
+    """Let the compiled predictive control find its own way to the goal."""
     goal = hold(setup.crane, move.ends(setup.crane)[1])
     controller = partial(_receding, setup, None, 0.1)
     return MovePlan(controller, goal, "effort", 0.0, rates=partial(controller, "velocity"))
 
 
-PAPER, PD, LQR = "paper's LQR + PID", "spline + PD", "full-model LQR"
-FLAT, MPC = "flat + LQR", "flat + MPC"
+# Names of strategies that experiments refer to, see `STRATEGIES`.
+
+PAPER = "paper's LQR + PID"
+"""The control of the paper: two LQRs and a PID for the hoist."""
+
+PD = "spline + PD"
+"""A spline of the drives, which PD controllers follow."""
+
+LQR = "full-model LQR"
+"""A path of the load, tracked by an LQR of the full model."""
+
+FLAT = "flat + LQR"
+"""A motion of the drives that carries the load along its own path, tracked by an LQR."""
+
+MPC = "flat + MPC"
+"""The same motion, tracked by predictive control."""
+
 SOFTER = 30.0
-"""By how much more efforts of slew and trolley weigh in an LQR for drives with converters, ours.
+"""Factor on the weight of efforts of slew and trolley in an LQR for drives with converters.
+
 With the usual weights a swing of 0.1 rad asks for 40 times the accelerations that converters are
-set to; their limited jerk then comes too late, and the load is swung up."""
+set to; their limited jerk then comes too late, and the load is swung up. The value is our choice.
+"""
 
 SOFTER_PLAN = 1e3
-"""By how much more accelerations weigh in predictive control for drives with converters, whose
-limited jerk it does not know of, ours."""
+"""Factor on the weight of accelerations in predictive control for drives with converters, whose
+limited jerk it does not know. The value is our choice."""
 
 
 def mpc_period(setup: Setup) -> float:
@@ -191,9 +253,21 @@ def mpc_period(setup: Setup) -> float:
     return whole_periods(0.05, setup.control_period)
 
 
-COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
+COMPILED_MPC = "flat + compiled MPC"
+"""The flat motion, tracked by the compiled predictive control."""
+
+TO_GOAL = "MPC to the goal"
+"""Predictive control that is given the goal only, and no motion."""
+
 YIELD = "operator + yielding drives"
-TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
+TIME = "least time + LQR"
+"""The motion of least time, tracked by an LQR."""
+
+SWING = "least swing + LQR"
+"""The motion of least swing, tracked by an LQR."""
+
+FASTEST = "fastest flat + LQR"
+"""The flat motion as fast as the drives can, tracked by an LQR."""
 
 STRATEGIES: dict[str, Planner] = {
     "spline alone": _alone,

@@ -8,21 +8,23 @@ from typing import NamedTuple
 from cranedyn.lifting import factors, wind
 
 DIGITS = 1e-4
-"""Relative: numbers are printed with four digits and more."""
+"""Relative error that printing leaves: numbers are printed with four digits and more."""
 
 _RPM = math.pi / 30.0
+"""One revolution a minute [rad/s]."""
 
 
 class Compared(NamedTuple):
-    """A factor by its formula, beside the same from elsewhere.
+    """A factor by its formula, beside its value from elsewhere.
 
     Attributes:
-        name: Which.
-        origin: The source of the formula, none of which was before us, all read second hand; or how
-            the factor was simulated.
-        formula: By the function of `cranedyn.lifting`.
-        other: As the source prints it, or by hand from its formula; or as simulated.
-        within: By how much they may differ, relative.
+        name: Name of the factor.
+        origin: Source of the formula, or how the factor was simulated. The standards themselves
+            were not at hand: they are quoted from other texts.
+        formula: Value that the function of `cranedyn.lifting` returns.
+        other: Value that the source prints, that follows by hand from its formula, or that was
+            simulated.
+        within: Largest relative difference between the two.
     """
 
     name: str
@@ -33,17 +35,20 @@ class Compared(NamedTuple):
 
     @property
     def difference(self) -> float:
-        """By how much they differ, relative."""
+        """Relative difference from the formula."""
         return self.other / self.formula - 1.0
 
     @property
     def holds(self) -> bool:
-        """Whether they agree."""
+        """Whether both values agree."""
         return math.isclose(self.formula, self.other, rel_tol=self.within, abs_tol=1e-12)
 
 
-_EN, _AS1, _AS2 = "EN 1991-3, T 2.4, 2.5", "AS 5221.1:2021", "AS 5222:2021"
-_FEM, _FEMS = "FEM 1.001, A.2.2.3", "FEM 1.001"
+_EN = "EN 1991-3, T 2.4, 2.5"
+_AS1 = "AS 5221.1:2021"
+_AS2 = "AS 5222:2021"
+_FEM = "FEM 1.001, A.2.2.3"
+_FEMS = "FEM 1.001"
 
 FORMULAS = (
     Compared("φ1, least", _EN, factors.phi_1()[0], 0.9),
@@ -89,5 +94,7 @@ FORMULAS = (
     ),
     Compared("force on 10 m² [N]", _AS2, wind.wind_force(250.0, 10.0), 2500.0),
 )
-"""What is asked of the functions of `cranedyn.lifting`. At μ = 1.5 a public table prints 2.082,
-which its own formula does not give."""
+"""Values that the functions of `cranedyn.lifting` have to return.
+
+At μ = 1.5 a public table prints 2.082, which its own formula does not give.
+"""

@@ -31,7 +31,17 @@ load carried along its own path, as fast as the drives can and in the time of th
 AFTER = 10.0
 """How long a move is watched after its arrival [s]."""
 
-_FULL, _CREEP, _UP, _WATCHED = 1.0, 0.1, 0.4, 6.0
+FULL_SPEED = 1.0
+"""Full hoisting speed [m/s]."""
+
+CREEP_SPEED = 0.1
+"""Creep speed of the hoist [m/s]."""
+
+ACCELERATION = 0.4
+"""Acceleration to the full speed by a joystick [rad/s² or m/s²]."""
+
+WATCH_TIME = 6.0
+"""Time for which a lift-off is watched [s]."""
 
 
 class Need(NamedTuple):
@@ -75,8 +85,8 @@ class PickUp:
 
 
 HOISTINGS = (
-    PickUp("at full speed, 1 m/s (HD1)", _FULL),
-    PickUp("creeping, 0.1 m/s (HD2, HD3)", _CREEP),
+    PickUp("at full speed, 1 m/s (HD1)", FULL_SPEED),
+    PickUp("creeping, 0.1 m/s (HD2, HD3)", CREEP_SPEED),
     PickUp("from a taut rope, 0.4 m/s² (HD5)", 0.0),
     PickUp("the same, shaped for the bounce", 0.0, shaped=True),
 )
@@ -96,7 +106,8 @@ def across(setup: Setup) -> list[Need]:
 
 
 def _moved(setup: Setup, move: RestToRest, strategy: str) -> Need:
-    crane, plan = setup.crane, STRATEGIES[strategy](setup, move)
+    crane = setup.crane
+    plan = STRATEGIES[strategy](setup, move)
     run, _ = make(setup, move, plan, label=f"{move.name}, {strategy}", after=AFTER)
     columns = loads(crane, run)
     lead = columns["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
@@ -115,7 +126,7 @@ def upwards(setup: Setup) -> list[Need]:
     crane = ROPE.crane(gravity=setup.gravity, **POINT)
     length = at_start(crane, "l")
     omega = theory.rope_bounce(rope_stiffness(crane), length, crane.payload_mass)
-    allowed = theory.pickup_factor(_FULL, omega, crane.gravity)
+    allowed = theory.pickup_factor(FULL_SPEED, omega, crane.gravity)
     return [_taken_up(setup, crane, hoisting, omega, allowed) for hoisting in HOISTINGS]
 
 
@@ -129,7 +140,8 @@ def _taken_up(setup: Setup, crane: Crane, hoisting: PickUp, omega: float, allowe
         duration = instant(2.0 * math.pi / omega, setup.control_period)
     else:
         reference = _lifted(crane, hoisting.shaped, omega)
-        controller, duration = follow(crane, reference, setup.control_period), _WATCHED
+        controller = follow(crane, reference, setup.control_period)
+        duration = WATCH_TIME
     run = setup.simulate(
         crane,
         controller,
@@ -146,8 +158,8 @@ def _taken_up(setup: Setup, crane: Crane, hoisting: PickUp, omega: float, allowe
 
 def _lifted(crane: Crane, of_bounce: bool, omega: float) -> Reference:
     """Return a move up at full speed and back to rest, at the limit of the acceleration."""
-    accelerations = [_UP] * crane.layout.m
+    accelerations = [ACCELERATION] * crane.layout.m
     base = joystick(
-        crane, crane.start, [JoystickPulse("l", -_FULL, 0.0, 3.0)], accelerations=accelerations
+        crane, crane.start, [JoystickPulse("l", -FULL_SPEED, 0.0, 3.0)], accelerations=accelerations
     )
     return shaped(base, zv(), 2.0 * math.pi / omega) if of_bounce else base
