@@ -847,11 +847,11 @@ cranedyn/planning/clearance.py
 + Field([*solids])
 * a load may be in the slewing column
 ? coverage::a_load_keeps_from_the_crane_s_own_base_and_upper_structure
-- if self._upper_gap(q) < margins[0]:
+- if self._upper_gap(q) < margin:
 + if False:
 * what slews above a load is left out of its margin where it is far
 ? coverage::no_margin_is_more_than_that_of_the_upper_structure_however_far_below_it
-- if self._upper_gap(q) < margins[0]:
+- if self._upper_gap(q) < margin:
 + if self._upper_gap(q) < self.site.distance:
 * a rope that leans lifts its load no higher
 ? coverage::no_margin_is_more_than_that_of_the_upper_structure_however_far_below_it
@@ -1007,12 +1007,12 @@ cranedyn/planning/lift.py
 cranedyn/planning/bodies.py
 * a rope has no width
 ? clearance::rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws
-- falls=float(np.ptp(block[:, :2], axis=0).max()) / 2.0
-+ falls=1e-3 * float(np.ptp(block[:, :2], axis=0).max()) / 2.0
+- falls=float(np.ptp(drawn.block[:, :2], axis=0).max()) / 2.0
++ falls=1e-3 * float(np.ptp(drawn.block[:, :2], axis=0).max()) / 2.0
 * a parked neighbour has no rope
 ? clearance::the_rope_of_a_parked_neighbour_is_in_the_way
-- return [shape.T for shape in shapes] + [np.vstack(rope)]
-+ return [shape.T for shape in shapes]
+- return [*shapes, rope]
++ return shapes
 cranedyn/planning/proof.py
 * a row that is no number is proven
 ? coverage::no_proof_holds_with_a_coordinate_that_is_none
