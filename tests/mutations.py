@@ -998,7 +998,7 @@ cranedyn/planning/lift.py
 + if False:
 * what a plain URDF has no argument for is left out in silence
 ? lift::a_plain_urdf_is_not_another_crane_than_its_site_enters
-- if name not in _COMPARED:
+- if name not in _COMPARED_ARGUMENTS:
 + if False:
 * a load that the hoist cannot hold is searched a way for
 ? lift::a_load_beyond_the_hoist_is_refused_with_both_masses
