@@ -307,7 +307,8 @@ class Clearance:
         """Return the angle of the rope from plumb [rad], shape (...), at coordinates of shape (...,
         n); of differences of coordinates, its change.
         """
-        radial, tangential = self.joints.radial_swing, self.joints.tangential_swing
+        radial = self.joints.radial_swing
+        tangential = self.joints.tangential_swing
         return np.sqrt(q[..., radial] ** 2 + q[..., tangential] ** 2)
 
     # --- what hangs -------------------------------------------------------------------------------
