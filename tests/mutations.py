@@ -1481,7 +1481,7 @@ cranedyn/planning/solids.py
 + return False
 * a convex body that meets a part of an obstacle does not meet it
 ? coverage::the_mast_stands_in_no_solid
-- shape, here = hull(corners), coal.Transform3s()
+- shape = hull(corners)
 + return self.holds(corners[0])
 cranedyn/planning/plausibility.py
 * what cannot be meant is only unusual
