@@ -1024,8 +1024,8 @@ cranedyn/planning/proof.py
 + np.minimum(moved[middle] - moved[low]
 * a load goes on a straight line from row to row
 ? proof::between_two_rows_alike_a_load_may_have_been_thrown_as_far_as_it_can
-- bend, stretches = _FASTEST * period**2 / 8.0,
-+ bend, stretches = 0.0 * period,
+- bend = _MAX_ACCELERATION * period**2 / 8.0
++ bend = 0.0 * period
 cranedyn/sites/brakes.py
 * the latency of the drives is twice what is told
 ? sites::wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost
