@@ -925,7 +925,7 @@ cranedyn/planning/ground_lift.py
 cranedyn/planning/support.py
 * what reaches higher than the load's bottom is its support, too
 ? coverage::the_walls_of_what_a_load_stands_in_stay_in_the_proof
-- if part[:, 2].max() <= bottom + CONTACT_TOLERANCE
+- if top <= bottom + CONTACT_TOLERANCE
 + if True
 * what is far below a load that hangs is its support
 ? coverage::a_load_that_hangs_or_is_inside_of_a_box_stands_on_nothing
