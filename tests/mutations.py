@@ -1494,7 +1494,7 @@ cranedyn/planning/plausibility.py
 + if not (value < low or value > high): return
 * obstacles in another unit vanish
 ? plausibility::an_obstacle_in_another_unit_does_not_vanish
-- if gap > FAR_BEYOND * reach[1]:
+- if gap > FAR_BEYOND * largest_radius:
 + if False:
 * the volume of a load is one of its sides
 ? plausibility::no_value_of_an_example_is_unusual
@@ -1502,8 +1502,8 @@ cranedyn/planning/plausibility.py
 + volume = 1e-3 * float(sides.max())
 * places are judged in the frame of the site
 ? plausibility::a_place_is_as_far_as_it_is_from_the_foot_of_the_crane
-- radius = float(np.hypot(*(point[:2] - site.foot[:2])))
-+ radius = float(np.hypot(*point[:2]))
+- radius = _distance_in_plan(site.foot, point)
++ radius = _distance_in_plan(np.zeros(3), point)
 cranedyn/lifting/judged_inputs.py
 * every tower crane is judged by the shipped chart
 ? judgement::the_shipped_chart_is_of_the_shipped_crane
