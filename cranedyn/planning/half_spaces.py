@@ -32,8 +32,8 @@ _NO_OBSTACLE = -1e3
 another [m]: with no direction its distance is minus the offset, 1 km."""
 
 _HANGS = 1.0
-"""Value of `_HalfSpace.hangs` of a point that hangs on the cable: the cable length times this
-is what the cable lowers it by."""
+"""Value of `_HalfSpace.hangs` of a point that hangs on the cable, which is lowered by this value
+times the cable length."""
 
 _ROLLS = 0.0
 """Value of `_HalfSpace.hangs` of a point that moves with the trolley."""
@@ -64,7 +64,7 @@ class _HalfSpace(NamedTuple):
 
 
 _NUMBERS = 8
-"""Number of numbers of a half space."""
+"""How many numbers describe a half space, see `_HalfSpace.numbers`."""
 
 
 @dataclass(frozen=True, eq=False)
