@@ -18,7 +18,7 @@ from cranedyn.errors import CraneError, DataError, printable, quoted
 from cranedyn.planning.solids import Solid, body
 
 LARGEST_IFC = 200_000_000
-"""Most bytes of an IFC file."""
+"""Largest size of an IFC file [bytes]."""
 
 
 def read_ifc(path: Path, *, as_hulls: bool = False) -> list[Solid]:
@@ -57,30 +57,44 @@ def read_ifc(path: Path, *, as_hulls: bool = False) -> list[Solid]:
     shapes = _shapes(path)
     if not len(shapes["names"]):
         raise DataError(f"{path} has no product with a shape.")
-    vertices, triangles = (
-        np.split(shapes[of], np.cumsum(shapes[counts])[:-1])
-        for of, counts in (("vertices", "corners"), ("triangles", "faces"))
-    )
-    return [
-        _solid(printable(name), corners, faces, as_hulls)
-        for name, corners, faces in zip(shapes["names"], vertices, triangles, strict=True)
-    ]
+    # The corners of all products follow each other, and so do their triangles.
+    solids = []
+    first_corner = 0
+    first_face = 0
+    for name, corner_count, face_count in zip(
+        shapes["names"], shapes["corners"], shapes["faces"], strict=True
+    ):
+        vertices = shapes["vertices"][first_corner : first_corner + corner_count]
+        triangles = shapes["triangles"][first_face : first_face + face_count]
+        solids.append(_solid(printable(name), vertices, triangles, as_hulls))
+        first_corner += corner_count
+        first_face += face_count
+    return solids
 
 
 def _shapes(path: Path) -> dict[str, np.ndarray]:
-    """Read the shapes in a process of its own, which `ifcopenshell` may end."""
+    """Read the shapes in a process of its own, which `ifcopenshell` may end; see
+    `cranedyn.planning.ifc_shapes.extract_shapes`.
+
+    Raises:
+        DataError: If the process ends with an error or a signal, with the last line that it wrote.
+    """
     from cranedyn.recording.process import end, guard  # takes a second, for those who have models
 
-    program, pipe = Path(__file__).with_name("ifc_shapes.py"), subprocess.PIPE
+    program = Path(__file__).with_name("ifc_shapes.py")
+    # -P keeps the folder of the program, with its module names, out of the path of imports.
     command = [sys.executable, "-P", str(program), str(path.absolute())]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe)
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
     try:
         guard(process)
         content, messages = process.communicate()
     finally:
         end(process)
-    last = printable((messages.decode(errors="replace").splitlines() or [""])[-1])
-    if process.returncode < 0:
+    lines = messages.decode(errors="replace").splitlines()
+    last = printable(lines[-1] if lines else "")
+    if process.returncode < 0:  # ended by a signal
         name = signal.Signals(-process.returncode).name
         raise DataError(f"Cannot read {path}: ifcopenshell was ended by {name} at {quoted(last)}.")
     if process.returncode:
@@ -90,6 +104,7 @@ def _shapes(path: Path) -> dict[str, np.ndarray]:
 
 
 def _solid(name: str, vertices: np.ndarray, triangles: np.ndarray, as_hull: bool) -> Solid:
+    """Return a product as a body; with its convex hull, too, where its surface is not closed."""
     try:
         return body(name, vertices, triangles, as_hull=as_hull)
     except DataError:

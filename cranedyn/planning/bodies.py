@@ -4,11 +4,13 @@ load; and all of a crane that is parked on a site, as an obstacle.
 
 from __future__ import annotations
 
+import itertools
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -23,6 +25,23 @@ Shape = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
 """A shape with its rotation and translation in the frame of the joint that carries it."""
 
 
+class BoundingBox(NamedTuple):
+    """A box along the axes of a frame.
+
+    Attributes:
+        centre: Its centre [m], shape (3,).
+        size: Its sides [m], shape (3,).
+    """
+
+    centre: np.ndarray
+    size: np.ndarray
+
+    @property
+    def top(self) -> float:
+        """Height of its top [m]."""
+        return self.centre[2] + self.size[2] / 2.0
+
+
 @dataclass(frozen=True, eq=False)
 class CollisionBodies:
     """Bodies of a crane, each in the frame of the joint that carries it.
@@ -30,8 +49,8 @@ class CollisionBodies:
     Attributes:
         mast: Corners of the hulls of the mast and its foot [m], shape (n, 3) each.
         upper: Shapes that slew, jib and counter-jib among them.
-        trolley: The box around the trolley: centre and size [m].
-        hook: The box around the hook, above the load: centre and size [m].
+        trolley: The box around the trolley.
+        hook: The box around the hook, above the load.
         load: Corners of the load about the end of the cable [m], shape (n, 3).
         falls: Radius about the cable's axis within which the falls of the rope run [m]: half the
             width of the hook's block.
@@ -39,17 +58,20 @@ class CollisionBodies:
 
     mast: list[np.ndarray]
     upper: list[Shape]
-    trolley: tuple[np.ndarray, np.ndarray]
-    hook: tuple[np.ndarray, np.ndarray]
+    trolley: BoundingBox
+    hook: BoundingBox
     load: np.ndarray
     falls: float
 
     @cached_property
     def spread(self) -> float:
         """Largest distance of trolley, rope, hook or load from the plumb line [m]."""
-        boxes = [np.abs(centre[:2]) + size[:2] / 2.0 for centre, size in (self.trolley, self.hook)]
-        load = np.linalg.norm(self.load[:, :2], axis=1).max()
-        return float(max(self.falls, *map(np.hypot.reduce, boxes), load))
+        radii = [self.falls]
+        for box in (self.trolley, self.hook):
+            x, y = np.abs(box.centre[:2]) + box.size[:2] / 2.0
+            radii.append(np.hypot(x, y))
+        radii.append(np.linalg.norm(self.load[:, :2], axis=1).max())
+        return float(max(radii))
 
     @cached_property
     def below(self) -> float:
@@ -74,46 +96,77 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
         ModelError: If it moves in other joints, too, or the URDF shows a mesh, or no shapes where
             one is needed.
     """
-    slew, trolley, radial, tangential, hoist = (
-        joint + 1 for joint in crane.layout.tower("Clearance")
-    )
+    slew, trolley, radial, tangential, hoist = crane.layout.tower("Clearance")
+    # Pinocchio counts joints from 1; 0 is the world, in which the mast stands. Links between the
+    # swing joints hang at the trolley and move with it.
     carriers = {
         "mast": [0],
-        "upper structure": [slew],
-        "trolley": [trolley, radial, tangential],
-        "payload": [hoist],
+        "upper structure": [slew + 1],
+        "trolley": [trolley + 1, radial + 1, tangential + 1],
+        "payload": [hoist + 1],
     }
     shapes = _shapes(crane)
-    groups = {
-        name: [shape for joint in joints for shape in shapes.get(joint, [])]
-        for name, joints in carriers.items()
-    }
+    groups: dict[str, list[Shape]] = {}
+    for name, joints in carriers.items():
+        groups[name] = []
+        for joint in joints:
+            groups[name] += shapes.get(joint, [])
     for name in ("upper structure", "trolley", "payload"):
         if not groups[name]:
             raise ModelError(
                 f"The URDF of the crane shows no shapes of its {name}; clearance needs boxes, "
                 "cylinders or spheres."
             )
-    corners = [corners_of(shape) for shape in groups["payload"]]
-    largest = max(corners, key=lambda points: float(np.prod(np.ptp(points, axis=0))))
-    top = float(largest[:, 2].max())
-    above = [points for points in corners if points[:, 2].mean() > top]
-    if not above:
-        raise ModelError(
-            "The URDF of the crane shows no hook above its load, so that the width of the rope is "
-            "not known."
-        )
-    block = max(above, key=lambda points: float(points[:, 2].max()))
-    carried = largest if load is None else load
-    hook = np.concatenate(above) + np.array([0.0, 0.0, float(carried[:, 2].max()) - top])
+    drawn = _drawn_payload(groups["payload"])
+    carried = drawn.load if load is None else load
+    rise = float(carried[:, 2].max()) - float(drawn.load[:, 2].max())
     return CollisionBodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
         trolley=_box(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
-        hook=_box(hook),
+        hook=_box(np.concatenate(drawn.hook) + np.array([0.0, 0.0, rise])),
         load=carried,
-        falls=float(np.ptp(block[:, :2], axis=0).max()) / 2.0,
+        falls=float(np.ptp(drawn.block[:, :2], axis=0).max()) / 2.0,
     )
+
+
+class _DrawnPayload(NamedTuple):
+    """The link at the hook, as the URDF draws it; corners about the end of the cable [m], shape
+    (n, 3) each.
+
+    Attributes:
+        load: Its largest shape, the load.
+        hook: The shapes above that, the hook with its block and slings.
+        block: The highest of them, from which the falls of the rope go up.
+    """
+
+    load: np.ndarray
+    hook: list[np.ndarray]
+    block: np.ndarray
+
+
+def _drawn_payload(shapes: list[Shape]) -> _DrawnPayload:
+    """Tell load and hook apart among the shapes of a link.
+
+    Raises:
+        ModelError: If there is no shape above the load.
+    """
+
+    def volume(points: np.ndarray) -> float:
+        return float(np.prod(np.ptp(points, axis=0)))
+
+    def highest(points: np.ndarray) -> float:
+        return float(points[:, 2].max())
+
+    corners = [corners_of(shape) for shape in shapes]
+    load = max(corners, key=volume)
+    hook = [points for points in corners if points[:, 2].mean() > highest(load)]
+    if not hook:
+        raise ModelError(
+            "The URDF of the crane shows no hook above its load, so that the width of the rope is "
+            "not known."
+        )
+    return _DrawnPayload(load, hook, max(hook, key=highest))
 
 
 def _mast(shapes: list[Shape]) -> list[np.ndarray]:
@@ -122,23 +175,29 @@ def _mast(shapes: list[Shape]) -> list[np.ndarray]:
     """
     corners = [corners_of(shape) for shape in shapes]
     quarter = max((float(points[:, 2].max()) for points in corners), default=0.0) / 4.0
-    halves = (
-        [points for points in corners if bool(points[:, 2].max() > quarter) is high]
-        for high in (True, False)
-    )
-    return [np.concatenate(half) for half in halves if half]
+    high = [points for points in corners if points[:, 2].max() > quarter]
+    low = [points for points in corners if not points[:, 2].max() > quarter]
+    return [np.concatenate(half) for half in (high, low) if half]
 
 
 def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     """Return every shape in the URDF: the joint that carries it (0 for none), and its corners in
     the frame of that joint [m].
     """
-    return [
-        (joint, corners_of(shape)) for joint, shapes in _shapes(crane).items() for shape in shapes
-    ]
+    corners = []
+    for joint, shapes in _shapes(crane).items():
+        for shape in shapes:
+            corners.append((joint, corners_of(shape)))
+    return corners
 
 
 def _shapes(crane: Crane) -> dict[int, list[Shape]]:
+    """Return all shapes in a URDF, those to look at and those for collisions, by the joint that
+    carries them; 0 is the world.
+
+    Raises:
+        ModelError: If it shows a mesh.
+    """
     urdf = crane.urdf
     if ET.fromstring(urdf).find(".//geometry/mesh") is not None:
         raise ModelError(
@@ -158,16 +217,18 @@ def corners_of(shape: Shape) -> np.ndarray:
     """
     geometry, rotation, translation = shape
     geometry.computeLocalAABB()
-    low, high = geometry.aabb_local.min_, geometry.aabb_local.max_
-    box = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
+    low = geometry.aabb_local.min_
+    high = geometry.aabb_local.max_
+    xs, ys, zs = zip(low, high, strict=True)
+    box = np.array(list(itertools.product(xs, ys, zs)))
     return box @ rotation.T + translation
 
 
-def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    low, high = points.min(axis=0), points.max(axis=0)
-    return (low + high) / 2.0, high - low
+def _box(points: np.ndarray) -> BoundingBox:
+    """Return the box around points [m], shape (n, 3)."""
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    return BoundingBox((low + high) / 2.0, high - low)
 
 
 def neighbour(
@@ -192,27 +253,48 @@ def neighbour(
     """
     crane = load_crane(values=values)
     crane.layout.tower("A parked neighbour")
-    slew, trolley, cable = (drive_position[name] for name in ("slew", "trolley", "cable"))
-    coordinates = {"gamma": math.radians(slew), "x": trolley, "l": cable}
-    q = crane.state(**{coordinate: value for coordinate, value in coordinates.items() if value}).q
-    rotation = rotation_z(heading + math.pi / 2.0)
-    placed = [points @ rotation.T + position for points in _parts(crane, q)]
-    corners, triangles = zip(*map(convex_hull, placed), strict=True)
-    firsts = np.cumsum([0, *map(len, corners[:-1])])
-    numbered = [indices + first for indices, first in zip(triangles, firsts, strict=True)]
-    return [Solid(name, tuple(placed), np.vstack(corners), np.vstack(numbered))]
+    coordinates = {
+        "gamma": math.radians(drive_position["slew"]),
+        "x": drive_position["trolley"],
+        "l": drive_position["cable"],
+    }
+    # What is 0 stays at the start of the crane, as 0 need not be in the range of the drive.
+    given = {name: value for name, value in coordinates.items() if value}
+    q = crane.state(**given).q
+
+    rotation = rotation_z(heading + math.pi / 2.0)  # its jib points along -Y at zero slew
+    parts = []
+    corners = []
+    triangles = []
+    corner_count = 0
+    for points in _parts(crane, q):
+        placed = points @ rotation.T + position
+        hull_corners, hull_triangles = convex_hull(placed)
+        parts.append(placed)
+        corners.append(hull_corners)
+        # Each hull counts its corners from zero; in the solid they follow those before.
+        triangles.append(hull_triangles + corner_count)
+        corner_count += len(hull_corners)
+    return [Solid(name, tuple(parts), np.vstack(corners), np.vstack(triangles))]
 
 
 def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
-    """Return the corners of all shapes of a crane and of its rope, in its own frame [m]."""
+    """Return the corners of all shapes of a crane and of its rope, in its own frame [m], shape
+    (n, 3) each.
+    """
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, q)
-    shapes = [
-        data.oMi[joint].rotation @ corners.T + data.oMi[joint].translation[:, None]
-        for joint, corners in shape_corners(crane)
-    ]
+    shapes = []
+    for joint, corners in shape_corners(crane):
+        frame = data.oMi[joint]
+        placed = frame.rotation @ corners.T + frame.translation[:, None]
+        shapes.append(placed.T)
+
+    # The rope, plumb, as a square column around its falls.
     _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
     falls = collision_bodies(crane).falls
-    square = np.array([[x, y, 0.0] for x in (-falls, falls) for y in (-falls, falls)])
-    rope = [data.oMi[joint + 1].translation + square for joint in (pivot, hoist)]
-    return [shape.T for shape in shapes] + [np.vstack(rope)]
+    square = np.array([[x, y, 0.0] for x, y in itertools.product((-falls, falls), repeat=2)])
+    upper_end = data.oMi[pivot + 1].translation + square
+    lower_end = data.oMi[hoist + 1].translation + square
+    rope = np.vstack([upper_end, lower_end])
+    return [*shapes, rope]

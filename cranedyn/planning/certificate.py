@@ -22,9 +22,8 @@ from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.coverage import coverage_check, hanging_pairs, slewing_pairs
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.plan_assumptions import plan_assumptions
-from cranedyn.planning.proof import SlewRange, slew_range, unproven_row
+from cranedyn.planning.proof import slew_range, unproven_row
 from cranedyn.planning.remeasure import second_look
-from cranedyn.planning.site import Site
 from cranedyn.planning.standing import standing_check, standing_parts
 from cranedyn.simulation.simulate import simulate
 from cranedyn.verdict import Check, Verdict, overall
@@ -35,16 +34,16 @@ AFTER = 5.0
 ARRIVAL_SWING = 0.05e-3
 """Largest amplitude of the swing at the arrival [rad]."""
 
-_MEASURED = 0.2
+_MEASURING_INTERVAL = 0.2
 """Time between measurements of the distances to all obstacles [s]."""
 
 ARRIVAL_OFFSET = 0.01
 """Largest distance of the load from its goal at the end [m]."""
 
-_SWUNG = 0.5
+_SWINGING_INTERVAL = 0.5
 """Time between the instants of the motion at which the load is swung to all sides [s]."""
 
-_BEYOND = 0.5
+_SECOND_LOOK_RANGE = 0.5
 """Distance beyond the required or claimed one up to which a second look measures [m]."""
 
 _SECOND_TOLERANCE = 2e-3
@@ -53,8 +52,8 @@ deviation from a circle of the swing, a thousandth of the envelope, and distance
 `cranedyn.planning.clearance.ROUNDING`.
 """
 
-_TOO_FAST = 1.005
-"""Share of a rate that a drive may reach while the controller corrects it."""
+_MAX_RATE_SHARE = 1.005
+"""Largest share of a rate that a drive may reach while the controller corrects it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +99,9 @@ def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
     the hoist.
     """
     crane = lift.crane
-    largest = float(crane.effort_limit[crane.layout.drive("l")])
-    return HoistIntegral(crane, lqr(crane, lift.timed.motion, dt=dt), HOIST_INTEGRAL, largest)
+    max_force = float(crane.effort_limit[crane.layout.drive("l")])
+    tracking = lqr(crane, lift.timed.motion, dt=dt)
+    return HoistIntegral(crane, tracking, HOIST_INTEGRAL, max_force)
 
 
 def certify(
@@ -124,70 +124,87 @@ def certify(
     Raises:
         RunError: If the simulation breaks off.
     """
-    clearance = lift.clearance if clearance is None else clearance
-    controller = controller_of(lift, dt=dt) if controller is None else controller
-    motion, (start, goal) = lift.timed.motion, lift.states()
-    run = simulate(
+    if clearance is None:
+        clearance = lift.clearance
+    if controller is None:
+        controller = controller_of(lift, dt=dt)
+    motion = lift.timed.motion
+    run = _simulated(lift, controller, dt, engine)
+    measured = _measured(clearance, run, motion.period)
+    residual_swing = _swing_at(lift, run, motion.arrival)
+    standing = standing_parts(clearance)
+    covered = hanging_pairs(clearance) | slewing_pairs(clearance) | standing.pairs
+    checks = [
+        _distance_check(clearance, run, motion.period, measured),
+        _second_look_check(clearance, lift, run.q[measured.rows], measured.nearest),
+        _slewing_check(clearance, run.q[:, clearance.joints.slew]),
+        standing_check(standing),
+        _swing_check(clearance, run),
+        _arrival_check(clearance, lift, run, residual_swing),
+        _drives_check(clearance, lift, run),
+        coverage_check(clearance.site, covered),
+    ]
+    return Certificate(
+        lift=replace(lift, clearance=clearance),
+        run=run,
+        t=run.t[measured.rows],
+        distances=measured.distances,
+        nearest=measured.nearest,
+        nearest_t=measured.nearest_t,
+        residual_swing=residual_swing,
+        checks=checks,
+    )
+
+
+def _simulated(lift: Lift, controller: HoistIntegral, dt: float, engine: EngineName) -> Trajectory:
+    """Return a run of a lift under a controller, until `AFTER` its arrival."""
+    motion = lift.timed.motion
+    start, _ = lift.states()
+    periods_after = math.ceil(AFTER / motion.period)
+    return simulate(
         lift.crane,
-        replace(controller, integral=0.0),
+        replace(controller, integral=0.0),  # it may have been used before
         motion,
         start=start,
-        duration=motion.arrival + motion.period * math.ceil(AFTER / motion.period),
+        duration=motion.arrival + motion.period * periods_after,
         dt=dt,
         control_period=motion.period,
         engine=engine,
     )
-    # Measured, then proven, then judged.
-    k = clearance.nearest_row(run.q)
-    nearest, nearest_t = clearance.nearest(run.q[k]), float(run.t[k])
-    stride = max(1, round(_MEASURED / motion.period))
-    rows = np.unique(np.append(np.arange(0, len(run), stride), len(run) - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """Distances of a run, measured where the simulation has the load.
+
+    Attributes:
+        nearest: Least distance of all that hangs, with its body and obstacle.
+        nearest_t: Its time [s].
+        rows: Rows of the run at which distances to all obstacles were measured, shape (m,).
+        distances: Distance from each obstacle in these rows [m], by name, shape (m,) each.
+    """
+
+    nearest: Nearest
+    nearest_t: float
+    rows: np.ndarray
+    distances: dict[str, np.ndarray]
+
+
+def _measured(clearance: Clearance, run: Trajectory, period: float) -> _Measured:
+    """Return the distances of a run with a time between its rows [s]."""
+    nearest_row = clearance.nearest_row(run.q)
+    stride = max(1, round(_MEASURING_INTERVAL / period))
+    last_row = len(run) - 1
+    rows = np.unique(np.append(np.arange(0, len(run), stride), last_row))
     pairs = [clearance.distances(run.q[row], jib=False) for row in rows]
-    distances = {name: np.array([row[name].distance for row in pairs]) for name in pairs[0]}
-    end, planned = clearance.point(np.array([run.q[-1], goal.q])[:, clearance.drive_joints])
-    offset = float(np.linalg.norm(end - planned))
-    peak_swing = float(clearance.tilt(run.q).max())
-    residual_swing = _swing_at(lift, run, motion.arrival)
-    rates = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
-    rate, cut = float(rates.max()), bool((run.command != run.effort).any())
-    slew = run.q[:, clearance.joints.slew]
-    row = unproven_row(clearance, run.q, motion.period)
-    unproven_t = None if row is None else float(run.t[row])
-    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
-    standing = standing_parts(clearance)
-    covered = hanging_pairs(clearance) | slewing_pairs(clearance) | standing.pairs
-    checks = [
-        _distance_check(clearance.site, nearest, nearest_t, unproven_t),
-        _second_look_check(clearance, lift, run.q[rows], nearest),
-        _slewing_check(clearance.site, slew, free),
-        standing_check(standing),
-        Check(
-            f"The load swings {1000 * peak_swing:.1f} mrad at most, "
-            f"{1000 * clearance.site.swing:.1f} allowed.",
-            peak_swing <= clearance.site.swing,
-        ),
-        Check(
-            f"At the arrival it swings {1e3 * residual_swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} "
-            f"allowed; it ends {1000.0 * offset:.1f} mm from its goal, "
-            f"{1000.0 * ARRIVAL_OFFSET:g} allowed.",
-            residual_swing <= ARRIVAL_SWING and offset <= ARRIVAL_OFFSET,
-        ),
-        Check(
-            f"Rates are {100 * rate:.1f} % of their limits at most; efforts are "
-            f"{'cut' if cut else 'never cut'}.",
-            rate <= _TOO_FAST and not cut,
-        ),
-        coverage_check(clearance.site, covered),
-    ]
-    return Certificate(
-        replace(lift, clearance=clearance),
-        run,
-        run.t[rows],
-        distances,
-        nearest,
-        nearest_t,
-        residual_swing,
-        checks,
+    distances = {}
+    for name in pairs[0]:
+        distances[name] = np.array([pairs_in_row[name].distance for pairs_in_row in pairs])
+    return _Measured(
+        nearest=clearance.nearest(run.q[nearest_row]),
+        nearest_t=float(run.t[nearest_row]),
+        rows=rows,
+        distances=distances,
     )
 
 
@@ -203,12 +220,20 @@ def _second_look_check(
         measured_rows: Coordinates of the simulated run, shape (m, n).
         nearest: The least distance that is claimed of the run.
     """
-    site, motion = clearance.site, lift.timed.motion
-    stride = max(1, round(_SWUNG / motion.period))
-    hanging = second_look(site, clearance.crane, measured_rows, nearest.distance + _BEYOND)
-    swung = second_look(
-        site, clearance.crane, motion.q[::stride], site.distance + _BEYOND, swing=site.swing
+    site = clearance.site
+    motion = lift.timed.motion
+    hanging = second_look(
+        site, clearance.crane, measured_rows, nearest.distance + _SECOND_LOOK_RANGE
     )
+    stride = max(1, round(_SWINGING_INTERVAL / motion.period))
+    swung = second_look(
+        site,
+        clearance.crane,
+        motion.q[::stride],
+        site.distance + _SECOND_LOOK_RANGE,
+        swing=site.swing,
+    )
+    # Points can only overestimate a distance: one below what is claimed contradicts the claim.
     claimed = nearest.distance - _SECOND_TOLERANCE <= hanging.distance
     keeps = all(found.distance >= site.distance - _SECOND_TOLERANCE for found in (hanging, swung))
 
@@ -227,29 +252,91 @@ def _second_look_check(
 
 def _swing_at(lift: Lift, run: Trajectory, t: float) -> float:
     """Return the amplitude of the swing at a time [s]; in [rad]."""
-    row, layout = int(np.searchsorted(run.t, t - 1e-9)), lift.crane.layout
-    q, v = (columns[row : row + 1, layout.passive] for columns in (run.q, run.v))
+    row = int(np.searchsorted(run.t, t - 1e-9))  # the row of that time, in spite of rounding
+    passive = lift.crane.layout.passive
+    q = run.q[row : row + 1, passive]
+    v = run.v[row : row + 1, passive]
     length = float(run.q[row, lift.clearance.joints.hoist])
     return float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
 
 
 def _distance_check(
-    site: Site, nearest: Nearest, nearest_t: float, unproven_t: float | None
+    clearance: Clearance, run: Trajectory, period: float, measured: _Measured
 ) -> Check:
+    """Check that all that hangs keeps the required distance, in the measured rows and, by a proof,
+    between them.
+
+    Args:
+        clearance: Crane and site.
+        run: The simulated run.
+        period: Time between its rows [s].
+        measured: Its distances.
+    """
+    required = clearance.site.distance
+    nearest = measured.nearest
+    unproven = unproven_row(clearance, run.q, period)
     proof = "proven between all instants"
-    if unproven_t is not None:
-        proof = f"not proven at t = {unproven_t:.2f} s"
+    if unproven is not None:
+        proof = f"not proven at t = {float(run.t[unproven]):.2f} s"
     return Check(
-        f"Nothing that hangs comes nearer than {site.distance:g} m: least is "
+        f"Nothing that hangs comes nearer than {required:g} m: least is "
         f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
-        f"t = {nearest_t:.1f} s; {proof}.",
-        unproven_t is None and nearest.distance >= site.distance,
+        f"t = {measured.nearest_t:.1f} s; {proof}.",
+        unproven is None and nearest.distance >= required,
     )
 
 
-def _slewing_check(site: Site, slew: np.ndarray, free: SlewRange) -> Check:
-    low, high = slew.min(), slew.max()
-    if low == high or (free.low <= low and high <= free.high and free.low < free.high):
-        turns = f"jib and counter-jib turn freely, with {site.distance:g} m at least"
+def _slewing_check(clearance: Clearance, slew: np.ndarray) -> Check:
+    """Check that jib and counter-jib keep the required distance at all slew angles of a run [rad],
+    shape (rows,).
+    """
+    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
+    low = slew.min()
+    high = slew.max()
+    # An empty range says that the jib is too close where it starts. It is empty, too, where the jib
+    # does not turn at all.
+    is_free = free.low <= low and high <= free.high and free.low < free.high
+    if low == high or is_free:
+        turns = f"jib and counter-jib turn freely, with {clearance.site.distance:g} m at least"
         return Check(f"Slewing: {turns}.", True)
     return Check(f"Slewing: the jib comes too near to {free.below or free.above}.", False)
+
+
+def _swing_check(clearance: Clearance, run: Trajectory) -> Check:
+    """Check that the rope never leans more than the site allows."""
+    peak_swing = float(clearance.tilt(run.q).max())
+    return Check(
+        f"The load swings {1000 * peak_swing:.1f} mrad at most, "
+        f"{1000 * clearance.site.swing:.1f} allowed.",
+        peak_swing <= clearance.site.swing,
+    )
+
+
+def _arrival_check(
+    clearance: Clearance, lift: Lift, run: Trajectory, residual_swing: float
+) -> Check:
+    """Check that the load arrives at its goal, with an amplitude of swing [rad] that is small."""
+    _, goal = lift.states()
+    last_places = np.array([run.q[-1], goal.q])[:, clearance.drive_joints]
+    end, planned = clearance.point(last_places)
+    offset = float(np.linalg.norm(end - planned))
+    return Check(
+        f"At the arrival it swings {1e3 * residual_swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} "
+        f"allowed; it ends {1000.0 * offset:.1f} mm from its goal, "
+        f"{1000.0 * ARRIVAL_OFFSET:g} allowed.",
+        residual_swing <= ARRIVAL_SWING and offset <= ARRIVAL_OFFSET,
+    )
+
+
+def _drives_check(clearance: Clearance, lift: Lift, run: Trajectory) -> Check:
+    """Check that the drives can do what the controller commands: their rates keep their limits, and
+    no effort is cut.
+    """
+    shares = np.abs(run.v[:, clearance.drive_joints]).max(axis=0) / np.array(lift.limits.rates)
+    share = float(shares.max())
+    is_cut = bool((run.command != run.effort).any())
+    return Check(
+        f"Rates are {100 * share:.1f} % of their limits at most; efforts are "
+        f"{'cut' if is_cut else 'never cut'}.",
+        share <= _MAX_RATE_SHARE and not is_cut,
+    )

@@ -1,8 +1,13 @@
 """Distances between crane, load and obstacles.
 
-A place is slew [rad], trolley radius [m] and cable length [m] with the load plumb, shape (3,). A
-margin is a distance beyond the required one. The shapes are inflated by the required distance, and
-the swing of the load is an envelope about them.
+A *place* is slew [rad], trolley radius [m] and cable length [m] with the load plumb, shape (3,). A
+*margin* is a distance beyond the required one. The shapes are inflated by the required distance, so
+that their distances are margins, and the swing of the load is an *envelope* about them: how far a
+point that hangs may be from where it is with the load plumb.
+
+What hangs is load, hook and rope, and with them the trolley. They keep from all solids, from the
+ground and from the crane's own mast, base and upper structure. What slews with the jib keeps from
+the solids.
 """
 
 from __future__ import annotations
@@ -11,7 +16,7 @@ import itertools
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import InitVar, dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
@@ -32,19 +37,8 @@ ROUNDING = 1e-4
 _KINEMATICS = threading.Lock()
 """Held while Pinocchio's data is written and read; all else is the same for all threads."""
 
-_KEEPS_FROM = (
-    ("trolley", "inflated", ("tall solids",)),
-    ("rope", "inflated", ("solids and mast",)),
-    ("hook", "inflated", ("solids and mast",)),
-    ("load", "inflated", ("solids and mast", "ground")),
-    ("rope", "bare", ("zones",)),
-    ("hook", "bare", ("zones",)),
-    ("load", "bare", ("zones",)),
-)
-"""Obstacles that each body, inflated by the required distance or bare, keeps from. The load hangs
-lowest, and solids that are not tall never come close to the trolley, whose height is constant."""
-
 Length = TypeVar("Length", float, np.ndarray)
+"""One cable length, or an array of them [m]."""
 
 
 class OutOfReach(OutOfRange):
@@ -57,7 +51,10 @@ class OutOfReach(OutOfRange):
             sentence: The message.
             limit: What is out of its range, how much it is [m], and the range in words.
         """
-        self.name, self.value, self.allowed = limit
+        name, value, allowed = limit
+        self.name = name
+        self.value = value
+        self.allowed = allowed
         self.unit = "m"
         CraneError.__init__(self, sentence)
 
@@ -118,6 +115,40 @@ class Touch(NamedTuple):
     normal: np.ndarray
 
 
+class _HangingBody(NamedTuple):
+    """A body that hangs, or the trolley, with the obstacles that it keeps from.
+
+    Attributes:
+        name: "load", "hook", "rope" or "trolley".
+        body: Its shape, inflated by the required distance; not inflated where it keeps out of
+            zones.
+        fields: The obstacles.
+    """
+
+    name: str
+    body: Body
+    fields: list[Field]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fields:
+    """Obstacles of a site in the frame of the crane, by what keeps from them.
+
+    Attributes:
+        solids: All solids.
+        tall_solids: Solids that reach up to where the trolley may come close to them.
+        solids_and_mast: All solids, and the crane's own mast and base.
+        zones: Zones to keep out of.
+        ground: The ground; empty where the load stands on it.
+    """
+
+    solids: Field
+    tall_solids: Field
+    solids_and_mast: Field
+    zones: Field
+    ground: Field
+
+
 @dataclass(frozen=True, eq=False)
 class Clearance:
     """Crane and site, and the distances between them.
@@ -132,15 +163,22 @@ class Clearance:
     crane: Crane
     site: Site
     contacts: frozenset[ObstaclePart] = frozenset()
+    known_bodies: InitVar[CollisionBodies | None] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, known_bodies: CollisionBodies | None) -> None:
         """Check that a place determines the crane.
+
+        Args:
+            known_bodies: The bodies of the crane with the load of the site where they are known,
+                which saves reading them from the URDF again; None to read them.
 
         Raises:
             MissingRole: If it is not a tower crane.
             ModelError: If it moves in other joints, too.
         """
         _ = self.joints
+        if known_bodies is not None:
+            object.__setattr__(self, "bodies", known_bodies)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return crane, site and contacts alone: coal's bodies cannot be pickled, and what is
@@ -161,13 +199,13 @@ class Clearance:
     @cached_property
     def solids(self) -> list[Solid]:
         """The obstacles in the frame of the crane."""
-        kept = (
-            solid.without_parts(
-                part.number for part in self.contacts if part.obstacle == solid.name
-            )
-            for solid in self.site.seen_by_crane()
-        )
-        return [solid for solid in kept if solid is not None]
+        solids = []
+        for solid in self.site.seen_by_crane():
+            touched = [part.number for part in self.contacts if part.obstacle == solid.name]
+            rest = solid.without_parts(touched)
+            if rest is not None:
+                solids.append(rest)
+        return solids
 
     @cached_property
     def bodies(self) -> CollisionBodies:
@@ -185,23 +223,19 @@ class Clearance:
         """Shortest cable on which the hook, on top of the load, hangs below the trolley [m], not
         less than that of the crane.
         """
-        (_, _, hook), (_, _, tall) = self.bodies.hook
-        (_, _, trolley), (_, _, deep) = self.bodies.trolley
-        hanging = float(hook + tall / 2.0 - trolley + deep / 2.0)
-        return max(float(self.crane.lower[self.joints.hoist]), hanging)
+        hook = self.bodies.hook
+        trolley = self.bodies.trolley
+        hook_above_trolley = hook.top - trolley.centre[2] + trolley.size[2] / 2.0
+        return max(float(self.crane.lower[self.joints.hoist]), float(hook_above_trolley))
 
     def with_more_distance(self, extra: float) -> Clearance:
         """Return the clearance for a required distance that is larger by an extra [m]."""
-        return self._changed(site=replace(self.site, distance=self.site.distance + extra))
+        farther = replace(self.site, distance=self.site.distance + extra)
+        return replace(self, site=farther, known_bodies=self.bodies)
 
     def without(self, contacts: frozenset[ObstaclePart]) -> Clearance:
         """Return the clearance from everything but some parts of obstacles."""
-        return self._changed(contacts=self.contacts | contacts)
-
-    def _changed(self, **changes: Any) -> Clearance:
-        changed = replace(self, **changes)
-        changed.__dict__["bodies"] = self.bodies
-        return changed
+        return replace(self, contacts=self.contacts | contacts, known_bodies=self.bodies)
 
     # --- places -----------------------------------------------------------------------------------
 
@@ -213,30 +247,48 @@ class Clearance:
             OutOfReach: If the crane does not reach it: how far or how high the load comes.
         """
         x, y, z = self.site.to_crane(point)
-        radius, length = math.hypot(x, y), self.height - z
-        (_, inner, _), (_, outer, longest) = (
-            ends[self.drive_joints].tolist() for ends in (self.crane.lower, self.crane.upper)
-        )
-        place = f"the {label} {np.round(point, 3).tolist()}"
-        if not inner <= radius <= outer:
-            way = "farther out" if radius < inner else "nearer to it"
-            raise OutOfReach(
-                f"The trolley reaches from {inner:g} to {outer:g} m from the slew axis, {place} is "
-                f"{radius:.2f} m from it; move it {way}, or take a crane with another jib.",
-                ("distance from the slew axis", radius, f"{inner:g} to {outer:g}"),
-            )
-        if not self.shortest_cable <= length <= longest:
-            above = float(point[2]) - self.site.ground
-            highest, lowest = (above + length - cable for cable in (self.shortest_cable, longest))
-            reaches = f"at most {highest:.2f}" if above > highest else f"no lower than {lowest:.2f}"
-            limit = f"reaches {reaches} m above the ground with the centre of this load"
-            change = "lower it" if above > highest else "raise it"
-            other = "a taller crane" if above > highest else "a crane with a longer rope"
-            raise OutOfReach(
-                f"The hook {limit}, {place} is at {above:.2f} m; {change}, or take {other}.",
-                ("height of the centre of the load", above, f"{lowest:.2f} to {highest:.2f}"),
-            )
+        radius = math.hypot(x, y)
+        length = self.height - z
+        name = f"the {label} {np.round(point, 3).tolist()}"
+        self._refuse_radius(radius, name)
+        self._refuse_length(length, float(point[2]) - self.site.ground, name)
         return np.array([math.atan2(x, -y), radius, length])
+
+    def _refuse_radius(self, radius: float, name: str) -> None:
+        """Refuse a distance from the slew axis [m] of a place of a name, if the trolley does not
+        reach it.
+        """
+        inner = float(self.crane.lower[self.joints.trolley])
+        outer = float(self.crane.upper[self.joints.trolley])
+        if inner <= radius <= outer:
+            return
+        direction = "farther out" if radius < inner else "nearer to it"
+        raise OutOfReach(
+            f"The trolley reaches from {inner:g} to {outer:g} m from the slew axis, {name} is "
+            f"{radius:.2f} m from it; move it {direction}, or take a crane with another jib.",
+            ("distance from the slew axis", radius, f"{inner:g} to {outer:g}"),
+        )
+
+    def _refuse_length(self, length: float, above: float, name: str) -> None:
+        """Refuse a cable length [m] of a place of a name and its height above the ground [m], if
+        the hook does not reach it.
+        """
+        longest = float(self.crane.upper[self.joints.hoist])
+        if self.shortest_cable <= length <= longest:
+            return
+        highest = above + length - self.shortest_cable
+        lowest = above + length - longest
+        if above > highest:
+            reach = f"at most {highest:.2f}"
+            change = "lower it, or take a taller crane"
+        else:
+            reach = f"no lower than {lowest:.2f}"
+            change = "raise it, or take a crane with a longer rope"
+        raise OutOfReach(
+            f"The hook reaches {reach} m above the ground with the centre of this load, {name} is "
+            f"at {above:.2f} m; {change}.",
+            ("height of the centre of the load", above, f"{lowest:.2f} to {highest:.2f}"),
+        )
 
     def point(self, drive_position: np.ndarray) -> np.ndarray:
         """Return the centre of the load in the frame of the crane [m], shape (..., 3), at places,
@@ -255,7 +307,8 @@ class Clearance:
         """Return the angle of the rope from plumb [rad], shape (...), at coordinates of shape (...,
         n); of differences of coordinates, its change.
         """
-        radial, tangential = self.joints.radial_swing, self.joints.tangential_swing
+        radial = self.joints.radial_swing
+        tangential = self.joints.tangential_swing
         return np.sqrt(q[..., radial] ** 2 + q[..., tangential] ** 2)
 
     # --- what hangs -------------------------------------------------------------------------------
@@ -264,6 +317,8 @@ class Clearance:
         """Return the largest displacement of a point of load, hook or rope from its place with the
         load plumb [m], by the swing of the site on a cable of a length [m].
         """
+        # A point at the distance r from the pivot moves by the chord 2 r sin(angle/2), and none is
+        # farther from it than the end of the cable and what hangs below.
         return 2.0 * (length + self.bodies.below) * math.sin(self.site.swing / 2.0)
 
     def swing_margin(self, drive_position: np.ndarray) -> float:
@@ -277,9 +332,11 @@ class Clearance:
         A point at the radius r from the slew axis moves by r |Δγ| + |Δx| across and by |Δl| down at
         most; the envelope grows with l.
         """
-        gamma, x, length = reach.tolist()
-        across = (float(drive_position[1]) + x + self.bodies.spread) * gamma + x
-        return math.hypot(across, length) + 2.0 * math.sin(self.site.swing / 2.0) * length
+        slewed, outward, hoisted = reach.tolist()
+        largest_radius = float(drive_position[1]) + outward + self.bodies.spread
+        across = largest_radius * slewed + outward
+        envelope_growth = 2.0 * math.sin(self.site.swing / 2.0) * hoisted
+        return math.hypot(across, hoisted) + envelope_growth
 
     def margin(self, q: np.ndarray) -> float:
         """Return the margin of all that hangs at coordinates of all joints, shape (n,), as they
@@ -291,8 +348,9 @@ class Clearance:
         """Return the least distance of all that hangs [m], at coordinates of all joints, shape
         (n,); zones count where something is in them.
         """
-        margin, in_zones = self._margins(q)
-        return min(margin + self.site.distance, in_zones if in_zones <= 0.0 else math.inf)
+        margin, zone_distance = self._margins(q)
+        distance = margin + self.site.distance
+        return min(distance, zone_distance) if zone_distance <= 0.0 else distance
 
     def nearest_row(self, q: np.ndarray) -> int:
         """Return the row of a motion, shape (rows, n), in which the least distance is least: of
@@ -300,10 +358,10 @@ class Clearance:
         """
 
         def least(rows: range) -> int:
-            return min(rows, key=lambda k: self.least_distance(q[k]))
+            return min(rows, key=lambda row: self.least_distance(q[row]))
 
-        k = least(range(0, len(q), 4))
-        return least(range(max(k - 3, 0), min(k + 4, len(q))))
+        coarse = least(range(0, len(q), 4))
+        return least(range(max(coarse - 3, 0), min(coarse + 4, len(q))))
 
     def displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
         """Return an upper bound of the displacement of any point that hangs between coordinates,
@@ -312,12 +370,21 @@ class Clearance:
         Drives move it one after the other: slew and trolley across, the hoist along a rope that
         leans and so takes it across, too.
         """
-        aside = np.minimum(np.maximum(self.tilt(q), self.tilt(q_end)), 1.0)  # sin(x) is less
+        largest_tilt = np.maximum(self.tilt(q), self.tilt(q_end))
+        aside = np.minimum(largest_tilt, 1.0)  # sin(x) is less
         change = np.abs(q_end - q)
-        slewed, outward, hoisted = (change[..., joint] for joint in self.drive_joints)
-        _, x, length = (np.maximum(q[..., joint], q_end[..., joint]) for joint in self.drive_joints)
-        length = length + self.bodies.below
-        across = (x + self.bodies.spread + length * aside) * slewed + outward
+        slewed = change[..., self.joints.slew]
+        outward = change[..., self.joints.trolley]
+        hoisted = change[..., self.joints.hoist]
+        radius = np.maximum(q[..., self.joints.trolley], q_end[..., self.joints.trolley])
+        cable = np.maximum(q[..., self.joints.hoist], q_end[..., self.joints.hoist])
+        length = cable + self.bodies.below
+
+        # Slew and trolley move a point by `across`, horizontally. The hoist moves it along the
+        # rope, whose horizontal part is `aside`: the cosine of the angle between both ways is
+        # `aside` at most, and the law of cosines gives their sum. Last, the change of the swing
+        # turns the rope.
+        across = (radius + self.bodies.spread + length * aside) * slewed + outward
         driven = np.sqrt(across**2 + hoisted**2 + 2.0 * aside * across * hoisted)
         return driven + length * self.tilt(change)
 
@@ -330,8 +397,8 @@ class Clearance:
         """
         if not math.isfinite(gamma):
             return -math.inf
-        field = self._fields["solids"]
-        return min(field.least(moving) for moving in self._slewing(gamma)) - ROUNDING
+        solids = self._fields.solids
+        return min(solids.least(moving) for moving in self._slewing(gamma)) - ROUNDING
 
     @cached_property
     def slewing_radius(self) -> float:
@@ -345,13 +412,18 @@ class Clearance:
         joints, shape (n,); with or without the jib.
         """
         nearest: dict[str, Nearest] = {}
-        jib_parts = self._slewing(float(q[self.joints.slew])) if jib else ()
-        slewing = (("jib", self._fields["solids"], moving) for moving in jib_parts)
-        own = self._beside_upper(q)
-        for body, field, moving in itertools.chain(self._placed(q), own, slewing):
+
+        def compare(body: str, field: Field, moving: Placed) -> None:
             for name, distance in field.each(moving).items():
                 pair = Nearest(distance + moving.inflated, body, name)
                 nearest[name] = min(nearest.get(name, pair), pair)
+
+        # Each body stays at its place only until the next one is asked for.
+        for body, field, moving in itertools.chain(self._placed(q), self._beside_upper(q)):
+            compare(body, field, moving)
+        if jib:
+            for moving in self._slewing(float(q[self.joints.slew])):
+                compare("jib", self._fields.solids, moving)
         return nearest
 
     def nearest(self, q: np.ndarray, *, beside_zones: bool = False) -> Nearest:
@@ -359,13 +431,17 @@ class Clearance:
         shape (n,); zones count where something is in them, or always beside zones.
         """
         zones = {solid.name for solid in self.solids if solid.zone}
-        pairs = [
-            pair
-            for pair in self.distances(q, jib=False).values()
-            if beside_zones or pair.obstacle not in zones or pair.distance <= 0.0
-        ]
-        required = self.site.distance
-        return min(pairs, key=lambda pair: pair.distance - required * (pair.obstacle not in zones))
+
+        def margin(pair: Nearest) -> float:
+            if pair.obstacle in zones:
+                return pair.distance
+            return pair.distance - self.site.distance
+
+        pairs = []
+        for pair in self.distances(q, jib=False).values():
+            if beside_zones or pair.obstacle not in zones or pair.distance <= 0.0:
+                pairs.append(pair)
+        return min(pairs, key=margin)
 
     def touches(self, q: np.ndarray, margin_limit: float) -> Iterator[Touch]:
         """Yield the nearest points of each body that hangs and each obstacle at coordinates of all
@@ -373,7 +449,8 @@ class Clearance:
         """
         for body, field, moving in self._placed(q):
             for distance, on_body, on_obstacle, normal in field.witnesses(moving):
-                if (margin := distance - moving.inflated) < margin_limit:
+                margin = distance - moving.inflated
+                if margin < margin_limit:
                     yield Touch(margin, moving.inflated, body, on_body, on_obstacle, normal)
 
     # --- what is compared with what, see `cranedyn.planning.coverage` -----------------------------
@@ -382,9 +459,9 @@ class Clearance:
         """Yield the name of each body that hangs, and of the trolley, with the obstacles that it is
         compared with.
         """
-        for name, _, fields in self._hanging:
-            for field in fields:
-                yield name, field
+        for hanging in self._hanging:
+            for field in hanging.fields:
+                yield hanging.name, field
         for name, _ in self._below_upper:
             yield name, self._upper_field
 
@@ -400,54 +477,81 @@ class Clearance:
     @property
     def slewing_field(self) -> Field:
         """The obstacles that all that slews with the jib is compared with."""
-        return self._fields["solids"]
+        return self._fields.solids
 
     @property
     def trolley_bottom(self) -> float:
         """Height of the underside of the trolley above the crane's foot [m]."""
-        (_, _, centre), (_, _, height) = self.bodies.trolley
-        return self.height + float(centre - height / 2.0)
+        trolley = self.bodies.trolley
+        return self.height + float(trolley.centre[2] - trolley.size[2] / 2.0)
 
     # --- inside -----------------------------------------------------------------------------------
 
     @cached_property
-    def _fields(self) -> dict[str, Field]:
-        level = self.site.ground - float(self.site.foot[2])
-        level_ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), level)
-        stands_on_ground = any(part.obstacle == GROUND for part in self.contacts)
-        named = [(s.zone, (s.name, shape)) for s in self.solids for shape in s.geometries()]
-        solids = [pair for zone, pair in named if not zone]
-        zones = [pair for zone, pair in named if zone]
-        envelope = self.envelope(float(self.crane.upper[self.joints.hoist]))
-        low = self.trolley_bottom - self.site.distance - envelope
-        tall = {solid.name for solid in self.solids if solid.vertices[:, 2].max() > low - ROUNDING}
+    def _fields(self) -> _Fields:
+        """The obstacles, by what keeps from them."""
+        solids = self._shapes_of([solid for solid in self.solids if not solid.zone])
+        zones = self._shapes_of([solid for solid in self.solids if solid.zone])
+
+        # The trolley is at a constant height: solids that end far enough below it never come close
+        # to it. The envelope is deducted, too, since margins count with it.
+        longest = float(self.crane.upper[self.joints.hoist])
+        low = self.trolley_bottom - self.site.distance - self.envelope(longest)
+        tall = set()
+        for solid in self.solids:
+            if solid.vertices[:, 2].max() > low - ROUNDING:
+                tall.add(solid.name)
+
         mast = [(MAST, hull(corners)) for corners in self.bodies.mast]
         if self.site.base is not None:
             mast.append((OWN_BASE, hull(self.site.base_corners)))
-        return {
-            "solids": Field(solids),
-            "tall solids": Field(named for named in solids if named[0] in tall),
-            "solids and mast": Field([*solids, *mast]),
-            "zones": Field(zones),
-            "ground": Field([] if stands_on_ground else [(GROUND, level_ground)]),
-        }
+
+        level = self.site.ground - float(self.site.foot[2])
+        ground = [(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))]
+        if any(part.obstacle == GROUND for part in self.contacts):
+            ground = []
+        return _Fields(
+            solids=Field(solids),
+            tall_solids=Field((name, shape) for name, shape in solids if name in tall),
+            solids_and_mast=Field([*solids, *mast]),
+            zones=Field(zones),
+            ground=Field(ground),
+        )
+
+    @staticmethod
+    def _shapes_of(solids: list[Solid]) -> list[tuple[str, coal.CollisionGeometry]]:
+        """Return the shapes of solids, each with the name of its solid."""
+        return [(solid.name, shape) for solid in solids for shape in solid.geometries()]
 
     @cached_property
-    def _hanging(self) -> list[tuple[str, Body, list[Field]]]:
-        """Bodies that hang and what they keep from."""
-        shapes: dict[str, tuple[Any, ...]] = {
-            "load": (hull(self.bodies.load), None),
-            "rope": (coal.Capsule(self.bodies.falls, 1.0), None),
-        }
-        for name, (centre, size) in (("trolley", self.bodies.trolley), ("hook", self.bodies.hook)):
-            shapes[name] = coal.Box(size), coal.Transform3s(np.eye(3), centre)
+    def _hanging(self) -> list[_HangingBody]:
+        """Bodies that hang and the trolley, with what they keep from.
+
+        The load hangs lowest, so that the ground is for it alone. Zones are entered by what hangs,
+        and need no distance: bodies that are not inflated keep out of them.
+        """
+        fields = self._fields
+        distance = self.site.distance
+        load = hull(self.bodies.load)
+        hook = coal.Box(self.bodies.hook.size)
+        hook_place = coal.Transform3s(np.eye(3), self.bodies.hook.centre)
+        trolley = coal.Box(self.bodies.trolley.size)
+        trolley_place = coal.Transform3s(np.eye(3), self.bodies.trolley.centre)
+        rope = coal.Capsule(self.bodies.falls, 1.0)  # stretched to its length where it is placed
+        bodies = [
+            _HangingBody("trolley", Body(trolley, distance, trolley_place), [fields.tall_solids]),
+            _HangingBody("rope", Body(rope, distance), [fields.solids_and_mast]),
+            _HangingBody("hook", Body(hook, distance, hook_place), [fields.solids_and_mast]),
+            _HangingBody("load", Body(load, distance), [fields.solids_and_mast, fields.ground]),
+            _HangingBody("rope", Body(rope, 0.0), [fields.zones]),
+            _HangingBody("hook", Body(hook, 0.0, hook_place), [fields.zones]),
+            _HangingBody("load", Body(load, 0.0), [fields.zones]),
+        ]
         hanging = []
-        for name, variant, kinds in _KEEPS_FROM:
-            inflated = self.site.distance if variant == "inflated" else 0.0
-            shape, within = shapes[name]
-            fields = [self._fields[kind] for kind in kinds if len(self._fields[kind])]
-            if fields:
-                hanging.append((name, Body(shape, inflated, within), fields))
+        for candidate in bodies:
+            not_empty = [field for field in candidate.fields if len(field)]
+            if not_empty:
+                hanging.append(candidate._replace(fields=not_empty))
         return hanging
 
     @cached_property
@@ -460,10 +564,12 @@ class Clearance:
 
     @cached_property
     def _upper(self) -> list[Body]:
-        return [
-            Body(shape, self.site.distance, coal.Transform3s(*placement))
-            for shape, *placement in self.bodies.upper
-        ]
+        """All that slews with the jib, inflated by the required distance."""
+        bodies = []
+        for shape, rotation, translation in self.bodies.upper:
+            within = coal.Transform3s(rotation, translation)
+            bodies.append(Body(shape, self.site.distance, within))
+        return bodies
 
     @cached_property
     def _upper_parts(self) -> list[np.ndarray]:
@@ -477,12 +583,13 @@ class Clearance:
         bottom = self.trolley_bottom - float(frame.getTranslation()[2])
         trolley = self.joints.trolley
         middle = float(self.crane.lower[trolley] + self.crane.upper[trolley]) / 2.0
-        shapes = [corners_of(shape) for shape in self.bodies.upper]
-        return [
-            corners
-            for corners in shapes
-            if corners[:, 2].min() < bottom and (-corners[:, 1]).max() < middle
-        ]
+        parts = []
+        for shape in self.bodies.upper:
+            corners = corners_of(shape)
+            reach_along_jib = (-corners[:, 1]).max()  # the jib points along -Y
+            if corners[:, 2].min() < bottom and reach_along_jib < middle:
+                parts.append(corners)
+        return parts
 
     @cached_property
     def _upper_bottom(self) -> float:
@@ -503,11 +610,12 @@ class Clearance:
         """Load and hook, for distances from what slews above them. The rope hangs from the trolley,
         and so is beside them wherever that can be.
         """
-        centre, size = self.bodies.hook
         distance = self.site.distance
+        hook = self.bodies.hook
+        hook_place = coal.Transform3s(np.eye(3), hook.centre)
         return [
             ("load", Body(hull(self.bodies.load), distance)),
-            ("hook", Body(coal.Box(size), distance, coal.Transform3s(np.eye(3), centre))),
+            ("hook", Body(coal.Box(hook.size), distance, hook_place)),
         ]
 
     def _upper_gap(self, q: np.ndarray) -> float:
@@ -515,7 +623,8 @@ class Clearance:
         that of their heights alone, which needs no kinematics.
         """
         length = float(q[self.joints.hoist]) + self._above
-        radial, tangential = q[self.joints.radial_swing], q[self.joints.tangential_swing]
+        radial = q[self.joints.radial_swing]
+        tangential = q[self.joints.tangential_swing]
         below_pivot = length * math.cos(radial) * math.cos(tangential)
         top = self.height - below_pivot + self._reach_above
         return self._upper_bottom - top - self.site.distance
@@ -523,8 +632,7 @@ class Clearance:
     @cached_property
     def _reach_above(self) -> float:
         """Largest distance of a point of load or hook from the end of the cable [m]."""
-        (_, _, centre), (_, _, tall) = self.bodies.hook
-        hook_top = math.hypot(float(centre + tall / 2.0), self.bodies.spread)
+        hook_top = math.hypot(float(self.bodies.hook.top), self.bodies.spread)
         return max(self.bodies.below, hook_top)
 
     def _beside_upper(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
@@ -542,16 +650,19 @@ class Clearance:
         """
         if not np.isfinite(q).all():
             return -math.inf, -math.inf
-        margins = [math.inf, math.inf]
+        margin = math.inf
+        zone_margin = math.inf
         for _, field, moving in self._placed(q):
-            zones = moving.inflated == 0.0
-            margins[zones] = min(margins[zones], field.least(moving))
+            if moving.inflated == 0.0:  # only what keeps out of zones is not inflated
+                zone_margin = min(zone_margin, field.least(moving))
+            else:
+                margin = min(margin, field.least(moving))
         # Its own upper structure is far above the load nearly always, and then needs no query: a
         # bound that is no less than the other margins leaves the least of all as it is.
-        if self._upper_gap(q) < margins[0]:
+        if self._upper_gap(q) < margin:
             for _, field, moving in self._beside_upper(q):
-                margins[0] = min(margins[0], field.least(moving))
-        return margins[0] - ROUNDING, margins[1] - ROUNDING
+                margin = min(margin, field.least(moving))
+        return margin - ROUNDING, zone_margin - ROUNDING
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
         """Yield each body that hangs with the obstacles that it must keep away from. It stays at
@@ -567,12 +678,14 @@ class Clearance:
                 yield name, field, moving
 
     def _slewing(self, gamma: float) -> Iterator[Placed]:
+        """Yield all that slews with the jib, at a slew angle [rad]."""
         (frame,) = self._frames(self.q(np.array([gamma, 0.0, 0.0])), self.joints.slew)
         for body in self._upper:
             yield body.put(frame)
 
     @cached_property
     def _data(self) -> tuple[pin.Data, list[pin.SE3]]:
+        """Memory of Pinocchio, and the frames of the joints in it, which it overwrites."""
         data = self.crane.model.createData()
         return data, [*data.oMi]
 

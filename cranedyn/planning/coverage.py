@@ -9,7 +9,7 @@ and not in the second is missing, and the certificate does not hold.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from cranedyn.planning.clearance import Clearance
@@ -18,6 +18,10 @@ from cranedyn.verdict import Check
 
 HANGING = ("hook", "rope", "load")
 """Bodies that hang from the trolley and swing."""
+
+BELOW_UPPER = ("hook", "load")
+"""Bodies that keep from what slews below the trolley. The rope hangs from the trolley, and is so
+far from it wherever they are."""
 
 BODIES = ("mast", "jib", "trolley", *HANGING)
 """All bodies of a crane; the jib stands for all that slews with it, the counter-jib too."""
@@ -31,6 +35,7 @@ class BodyAndObstacle(NamedTuple):
 
 
 Pairs = frozenset[BodyAndObstacle]
+"""Pairs of bodies and obstacles, in no order."""
 
 
 def required_pairs(site: Site) -> Pairs:
@@ -40,17 +45,20 @@ def required_pairs(site: Site) -> Pairs:
     own mast and base; hook and load also from what slews below the trolley. The ground is for the
     load alone: hook and rope hang above it, and the mast stands on it.
     """
-    pairs = {
-        BodyAndObstacle(body, solid.name)
-        for solid in site.solids
-        for body in (HANGING if solid.zone else BODIES)
-    }
-    pairs |= {BodyAndObstacle(body, MAST) for body in HANGING}
-    pairs |= {BodyAndObstacle(body, OWN_UPPER) for body in ("hook", "load")}
+    pairs: set[BodyAndObstacle] = set()
+    for solid in site.solids:
+        pairs |= _pairs_with(solid.name, HANGING if solid.zone else BODIES)
+    pairs |= _pairs_with(MAST, HANGING)
+    pairs |= _pairs_with(OWN_UPPER, BELOW_UPPER)
     if site.base is not None:
-        pairs |= {BodyAndObstacle(body, OWN_BASE) for body in HANGING}
-    pairs.add(BodyAndObstacle("load", GROUND))
+        pairs |= _pairs_with(OWN_BASE, HANGING)
+    pairs |= _pairs_with(GROUND, ("load",))
     return frozenset(pairs)
+
+
+def _pairs_with(obstacle: str, bodies: Iterable[str]) -> set[BodyAndObstacle]:
+    """Return the pairs of bodies with an obstacle."""
+    return {BodyAndObstacle(body, obstacle) for body in bodies}
 
 
 def hanging_pairs(clearance: Clearance) -> Pairs:
@@ -62,33 +70,33 @@ def hanging_pairs(clearance: Clearance) -> Pairs:
     height.
     """
     part_counts = _shape_counts(clearance)
-    pairs = {
-        BodyAndObstacle(body, obstacle)
-        for body, field in clearance.hanging_fields()
-        for obstacle, count in field.shape_counts.items()
-        if count >= part_counts[obstacle]
-    }
+    pairs: set[BodyAndObstacle] = set()
+    for body, field in clearance.hanging_fields():
+        for obstacle, count in field.shape_counts.items():
+            if count >= part_counts[obstacle]:
+                pairs.add(BodyAndObstacle(body, obstacle))
     if not part_counts[OWN_UPPER]:  # a crane without such shapes has nothing to compare
-        pairs |= {BodyAndObstacle(body, OWN_UPPER) for body in ("hook", "load")}
-    pairs |= {
-        BodyAndObstacle("trolley", solid.name)
-        for solid in clearance.site.seen_by_crane()
-        if float(solid.vertices[:, 2].max()) + clearance.site.distance < clearance.trolley_bottom
-    }
+        pairs |= _pairs_with(OWN_UPPER, BELOW_UPPER)
+    for solid in clearance.site.seen_by_crane():
+        top = float(solid.vertices[:, 2].max())
+        if top + clearance.site.distance < clearance.trolley_bottom:
+            pairs.add(BodyAndObstacle("trolley", solid.name))
     return frozenset(pairs)
 
 
 def slewing_pairs(clearance: Clearance) -> Pairs:
     """Return the pairs of the jib with obstacles that `Clearance.slewing_margin` compares."""
     part_counts = _shape_counts(clearance)
-    counts = clearance.slewing_field.shape_counts
-    return frozenset(
-        BodyAndObstacle("jib", name) for name, count in counts.items() if count >= part_counts[name]
-    )
+    pairs: set[BodyAndObstacle] = set()
+    for name, count in clearance.slewing_field.shape_counts.items():
+        if count >= part_counts[name]:
+            pairs.add(BodyAndObstacle("jib", name))
+    return frozenset(pairs)
 
 
 def _shape_counts(clearance: Clearance) -> Mapping[str, int]:
     """Return the number of shapes that each obstacle of the site consists of, by name."""
+    # A surface of triangles has no parts and is one shape.
     solids = {solid.name: max(len(solid.parts), 1) for solid in clearance.site.solids}
     return {**solids, GROUND: 1, **clearance.own_shape_counts}
 
@@ -103,7 +111,8 @@ def coverage_check(site: Site, covered: Pairs) -> Check:
         listed = ", ".join(f"{body} and {obstacle}" for body, obstacle in missing[:5])
         more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
         return Check(f"No proof compares {listed}{more}.", None)
-    obstacles = f"{len(site.solids)} obstacle{'s' * (len(site.solids) != 1)}"
+    count = len(site.solids)
+    obstacles = "1 obstacle" if count == 1 else f"{count} obstacles"
     return Check(
         f"The proofs compare the {len(BODIES)} bodies of the crane with {obstacles}, the mast and "
         f"the ground, and leave none of the {len(required)} pairs out.",

@@ -18,13 +18,29 @@ from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.proof import unproven_parameter
 from cranedyn.references.limits import Limits
 
+# About a corner the direction of a path is averaged with a weight w(u) on -1 to 1 whose integral is
+# 1. As w and its first two derivatives are zero at both ends, paths have four continuous
+# derivatives.
 _KERNEL = Polynomial([35.0 / 32.0]) * Polynomial([1.0, 0.0, -1.0]) ** 3
-_STEP = _KERNEL.integ(lbnd=-1)
-_RAMP = _STEP.integ(lbnd=-1)
-"""A weight on -1 to 1 that averages directions about a corner, its integral and that one's: curves
-have four derivatives."""
+"""The weight w(u) = 35/32 (1 - u²)³."""
 
-_SHARPEST, _HALVINGS = 1e-3, 9
+_STEP = _KERNEL.integ(lbnd=-1)
+"""Integral of the weight from -1: a smooth step from 0 to 1."""
+
+_RAMP = _STEP.integ(lbnd=-1)
+"""Integral of that step from -1."""
+
+_MIN_WIDTH = 1e-3
+"""Smallest width to which a corner is rounded [s]; a sharper one is no curve to drive along."""
+
+_MAX_TRIES = 9
+"""Number of widths, each half of the one before, that are tried at a corner."""
+
+_LEG_SHARE = 0.49
+"""Largest share of a leg that the rounding of a corner at one of its ends takes: nearly half."""
+
+_END_LEG_SHARE = 0.98
+"""Largest share of the first and last leg, which have one corner only."""
 
 LONGEST_LIFT = 2.0 * 3600.0
 """Longest motion that is planned [s]. With a row for each 5 ms longer ones fill some GB."""
@@ -47,9 +63,17 @@ def leg_durations(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
 def rest_to_rest_time(
     distances: np.ndarray, rates: np.ndarray, accelerations: np.ndarray
 ) -> np.ndarray:
-    """Return the times [s] in which drives get along ways from rest to rest by trapezoids of their
-    rates, shape (m,) each.
+    """Return the times in which drives get from rest to rest by trapezoids of their rates [s],
+    shape (m,).
+
+    Args:
+        distances: Distances [rad or m], shape (m,).
+        rates: Largest rates, shape (m,).
+        accelerations: Largest accelerations, shape (m,).
     """
+    # A rate that rises to the peak p and falls again takes the distance p²/a. Where that would be
+    # more than there is, the rate never reaches its limit. The time is d/p at the peak rate, and
+    # p/a more for speeding up and braking.
     peak = np.minimum(rates, np.sqrt(distances * accelerations))
     cruise = np.divide(distances, peak, out=np.zeros_like(distances), where=distances > 0.0)
     return cruise + peak / accelerations
@@ -76,13 +100,16 @@ def refuse_endless(duration: float, limits: Limits) -> None:
 
 
 def _listed(numbers: Sequence[float]) -> str:
+    """Return numbers to read, with three digits."""
     return ", ".join(f"{x:.3g}" for x in numbers)
 
 
 def straight_time(ends: np.ndarray, limits: Limits) -> float:
     """Return the time [s] that the slowest drive needs from a place to another, shape (2, 3)."""
-    rates, accelerations = np.array(limits.rates), np.array(limits.accelerations)
-    return float(rest_to_rest_time(np.abs(ends[1] - ends[0]), rates, accelerations).max())
+    distances = np.abs(ends[1] - ends[0])
+    rates = np.array(limits.rates)
+    accelerations = np.array(limits.accelerations)
+    return float(rest_to_rest_time(distances, rates, accelerations).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +139,7 @@ class Path:
 
     @cached_property
     def _speeds(self) -> np.ndarray:
+        """Derivative of the place by the parameter on each leg, shape (n - 1, 3)."""
         return np.diff(self.points, axis=0) / np.diff(self.knots)[:, None]
 
     def derivatives(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -120,11 +148,16 @@ class Path:
         """
         leg = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.points) - 2)
         position = self.points[leg] + (s - self.knots[leg])[:, None] * self._speeds[leg]
-        first, second = self._speeds[leg].copy(), np.zeros_like(position)
+        first = self._speeds[leg].copy()
+        second = np.zeros_like(position)
+
+        # Near a corner the smooth step replaces the jump from the speed of one leg to that of the
+        # next, and its integral replaces the sharp bend of the place.
         for k, width in enumerate(self.widths):
-            share = (s - self.knots[k + 1]) / width
-            inside, bend = np.abs(share) < 1.0, self._speeds[k + 1] - self._speeds[k]
-            u = share[inside]
+            from_corner = (s - self.knots[k + 1]) / width
+            inside = np.abs(from_corner) < 1.0
+            bend = self._speeds[k + 1] - self._speeds[k]
+            u = from_corner[inside]
             position[inside] += (width * (_RAMP(u) - np.maximum(u, 0.0)))[:, None] * bend
             first[inside] += (_STEP(u) - (u >= 0.0))[:, None] * bend
             second[inside] += (_KERNEL(u) / width)[:, None] * bend
@@ -141,7 +174,7 @@ class Path:
         """
         begins = self.knots[:-1] - np.append(0.0, self.widths)
         ends = self.knots[1:] + np.append(self.widths, 0.0)
-        legs = (begins <= last) & (ends >= first)
+        legs = (begins <= last) & (ends >= first)  # those whose speeds count between both
         return np.abs(self._speeds[legs]).max(axis=0) * ((last - first) / 2.0)
 
 
@@ -151,17 +184,38 @@ def rounded_path(clearance: Clearance, points: np.ndarray, rates: np.ndarray) ->
     """
     legs = leg_durations(points, rates)
     # An end of the way needs no part of its leg for another corner.
-    shares = np.where(np.arange(len(legs)) % max(len(legs) - 1, 1) == 0, 0.98, 0.49)
-    widths = np.minimum((shares * legs)[:-1], (shares * legs)[1:])
+    shares = np.full(len(legs), _LEG_SHARE)
+    shares[0] = _END_LEG_SHARE
+    shares[-1] = _END_LEG_SHARE
+    longest = shares * legs
+    widths = np.minimum(longest[:-1], longest[1:])
     for k in range(len(widths)):
-        for _ in range(_HALVINGS):
-            path = Path(points, rates, widths)
-            corner, width = path.knots[k + 1], widths[k]
-            if unproven_parameter(clearance, path, corner - width, corner + width) is None:
-                break
-            widths[k] /= 2.0
-        else:
+        width = _proven_width(clearance, points, rates, widths, k)
+        if width is None or width < _MIN_WIDTH:
             return None
-        if widths[k] < _SHARPEST:
-            return None
+        widths[k] = width
     return Path(points, rates, widths)
+
+
+def _proven_width(
+    clearance: Clearance, points: np.ndarray, rates: np.ndarray, widths: np.ndarray, k: int
+) -> float | None:
+    """Return the largest width of a corner that is proven free, of its width and the halves of it;
+    None if none is.
+
+    Args:
+        clearance: Crane and site.
+        points: Places of the path, shape (n, 3).
+        rates: Rates of the drives, shape (3,).
+        widths: Widths of all corners [s], shape (n - 2,).
+        k: Index of the corner among them.
+    """
+    tried = widths.copy()
+    for _ in range(_MAX_TRIES):
+        path = Path(points, rates, tried)
+        corner = path.knots[k + 1]
+        width = tried[k]
+        if unproven_parameter(clearance, path, corner - width, corner + width) is None:
+            return width
+        tried[k] /= 2.0
+    return None

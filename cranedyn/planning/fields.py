@@ -51,11 +51,12 @@ class Body(threading.local):
         self, shape: coal.CollisionGeometry, inflated: float, within: coal.Transform3s | None = None
     ) -> None:
         """Inflate a shape by a distance [m], at a place within the frame that it moves with."""
-        self.inflated, self.shape = inflated, shape.clone()
+        self.inflated = inflated
+        self.shape = shape.clone()
         self.shape.setSweptSphereRadius(inflated)
         self._within = within or coal.Transform3s()
-        moving, query = coal.CollisionObject(self.shape), coal.DistanceCallBackDefault()
-        self._placed = Placed(moving, inflated, query, query.data.result)
+        query = coal.DistanceCallBackDefault()
+        self._placed = Placed(coal.CollisionObject(self.shape), inflated, query, query.data.result)
 
     @property
     def radius(self) -> float:
@@ -77,52 +78,64 @@ class Body(threading.local):
 
 
 class Field:
-    """Obstacles at rest, by name: shapes in one broad phase, surfaces of triangles in another."""
+    """Obstacles at rest, by name: convex shapes in one broad phase, surfaces of triangles in
+    another, since coal inflates bodies beside the former only.
+    """
 
     def __init__(self, named: Iterable[tuple[str, coal.CollisionGeometry]]) -> None:
-        """Take obstacles where their corners are."""
-        self._objects: dict[bool, list[tuple[str, coal.CollisionObject]]] = {False: [], True: []}
-        self._managers: dict[bool, coal.DynamicAABBTreeCollisionManager] = {}
+        """Take obstacles where their corners are.
+
+        Args:
+            named: Shapes, each with the name of its obstacle.
+        """
+        self._shapes: list[tuple[str, coal.CollisionObject]] = []
+        self._surfaces: list[tuple[str, coal.CollisionObject]] = []
         for name, geometry in named:
-            shape = coal.CollisionObject(geometry)
-            shape.computeAABB()
-            self._objects[isinstance(geometry, coal.BVHModelBase)].append((name, shape))
-        for surfaces, objects in self._objects.items():
-            if objects:
-                manager = self._managers[surfaces] = coal.DynamicAABBTreeCollisionManager()
-                for _, shape in objects:
-                    manager.registerObject(shape)
-                manager.setup()
+            placed = coal.CollisionObject(geometry)
+            placed.computeAABB()
+            if isinstance(geometry, coal.BVHModelBase):
+                self._surfaces.append((name, placed))
+            else:
+                self._shapes.append((name, placed))
+        self._shape_manager = _broad_phase(self._shapes)
+        self._surface_manager = _broad_phase(self._surfaces)
 
     @property
     def shape_counts(self) -> Counter[str]:
         """Number of shapes of each obstacle, by name."""
-        return Counter(name for objects in self._objects.values() for name, _ in objects)
+        return Counter(name for name, _ in (*self._shapes, *self._surfaces))
 
     def __len__(self) -> int:
         """Return the number of shapes."""
-        return sum(map(len, self._objects.values()))
+        return len(self._shapes) + len(self._surfaces)
 
     def least(self, body: Placed) -> float:
         """Return the distance of an inflated body from the nearest obstacle [m], inf where there is
         none; zero or less where they touch.
         """
         nearest = math.inf
-        for surfaces, manager in self._managers.items():
+        if self._shape_manager is not None:
             body.query.init()
-            manager.distance(body.bare if surfaces else body.moving, body.query)
-            distance = float(body.result.min_distance)
-            nearest = min(nearest, distance - body.inflated if surfaces else distance)
+            self._shape_manager.distance(body.moving, body.query)
+            nearest = min(nearest, float(body.result.min_distance))
+        if self._surface_manager is not None:
+            body.query.init()
+            self._surface_manager.distance(body.bare, body.query)
+            nearest = min(nearest, float(body.result.min_distance) - body.inflated)
         return nearest
 
     def each(self, body: Placed) -> dict[str, float]:
         """Return the distance of an inflated body from each obstacle, by name [m]."""
-        request, distances = coal.DistanceRequest(), dict[str, float]()
-        for surfaces, objects in self._objects.items():
-            moving, inflated = (body.bare, body.inflated) if surfaces else (body.moving, 0.0)
-            for name, shape in objects:
-                distance = float(coal.distance(moving, shape, request, coal.DistanceResult()))
-                distances[name] = min(distances.get(name, math.inf), distance - inflated)
+        request = coal.DistanceRequest()
+        distances: dict[str, float] = {}
+        for name, shape in self._shapes:
+            distance = float(coal.distance(body.moving, shape, request, coal.DistanceResult()))
+            distances[name] = min(distances.get(name, math.inf), distance)
+        bare = body.bare
+        for name, surface in self._surfaces:
+            from_bare = float(coal.distance(bare, surface, request, coal.DistanceResult()))
+            distance = from_bare - body.inflated
+            distances[name] = min(distances.get(name, math.inf), distance)
         return distances
 
     def witnesses(self, body: Placed) -> Iterator[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
@@ -130,10 +143,27 @@ class Field:
         both, and the unit vector from the shape to the body, shape (3,) each.
         """
         request = coal.DistanceRequest()
-        for objects in self._objects.values():
-            for _, shape in objects:
-                result = coal.DistanceResult()
-                distance = float(coal.distance(body.bare, shape, request, result))
-                ours, theirs = result.getNearestPoint1(), result.getNearestPoint2()
-                normal = (ours - theirs) / distance if distance > 1e-6 else -result.normal
-                yield distance, ours, theirs, normal
+        for _, shape in (*self._shapes, *self._surfaces):
+            result = coal.DistanceResult()
+            distance = float(coal.distance(body.bare, shape, request, result))
+            on_body = result.getNearestPoint1()
+            on_shape = result.getNearestPoint2()
+            # Where they touch, the two points are one and give no direction; coal's normal points
+            # from the first of both to the second.
+            normal = (on_body - on_shape) / distance if distance > 1e-6 else -result.normal
+            yield distance, on_body, on_shape, normal
+
+
+def _broad_phase(
+    named: list[tuple[str, coal.CollisionObject]],
+) -> coal.DynamicAABBTreeCollisionManager | None:
+    """Return a tree of the bounding boxes of shapes, which finds the near ones; None if there is no
+    shape.
+    """
+    if not named:
+        return None
+    manager = coal.DynamicAABBTreeCollisionManager()
+    for _, shape in named:
+        manager.registerObject(shape)
+    manager.setup()
+    return manager

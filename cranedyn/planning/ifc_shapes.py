@@ -10,9 +10,14 @@ import sys
 
 import numpy as np
 
-_AIR = ("IfcSpace", "IfcOpeningElement", "IfcAnnotation", "IfcGrid")
-_MOST_PRODUCTS = 5000
-_LONGEST_NAME = 200
+_NO_BODIES = ("IfcSpace", "IfcOpeningElement", "IfcAnnotation", "IfcGrid")
+"""Kinds of products that nothing can collide with: rooms, openings, texts and grid lines."""
+
+_MAX_PRODUCTS = 5000
+"""Largest number of products with shapes."""
+
+_MAX_NAME = 200
+"""Number of characters after which a name is cut."""
 
 
 def extract_shapes(path: str) -> dict[str, np.ndarray]:
@@ -28,16 +33,20 @@ def extract_shapes(path: str) -> dict[str, np.ndarray]:
     model = ifcopenshell.open(path)
     settings = ifcopenshell.geom.settings()
     settings.set("use-world-coords", True)
-    products = [
-        product
-        for product in model.by_type("IfcProduct")
-        if product.Representation and not any(map(product.is_a, _AIR))
-    ]
-    if len(products) > _MOST_PRODUCTS:
-        sys.exit(f"it has {len(products)} products with shapes; allowed are {_MOST_PRODUCTS}")
-    names, vertices, triangles = [], [np.empty((0, 3))], [np.empty((0, 3), dtype=int)]
+    products = []
+    for product in model.by_type("IfcProduct"):
+        is_body = not any(product.is_a(kind) for kind in _NO_BODIES)
+        if product.Representation and is_body:
+            products.append(product)
+    if len(products) > _MAX_PRODUCTS:
+        sys.exit(f"it has {len(products)} products with shapes; allowed are {_MAX_PRODUCTS}")
+    names = []
+    # Empty arrays first, since nothing cannot be concatenated.
+    vertices = [np.empty((0, 3))]
+    triangles = [np.empty((0, 3), dtype=int)]
     for product in products:
-        name = f"{str(product.Name or product.is_a())[:_LONGEST_NAME]} #{product.id()}"
+        name = f"{str(product.Name or product.is_a())[:_MAX_NAME]} #{product.id()}"
+        # The last line says at which product the process ended, if it does.
         print(name.encode("unicode_escape").decode(), file=sys.stderr, flush=True)
         shape = ifcopenshell.geom.create_shape(settings, product).geometry
         if shape.faces:
@@ -46,8 +55,8 @@ def extract_shapes(path: str) -> dict[str, np.ndarray]:
             triangles.append(np.array(shape.faces, dtype=int).reshape(-1, 3))
     return {
         "names": np.array(names, dtype=str),
-        "corners": np.array([*map(len, vertices[1:])]),
-        "faces": np.array([*map(len, triangles[1:])]),
+        "corners": np.array([len(corners) for corners in vertices[1:]]),
+        "faces": np.array([len(faces) for faces in triangles[1:]]),
         "vertices": np.concatenate(vertices),
         "triangles": np.concatenate(triangles),
     }

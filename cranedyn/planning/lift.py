@@ -1,4 +1,10 @@
-"""Plan a lift: from a site to a motion of the crane that is proven to touch nothing."""
+"""Plan a lift: from a site to a motion of the crane that is proven to touch nothing.
+
+`plan_lift` refuses first what cannot be lifted, then looks for a way both ways round the mast and
+with several margins (`cranedyn.planning.search`), rounds its corners (`cranedyn.planning.curve`),
+times it (`cranedyn.planning.timing`) and proves the motion (`cranedyn.planning.proof`). The fastest
+of all motions is the lift.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,8 @@ import math
 import pathlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,30 +42,43 @@ from cranedyn.references.limits import Limits
 from cranedyn.verdict import Verdict
 
 EXTRA = (0.1, 0.2, 0.0)
-"""Margins to plan a path with, where there is a way [m]: averaging takes a motion off its curve."""
+"""Margins to plan a path with, where there is a way [m], one after the other: averaging takes a
+motion off its curve, and what the curve keeps in addition is left for that."""
 
 RESERVE = 1.1
 """Rate of a drive over the largest rate of a plan: the controller needs the rest for corrections.
 """
 
-_LOWERED = 0.1
+_LOWERING_STEP = 0.1
 """Step in which the lowest place of a load is looked for [m]."""
 
-_RAISED = 0.05
+_RAISING_STEP = 0.05
 """Step in which a height is looked for at which a load is far enough from everything [m]."""
 
-_FAST = 1.15
+_FAST_ENOUGH = 1.15
 """A motion that lasts no more than so many times what the drives alone need from start to goal
 without obstacles is fast enough: nothing else is tried."""
 
-_FINE = 0.5
+_FINE_CELL = 0.5
 """Edge of the cells of the grid that gives the least time of a lift [s]."""
 
 _TURN = 2.0 * math.pi
+"""A full turn [rad]."""
+
+_MAX_SLEW_RESERVE = 0.1
+"""Largest angle by which a way stays away from the ends of the slew range where an obstacle ends it
+[rad]."""
 
 
 class NoWay(CraneError):
     """There is no way for a lift, or none was found."""
+
+
+class _Reference(NamedTuple):
+    """What a lift is measured by; see the properties of the same names of `Lift`."""
+
+    on_grid: float
+    least: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +121,7 @@ class Lift:
         """Length of the best way on a grid of cells of half a second with the required distance,
         whichever way round, as time at full speed [s].
         """
-        return self._reference[0]
+        return self._reference.on_grid
 
     @property
     def least(self) -> float:
@@ -109,26 +129,33 @@ class Lift:
         start to goal, and the quickest to full speed needs it along the best way on the grid, less
         a cell by which that may be too long.
         """
-        return self._reference[1]
+        return self._reference.least
 
     @cached_property
-    def _reference(self) -> tuple[float, float]:
+    def _reference(self) -> _Reference:
         rates = np.array(self.limits.rates)
+        # Time to full speed of the drive that reaches it first. In the time at full speed a way is
+        # gone along at the rate 1, which is reached with the acceleration 1/ramp.
         ramp = (rates / np.array(self.limits.accelerations)).min()
-        grid = fastest = math.inf
+        on_grid = math.inf
+        least = math.inf
         for ends in _turns(self.ends[0], self.ends[1], self.slews):
             straight = straight_time(ends, self.limits)
-            if straight < fastest:
-                bounds = _bounds(self.clearance, ends, self.slews)
-                duration = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE).duration
-                along = rest_to_rest_time(np.array(duration - _FINE), np.array(1.0), 1.0 / ramp)
-                grid, fastest = min(grid, duration), min(fastest, max(float(along), straight))
-        return grid, fastest
+            if straight >= least:
+                continue  # no way in this direction is faster
+            bounds = _bounds(self.clearance, ends, self.slews)
+            grid = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE_CELL)
+            shortest_way = np.array(grid.duration - _FINE_CELL)
+            along = rest_to_rest_time(shortest_way, np.array(1.0), 1.0 / ramp)
+            on_grid = min(on_grid, grid.duration)
+            least = min(least, max(float(along), straight))
+        return _Reference(on_grid, least)
 
     def states(self) -> tuple[State, State]:
         """Return start and goal, at rest with the load plumb."""
-        zeros = np.zeros(self.crane.layout.n)
-        start, goal = (State(self.clearance.q(end), zeros) for end in self.ends)
+        at_rest = np.zeros(self.crane.layout.n)
+        start = State(self.clearance.q(self.ends[0]), at_rest)
+        goal = State(self.clearance.q(self.ends[1]), at_rest)
         return start, goal
 
 
@@ -155,7 +182,7 @@ def crane_of(
         return load_crane(urdf, gravity=gravity, values={**site.crane, **values})
     crane = load_crane(urdf, gravity=gravity, values=values)
     for name in site.crane:
-        if name not in _COMPARED:
+        if name not in _COMPARED_ARGUMENTS:
             raise DataError(
                 f"The site enters {name}, an argument that {urdf} does not have, since it is no "
                 ".xacro file; leave it out of the site, or give the crane as a .xacro file."
@@ -164,7 +191,13 @@ def crane_of(
     return crane
 
 
-_COMPARED = {"payload_mass", "slew_effort", "trolley_effort", "hoist_effort", "counter_jib"}
+_COMPARED_ARGUMENTS = {
+    "payload_mass",
+    "slew_effort",
+    "trolley_effort",
+    "hoist_effort",
+    "counter_jib",
+}
 """Arguments that a site may enter for a crane whose description has no arguments: they are compared
 with the description itself, the counter-jib with its shapes (`cranedyn.lifting.checks`)."""
 
@@ -204,10 +237,10 @@ def plan_lift(
         CraneError: If there is no start or goal, the crane is none, or the extra `planning` is not
             installed.
     """
-    crane = crane_of(site) if crane is None else crane
+    if crane is None:
+        crane = crane_of(site)
     refuse_contradictions(site, crane)
-    limits = limits.for_crane(crane)
-    limits = replace(limits, rates=np.minimum(limits.rates, crane.rate_limit / RESERVE).tolist())
+    limits = _planned_limits(crane, limits)
     clearance = Clearance(crane, site)
     start = site.start if start is None else start
     goal = site.goal if goal is None else goal
@@ -219,25 +252,43 @@ def plan_lift(
     if np.allclose(first, last, atol=1e-6):
         place = np.round(np.asarray(goal), 3).tolist()
         raise NoWay(f"Start and goal of the lift are the same place, {place}; give another goal.")
-    slew = clearance.joints.slew
-    slews = slew_range(
-        clearance, float(first[0]), float(crane.lower[slew]), float(crane.upper[slew])
-    )
-    if slews.low == slews.high:
-        raise NoWay(
-            f"At the start the jib is nearer to {slews.below} than {site.distance:g} m, the "
-            "distance to keep; move the start round the mast, or the crane away from it."
-        )
+    slews = _free_slews(clearance, float(first[0]))
     lifts: list[Lift] = []
     for ends in _turns(first, last, slews):
         straight = straight_time(ends, limits)
         refuse_endless(straight, limits)
         shortest = min((lift.timed.motion.arrival for lift in lifts), default=math.inf)
         if straight < shortest:
-            lifts += _ways(clearance, ends, slews, limits, period, shortest)
+            lifts += _candidates(clearance, ends, slews, limits, period, shortest)
     if not lifts:
         raise NoWay(_reason(clearance, first, last, slews, np.array(limits.rates)))
     return min(lifts, key=lambda lift: lift.timed.motion.arrival)
+
+
+def _planned_limits(crane: Crane, limits: Limits) -> Limits:
+    """Return the limits to plan with: those given, and of the crane's own rates no more than what
+    `RESERVE` leaves.
+    """
+    limits = limits.for_crane(crane)
+    rates = np.minimum(limits.rates, crane.rate_limit / RESERVE)
+    return replace(limits, rates=rates.tolist())
+
+
+def _free_slews(clearance: Clearance, gamma: float) -> SlewRange:
+    """Return the slew angles that the jib is proven to reach from an angle [rad].
+
+    Raises:
+        NoWay: If the jib is too close to an obstacle there.
+    """
+    crane = clearance.crane
+    slew = clearance.joints.slew
+    slews = slew_range(clearance, gamma, float(crane.lower[slew]), float(crane.upper[slew]))
+    if slews.low == slews.high:
+        raise NoWay(
+            f"At the start the jib is nearer to {slews.below} than {clearance.site.distance:g} m, "
+            "the distance to keep; move the start round the mast, or the crane away from it."
+        )
+    return slews
 
 
 def refuse_contradictions(site: Site, crane: Crane) -> None:
@@ -316,7 +367,8 @@ def _refuse_unless_it_holds(crane: Crane) -> None:
         NoWay: With both masses.
     """
     hoist = crane.layout.drive("l")
-    held, load = float(crane.effort_limit[hoist]) / crane.gravity, held_mass(crane)
+    held = float(crane.effort_limit[hoist]) / crane.gravity
+    load = held_mass(crane)
     if not load <= held:
         raise NoWay(
             f"The hoist holds {held:,.0f} kg; the load with rigging is {load:,.0f} kg. Take a "
@@ -325,33 +377,57 @@ def _refuse_unless_it_holds(crane: Crane) -> None:
 
 
 def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarray:
-    """Return the place of an end of a lift, if the load may hang there."""
+    """Return the place of an end of a lift, if the load may hang there.
+
+    Args:
+        clearance: Crane and site.
+        name: "start" or "goal".
+        point: Centre of the load in the frame of the site [m], shape (3,), or shape (2,) for as low
+            as it can hang there; None if it is not given.
+
+    Raises:
+        CraneError: If it is not given.
+        Misshapen: If it is no array of two or three numbers.
+        OutOfRange: If the crane does not reach it.
+        NoWay: If the load is too close to an obstacle, or inside of one.
+    """
     if point is None:
         field, option = ("from", "--from") if name == "start" else ("to", "--to")
         raise CraneError(
             f"The site does not say where the {name} of the lift is; give {field} in [lift], or "
             f"{option}."
         )
-    label, count = f"{name} of the load", 2 if np.shape(point) == (2,) else 3
-    point = finite(label, point, (count,), unit="m")
-    drive_position = _lowest(clearance, point, name) if count == 2 else clearance.place(point, name)
-    site, centre = clearance.site, clearance.point(drive_position)
+    label = f"{name} of the load"
+    if np.shape(point) == (2,):
+        drive_position = _lowest(clearance, finite(label, point, (2,), unit="m"), name)
+    else:
+        drive_position = clearance.place(finite(label, point, (3,), unit="m"), name)
+    centre = clearance.point(drive_position)
+    # Surfaces of triangles are hollow: a load inside of one has a distance from it.
     for solid in clearance.solids:
         if solid.holds(centre):
             raise NoWay(
                 f"At the {name} the load is inside of {solid.name}; move the {name} out of it."
             )
     if not clearance.swing_margin(drive_position) >= CLOSE:
-        nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
-        zones = [solid.name for solid in clearance.solids if solid.zone]
-        rule = "kept out of" if nearest.obstacle in zones else f"required are {site.distance:g} m"
-        raise NoWay(
-            f"At the {name} the {nearest.body} is {max(nearest.distance, 0.0):.2f} m from "
-            f"{nearest.obstacle}; {rule}, and "
-            f"{clearance.envelope(float(drive_position[2])):.2f} m for a swing of "
-            f"{math.degrees(site.swing):.2g}°. {_advice(clearance, name, drive_position)}"
-        )
+        raise NoWay(_too_close(clearance, name, drive_position))
     return drive_position
+
+
+def _too_close(clearance: Clearance, name: str, drive_position: np.ndarray) -> str:
+    """Return a sentence that at an end of a lift the load is too close to an obstacle, and what to
+    do.
+    """
+    site = clearance.site
+    nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
+    zones = [solid.name for solid in clearance.solids if solid.zone]
+    rule = "kept out of" if nearest.obstacle in zones else f"required are {site.distance:g} m"
+    envelope = clearance.envelope(float(drive_position[2]))
+    return (
+        f"At the {name} the {nearest.body} is {max(nearest.distance, 0.0):.2f} m from "
+        f"{nearest.obstacle}; {rule}, and {envelope:.2f} m for a swing of "
+        f"{math.degrees(site.swing):.2g}°. {_advice(clearance, name, drive_position)}"
+    )
 
 
 def _advice(clearance: Clearance, name: str, drive_position: np.ndarray) -> str:
@@ -359,12 +435,12 @@ def _advice(clearance: Clearance, name: str, drive_position: np.ndarray) -> str:
     to raise it, if that is enough.
     """
     foot = float(clearance.site.foot[2])
-    for length in np.arange(drive_position[2], clearance.shortest_cable, -_RAISED)[1:]:
+    lengths = np.arange(drive_position[2], clearance.shortest_cable, -_RAISING_STEP)
+    for length in lengths[1:]:
         higher = np.array([*drive_position[:2], length])
         if clearance.swing_margin(higher) >= CLOSE:
-            now, then = (
-                foot + clearance.height - cable for cable in (float(drive_position[2]), length)
-            )
+            now = foot + clearance.height - float(drive_position[2])
+            then = foot + clearance.height - length
             # Rounded up: a height that is rounded down would be too low again.
             return (
                 f"Raise the {name} from z = {now:.2f} m to {math.ceil(10.0 * then) / 10.0:.1f} m."
@@ -382,7 +458,7 @@ def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
     top = float(clearance.site.foot[2]) + clearance.height - clearance.shortest_cable - CLOSE
     place = clearance.place(np.array([*point, top]), name)
     longest = float(clearance.crane.upper[clearance.joints.hoist])
-    for length in np.arange(place[2], longest, _LOWERED):
+    for length in np.arange(place[2], longest, _LOWERING_STEP):
         lower = np.array([*place[:2], length])
         if not clearance.swing_margin(lower) >= max(EXTRA) + CLOSE:
             break
@@ -391,31 +467,44 @@ def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
 
 
 def _turns(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
-    """Return start and goal, shape (2, 3), by the two nearest slew angles that reach the goal."""
-    first_turn = math.ceil((slews.low - last[0]) / _TURN)
-    last_turn = math.floor((slews.high - last[0]) / _TURN)
-    angles = [last[0] + k * _TURN for k in range(first_turn, last_turn + 1)]
-    nearest = sorted(angles, key=lambda gamma: abs(gamma - first[0]))[:2]
-    return [
-        np.array([first, [gamma, *last[1:]]]) for gamma in nearest if abs(gamma - first[0]) <= _TURN
-    ]
+    """Return start and goal, shape (2, 3), by the two nearest slew angles that reach the goal: the
+    ways to it in both directions round the mast, as far as the jib can turn. No way is longer than
+    a full turn.
+    """
+    start_angle = first[0]
+    goal_angle = last[0]
+    fewest_turns = math.ceil((slews.low - goal_angle) / _TURN)
+    most_turns = math.floor((slews.high - goal_angle) / _TURN)
+    angles = [goal_angle + k * _TURN for k in range(fewest_turns, most_turns + 1)]
+    angles.sort(key=lambda gamma: abs(gamma - start_angle))
+    ends = []
+    for gamma in angles[:2]:
+        if abs(gamma - start_angle) <= _TURN:
+            ends.append(np.array([first, [gamma, *last[1:]]]))
+    return ends
 
 
 def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndarray:
     """Return the least and largest place of the search: a quarter turn beyond the ends, and the
     ranges of trolley and hoist.
     """
-    (_, inner, _), (_, outer, long) = (
-        ends_of_range[clearance.drive_joints].tolist()
-        for ends_of_range in (clearance.crane.lower, clearance.crane.upper)
-    )
-    away = min(clearance.site.swing * long / max(inner, 1e-3), 0.1)
-    low = max(slews.low + away * bool(slews.below), ends[:, 0].min() - math.pi / 2.0)
-    high = min(slews.high - away * bool(slews.above), ends[:, 0].max() + math.pi / 2.0)
-    return np.array([[low, inner, clearance.shortest_cable], [high, outer, long]])
+    lower = clearance.crane.lower[clearance.drive_joints]
+    upper = clearance.crane.upper[clearance.drive_joints]
+    _, inner, _ = lower.tolist()
+    _, outer, longest = upper.tolist()
+
+    # Where the jib is stopped by an obstacle, the way stays away from the end of the slew range:
+    # the pivot of a load that swings is beside it by the swing times the cable length, which is the
+    # larger an angle the nearer the trolley is to the mast.
+    away = min(clearance.site.swing * longest / max(inner, 1e-3), _MAX_SLEW_RESERVE)
+    lowest_slew = slews.low + away if slews.below else slews.low
+    highest_slew = slews.high - away if slews.above else slews.high
+    low = max(lowest_slew, ends[:, 0].min() - math.pi / 2.0)
+    high = min(highest_slew, ends[:, 0].max() + math.pi / 2.0)
+    return np.array([[low, inner, clearance.shortest_cable], [high, outer, longest]])
 
 
-def _ways(
+def _candidates(
     clearance: Clearance,
     ends: np.ndarray,
     slews: SlewRange,
@@ -424,21 +513,35 @@ def _ways(
     shortest: float,
 ) -> Iterator[Lift]:
     """Yield lifts between two places with margins of `EXTRA`, until one is fast enough; those that
-    last longer than the shortest so far [s] may be left out.
+    last longer than the shortest so far may be left out.
+
+    Args:
+        clearance: Crane and site.
+        ends: First and last place, shape (2, 3).
+        slews: Slew angles through which the jib turns freely.
+        limits: Limits of the drives.
+        period: Time between rows of a motion [s].
+        shortest: Duration of the shortest lift so far [s].
     """
-    end_margin = min(clearance.swing_margin(end) for end in ends)
-    bounds, rates = _bounds(clearance, ends, slews), np.array(limits.rates)
+    bounds = _bounds(clearance, ends, slews)
+    rates = np.array(limits.rates)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
         return
-    proven, straight = partial(_is_proven, clearance, slews), False
+
+    def proven(candidate: TimedMotion) -> bool:
+        return _is_proven(clearance, slews, candidate)
+
+    end_margin = min(clearance.swing_margin(end) for end in ends)
+    tried_straight = False
     for extra in EXTRA:
         if extra and end_margin < extra + CLOSE:
             continue
         wider = clearance.with_more_distance(extra) if extra else clearance
         for points in search(wider, ends, bounds, rates):
-            if straight and len(points) == 2:
+            is_straight = len(points) == 2
+            if is_straight and tried_straight:
                 continue  # the same with any margin
-            straight |= len(points) == 2
+            tried_straight = tried_straight or is_straight
             path = rounded_path(wider, points, rates)
             if path is None:
                 continue
@@ -447,7 +550,7 @@ def _ways(
                 continue
             shortest = min(shortest, motion.motion.arrival)
             yield Lift(clearance, limits, ends, slews, path, motion)
-            if motion.motion.arrival < _FAST * straight_time(ends, limits):
+            if motion.motion.arrival < _FAST_ENOUGH * straight_time(ends, limits):
                 return
 
 
@@ -456,10 +559,11 @@ def _is_proven(clearance: Clearance, slews: SlewRange, timed: TimedMotion) -> bo
     joints stay in their ranges, and the jib in the slew angles that are free.
     """
     motion = timed.motion
-    q, slew = motion.q, motion.q[:, clearance.joints.slew]
-    inside = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())
-    turns = bool(slews.low <= slew.min() and slew.max() <= slews.high)
-    if not (inside and turns):
+    q = motion.q
+    slew = q[:, clearance.joints.slew]
+    in_ranges = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())
+    jib_is_free = bool(slews.low <= slew.min() and slew.max() <= slews.high)
+    if not (in_ranges and jib_is_free):
         return False
     envelope = clearance.envelope(q[:, clearance.joints.hoist])
     return unproven_row(clearance, q, motion.period, envelope=envelope) is None
@@ -483,9 +587,8 @@ def _reason(
     for end_name, pair in (("start", ends), ("goal", ends[::-1])):
         result = best_on_grid(clearance, pair, bounds, rates, cell_limit=CELLS)
         if result.points is None and result.blocked:
-            small_load = replace(clearance.site, load=0.01 * clearance.bodies.load)
-            small, hook = Clearance(clearance.crane, small_load), ""
-            if best_on_grid(small, pair, bounds, rates, cell_limit=CELLS).points is not None:
+            hook = ""
+            if _small_load_passes(clearance, pair, bounds, rates):
                 hook = (
                     " The hook without a load could pass: every gap is narrower than the load "
                     "with its distance and swing."
@@ -499,3 +602,12 @@ def _reason(
         "A smaller swing or distance in [lift], or slower [drives], leave more "
         "room."
     )
+
+
+def _small_load_passes(
+    clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray
+) -> bool:
+    """Return whether there is a way on the grid for a load of a hundredth of the size."""
+    site = replace(clearance.site, load=0.01 * clearance.bodies.load)
+    small = Clearance(clearance.crane, site)
+    return best_on_grid(small, ends, bounds, rates, cell_limit=CELLS).points is not None

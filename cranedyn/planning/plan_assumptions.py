@@ -35,19 +35,24 @@ def held_mass(crane: Crane) -> float:
 
 
 def _of_crane(crane: Crane) -> Iterator[Assumption]:
+    """Yield which crane it is, and its gravity."""
+    # A crane from a file of its own has no arguments in its record.
     arguments = crane.record.get("arguments")
     if isinstance(arguments, dict):
-        value, origin = "the tower crane of this package", Origin.SHIPPED
+        value = "the tower crane of this package"
+        origin = Origin.SHIPPED
         if arguments:
             changed = ", ".join(f"{name} {x:g}" for name, x in sorted(arguments.items()))
             value = f"{value} with {changed}"
     else:
-        value, origin = crane.model.name, Origin.ENTERED
+        value = crane.model.name
+        origin = Origin.ENTERED
     yield Assumption("crane", value, origin, "[crane] values")
     yield Assumption("gravity", f"{crane.gravity:g} m/s²", Origin.ASSUMED)
 
 
 def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
+    """Yield mass, size and attitude of the load."""
     entered = "payload_mass" in site.crane or "payload_mass" in crane.record.get("arguments", {})
     yield Assumption(
         "mass of the load with its rigging",
@@ -55,16 +60,20 @@ def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
         Origin.ENTERED if entered else Origin.DEFAULT,
         "[load] mass",
     )
-    value, origin = "the shapes of the crane's URDF", Origin.DEFAULT
-    if site.load is not None:
+    if site.load is None:
+        size = "the shapes of the crane's URDF"
+        origin = Origin.DEFAULT
+    else:
         sides = " x ".join(f"{side:.1f}" for side in np.ptp(site.load, axis=0))
-        value, origin = f"{sides} m", Origin.ENTERED
-    yield Assumption("size of the load", value, origin, "[load] size")
+        size = f"{sides} m"
+        origin = Origin.ENTERED
+    yield Assumption("size of the load", size, origin, "[load] size")
     attitude = "held along the jib, such as by tag lines; it does not turn about the rope"
     yield Assumption("attitude of the load", attitude, Origin.ASSUMED)
 
 
 def _of_motion(site: Site, limits: Limits) -> Iterator[Assumption]:
+    """Yield the rates of the drives, the swing and the distance to keep."""
     slew, trolley, hoist = limits.rates
     yield Assumption(
         "largest rates of slew, trolley and hoist",
@@ -87,5 +96,7 @@ def _of_motion(site: Site, limits: Limits) -> Iterator[Assumption]:
 
 
 def _origin(site: Site, field: str, value: float, default: float) -> Origin:
-    """Return the origin of a value of a site that has a default."""
+    """Return the origin of a value of a site that has a default. One that equals it counts as
+    entered only if the site says so.
+    """
     return Origin.ENTERED if field in site.entered or value != default else Origin.DEFAULT

@@ -18,7 +18,7 @@ for that. What cannot be seen in this way: pounds for kilograms, a crane that tu
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,10 +30,30 @@ Conversions = Mapping[str, float]
 """Factor that makes a value right which was entered in another unit, by a phrase for that unit."""
 
 MILLIMETRES: Conversions = {"millimetres": 1e-3, "centimetres": 1e-2}
+"""Units that are mistaken for metres."""
+
 TONNES: Conversions = {"tonnes": 1e3}
+"""Unit that is mistaken for kilograms."""
+
 METRES_PER_MINUTE: Conversions = {"metres per minute": 1.0 / 60.0, "millimetres per second": 1e-3}
+"""Units that are mistaken for metres per second."""
+
 RADIANS: Conversions = {"radians": math.degrees(1.0)}
+"""Unit that is mistaken for degrees."""
+
 KILONEWTONS: Conversions = {"kilonewtons": 1e3}
+"""Unit that is mistaken for newtons."""
+
+SMALLEST_OBSTACLE = 5e-3
+"""Largest side of an obstacle over the reach of the crane, below which it cannot be meant."""
+
+FAR_BEYOND = 3.0
+"""Distance from the foot over the reach of the crane from which on a place of the lift cannot be
+meant, and an obstacle has no effect, which is unusual."""
+
+NOWHERE_NEAR = 100.0
+"""Distance of an obstacle from the foot over the reach of the crane, from which on it cannot be
+meant."""
 
 
 @dataclass(frozen=True)
@@ -199,35 +219,35 @@ def _of_obstacles(site: Site, reach: tuple[float, float] | None) -> Iterator[Fin
     """Yield obstacles in a wrong unit or frame, which a proof would not meet anywhere."""
     if reach is None:
         return
+    _, largest_radius = reach
+    foot = np.asarray(site.foot, dtype=float)[:2]
     for solid in site.solids:
-        sides = np.ptp(solid.vertices, axis=0)
-        largest = float(sides.max())
-        if largest < SMALLEST_OBSTACLE * reach[1]:
+        largest = float(np.ptp(solid.vertices, axis=0).max())
+        if largest < SMALLEST_OBSTACLE * largest_radius:
             sentence = (
                 f"The obstacle {solid.name} is {_number(largest)} m large, too small to be one. "
                 "Is it in another unit?"
             )
             yield Finding("", solid.name, True, sentence)
-        low, high = solid.vertices[:, :2].min(axis=0), solid.vertices[:, :2].max(axis=0)
-        foot = np.asarray(site.foot, dtype=float)[:2]
-        gap = float(np.hypot(*np.maximum(np.maximum(low - foot, foot - high), 0.0)))
-        if gap > FAR_BEYOND * reach[1]:
+        # Distance in plan of the box around it from the foot.
+        low = solid.vertices[:, :2].min(axis=0)
+        high = solid.vertices[:, :2].max(axis=0)
+        x, y = np.maximum(np.maximum(low - foot, foot - high), 0.0)
+        gap = float(np.hypot(x, y))
+        if gap > FAR_BEYOND * largest_radius:
             sentence = (
                 f"The obstacle {solid.name} is {_number(gap)} m from the foot of the crane, whose "
-                f"trolley reaches {_number(reach[1])} m: it has no effect. Is it in millimetres, "
-                "or in another frame than [crane] position?"
+                f"trolley reaches {_number(largest_radius)} m: it has no effect. Is it in "
+                "millimetres, or in another frame than [crane] position?"
             )
-            yield Finding("", solid.name, gap > 100.0 * reach[1], sentence)
-
-
-SMALLEST_OBSTACLE = 5e-3
-"""Largest side of an obstacle over the reach of the crane, below which it cannot be meant."""
+            yield Finding("", solid.name, gap > NOWHERE_NEAR * largest_radius, sentence)
 
 
 def _of_load(site: Site) -> Iterator[Finding]:
+    """Yield what is unusual of load and rigging: masses, sides and density."""
     mass = site.crane.get("payload_mass")
     if mass is not None:
-        mass = float(mass) - sum(site.rigging.values())
+        mass = float(mass) - sum(site.rigging.values())  # the crane's load includes the rigging
         yield from judge_value(LOAD_MASS, mass, "load", "mass")
     for name, value in site.rigging.items():
         yield from judge_value(RIGGING_MASS, value, "rigging", name)
@@ -252,18 +272,13 @@ def _of_load(site: Site) -> Iterator[Finding]:
 
 
 def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Finding]:
+    """Yield what is unusual of the drives: rates, accelerations, speed of the tip, and efforts."""
     if site.limits is None:
         return
-    kinds = ((SLEW_RATE, RATE), (SLEW_ACCELERATION, ACCELERATION))
-    limits = (site.limits.rates, site.limits.accelerations)
-    for field, values, (of_slew, of_others) in zip(
-        ("rates", "accelerations"), limits, kinds, strict=True
-    ):
-        slew, *others = values
-        yield from judge_value(of_slew, math.degrees(slew), "drives", field)
-        for drive, value in zip(("trolley", "hoist"), others, strict=False):
-            name = of_others.name.replace("a drive", f"the {drive}")
-            yield from judge_value(of_others, value, "drives", field, name)
+    yield from _of_motion_limits(site.limits.rates, SLEW_RATE, RATE, "rates")
+    yield from _of_motion_limits(
+        site.limits.accelerations, SLEW_ACCELERATION, ACCELERATION, "accelerations"
+    )
     if reach is not None:
         yield from judge_value(TIP_SPEED, site.limits.rates[0] * reach[1], "drives", "rates")
     for drive in ("slew", "trolley", "hoist"):
@@ -273,7 +288,22 @@ def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
             yield from judge_value(EFFORT, float(effort), "drives", "efforts", name)
 
 
+def _of_motion_limits(
+    values: Sequence[float], of_slew: Quantity, of_others: Quantity, field: str
+) -> Iterator[Finding]:
+    """Yield what is unusual of the rates or accelerations of slew, trolley and hoist in a field of
+    [drives].
+    """
+    slew, *others = values
+    yield from judge_value(of_slew, math.degrees(slew), "drives", field)
+    # Not strict: a wrong number of limits is refused where the limits meet their crane.
+    for drive, value in zip(("trolley", "hoist"), others, strict=False):
+        name = of_others.name.replace("a drive", f"the {drive}")
+        yield from judge_value(of_others, value, "drives", field, name)
+
+
 def _of_structure(site: Site) -> Iterator[Finding]:
+    """Yield what is unusual of base, jib and counter-jib."""
     if site.base is not None:
         yield from judge_value(BASE_SPACING, site.base.spacing, "base", "spacing")
         yield from judge_value(BASE_MASS, site.base.mass, "base", "mass")
@@ -292,6 +322,7 @@ def _of_structure(site: Site) -> Iterator[Finding]:
 
 
 def _of_places(site: Site, reach: tuple[float, float] | None) -> Iterator[Finding]:
+    """Yield what is unusual of the places of ground, crane and lift, and of what a lift allows."""
     yield from judge_value(GROUND, site.ground, "ground", "height")
     for value in np.asarray(site.foot, dtype=float).tolist():
         yield from judge_value(COORDINATE, value, "crane", "position")
@@ -301,6 +332,7 @@ def _of_places(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
         yield from judge_value(RISK, 100.0 * site.risk, "lift", "risk")
     for name, value in site.spread.items():
         if value == 0.0:
+            # The file calls two of them otherwise.
             field = {"load": "mass", "late": "delay"}.get(name, name)
             sentence = "It is zero, as if nothing were uncertain."
             yield Finding("uncertainty", field, False, sentence)
@@ -322,23 +354,27 @@ def _of_place(
     site: Site, reach: tuple[float, float], point: np.ndarray, field: str, name: str
 ) -> Iterator[Finding]:
     """Yield a finding where the crane does not reach a place by far, which asks for its unit."""
-    least, largest = reach
-    radius = float(np.hypot(*(point[:2] - site.foot[:2])))
+    _, largest = reach
+    radius = _distance_in_plan(site.foot, point)
     if radius <= FAR_BEYOND * largest:
         return  # the planner says by how much it is out of reach
     sentence = (
         f"{name} is {_number(radius)} m from the foot of the crane, whose trolley reaches "
-        f"{_number(largest)} m."
+        f"{_number(largest)} m. {_question_about_place(site, reach, point)}"
     )
-    for unit, factor in MILLIMETRES.items():
-        if least <= float(np.hypot(*(factor * point[:2] - site.foot[:2]))) <= largest:
-            sentence += f" Is {_number(float(np.abs(point[:2]).max()))} in {unit}?"
-            break
-    else:
-        sentence += " Is it in the same frame as [crane] position?"
     yield Finding("lift", field, True, sentence)
 
 
-FAR_BEYOND = 3.0
-"""Distance of a place from the foot, over the reach of the crane, from which on it cannot be
-meant."""
+def _question_about_place(site: Site, reach: tuple[float, float], point: np.ndarray) -> str:
+    """Return the question which mistake was made with a place that the crane does not reach."""
+    least, largest = reach
+    for unit, factor in MILLIMETRES.items():
+        if least <= _distance_in_plan(site.foot, factor * point) <= largest:
+            return f"Is {_number(float(np.abs(point[:2]).max()))} in {unit}?"
+    return "Is it in the same frame as [crane] position?"
+
+
+def _distance_in_plan(foot: np.ndarray, point: np.ndarray) -> float:
+    """Return the horizontal distance of a point from the foot of the crane [m]."""
+    x, y = point[:2] - foot[:2]
+    return float(np.hypot(x, y))

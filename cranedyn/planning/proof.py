@@ -20,12 +20,16 @@ from cranedyn.planning.clearance import Clearance
 CLOSE = 1e-2
 """Margin that a proof does not go below [m]: a motion with less is not proven."""
 
-_MOST = 20_000
+_MAX_STRETCHES = 20_000
 """Stretches that a proof examines before it fails."""
 
-_FASTEST = 32.0
-"""Acceleration of a point that hangs [m/s²], more than thrice that of a fall: between two rows it
-is off its straight line by h²/8 of it at most."""
+_MAX_ACCELERATION = 32.0
+"""Acceleration of a point that hangs [m/s²], more than thrice that of a fall. Between two rows a
+period h apart it is off the straight line between them by a h²/8 at most."""
+
+_ROUNDING_SHARE = 0.99
+"""Share that is taken of the part of a stretch that the margin in its middle proves; the rest is
+for rounding errors."""
 
 
 class Unproven(CraneError):
@@ -45,7 +49,7 @@ class Unproven(CraneError):
 
 
 class DriveCurve(Protocol):
-    """Places over a parameter."""
+    """A curve of places over a parameter, which `unproven_parameter` proves free."""
 
     def at(self, s: float) -> np.ndarray:
         """Return the place at a parameter, shape (3,)."""
@@ -82,19 +86,21 @@ def unproven_parameter(
     """Return a parameter about which a curve is not proven free; None if it is from a first to a
     last parameter.
     """
-    stretches, examined = deque([(first, last)]), 0
+    stretches = deque([(first, last)])
+    examined = 0
     while stretches:
         low, high = stretches.popleft()
         middle = (low + high) / 2.0
         drive_position = curve.at(middle)
-        margin, examined = clearance.swing_margin(drive_position), examined + 1
+        margin = clearance.swing_margin(drive_position)
+        examined += 1
         # Written so that a margin that is not a number proves nothing.
-        if not margin >= CLOSE or examined > _MOST:
+        if not margin >= CLOSE or examined > _MAX_STRETCHES:
             return middle
         change = clearance.travel(drive_position, curve.reach(low, high))
         if not margin >= change:
             # The part about the middle that is proven need not be examined again.
-            radius = 0.99 * (high - low) / 2.0 * margin / change
+            radius = _ROUNDING_SHARE * (high - low) / 2.0 * margin / change
             reach = curve.reach(middle - radius, middle + radius)
             if not clearance.travel(drive_position, reach) <= margin:
                 radius = 0.0
@@ -121,10 +127,12 @@ def unproven_row(
     finite = np.isfinite(q).all(axis=1) & np.isfinite(envelope)
     if not finite.all():
         return int(np.argmin(finite))
-    before, after = (np.delete(q, end, axis=0) for end in (-1, 0))
-    steps = clearance.displacement(before, after) + np.abs(np.diff(envelope))
+    # Bounds of how far a point that hangs moves from row to row, and of how much its envelope
+    # grows.
+    steps = clearance.displacement(q[:-1], q[1:]) + np.abs(np.diff(envelope))
     moved = np.concatenate([[0.0], np.cumsum(steps)])
-    bend, stretches = _FASTEST * period**2 / 8.0, [(0, len(q) - 1)]
+    bend = _MAX_ACCELERATION * period**2 / 8.0
+    stretches = [(0, len(q) - 1)]
     while stretches:
         low, high = stretches.pop()
         middle = (low + high) // 2
@@ -157,18 +165,33 @@ def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> S
     [rad], within the range of the joint from low to high [rad]; an empty range, with both ends at
     gamma, where the jib is too close to an obstacle.
     """
-    ends, names = [], []
-    for sign, limit in ((-1.0, low), (1.0, high)):
-        angle, name = gamma, ""
-        while (limit - angle) * sign > 0.0 and abs(angle - gamma) <= 2.0 * math.pi:
-            margin = clearance.slewing_margin(angle)
-            if not margin >= CLOSE:
-                q = clearance.q(np.array([angle, 0.0, 1.0]))
-                jib = [pair for pair in clearance.distances(q).values() if pair.body == "jib"]
-                name = min(jib).obstacle
-                break
-            angle += sign * min(margin / clearance.slewing_radius, math.pi)
-        full_turn = abs(angle - gamma) > 2.0 * math.pi
-        ends.append(limit if full_turn or (angle - limit) * sign > 0.0 else angle)
-        names.append(name)
-    return SlewRange(ends[0], ends[1], names[0], names[1])
+    lowest, below = _slewed_towards(clearance, gamma, low, sign=-1.0)
+    highest, above = _slewed_towards(clearance, gamma, high, sign=1.0)
+    return SlewRange(lowest, highest, below, above)
+
+
+def _slewed_towards(
+    clearance: Clearance, gamma: float, limit: float, *, sign: float
+) -> tuple[float, str]:
+    """Return the angle that the jib is proven to reach from an angle gamma towards a limit [rad],
+    in the direction of a sign, and the obstacle that is there; no name where it reaches the limit.
+    """
+    angle = gamma
+    while (limit - angle) * sign > 0.0 and abs(angle - gamma) <= 2.0 * math.pi:
+        margin = clearance.slewing_margin(angle)
+        if not margin >= CLOSE:
+            return angle, _nearest_to_jib(clearance, angle)
+        # No point of the jib moves farther than the radius times the change of the angle.
+        angle += sign * min(margin / clearance.slewing_radius, math.pi)
+    has_turned_fully = abs(angle - gamma) > 2.0 * math.pi
+    is_beyond = (angle - limit) * sign > 0.0
+    return (limit if has_turned_fully or is_beyond else angle), ""
+
+
+def _nearest_to_jib(clearance: Clearance, gamma: float) -> str:
+    """Return the name of the obstacle that is nearest to the jib at a slew angle [rad], wherever
+    the load hangs.
+    """
+    q = clearance.q(np.array([gamma, 0.0, 1.0]))
+    pairs = [pair for pair in clearance.distances(q).values() if pair.body == "jib"]
+    return min(pairs).obstacle

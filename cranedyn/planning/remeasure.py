@@ -31,8 +31,8 @@ ROPE_POINTS = 12
 SWING_DIRECTIONS = 8
 """Directions into which the load is swung."""
 
-_CHUNK = 200_000
-"""Pairs of a point and a triangle that are measured at once."""
+_PAIRS_AT_ONCE = 200_000
+"""Pairs of a point and a triangle that are measured at once, so that they fit into memory."""
 
 
 def second_look(
@@ -60,7 +60,10 @@ def second_look(
     for solid in site.seen_by_crane():
         if solid.zone:
             continue
-        low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
+        # Only points whose distance from the box around the solid is less than the least so far
+        # can be nearer to it.
+        low = solid.vertices.min(axis=0)
+        high = solid.vertices.max(axis=0)
         outside = np.maximum(np.maximum(low - points, points - high), 0.0)
         near = np.flatnonzero(np.linalg.norm(outside, axis=1) < found.distance)
         if not len(near):
@@ -81,26 +84,39 @@ def point_distances(points: np.ndarray, solid: Solid) -> np.ndarray:
 
     corners = solid.vertices[solid.triangles]
     distances = np.full(len(points), math.inf)
-    rows = max(_CHUNK // len(corners), 1)
-    for first in range(0, len(points), rows):
-        some = points[first : first + rows]
-        pairs = np.repeat(some, len(corners), axis=0)
-        closest = trimesh.triangles.closest_point(np.tile(corners, (len(some), 1, 1)), pairs)
-        lengths = np.linalg.norm(closest - pairs, axis=1).reshape(len(some), -1)
-        distances[first : first + rows] = lengths.min(axis=1)
-    inside = np.zeros(len(points), dtype=bool)
-    for part in solid.parts:
-        planes = ConvexHull(part).equations
-        inside |= (points @ planes[:, :3].T + planes[:, 3] <= 0.0).all(axis=1)
-    if not solid.parts:
-        low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
-        for i in np.flatnonzero(((low < points) & (points < high)).all(axis=1)):
-            inside[i] = solid.holds(points[i])
+    points_at_once = max(_PAIRS_AT_ONCE // len(corners), 1)
+    for first in range(0, len(points), points_at_once):
+        chunk = slice(first, first + points_at_once)
+        some = points[chunk]
+        repeated = np.repeat(some, len(corners), axis=0)
+        triangles = np.tile(corners, (len(some), 1, 1))
+        closest = trimesh.triangles.closest_point(triangles, repeated)
+        lengths = np.linalg.norm(closest - repeated, axis=1).reshape(len(some), -1)
+        distances[chunk] = lengths.min(axis=1)
+    inside = _are_inside(points, solid)
     return np.where(inside, 0.0, distances)
 
 
+def _are_inside(points: np.ndarray, solid: Solid) -> np.ndarray:
+    """Return whether points [m], shape (n, 3), are inside of a solid, shape (n,)."""
+    inside = np.zeros(len(points), dtype=bool)
+    for part in solid.parts:
+        # Rows of Qhull are the outward normal n and the offset d of a plane: n·x + d ≤ 0 inside.
+        planes = ConvexHull(part).equations
+        inside |= (points @ planes[:, :3].T + planes[:, 3] <= 0.0).all(axis=1)
+    if not solid.parts:
+        low = solid.vertices.min(axis=0)
+        high = solid.vertices.max(axis=0)
+        in_box = ((low < points) & (points < high)).all(axis=1)
+        for i in np.flatnonzero(in_box):
+            inside[i] = solid.holds(points[i])
+    return inside
+
+
 def _swung(crane: Crane, q: np.ndarray, swing: float) -> np.ndarray:
-    """Return coordinates, shape (k, n), with the rope swung into all directions."""
+    """Return coordinates with the rope swung by an angle [rad] into all directions, shape (rows
+    times directions, n); the same coordinates for the angle 0.
+    """
     if swing == 0.0:
         return q
     _, _, radial, tangential, _ = crane.layout.tower("A measurement of distances")
@@ -115,19 +131,22 @@ def _hanging_points(site: Site, crane: Crane, q: np.ndarray) -> tuple[np.ndarray
     """Return points of load and rope in the crane's frame [m], shape (rows, points, 3), and the
     body of each point, shape (points,).
     """
-    _, _, radial, _, hoist = (joint + 1 for joint in crane.layout.tower("A measurement"))
+    _, _, radial, _, hoist = crane.layout.tower("A measurement")
+    pivot_joint = radial + 1  # Pinocchio counts joints from 1; 0 is the world
+    load_joint = hoist + 1
     load = site.load
     if load is None:
-        carried = [corners for joint, corners in shape_corners(crane) if joint == hoist]
+        carried = [corners for joint, corners in shape_corners(crane) if joint == load_joint]
         load = np.concatenate(carried)
-    if len(load) > 8:
+    if len(load) > 8:  # more than a box has: those inside of the hull are never the nearest
         load = load[ConvexHull(load).vertices]
     data = crane.model.createData()
     share = np.linspace(0.0, 1.0, ROPE_POINTS)[:, None]
     rows = np.empty((len(q), len(load) + ROPE_POINTS, 3))
     for row, coordinates in enumerate(q):
         pin.forwardKinematics(crane.model, data, coordinates)
-        pivot, end = data.oMi[radial].translation, data.oMi[hoist]
+        pivot = data.oMi[pivot_joint].translation
+        end = data.oMi[load_joint]
         rows[row, : len(load)] = load @ end.rotation.T + end.translation
         rows[row, len(load) :] = pivot + share * (end.translation - pivot)
     return rows, np.array(["load"] * len(load) + ["rope"] * ROPE_POINTS)

@@ -4,6 +4,7 @@ weights of the crane's structure that a URDF need not have: base, jib, counter-j
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -17,9 +18,11 @@ from cranedyn.errors import DataError, quoted
 from cranedyn.planning.solids import Solid, rotation_z
 from cranedyn.references.limits import Limits
 
-DISTANCE, SWING = 0.5, math.radians(2.0)
-"""Required distance [m] and largest swing of the load [rad] of a site that does not give them."""
+DISTANCE = 0.5
+"""Required distance of a site that does not give one [m]."""
 
+SWING = math.radians(2.0)
+"""Largest swing of the load of a site that does not give one [rad]."""
 
 BASE_HEIGHT = 0.3
 """Height of the beams of a base above the foot [m]. A site enters their length, which is the
@@ -190,9 +193,8 @@ class Site(ShortRepr):
         """
         assert self.base is not None
         half = self.base.spacing / 2.0
-        corners = [
-            [x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, BASE_HEIGHT)
-        ]
+        sides = (-half, half)
+        corners = list(itertools.product(sides, sides, (0.0, BASE_HEIGHT)))
         return np.array(corners) @ self.turn
 
     def to_crane(self, points: np.ndarray) -> np.ndarray:
@@ -205,4 +207,6 @@ class Site(ShortRepr):
 
     def seen_by_crane(self) -> list[Solid]:
         """Return the solids in the frame of the crane."""
-        return [solid.moved(self.turn.T, -self.foot @ self.turn) for solid in self.solids]
+        rotation = self.turn.T
+        translation = -self.foot @ self.turn
+        return [solid.moved(rotation, translation) for solid in self.solids]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import re
@@ -9,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -34,8 +35,20 @@ UNBOUNDED = 1e4
 """Height of a zone that enters none [m]: higher than any crane."""
 
 _HEADER = re.compile(r"\s*\[\[?\s*([\w.]+)\s*\]\]?")
+"""Line that begins a table, with its name."""
+
 _KEY = re.compile(r"\s*([\w]+)\s*=")
-_MOST = 2000
+"""Line that begins a field, with its name."""
+
+_MAX_COUNT = 2000
+"""Largest number of obstacles of a site, and of corners of an outline."""
+
+_DRIVES = ("slew", "trolley", "hoist")
+"""Names of the drives, in the order of their numbers in [drives]."""
+
+FieldLines = Mapping[tuple[str, int], dict[str, int]]
+"""Number of the line of each field, by the name of its table and the index among the tables of that
+name, then by the name of the field; "" is the line that begins the table."""
 
 
 class SiteTable:
@@ -49,13 +62,32 @@ class SiteTable:
         lines: dict[str, int],
         fields: Sequence[str],
     ) -> None:
-        self.path, self.name, self.values, self.lines = path, name, values, lines
+        """Take a table, and refuse fields that it cannot have.
+
+        Args:
+            path: The file.
+            name: Name of the table.
+            values: Its fields.
+            lines: Number of the line of each field, "" for the line that begins the table.
+            fields: Names of the fields that it may have.
+
+        Raises:
+            DataError: If it has another field.
+        """
+        self.path = path
+        self.name = name
+        self.values = values
+        self.lines = lines
         for key in values:
             if key not in fields:
                 self.fail(key, UnknownName("field", key, fields))
 
     def fail(self, key: str, reason: object) -> NoReturn:
-        """Refuse a field."""
+        """Refuse a field, with the line where it is, or where its table begins.
+
+        Raises:
+            DataError: With file, line, table, field and the reason.
+        """
         line = self.lines.get(key, self.lines.get("", 1))
         raise DataError(f"{self.path}, line {line}, [{self.name}] {key}: {reason}")
 
@@ -87,16 +119,26 @@ class SiteTable:
     def flag(self, key: str) -> bool:
         """Return true or false, by default false."""
         value = self.values.get(key, False)
-        return value if isinstance(value, bool) else self.fail(key, "allowed is true or false.")
+        if not isinstance(value, bool):
+            self.fail(key, "allowed is true or false.")
+        return value
 
     def angle(self, key: str, default: float = 0.0, allowed: str = "any") -> float:
         """Return an angle [rad] that the file gives in degrees."""
         return math.radians(self.number(key, math.degrees(default), "degrees", allowed))
 
-    def tables(
-        self, kind: str, fields: Sequence[str], lines: Mapping[tuple[str, int], dict[str, int]]
-    ) -> list[SiteTable]:
-        """Return all tables of a kind, none if there are none."""
+    def optional_number(self, key: str, unit: str, allowed: str) -> float | None:
+        """Return a number in a range; None if it is left out."""
+        return self.number(key, unit=unit, allowed=allowed) if key in self.values else None
+
+    def tables(self, kind: str, fields: Sequence[str], lines: FieldLines) -> list[SiteTable]:
+        """Return all tables of a kind, none if there are none.
+
+        Args:
+            kind: Name of the tables.
+            fields: Names of the fields that they may have.
+            lines: Lines of all fields of the file.
+        """
         tables = self.values.get(kind, [])
         if not isinstance(tables, list) or not all(isinstance(values, dict) for values in tables):
             self.fail(kind, f"write each as [[{kind}]].")
@@ -107,7 +149,8 @@ class SiteTable:
 
     def file(self, key: str) -> Path:
         """Return the path of a file, which must lie in the folder of the site, links resolved."""
-        name, folder = self.text(key), Path(os.path.realpath(self.path.parent))
+        name = self.text(key)
+        folder = Path(os.path.realpath(self.path.parent))
         path = Path(os.path.realpath(folder / name))
         if not path.is_relative_to(folder):
             self.fail(
@@ -128,57 +171,85 @@ def read_site(path: str | Path) -> Site:
     """
     path = site_path(path, SITES, EXAMPLES)
     top, lines = read_fields(path, [*_FIELDS, *SOLIDS])
-    content = top.values
-    if not isinstance(content.get("ground"), dict):
-        top.fail("ground", "there is none; a site needs a table [ground] with its height.")
-    tables = {}
-    for name, fields in _FIELDS.items():
-        if not isinstance(values := content.get(name, {}), dict):
-            top.fail(name, "it must be a table.")
-        tables[name] = SiteTable(path, name, values, lines.get((name, 0), {}), fields)
+    tables = _tables(top, lines)
     ground = tables["ground"].number("height")
     solids = solids_of(top, lines, ground)
-    crane, load, lift, drives = (tables[name] for name in ("crane", "load", "lift", "drives"))
-    rigging = tables["rigging"]
-    masses = {
-        name: rigging.number(name, unit="kg", allowed=">= 0")
-        for name in sorted(rigging.values.keys() - {"falls"})
-    }
-    values = crane.take("values", crane_values, {})
-    for entry, name, argument, value in _arguments(load, drives, tables["counter_jib"], masses):
-        if argument in values:
-            entry.fail(name, f"{argument} is among the values of [crane], too; leave one out.")
-        values = {**values, argument: value}
+    crane = tables["crane"]
+    lift = tables["lift"]
     wind = tables["wind"]
+    rigging = tables["rigging"]
+    masses = {}
+    for name in sorted(rigging.values.keys() - {"falls"}):
+        masses[name] = rigging.number(name, unit="kg", allowed=">= 0")
     site = Site(
         name=top.text("name", path.stem),
         solids=tuple(solids),
         ground=ground,
         foot=np.array(crane.numbers("position", 3, default=[0.0, 0.0, ground])),
         heading=crane.angle("heading", -math.pi / 2.0),
-        crane=values,
-        load=_load(load),
+        crane=_crane_values_of(tables, masses),
+        load=_load(tables["load"]),
         start=_point(lift, "from"),
         goal=_point(lift, "to"),
         distance=lift.number("distance", DISTANCE, "m", "> 0"),
         swing=lift.angle("swing", SWING, "0 to 28"),
-        limits=_limits(drives),
+        limits=_limits(tables["drives"]),
         base=_base(tables["base"]),
         arms=_arms(tables["jib"], tables["counter_jib"]),
         rigging=masses,
-        gust=wind.number("gust", unit="m/s", allowed=">= 0") if "gust" in wind.values else None,
+        gust=wind.optional_number("gust", "m/s", ">= 0"),
         gust_swing=wind.angle("swing", allowed="0.1 to 45") if "swing" in wind.values else None,
-        risk=lift.number("risk", unit="%", allowed="0 to 100") / 100.0
-        if "risk" in lift.values
-        else None,
+        risk=_risk(lift),
         spread=_spread(tables["uncertainty"]),
         chart=_chart(crane),
         falls=rigging.take("falls", _whole) if "falls" in rigging.values else None,
-        entered=frozenset(
-            f"[{name}] {field}" for name, table in tables.items() for field in table.values
-        ),
+        entered=_entered(tables),
     )
     return _plausible(site, tables)
+
+
+def _tables(top: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
+    """Return the tables of a site beside its obstacles, by name; those left out are empty.
+
+    Raises:
+        DataError: If there is no [ground], one is no table, or a field is unknown.
+    """
+    content = top.values
+    if not isinstance(content.get("ground"), dict):
+        top.fail("ground", "there is none; a site needs a table [ground] with its height.")
+    tables = {}
+    for name, fields in _FIELDS.items():
+        values = content.get(name, {})
+        if not isinstance(values, dict):
+            top.fail(name, "it must be a table.")
+        tables[name] = SiteTable(top.path, name, values, lines.get((name, 0), {}), fields)
+    return tables
+
+
+def _crane_values_of(
+    tables: Mapping[str, SiteTable], rigging: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the values of the crane that [crane] and other tables enter, by name.
+
+    Raises:
+        DataError: If one of them is entered twice.
+    """
+    values = dict(tables["crane"].take("values", crane_values, {}))
+    for entered in _arguments(tables["load"], tables["drives"], tables["counter_jib"], rigging):
+        if entered.argument in values:
+            entered.table.fail(
+                entered.field,
+                f"{entered.argument} is among the values of [crane], too; leave one out.",
+            )
+        values[entered.argument] = entered.value
+    return values
+
+
+def _entered(tables: Mapping[str, SiteTable]) -> frozenset[str]:
+    """Return the fields that are entered, such as "[lift] swing"."""
+    return frozenset(
+        f"[{name}] {field}" for name, table in tables.items() for field in table.values
+    )
 
 
 def _plausible(site: Site, tables: Mapping[str, SiteTable]) -> Site:
@@ -188,12 +259,10 @@ def _plausible(site: Site, tables: Mapping[str, SiteTable]) -> Site:
         DataError: If a value cannot be meant.
     """
     defaults = arguments()
-    least, largest = (
-        float(site.crane.get(name, defaults[name].default))
-        for name in ("trolley_min", "trolley_max")
-    )
+    smallest_radius = float(site.crane.get("trolley_min", defaults["trolley_min"].default))
+    largest_radius = float(site.crane.get("trolley_max", defaults["trolley_max"].default))
     unusual = []
-    for finding in findings(site, (least, largest)):
+    for finding in findings(site, (smallest_radius, largest_radius)):
         if finding.refused and finding.table:
             tables[finding.table].fail(finding.field, finding.sentence)
         if finding.refused:
@@ -233,7 +302,8 @@ def site_path(path: str | Path, folder: Path, examples: Sequence[str]) -> Path:
     Raises:
         UnknownName: If it is a plain word, and neither.
     """
-    if (name := str(path)) in examples:
+    name = str(path)
+    if name in examples:
         return folder / f"{name}.toml"
     if name.isidentifier() and not os.path.exists(path):  # False for a name too long, too
         raise UnknownName("site", name, examples)
@@ -243,8 +313,12 @@ def site_path(path: str | Path, folder: Path, examples: Sequence[str]) -> Path:
 def read_fields(
     path: Path, fields: Sequence[str], kind: str = "site"
 ) -> tuple[SiteTable, dict[tuple[str, int], dict[str, int]]]:
-    """Read the whole of a TOML file with a name and other fields, and the lines of each table;
-    errors call it by its kind.
+    """Read the whole of a TOML file with a name and other fields, and the lines of each table.
+
+    Args:
+        path: The file.
+        fields: Names of the fields and tables that it may have beside its name.
+        kind: What errors call it by.
 
     Raises:
         DataError: If it cannot be read, is no TOML, or a field is another.
@@ -271,84 +345,126 @@ _FIELDS = {
 """Tables of a site beside its obstacles, with their fields."""
 
 
-def solids_of(
-    top: SiteTable, lines: Mapping[tuple[str, int], dict[str, int]], ground: float
-) -> list[Solid]:
-    """Return the obstacles of a site on a ground of a height [m]."""
+def solids_of(top: SiteTable, lines: FieldLines, ground: float) -> list[Solid]:
+    """Return the obstacles of a site.
+
+    Args:
+        top: The whole of the file.
+        lines: Lines of all its fields.
+        ground: Height of the ground [m], on which obstacles stand that enter no height.
+
+    Raises:
+        DataError: If an obstacle cannot be made of its fields, there are too many, or two have one
+            name.
+    """
     solids: dict[str, Solid] = {}
     for kind, (fields, make) in SOLIDS.items():
         entries = top.tables(kind, fields, lines)
-        if len(solids) + len(entries) > _MOST:
-            top.fail(kind, f"there are more than {_MOST} obstacles.")
+        if len(solids) + len(entries) > _MAX_COUNT:
+            top.fail(kind, f"there are more than {_MAX_COUNT} obstacles.")
         for entry in entries:
+            # An obstacle from an IFC file has no name of its own.
             key = "name" if "name" in entry.values else "file"
             try:
                 made = make(entry, ground)
             except CraneError as error:
+                # Errors of a field name file and line already, those of geometry do not.
                 if str(error).startswith(str(top.path)):
                     raise
                 entry.fail(key, error)
             for solid in made:
-                if solids.setdefault(solid.name, solid) is not solid:
+                if solid.name in solids:
                     called = f"two obstacles are called {quoted(solid.name)}"
                     entry.fail(key, f"{called}; each needs a name of its own.")
+                solids[solid.name] = solid
     return list(solids.values())
 
 
-_DRIVES = ("slew", "trolley", "hoist")
+class _Argument(NamedTuple):
+    """An argument of the crane that a table other than [crane] enters.
+
+    Attributes:
+        table: The table.
+        field: Field of the table.
+        argument: Name of the argument.
+        value: Its value.
+    """
+
+    table: SiteTable
+    field: str
+    argument: str
+    value: float
 
 
 def _arguments(
     load: SiteTable, drives: SiteTable, counter_jib: SiteTable, rigging: Mapping[str, float]
-) -> Iterator[tuple[SiteTable, str, str, float]]:
-    """Yield the arguments of the crane that other tables enter: table, field, argument, value."""
+) -> Iterator[_Argument]:
+    """Yield the arguments of the crane that other tables enter.
+
+    Args:
+        load: [load].
+        drives: [drives].
+        counter_jib: [counter_jib].
+        rigging: Masses of hook and slings [kg], by name; the crane's load includes them.
+    """
     if "mass" in load.values:
         mass = load.number("mass", unit="kg", allowed="> 0") + sum(rigging.values())
-        yield load, "mass", "payload_mass", mass
+        yield _Argument(load, "mass", "payload_mass", mass)
     elif rigging:
         load.fail("mass", "it is missing; hook and slings are counted besides.")
     if "length" in counter_jib.values:
-        yield counter_jib, "length", "counter_jib", counter_jib.number("length", allowed="> 0")
+        length = counter_jib.number("length", allowed="> 0")
+        yield _Argument(counter_jib, "length", "counter_jib", length)
     if "efforts" in drives.values:
-        for drive, value in zip(_DRIVES, _of_drives(drives, "efforts"), strict=True):
-            yield drives, "efforts", f"{drive}_effort", value
-
-
-def _of_drives(drives: SiteTable, name: str) -> list[float]:
-    """Return numbers of slew, trolley and hoist, those of the slew in radians."""
-    slew, *trolley_and_hoist = drives.numbers(name, 3, "> 0")
-    return [slew if name == "efforts" else math.radians(slew), *trolley_and_hoist]
+        efforts = drives.numbers("efforts", 3, "> 0")
+        for drive, effort in zip(_DRIVES, efforts, strict=True):
+            yield _Argument(drives, "efforts", f"{drive}_effort", effort)
 
 
 def _limits(drives: SiteTable) -> Limits | None:
+    """Return the limits of the drives; None if nothing of the drives is entered."""
     if not drives.values:
         return None
-    return Limits(*(_of_drives(drives, name) for name in ("rates", "accelerations")))
+    return Limits(_motion_limits(drives, "rates"), _motion_limits(drives, "accelerations"))
+
+
+def _motion_limits(drives: SiteTable, name: str) -> list[float]:
+    """Return rates or accelerations of slew, trolley and hoist; the file gives those of the slew in
+    degrees.
+    """
+    slew, trolley, hoist = drives.numbers(name, 3, "> 0")
+    return [math.radians(slew), trolley, hoist]
 
 
 def _base(base: SiteTable) -> Base | None:
+    """Return the base of the crane; None if it is not entered."""
     if not base.values:
         return None
     permitted = None
     if "permitted" in base.values:
         permitted = 1e3 * base.number("permitted", unit="kN", allowed="> 0")
     spacing = base.number("spacing", allowed="> 0")
-    return Base(spacing, base.number("mass", unit="kg", allowed=">= 0"), permitted)
+    mass = base.number("mass", unit="kg", allowed=">= 0")
+    return Base(spacing, mass, permitted)
 
 
 def _arms(jib: SiteTable, counter_jib: SiteTable) -> tuple[Arm, ...]:
-    """Return jib and counter-jib, as far as their masses are entered."""
-    return tuple(
-        Arm(
-            arm.number("mass", unit="kg", allowed=">= 0"),
-            sign * arm.number("centre", allowed=">= 0"),
-        )
-        for arm, sign in ((jib, 1.0), (counter_jib, -1.0))
-        if {"mass", "centre"} & arm.values.keys()
-    )
+    """Return jib and counter-jib, as far as their masses are entered. The file gives both centres
+    as distances from the slew axis; that of the counter-jib lies behind it.
+    """
+    arms = []
+    for table, sign in ((jib, 1.0), (counter_jib, -1.0)):
+        if "mass" in table.values or "centre" in table.values:
+            mass = table.number("mass", unit="kg", allowed=">= 0")
+            centre = sign * table.number("centre", allowed=">= 0")
+            arms.append(Arm(mass, centre))
+    return tuple(arms)
 
 
 def _load(load: SiteTable) -> np.ndarray | None:
+    """Return the corners of the load about its centre [m], shape (n, 3), from a mesh or from the
+    sides of a box; None if neither is entered.
+    """
     if "file" in load.values:
         if "size" in load.values:
             load.fail("size", "file is given, too; leave one out.")
@@ -357,7 +473,8 @@ def _load(load: SiteTable) -> np.ndarray | None:
     if "size" not in load.values:
         return None
     size = np.array(load.numbers("size", 3, "> 0"))
-    return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size / 2.0
+    signs = np.array(list(itertools.product((-1, 1), repeat=3)))
+    return signs * size / 2.0
 
 
 def _hanging_centre(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -376,26 +493,50 @@ def _hanging_centre(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.array([x, y, middle])
 
 
+def _risk(lift: SiteTable) -> float | None:
+    """Return the largest probability that a perturbed lift comes too close, which the file gives in
+    percent; None if it is left out.
+    """
+    risk = lift.optional_number("risk", "%", "0 to 100")
+    return None if risk is None else risk / 100.0
+
+
 def _point(lift: SiteTable, key: str) -> np.ndarray | None:
+    """Return an end of the lift [m], shape (3,), or shape (2,) if no height is entered; None if it
+    is left out.
+    """
     values = lift.values.get(key)
+    if values is None:
+        return None
     count = 2 if isinstance(values, list) and len(values) == 2 else 3
-    return None if values is None else np.array(lift.numbers(key, count))
+    return np.array(lift.numbers(key, count))
+
+
+# --- obstacles ------------------------------------------------------------------------------------
+
+# Each function makes the obstacles of an entry on a ground of a height [m]; see `SOLIDS`.
 
 
 def _box(entry: SiteTable, ground: float) -> list[Solid]:
-    size, name = entry.numbers("size", 3, "> 0"), entry.text("name")
-    base, centre = entry.number("base", ground), entry.numbers("centre", 2)
+    size = entry.numbers("size", 3, "> 0")
+    name = entry.text("name")
+    base = entry.number("base", ground)
+    centre = entry.numbers("centre", 2)
     return [box(name, centre, size, base, entry.angle("yaw"))]
 
 
 def _prism(entry: SiteTable, ground: float) -> list[Solid]:
-    height, name = entry.number("height", allowed="> 0"), entry.text("name")
-    return [prism(name, entry.take("outline", _outline), entry.number("base", ground), height)]
+    height = entry.number("height", allowed="> 0")
+    name = entry.text("name")
+    outline = entry.take("outline", _outline)
+    return [prism(name, outline, entry.number("base", ground), height)]
 
 
 def _zone(entry: SiteTable, ground: float) -> list[Solid]:
-    base, height = entry.number("base", ground), entry.number("height", UNBOUNDED, allowed="> 0")
-    return [prism(entry.text("name"), entry.take("outline", _outline), base, height, zone=True)]
+    base = entry.number("base", ground)
+    height = entry.number("height", UNBOUNDED, allowed="> 0")
+    name = entry.text("name")
+    return [prism(name, entry.take("outline", _outline), base, height, zone=True)]
 
 
 def _mesh(entry: SiteTable, ground: float) -> list[Solid]:
@@ -407,6 +548,7 @@ def _mesh(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _ifc(entry: SiteTable, ground: float) -> list[Solid]:
+    # A model has its own heights, so that it is not put on the ground.
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, 0.0]))
     solids = read_ifc(entry.file("file"), as_hulls=entry.flag("hull"))
     return [solid.moved(rotation_z(entry.angle("yaw")), position) for solid in solids]
@@ -415,8 +557,9 @@ def _ifc(entry: SiteTable, ground: float) -> list[Solid]:
 def _neighbour(entry: SiteTable, ground: float) -> list[Solid]:
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
     drive_position = {
-        name: entry.number(name, 0.0, unit)
-        for name, unit in (("slew", "degrees"), ("trolley", "m"), ("cable", "m"))
+        "slew": entry.number("slew", 0.0, "degrees"),
+        "trolley": entry.number("trolley", 0.0, "m"),
+        "cable": entry.number("cable", 0.0, "m"),
     }
     values = entry.take("values", crane_values, {})
     heading = entry.angle("heading", -math.pi / 2.0)
@@ -434,31 +577,40 @@ SOLIDS: dict[str, tuple[list[str], Callable[[SiteTable, float], list[Solid]]]] =
         _neighbour,
     ),
 }
+"""Kinds of obstacles with the fields that they may have, and the function that makes them."""
+
+
+# --- conversions of fields, which raise without a line; `SiteTable.take` adds it ------------------
 
 
 def _number(name: str, value: Any, unit: str = "m", allowed: str = "any") -> float:
+    """Return a number in a range. `number` alone would take true, and texts of numbers."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise OutOfRange(name, quoted(value), "a number", unit)
     return number(name, value, unit, allowed)
 
 
 def _whole(name: str, value: Any) -> int:
+    """Return a whole number from 1."""
     return whole(name, value, 1)
 
 
 def _numbers(name: str, value: Any, count: int, allowed: str = "any") -> list[float]:
+    """Return a list of so many numbers in a range."""
     if not isinstance(value, list) or len(value) != count:
         raise OutOfRange(name, quoted(value), f"{count} numbers", "m")
     return [_number(f"one of {name}", item, "m", allowed) for item in value]
 
 
 def _outline(name: str, value: Any) -> np.ndarray:
-    if not isinstance(value, list) or not 3 <= len(value) <= _MOST:
+    """Return the corners of an outline [m], shape (n, 2)."""
+    if not isinstance(value, list) or not 3 <= len(value) <= _MAX_COUNT:
         raise OutOfRange(name, quoted(value), "a list of 3 or more")
     return np.array([_numbers("corner", corner, 2) for corner in value])
 
 
 def _text(name: str, value: Any) -> str:
+    """Return a printable text that is not empty."""
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise OutOfRange(name, quoted(value), "a printable text")
     return value
@@ -472,14 +624,20 @@ def crane_values(name: str, table: Any) -> dict[str, float]:
 
 
 def field_lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:
-    """Yield the lines of the fields of each table, by its name and its index among those of it."""
+    """Yield the lines of the fields of each table, by its name and its index among the tables of
+    that name; see `FieldLines`. The fields before the first table have the name "".
+    """
     counts: dict[str, int] = {}
-    name, fields = "", {"": 1}
+    name = ""
+    fields = {"": 1}
     for i, line in enumerate(text.splitlines(), start=1):
-        if header := _HEADER.match(line):
+        header = _HEADER.match(line)
+        key = _KEY.match(line)
+        if header:
             yield (name, counts.get(name, 1) - 1), fields
-            name, fields = header[1], {"": i}
+            name = header[1]
+            fields = {"": i}
             counts[name] = counts.get(name, 0) + 1
-        elif key := _KEY.match(line):
+        elif key:
             fields.setdefault(key[1], i)
     yield (name, counts.get(name, 1) - 1), fields

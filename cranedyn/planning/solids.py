@@ -28,12 +28,14 @@ FARTHEST = 1e7
 # Otherwise trimesh logs tracebacks of bad files to standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-_MOST_NEIGHBOURS = 255
-"""Most neighbours of a corner of a convex body, each along an edge, in `coal`."""
+_MAX_NEIGHBOURS = 255
+"""Largest number of neighbours of a corner of a convex body, each along an edge, in `coal`."""
 
-_LARGEST_MESH = 50_000_000
-_THIN = 1e-6
-"""Least thickness of a body [m]."""
+_MAX_MESH_BYTES = 50_000_000
+"""Largest size of a mesh file [bytes]."""
+
+_MIN_THICKNESS = 1e-6
+"""Least thickness of a body [m], and least area of an outline [m²]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,11 +102,12 @@ class Solid(ShortRepr):
         """Return whether the convex hull of corners [m], shape (n, 3), and the body have a point in
         common; one inside of the other counts.
         """
-        shape, here = hull(corners), coal.Transform3s()
+        shape = hull(corners)
+        here = coal.Transform3s()
         for geometry in self.geometries():
-            if coal.collide(
-                shape, here, geometry, here, coal.CollisionRequest(), coal.CollisionResult()
-            ):
+            request = coal.CollisionRequest()
+            result = coal.CollisionResult()
+            if coal.collide(shape, here, geometry, here, request, result):
                 return True
         # A surface of triangles is hollow: a hull inside of it touches none of them.
         return self.holds(corners[0])
@@ -125,7 +128,7 @@ def check_corners(points: np.ndarray) -> None:
     Raises:
         DataError: If one does.
     """
-    beyond = points[~(np.abs(points) <= FARTHEST)]
+    beyond = points[~(np.abs(points) <= FARTHEST)]  # written so that NaN is refused
     if len(beyond):
         allowed = f"{-FARTHEST:g} to {FARTHEST:g} m, in metres"
         raise DataError(f"a corner lies at {beyond[0]:g} m; allowed are {allowed}.")
@@ -149,45 +152,85 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     check_corners(points)
     offsets = points - points.mean(axis=0)
+
+    # The three rows of zeros let one or two points have three axes, too. The last axis is turned
+    # round where the three would mirror the points.
     axes = np.linalg.svd(np.vstack([offsets, np.zeros((3, 3))]), full_matrices=False)[2]
     axes[2] *= np.linalg.det(axes)
-    for axis in axes[np.ptp(offsets @ axes.T, axis=0) < _THIN]:
-        points = np.concatenate([points - axis * _THIN / 2.0, points + axis * _THIN / 2.0])
+    extents = np.ptp(offsets @ axes.T, axis=0)
+    for axis in axes[extents < _MIN_THICKNESS]:
+        half = axis * _MIN_THICKNESS / 2.0
+        points = np.concatenate([points - half, points + half])
+
     scaled = (points - points.mean(axis=0)) @ axes.T
     scaled /= np.ptp(scaled, axis=0)
-    hull = ConvexHull(scaled)
-    triangles, normals = hull.simplices, hull.equations[:, :3]
-    if _most_neighbours(triangles) > _MOST_NEIGHBOURS:
-        triangles, normals = _in_strips(scaled, hull)
+    qhull = ConvexHull(scaled)
+    triangles = qhull.simplices
+    normals = qhull.equations[:, :3]
+    if _largest_neighbour_count(triangles) > _MAX_NEIGHBOURS:
+        triangles, normals = _in_strips(scaled, qhull)
+
+    # Qhull gives each triangle an outward normal, but its corners in any order.
     a, b, c = np.moveaxis(scaled[triangles], 1, 0)
-    inward = np.sum(np.cross(b - a, c - a) * normals, axis=1) < 0.0
-    triangles = np.where(inward[:, None], triangles[:, ::-1], triangles)
+    is_inward = np.sum(np.cross(b - a, c - a) * normals, axis=1) < 0.0
+    triangles = np.where(is_inward[:, None], triangles[:, ::-1], triangles)
+
+    # Points inside of the hull are left out, and the rest numbered anew.
     corners, triangles = np.unique(triangles, return_inverse=True)
     return points[corners], triangles.reshape(-1, 3)
 
 
-def _in_strips(points: np.ndarray, hull: ConvexHull) -> tuple[np.ndarray, np.ndarray]:
+def _in_strips(points: np.ndarray, qhull: ConvexHull) -> tuple[np.ndarray, np.ndarray]:
     """Return triangles of a hull and their normals, those of each flat facet in a strip.
 
     Qhull arranges them around one corner, which then has all others of the facet for neighbours.
+
+    Args:
+        points: The points of the hull, shape (n, 3).
+        qhull: The hull.
+
+    Returns:
+        Indices of the corners of each triangle, shape (m, 3), and its outward normal, shape (m, 3).
     """
-    planes, facet = np.unique(hull.equations, axis=0, return_inverse=True)
+    planes, facet = np.unique(qhull.equations, axis=0, return_inverse=True)
+    facet_of_triangle = facet.ravel()
     strips = []
+    normals = []
     for i, plane in enumerate(planes):
-        corners = np.unique(hull.simplices[facet.ravel() == i])
-        along = points[corners[1]] - points[corners[0]]
-        offsets = points[corners] - points[corners].mean(axis=0)
-        ring = corners[
-            np.argsort(np.arctan2(offsets @ np.cross(plane[:3], along), offsets @ along))
-        ]
-        k = np.arange(len(ring))
-        strip = ring[np.where(k % 2, (k + 1) // 2, len(ring) - k // 2) % len(ring)]
-        strips.append(np.column_stack([strip[:-2], strip[1:-1], strip[2:]]))
-    return np.concatenate(strips), np.repeat(planes[:, :3], [*map(len, strips)], axis=0)
+        corners = np.unique(qhull.simplices[facet_of_triangle == i])
+        strip = _strip(_ring(points, corners, plane[:3]))
+        strips.append(strip)
+        normals.append(np.repeat(plane[None, :3], len(strip), axis=0))
+    return np.concatenate(strips), np.concatenate(normals)
 
 
-def _most_neighbours(triangles: np.ndarray) -> int:
-    """Return the largest number of neighbours of a corner of a closed surface."""
+def _ring(points: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return the corners of a convex facet with a normal, shape (3,), in the order around it, shape
+    (k,): by their angles about the middle of the facet.
+    """
+    x_axis = points[corners[1]] - points[corners[0]]
+    y_axis = np.cross(normal, x_axis)
+    offsets = points[corners] - points[corners].mean(axis=0)
+    angles = np.arctan2(offsets @ y_axis, offsets @ x_axis)
+    return corners[np.argsort(angles)]
+
+
+def _strip(ring: np.ndarray) -> np.ndarray:
+    """Return the triangles of a convex polygon from its corners in order, shape (k,), in a strip
+    that zigzags from one side to the other, shape (k - 2, 3): no corner is in more than three.
+    """
+    # The corners in the order 0, 1, k-1, 2, k-2, …; three that follow each other are a triangle.
+    k = np.arange(len(ring))
+    forwards = (k + 1) // 2
+    backwards = (len(ring) - k // 2) % len(ring)
+    zigzag = ring[np.where(k % 2, forwards, backwards)]
+    return np.column_stack([zigzag[:-2], zigzag[1:-1], zigzag[2:]])
+
+
+def _largest_neighbour_count(triangles: np.ndarray) -> int:
+    """Return the largest number of neighbours of a corner of a closed surface. A corner has as many
+    neighbours there as triangles.
+    """
     return int(np.bincount(triangles.ravel()).max())
 
 
@@ -198,20 +241,26 @@ def hull(points: np.ndarray) -> coal.Convex:
         DataError: If a point lies beyond `FARTHEST`, or a corner has more neighbours than `coal`
             takes.
     """
-    corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     vertices, faces = convex_hull(points)
-    if (edges := _most_neighbours(faces)) > (most := _MOST_NEIGHBOURS):
-        raise DataError(f"a corner of a convex body has {edges} edges; allowed are {most}.")
+    edges = _largest_neighbour_count(faces)
+    if edges > _MAX_NEIGHBOURS:
+        raise DataError(
+            f"a corner of a convex body has {edges} edges; allowed are {_MAX_NEIGHBOURS}."
+        )
+    corners = coal.StdVec_Vec3s()
+    triangles = coal.StdVec_Triangle()
     for vertex in vertices:
         corners.append(vertex)
     for face in faces:
-        triangles.append(coal.Triangle(*map(int, face)))
+        a, b, c = face.tolist()
+        triangles.append(coal.Triangle(a, b, c))
     return coal.Convex(corners, triangles)
 
 
 def rotation_z(yaw: float) -> np.ndarray:
     """Return the rotation about Z by an angle [rad], shape (3, 3)."""
-    c, s = math.cos(yaw), math.sin(yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -236,7 +285,17 @@ def box(
 def prism(
     name: str, outline: np.ndarray, base: float, height: float, *, zone: bool = False
 ) -> Solid:
-    """Return a body with an outline [m], shape (n, 2), from a base up to a height above it [m].
+    """Return a body with an outline, from a base up.
+
+    A convex outline makes one convex part; any other is divided into triangles, each of which makes
+    a part.
+
+    Args:
+        name: Its name.
+        outline: Corners of the outline [m], shape (n, 2), in either direction.
+        base: Height of its bottom [m].
+        height: Height of its top above its bottom [m].
+        zone: Whether it is a zone to keep out of.
 
     Raises:
         DataError: If the outline crosses itself or encloses nothing, or a corner lies beyond
@@ -246,20 +305,23 @@ def prism(
     import shapely
 
     check_corners(outline)
-    if not height >= _THIN:
-        raise OutOfRange("height", height, f">= {_THIN:g}", "m")
+    if not height >= _MIN_THICKNESS:
+        raise OutOfRange("height", height, f">= {_MIN_THICKNESS:g}", "m")
     check_corners(np.array([base, base + height]))
     polygon = shapely.Polygon(outline)
-    if not polygon.is_valid or polygon.area < _THIN:
+    if not polygon.is_valid or polygon.area < _MIN_THICKNESS:
         raise DataError("an outline must enclose an area and not cross itself.")
     polygon = shapely.geometry.polygon.orient(polygon)
 
     def upright(outline: np.ndarray) -> np.ndarray:
-        return np.vstack([np.insert(outline, 2, z, axis=1) for z in (base, base + height)])
+        bottom = np.insert(outline, 2, base, axis=1)
+        top = np.insert(outline, 2, base + height, axis=1)
+        return np.vstack([bottom, top])
 
-    if polygon.convex_hull.area - polygon.area < _THIN:
-        corners = upright(np.array(polygon.exterior.coords)[:-1])
-        return Solid(name, (corners,), *convex_hull(corners), zone)
+    if polygon.convex_hull.area - polygon.area < _MIN_THICKNESS:
+        corners = upright(np.array(polygon.exterior.coords)[:-1])  # the first is repeated as last
+        hull_corners, hull_triangles = convex_hull(corners)
+        return Solid(name, (corners,), hull_corners, hull_triangles, zone)
     trimesh = _trimesh()
     mesh = trimesh.creation.extrude_polygon(polygon, height)
     mesh.apply_translation([0.0, 0.0, base])
@@ -281,10 +343,10 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
         DataError: If a corner lies beyond `FARTHEST`, a triangle has a corner that there is not,
             or the surface is not closed.
     """
-    surface = Solid(name, (), vertices, triangles)
+    surface = Solid(name, (), vertices, triangles)  # checks corners and triangles
     if as_hull:
-        corners, triangles = convex_hull(vertices)
-        return Solid(name, _as_parts(corners), corners, triangles)
+        hull_corners, hull_triangles = convex_hull(vertices)
+        return Solid(name, _as_parts(hull_corners), hull_corners, hull_triangles)
     mesh = _trimesh().Trimesh(surface.vertices, surface.triangles)
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
@@ -292,9 +354,10 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
         if not mesh.is_watertight or mesh.volume == 0.0:
             raise DataError("the mesh is not closed: some edge has not two triangles.")
         mesh.fix_normals()
-        convex = mesh.is_convex
+        is_convex = mesh.is_convex
     corners = np.array(mesh.vertices)
-    return Solid(name, _as_parts(corners) if convex else (), corners, np.array(mesh.faces))
+    parts = _as_parts(corners) if is_convex else ()
+    return Solid(name, parts, corners, np.array(mesh.faces))
 
 
 def _trimesh() -> Any:
@@ -306,8 +369,8 @@ def _as_parts(corners: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return the parts of a convex body; none, for its surface, if a corner has more neighbours
     than `coal` takes, as the top of a cone may have.
     """
-    few_neighbours = _most_neighbours(convex_hull(corners)[1]) <= _MOST_NEIGHBOURS
-    return (corners,) if few_neighbours else ()
+    _, triangles = convex_hull(corners)
+    return (corners,) if _largest_neighbour_count(triangles) <= _MAX_NEIGHBOURS else ()
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -318,10 +381,11 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     if path.suffix.lower() not in MESH_ENDINGS:
         raise DataError(f"Cannot read {path}: a mesh ends in {', '.join(MESH_ENDINGS)}.")
-    content = read_bytes(path, _LARGEST_MESH)
+    content = read_bytes(path, _MAX_MESH_BYTES)
     try:
         with np.errstate(all="ignore"):  # numbers that are none are refused with their corner
             kind = path.suffix[1:].lower()
+            # Without a resolver no other file is read, whatever the mesh refers to.
             mesh = _trimesh().load_mesh(io.BytesIO(content), file_type=kind, resolver=None)
             vertices = np.asarray(mesh.vertices, dtype=float)
             triangles = np.asarray(mesh.faces, dtype=int)

@@ -23,7 +23,6 @@ TOUCHING = 0.01
 and may be tied to a building, so that it touches them; what is deeper is inside of them.
 """
 
-
 UNEVEN = 0.05
 """Height difference up to which a foot stands on the ground or on an obstacle [m]."""
 
@@ -54,23 +53,26 @@ def standing_parts(clearance: Clearance) -> Standing:
     parts = {"mast": clearance.bodies.mast}
     if site.base is not None:
         parts["base"] = [site.base_corners]
-    solids = [solid for solid in site.seen_by_crane() if not solid.zone]
     level = site.ground - float(site.foot[2])
     below = GROUND if abs(level) <= UNEVEN else ""
     footprint = Body(coal.Box(FOOTPRINT, FOOTPRINT, TOUCHING), 0.0).put(coal.Transform3s())
-    inside, compared = [], set()
-    for solid in solids:
+    inside: list[BodyAndObstacle] = []
+    compared: set[BodyAndObstacle] = set()
+    for solid in site.seen_by_crane():
+        if solid.zone:
+            continue
         field = Field((solid.name, shape) for shape in solid.geometries())
         compared.add(BodyAndObstacle("mast", solid.name))
-        if field.least(footprint) <= UNEVEN:
-            below = below or solid.name
+        if not below and field.least(footprint) <= UNEVEN:
+            below = solid.name
         for name, hulls in parts.items():
             for corners in hulls:
                 if solid.meets(_shrunk(corners)):
                     inside.append(BodyAndObstacle(name, solid.name))
-    if level > UNEVEN:
+    if level > UNEVEN:  # the ground is above the foot
         inside.append(BodyAndObstacle("mast", GROUND))
-    return Standing(tuple(dict.fromkeys(inside)), below, frozenset(compared))
+    each_once = tuple(dict.fromkeys(inside))
+    return Standing(each_once, below, frozenset(compared))
 
 
 def standing_check(result: Standing) -> Check:

@@ -67,7 +67,8 @@ def support_of(clearance: Clearance, corners: np.ndarray) -> Support:
     site = clearance.site
     bottom = float(corners[:, 2].min())
     load = Body(hull(corners), 0.0).put(coal.Transform3s())
-    parts, tops = set[ObstaclePart](), list[float]()
+    parts: set[ObstaclePart] = set()
+    tops: list[float] = []
     level = site.ground - float(site.foot[2])
     if abs(level - bottom) <= CONTACT_TOLERANCE:
         parts.add(ObstaclePart(GROUND, 0))
@@ -75,18 +76,18 @@ def support_of(clearance: Clearance, corners: np.ndarray) -> Support:
     for solid in site.seen_by_crane():
         if solid.zone:
             continue
-        below = [
-            (i, part)
-            for i, part in enumerate(solid.parts)
-            if part[:, 2].max() <= bottom + CONTACT_TOLERANCE
-        ]
-        touched = [
-            float(part[:, 2].max())
-            for _, part in below
-            if Field([(solid.name, hull(part))]).least(load) <= CONTACT_TOLERANCE
-        ]
+        below: set[ObstaclePart] = set()
+        touched: list[float] = []
+        for i, part in enumerate(solid.parts):
+            top = float(part[:, 2].max())
+            if top <= bottom + CONTACT_TOLERANCE:
+                below.add(ObstaclePart(solid.name, i))
+                if Field([(solid.name, hull(part))]).least(load) <= CONTACT_TOLERANCE:
+                    touched.append(top)
+        # Parts beside a touched one, of the same obstacle and below the load as well, are left out
+        # with it: a slab may be made of several.
         if touched:
-            parts |= {ObstaclePart(solid.name, i) for i, _ in below}
+            parts |= below
             tops += touched
     return Support(max(tops), frozenset(parts)) if parts else NO_SUPPORT
 
@@ -97,17 +98,16 @@ def meshes_at(site: Site, corners: np.ndarray) -> list[str]:
     contact is computed with convex parts.
     """
     load = Body(hull(corners), 0.0).put(coal.Transform3s())
-    return [
-        solid.name
-        for solid in site.seen_by_crane()
-        if not solid.zone
-        and not solid.parts
-        and (
-            Field((solid.name, shape) for shape in solid.geometries()).least(load)
-            <= CONTACT_TOLERANCE
-            or solid.holds(corners.mean(axis=0))
-        )
-    ]
+    centre = corners.mean(axis=0)
+    names = []
+    for solid in site.seen_by_crane():
+        is_mesh = not solid.zone and not solid.parts
+        if not is_mesh:
+            continue
+        surface = Field((solid.name, shape) for shape in solid.geometries())
+        if surface.least(load) <= CONTACT_TOLERANCE or solid.holds(centre):
+            names.append(solid.name)
+    return names
 
 
 def contact_check(phases: Sequence[tuple[str, Support, np.ndarray]]) -> Check:
@@ -117,7 +117,8 @@ def contact_check(phases: Sequence[tuple[str, Support, np.ndarray]]) -> Check:
         phases: Name, support, and height of the lowest corner of the load above the crane's foot in
             each row [m], shape (rows,), of each phase in which the load stands.
     """
-    sentences, holds = [], True
+    sentences = []
+    holds = True
     for name, support, lowest in phases:
         if not support.parts:
             sentences.append(f"at the {name} the load stands on nothing")

@@ -24,7 +24,7 @@ from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import LONGEST_LIFT, refuse_endless, straight_time
-from cranedyn.planning.lift import RESERVE, NoWay, _is_proven, _ways, crane_of, plan_lift
+from cranedyn.planning.lift import RESERVE, NoWay, _candidates, _is_proven, crane_of, plan_lift
 from cranedyn.planning.perturbed import (
     Perturbed,
     Spread,
@@ -152,7 +152,7 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
     assert made.on_grid - 1.0 <= made.way <= 1.02 * made.on_grid
     round_about = made.ends - np.array([[0.0, 0.0, 0.0], [2.0 * math.pi, 0.0, 0.0]])
     long = min(
-        _ways(made.clearance, round_about, made.slews, LIMITS, 5e-3, math.inf),
+        _candidates(made.clearance, round_about, made.slews, LIMITS, 5e-3, math.inf),
         key=lambda lift: lift.timed.motion.arrival,
     )
     assert long.least == pytest.approx(made.least, rel=1e-12)
