@@ -1765,16 +1765,16 @@ cranedyn/identification/model.py
 + rate + bias
 * rows in which it is open whether a drive stands count for its friction
 ? estimate::the_mass_that_hangs_is_found_from_positions_in_steps_of_10_mm
-- outputs[:, c, undecided] = np.interp(self.t, self.record.t, recorded)[undecided]
+- effort_at_rows[:, undecided] = recorded_at_rows[undecided]
 + pass
 * a smoothed motion has dry friction while it creeps
 ? estimate::the_mass_that_hangs_is_found_from_positions_in_steps_of_10_mm
-- moves = np.sign(rate) * (np.abs(rate) > curve.creep)
-+ moves = np.sign(rate)
+- return np.where(np.abs(rate) > curve.creep, np.sign(rate), 0.0)
++ return np.sign(rate)
 * a swing averaged over a window is that in its middle
 ? sampling::a_sensor_that_averages_is_told_from_one_that_is_late
-- swing, swing_rate = (last - first) / window[:, None]
-+ swing, swing_rate = self._interpolate(angle, rate, delay + 0.5 * window)
+- swing = (last_integral - first_integral) / window[:, None]
++ swing, _ = self._interpolate(angle, rate, delay + 0.5 * window)
 cranedyn/identification/phone.py
 * a phone lies along the swing
 ? phone::apps_differ_in_their_columns_only
