@@ -1685,7 +1685,7 @@ cranedyn/identification/estimate.py
 + signs=()
 * errors with a memory count as if they had none
 ? estimate::coloured_errors_widen_the_intervals_and_never_narrow_them
-- covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)
+- covariance += (1.0 - lag / (max_lag + 1.0)) * (cross + cross.T)
 + covariance += 0.0 * (cross + cross.T)
 * intervals are left open on one side
 ? preflight::margins_foretold_are_those_that_come_out
@@ -1693,8 +1693,8 @@ cranedyn/identification/estimate.py
 + student.ppf(CONFIDENCE
 * noise of a record is taken for its second differences
 ? preflight::margins_foretold_are_those_that_come_out
-- np.mean(bent**2, axis=1) / 6.0
-+ np.mean(bent**2, axis=1) / 1.0
+- np.mean(differences**2, axis=1) / 6.0
++ np.mean(differences**2, axis=1) / 1.0
 * errors of smoothed motions are not in the intervals
 ? estimate::the_rounding_of_a_cable_at_two_lengths_is_in_the_interval_of_its_offset
 - return covariance + _motion_covariance(

@@ -120,7 +120,7 @@ def information(model: Model, values: np.ndarray, noise: Sequence[np.ndarray]) -
     count = len(model.own)
     total = np.zeros((count, count))
     for index, spread in enumerate(noise):
-        slope = jacobian(model, values, index)[1] * model.scale / spread[:, None, None]
+        slope = jacobian(model, values, index).slope * model.scale / spread[:, None, None]
         indices = model.of_record(index)
         flat = slope.reshape(-1, len(values))[:, indices]
         full = flat.T @ flat
