@@ -1671,8 +1671,8 @@ cranedyn/identification/period.py
 cranedyn/identification/problem.py
 * a sign that was stated is tried otherwise
 ? assumed::a_stated_sign_is_not_tried_otherwise
-- if name not in self.stated_signs}
-+ if True}
+- if column not in columns and column not in self.stated_signs:
++ if column not in columns:
 cranedyn/identification/assumed.py
 * what was stated counts as assumed
 ? assumed::what_was_stated_is_not_assumed
@@ -1736,7 +1736,7 @@ cranedyn/identification/parameters.py
 cranedyn/identification/record.py
 * a crane that cannot swing so is identified
 ? period::a_crane_that_cannot_swing_in_the_period_of_a_record_is_refused_with_its_inertias
-- if own < possible.shortest / _IMPOSSIBLE:
+- if own < possible.shortest / _IMPOSSIBLE_RATIO:
 + if False:
 * a record is judged by the period of the crane that is believed in
 ? period::a_record_is_long_enough_by_its_own_period
@@ -1744,8 +1744,8 @@ cranedyn/identification/record.py
 + return self.swing_period
 * a gap of a tenth of a period is a fault of a fast clock
 ? record::missing_rows_are_allowed_within_a_tenth_of_a_period
-- max(_GAP * np.median(steps), _GAP_SHARE * period)
-+ _GAP * np.median(steps)
+- max(_MAX_GAP_STEPS * np.median(steps), _MAX_GAP_SHARE * period)
++ _MAX_GAP_STEPS * np.median(steps)
 * steps of an encoder are differentiated as they are
 ? estimate::the_mass_that_hangs_is_found_from_positions_in_steps_of_10_mm
 - return sampled.is_held or is_irregular(t) or not sampled.is_exact(order)
@@ -1756,7 +1756,7 @@ cranedyn/identification/record.py
 + mask = t >= since - 1e-9
 * an encoder that slips is not told
 ? sampling::a_position_that_is_no_smooth_motion_is_said
-- curve.acceleration_noise > _NOISY:
+- curve.acceleration_noise > _NOTABLE_NOISE:
 + curve.acceleration_noise > 1e9:
 cranedyn/identification/model.py
 * a gyroscope does not drift
