@@ -463,8 +463,8 @@ cranedyn/dynamics/validity.py
 cranedyn/controllers/affine.py
 * a compiled integrator grows beyond the limit of its drive
 ? compiled::what_an_integrator_remembers_is_what_the_plain_loop_leaves_it
-- chosen(error * total < 0.0, longer, integral)
-+ longer
+- chosen(error * total < 0.0, next_integral, integral)
++ next_integral
 cranedyn/controllers/integral.py
 * an integrator goes by the period of its table
 ? controllers::an_integrator_goes_by_the_period_of_its_loop
@@ -531,7 +531,7 @@ cranedyn/dynamics/converters.py
 cranedyn/estimation/observer.py
 * a late measurement counts as one of now
 ? sensing::a_delay_known_to_the_observer_is_predicted_away
-- self._correct(self._since[0][0] if self._since else row, state)
+- self._correct(self._since[0].row if self._since else row, state)
 + self._correct(row, state)
 * an observer believes what a drive cannot give
 ? sensing::the_observer_knows_what_the_drives_cannot_give
@@ -558,13 +558,13 @@ cranedyn/estimation/load_filter.py
 + self._identity + step
 * a reading of the cable says nothing of its share
 ? load_estimate::what_the_sensors_should_say_has_the_derivatives_that_differences_give
-- by[read, -1] = -values[read] / scale
-+ by[read, -1] = 0.0
+- slopes[encoder, _SHARE] = -values[encoder] / scale
++ slopes[encoder, _SHARE] = 0.0
 cranedyn/estimation/load_estimate.py
 * the rate of a longer cable does not move its motion
 ? load_estimate::rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_changes
-- half, turned = beyond**2 / 2.0, acceleration * beyond + rate**2
-+ half, turned = beyond**2 / 2.0, acceleration * beyond
+- square_acceleration = d_acceleration * d + d_rate**2
++ square_acceleration = d_acceleration * d
 cranedyn/controllers/lqr.py
 * the Riccati sweep forgets the cost of effort on the way
 ? control::the_finite_horizon_tends_to_the_algebraic_riccati_equation
@@ -581,8 +581,8 @@ cranedyn/references/flat.py
 + inertia = 0.0
 * half of the Coriolis term of a path
 ? flat::the_centre_of_oscillation_takes_the_path_and_the_rope_points_along_its_pull
-- 2.0 * displacement[1] * displacement[0] * speed**2
-+ displacement[1] * displacement[0] * speed**2
+- 2.0 * radius_way * gamma_way * speed**2
++ radius_way * gamma_way * speed**2
 * a path leaves the inertia of its load out of the cable
 ? flat::the_centre_of_oscillation_takes_the_path_and_the_rope_points_along_its_pull
 - length = (reach + np.sqrt(reach**2 - 4.0 * inertia)) / 2.0
@@ -1727,8 +1727,8 @@ cranedyn/identification/sampling.py
 cranedyn/identification/parameters.py
 * a gyroscope's swing begins on the other side
 ? parameters::a_swing_begins_where_its_angle_or_its_rate_says
-- rate, position = position, -rate *
-+ rate, position = position, rate *
+- position = -slope * (record.swing_period
++ position = slope * (record.swing_period
 * a delay is bounded by the slowest swing
 ? parameters::a_delay_and_half_a_window_are_less_than_a_quarter_of_the_fastest_swing
 - quarter = 0.25 * min(
@@ -1811,7 +1811,7 @@ cranedyn/model/machines.py
 cranedyn/identification/preflight.py
 * how a record begins counts as known before it is made
 ? preflight::margins_foretold_are_those_that_come_out
-- total += full[:count, :count] - full[:count, count:] @ beside @ full[count:, :count]
+- total += full[:count, :count] - by_initial @ initial_inverse @ full[count:, :count]
 + total += full[:count, :count]
 cranedyn/sweep/folder.py
 * a chunk file of a sweep may stand for another
