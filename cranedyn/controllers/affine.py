@@ -123,7 +123,7 @@ def affine_form(
     """
     # The first class of the method resolution order with one of both methods must have `affine`: a
     # subclass that overrides `__call__` alone commands something else than the inherited form.
-    defining_class = object
+    defining_class: type = object
     for kind in type(controller).__mro__:
         if vars(kind).keys() & {"__call__", "affine"}:
             defining_class = kind

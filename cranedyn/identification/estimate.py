@@ -238,8 +238,8 @@ def _sign_decisions(results: list[Estimate], best: Estimate) -> tuple[SignDecisi
     turned_columns = [_turned_columns(result) for result in results]
     decisions: list[SignDecision] = []
     for column in sorted(set().union(*turned_columns)):
-        as_recorded = []
-        turned = []
+        as_recorded: list[float] = []
+        turned: list[float] = []
         for result, columns in zip(results, turned_columns, strict=True):
             likelihoods = turned if column in columns else as_recorded
             likelihoods.append(result.log_likelihood)
