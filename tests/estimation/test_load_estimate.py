@@ -339,7 +339,7 @@ SPREAD = 1.5
 def family() -> CableFamily:
     """The combined move on cables a tenth shorter and longer."""
     motions = [with_longer_cable(crane(), combined(crane()), by) for by in (-SPREAD, 0.0, SPREAD)]
-    return CableFamily(motions, SPREAD, HOIST)
+    return CableFamily(*motions, SPREAD, HOIST)
 
 
 @pytest.mark.parametrize("offset", [-SPREAD, 0.0, SPREAD])
