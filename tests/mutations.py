@@ -1676,8 +1676,8 @@ cranedyn/identification/problem.py
 cranedyn/identification/assumed.py
 * what was stated counts as assumed
 ? assumed::what_was_stated_is_not_assumed
-- name not in prior.values and
-+ True and
+- is_known = name in prior.values or name in estimated
++ is_known = name in estimated
 cranedyn/identification/estimate.py
 * a swing is turned without a word
 ? assumed::a_swing_of_the_other_sign_is_a_decision_with_both_likelihoods

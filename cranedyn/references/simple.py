@@ -79,8 +79,11 @@ def checked(reference: Reference, layout: Layout, t_start: float, period: float)
     @lru_cache(maxsize=1)
     def block(first: int) -> list[Setpoint]:
         times = t_start + period * np.arange(first, first + _BLOCK)
-        with suppress(CraneError):  # perhaps of an instant that the run does not reach
-            return list(map(Setpoint, *tabulated(reference, times, layout.m)))
+        # An error may be that of an instant that the run does not reach: then the reference is
+        # asked for each instant by itself.
+        with suppress(CraneError):
+            table = tabulated(reference, times, layout.m)
+            return list(map(Setpoint, table.position, table.velocity, table.acceleration))
         return []
 
     def from_block(t: float) -> Setpoint:
