@@ -463,8 +463,8 @@ cranedyn/dynamics/validity.py
 cranedyn/controllers/affine.py
 * a compiled integrator grows beyond the limit of its drive
 ? compiled::what_an_integrator_remembers_is_what_the_plain_loop_leaves_it
-- chosen(error * total < 0.0, longer, integral)
-+ longer
+- chosen(error * total < 0.0, next_integral, integral)
++ next_integral
 cranedyn/controllers/integral.py
 * an integrator goes by the period of its table
 ? controllers::an_integrator_goes_by_the_period_of_its_loop
@@ -531,7 +531,7 @@ cranedyn/dynamics/converters.py
 cranedyn/estimation/observer.py
 * a late measurement counts as one of now
 ? sensing::a_delay_known_to_the_observer_is_predicted_away
-- self._correct(self._since[0][0] if self._since else row, state)
+- self._correct(self._since[0].row if self._since else row, state)
 + self._correct(row, state)
 * an observer believes what a drive cannot give
 ? sensing::the_observer_knows_what_the_drives_cannot_give
@@ -558,13 +558,13 @@ cranedyn/estimation/load_filter.py
 + self._identity + step
 * a reading of the cable says nothing of its share
 ? load_estimate::what_the_sensors_should_say_has_the_derivatives_that_differences_give
-- by[read, -1] = -values[read] / scale
-+ by[read, -1] = 0.0
+- slopes[encoder, _SHARE] = -values[encoder] / scale
++ slopes[encoder, _SHARE] = 0.0
 cranedyn/estimation/load_estimate.py
 * the rate of a longer cable does not move its motion
 ? load_estimate::rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_changes
-- half, turned = beyond**2 / 2.0, acceleration * beyond + rate**2
-+ half, turned = beyond**2 / 2.0, acceleration * beyond
+- square_acceleration = d_acceleration * d + d_rate**2
++ square_acceleration = d_acceleration * d
 cranedyn/controllers/lqr.py
 * the Riccati sweep forgets the cost of effort on the way
 ? control::the_finite_horizon_tends_to_the_algebraic_riccati_equation
@@ -581,8 +581,8 @@ cranedyn/references/flat.py
 + inertia = 0.0
 * half of the Coriolis term of a path
 ? flat::the_centre_of_oscillation_takes_the_path_and_the_rope_points_along_its_pull
-- 2.0 * displacement[1] * displacement[0] * speed**2
-+ displacement[1] * displacement[0] * speed**2
+- 2.0 * radius_way * gamma_way * speed**2
++ radius_way * gamma_way * speed**2
 * a path leaves the inertia of its load out of the cable
 ? flat::the_centre_of_oscillation_takes_the_path_and_the_rope_points_along_its_pull
 - length = (reach + np.sqrt(reach**2 - 4.0 * inertia)) / 2.0
@@ -1671,13 +1671,13 @@ cranedyn/identification/period.py
 cranedyn/identification/problem.py
 * a sign that was stated is tried otherwise
 ? assumed::a_stated_sign_is_not_tried_otherwise
-- if name not in self.stated_signs}
-+ if True}
+- if column not in columns and column not in self.stated_signs:
++ if column not in columns:
 cranedyn/identification/assumed.py
 * what was stated counts as assumed
 ? assumed::what_was_stated_is_not_assumed
-- name not in prior.values and
-+ True and
+- is_known = name in prior.values or name in estimated
++ is_known = name in estimated
 cranedyn/identification/estimate.py
 * a swing is turned without a word
 ? assumed::a_swing_of_the_other_sign_is_a_decision_with_both_likelihoods
@@ -1685,7 +1685,7 @@ cranedyn/identification/estimate.py
 + signs=()
 * errors with a memory count as if they had none
 ? estimate::coloured_errors_widen_the_intervals_and_never_narrow_them
-- covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)
+- covariance += (1.0 - lag / (max_lag + 1.0)) * (cross + cross.T)
 + covariance += 0.0 * (cross + cross.T)
 * intervals are left open on one side
 ? preflight::margins_foretold_are_those_that_come_out
@@ -1693,8 +1693,8 @@ cranedyn/identification/estimate.py
 + student.ppf(CONFIDENCE
 * noise of a record is taken for its second differences
 ? preflight::margins_foretold_are_those_that_come_out
-- np.mean(bent**2, axis=1) / 6.0
-+ np.mean(bent**2, axis=1) / 1.0
+- np.mean(differences**2, axis=1) / 6.0
++ np.mean(differences**2, axis=1) / 1.0
 * errors of smoothed motions are not in the intervals
 ? estimate::the_rounding_of_a_cable_at_two_lengths_is_in_the_interval_of_its_offset
 - return covariance + _motion_covariance(
@@ -1727,8 +1727,8 @@ cranedyn/identification/sampling.py
 cranedyn/identification/parameters.py
 * a gyroscope's swing begins on the other side
 ? parameters::a_swing_begins_where_its_angle_or_its_rate_says
-- rate, position = position, -rate *
-+ rate, position = position, rate *
+- position = -slope * (record.swing_period
++ position = slope * (record.swing_period
 * a delay is bounded by the slowest swing
 ? parameters::a_delay_and_half_a_window_are_less_than_a_quarter_of_the_fastest_swing
 - quarter = 0.25 * min(
@@ -1736,7 +1736,7 @@ cranedyn/identification/parameters.py
 cranedyn/identification/record.py
 * a crane that cannot swing so is identified
 ? period::a_crane_that_cannot_swing_in_the_period_of_a_record_is_refused_with_its_inertias
-- if own < possible.shortest / _IMPOSSIBLE:
+- if own < possible.shortest / _IMPOSSIBLE_RATIO:
 + if False:
 * a record is judged by the period of the crane that is believed in
 ? period::a_record_is_long_enough_by_its_own_period
@@ -1744,8 +1744,8 @@ cranedyn/identification/record.py
 + return self.swing_period
 * a gap of a tenth of a period is a fault of a fast clock
 ? record::missing_rows_are_allowed_within_a_tenth_of_a_period
-- max(_GAP * np.median(steps), _GAP_SHARE * period)
-+ _GAP * np.median(steps)
+- max(_MAX_GAP_STEPS * np.median(steps), _MAX_GAP_SHARE * period)
++ _MAX_GAP_STEPS * np.median(steps)
 * steps of an encoder are differentiated as they are
 ? estimate::the_mass_that_hangs_is_found_from_positions_in_steps_of_10_mm
 - return sampled.is_held or is_irregular(t) or not sampled.is_exact(order)
@@ -1756,7 +1756,7 @@ cranedyn/identification/record.py
 + mask = t >= since - 1e-9
 * an encoder that slips is not told
 ? sampling::a_position_that_is_no_smooth_motion_is_said
-- curve.acceleration_noise > _NOISY:
+- curve.acceleration_noise > _NOTABLE_NOISE:
 + curve.acceleration_noise > 1e9:
 cranedyn/identification/model.py
 * a gyroscope does not drift
@@ -1765,16 +1765,16 @@ cranedyn/identification/model.py
 + rate + bias
 * rows in which it is open whether a drive stands count for its friction
 ? estimate::the_mass_that_hangs_is_found_from_positions_in_steps_of_10_mm
-- outputs[:, c, undecided] = np.interp(self.t, self.record.t, recorded)[undecided]
+- effort_at_rows[:, undecided] = recorded_at_rows[undecided]
 + pass
 * a smoothed motion has dry friction while it creeps
 ? estimate::the_mass_that_hangs_is_found_from_positions_in_steps_of_10_mm
-- moves = np.sign(rate) * (np.abs(rate) > curve.creep)
-+ moves = np.sign(rate)
+- return np.where(np.abs(rate) > curve.creep, np.sign(rate), 0.0)
++ return np.sign(rate)
 * a swing averaged over a window is that in its middle
 ? sampling::a_sensor_that_averages_is_told_from_one_that_is_late
-- swing, swing_rate = (last - first) / window[:, None]
-+ swing, swing_rate = self._interpolate(angle, rate, delay + 0.5 * window)
+- swing = (last_integral - first_integral) / window[:, None]
++ swing, _ = self._interpolate(angle, rate, delay + 0.5 * window)
 cranedyn/identification/phone.py
 * a phone lies along the swing
 ? phone::apps_differ_in_their_columns_only
@@ -1811,7 +1811,7 @@ cranedyn/model/machines.py
 cranedyn/identification/preflight.py
 * how a record begins counts as known before it is made
 ? preflight::margins_foretold_are_those_that_come_out
-- total += full[:count, :count] - full[:count, count:] @ beside @ full[count:, :count]
+- total += full[:count, :count] - by_initial @ initial_inverse @ full[count:, :count]
 + total += full[:count, :count]
 cranedyn/sweep/folder.py
 * a chunk file of a sweep may stand for another

@@ -78,21 +78,29 @@ def free_swing(
     layout = crane.layout
     _, _, radial, _, cable = layout.tower("The prediction of a free swing")
     hoist = layout.drive("l")
-    stiffness, damping = float(hold.stiffness[hoist]), float(hold.damping[hoist])
+    stiffness = float(hold.stiffness[hoist])
+    damping = float(hold.damping[hoist])
+
+    # Where the crane rests: the hoist gives way until its stiffness carries what the feed-forward
+    # leaves of the weight.
     rest = State(start.q.copy(), np.zeros(layout.n))
     rest.q[cable] += (hold.feed_forward[hoist] + crane.payload_mass * crane.gravity) / stiffness
     plant = sampled(crane, rest, dt=dt, control_period=control_period)
     loop = plant.closed(feedback_gain(crane, hold.stiffness, hold.damping))
     mode = swing_mode(loop, control_period, coordinate=radial)
+
+    # The setpoints of the reference, away from those at rest, excite the linear loop.
     times = control_period * np.arange(round(since / control_period))
     positions = tabulated(reference, times, layout.m).position
     excitations = hold.stiffness * (positions - start.q[layout.drives])
-    last = max((k for k, excitation in enumerate(excitations) if excitation.any()), default=0)
+    excited = np.flatnonzero(excitations.any(axis=1))
+    last = int(excited[-1]) if len(excited) else 0
     z = np.zeros(2 * layout.n)
     for excitation in excitations[: last + 1]:
         z = loop @ z + plant.b @ excitation
 
     def compliance(amplitude: float) -> tuple[float, float]:
+        """Return what the hoist adds to the period, as a share of it, and to the damping ratio."""
         return hoist_compliance(
             amplitude, rest.q[cable], crane.gravity, crane.payload_mass, stiffness, damping
         )
@@ -102,14 +110,16 @@ def free_swing(
         last_time = f"{-_DECAYED / mode.rate.real:.3g} or less: the swing has died away by then"
         raise OutOfRange("until", until, last_time, "s")
     first = 2.0 * float(abs(mode.weights @ z))
-    # dA/dt = -linear A - cubic A³, in closed form
-    linear, cubic = max(-mode.rate.real, 1e-12), mode.rate.imag * compliance(1.0)[1]
+    # The amplitude A decays by dA/dt = -linear A - cubic A³: the damping that the hoist adds grows
+    # with A². With E = exp(2 linear t) the solution is A0 / √(E + cubic A0² (E - 1) / linear).
+    linear = max(-mode.rate.real, 1e-12)
+    cubic = mode.rate.imag * compliance(1.0)[1]
     grown = np.exp(2.0 * linear * times)
     decayed = first / np.sqrt(grown + cubic * first**2 * (grown - 1.0) / linear)
     amplitude = math.sqrt(float(np.mean(decayed**2)))
-    stretch, damped = compliance(amplitude)
+    longer, added_damping = compliance(amplitude)
     return FreeSwing(
-        mode.period * float(amplitude_factor(amplitude)) * (1.0 + stretch),
-        mode.damping_ratio + damped,
-        amplitude,
+        period=mode.period * float(amplitude_factor(amplitude)) * (1.0 + longer),
+        damping_ratio=mode.damping_ratio + added_damping,
+        amplitude=amplitude,
     )

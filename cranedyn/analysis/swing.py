@@ -72,37 +72,45 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
         raise DataError(
             "The times of a record must increase from row to row where a swing is to be fitted."
         )
+    # Samples near zero are left out: noise there would make crossings of its own.
     centred = swing - swing.mean()
-    clear = np.abs(centred) > 0.25 * centred.std()  # noise about zero makes no crossings
+    clear = np.abs(centred) > 0.25 * centred.std()
     crossings = zero_crossings(t[clear], centred[clear])
     if len(crossings) < 5:
         raise DataError(
             f"The record from {t[0]:g} to {t[-1]:g} s holds {max(len(crossings) - 1, 0)} half "
             "swings; at least four are needed for a fit."
         )
-    half = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
+    half_period = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
+    # Time counts from the middle of the record: there a change of the decay or of the frequency
+    # changes amplitude and phase least, so that the parameters are hardly correlated.
     middle = 0.5 * (t[0] + t[-1])
 
     def misfit(parameters: np.ndarray) -> np.ndarray:
+        """Return exp(-decay s) (a cos(ω s) + b sin(ω s)) + c less the swing."""
         a, b, decay, omega, c = parameters
         s = t - middle
         return np.exp(-decay * s) * (a * np.cos(omega * s) + b * np.sin(omega * s)) + c - swing
 
-    phase = math.pi / half * (t - middle)
+    # With a known frequency and no decay the fit is linear: that is where the search begins.
+    phase = math.pi / half_period * (t - middle)
     basis = np.stack([np.cos(phase), np.sin(phase), np.ones_like(t)], axis=1)
     a, b, c = np.linalg.lstsq(basis, swing, rcond=None)[0]
     with np.errstate(all="ignore"):
         fit = scipy.optimize.least_squares(
-            misfit, (a, b, 0.0, math.pi / half, c), method="lm", x_scale="jac"
+            misfit, (a, b, 0.0, math.pi / half_period, c), method="lm", x_scale="jac"
         )
         a, b, decay, omega, c = fit.x.tolist()
         amplitude = float(math.hypot(a, b) * np.exp(decay * middle))
     if not (fit.success and math.isfinite(amplitude) and omega > 0.0 and abs(decay) < omega):
-        reason = f"its best decay is {decay:g} 1/s at {omega:g} rad/s."
-        reason = reason if fit.success else fit.message
+        if fit.success:
+            reason = f"its best decay is {decay:g} 1/s at {omega:g} rad/s."
+        else:
+            reason = fit.message
         raise DataError(
             f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {reason}"
         )
+    # a cos(ω s) + b sin(ω s) = A cos(ω s + ψ) with A = √(a² + b²) and tan ψ = -b/a.
     return SwingFit(
         period=2.0 * math.pi / omega,
         damping_ratio=decay / math.hypot(decay, omega),
@@ -131,9 +139,16 @@ def peaks(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     y = as_array("y", y, t.shape)
     size = np.abs(y)
     edges = np.flatnonzero(np.signbit(y[:-1]) != np.signbit(y[1:])) + 1
-    tops = [a + int(np.argmax(size[a:b])) for a, b in itertools.pairwise(edges)]
+    tops = []
+    for first, end in itertools.pairwise(edges):
+        tops.append(first + int(np.argmax(size[first:end])))
     i = np.array(tops, dtype=int)
-    before, top, after = size[i - 1], size[i], size[i + 1]
+    before = size[i - 1]
+    top = size[i]
+    after = size[i + 1]
+
+    # The parabola through three samples has its top at (before - after) / (2 bend) samples from the
+    # middle one. Where all three are alike there is none, and the sample itself counts.
     bend = before - 2.0 * top + after
     shift = np.divide(0.5 * (before - after), bend, out=np.zeros_like(bend), where=bend != 0.0)
     return t[i] + shift * (t[i + 1] - t[i]), top - 0.25 * (before - after) * shift
@@ -171,7 +186,8 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
     y = finite("y", y, x.shape)
     if len(x) < 3 or np.ptp(x) == 0.0:
         raise DataError(f"A power law needs three points of different abscissa, here are {len(x)}.")
-    if not (least := min(np.min(x), np.min(y))) > 0.0:
+    least = min(np.min(x), np.min(y))
+    if not least > 0.0:
         raise DataError(f"A power law needs positive numbers, the least here is {least:g}.")
     line = scipy.stats.linregress(np.log(x), np.log(y))
     return PowerLaw(float(line.slope), math.exp(line.intercept), float(line.rvalue**2), len(x))
@@ -182,7 +198,8 @@ class Agreement:
     """Agreement of a model with a measured signal.
 
     Attributes:
-        measured, modelled: Largest magnitude of each signal.
+        measured: Largest magnitude of the measured signal.
+        modelled: Largest magnitude of the modelled signal.
         correlation: Pearson's correlation.
         rms: Root mean square of the difference.
     """
@@ -233,6 +250,7 @@ def swing_amplitude(
     rates = as_array("rates", rates, swing.shape)
     length = as_array("length", length, (), (len(swing),))
     number("gravity", gravity, "m/s²", "> 0")
+    # A free swing at ω² = g / l keeps φ² + (φ̇ / ω)².
     return np.sqrt(np.sum(swing**2, axis=1) + np.sum(rates**2, axis=1) * length / gravity)
 
 
@@ -248,7 +266,9 @@ def settling_time(t: np.ndarray, distance: np.ndarray, within: float) -> float:
     distance = as_array("distance", distance, t.shape)
     if not len(t):
         raise DataError("The record holds no row where a time of settling is looked for.")
+    # A distance that is no number counts as outside.
     outside = np.flatnonzero(~(distance <= within))
     if not len(outside):
         return float(t[0])
-    return float(t[outside[-1] + 1]) if outside[-1] + 1 < len(t) else math.inf
+    first_settled = outside[-1] + 1
+    return float(t[first_settled]) if first_settled < len(t) else math.inf

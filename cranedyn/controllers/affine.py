@@ -48,8 +48,10 @@ class Affine:
         """Return the first field with a number that is not finite, or an empty text; a limit may be
         infinite.
         """
-        names = ("feed_forward", "gain", "setpoint", "target", "integral_gain", "integral")
-        return next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
+        for name in ("feed_forward", "gain", "setpoint", "target", "integral_gain", "integral"):
+            if not np.isfinite(getattr(self, name)).all():
+                return name
+        return ""
 
     def fitting(self, owner: str, instants: int, drives: int, width: int) -> Affine:
         """Return the same with its shapes checked, for a number of control instants, of drives, and
@@ -60,6 +62,7 @@ class Affine:
         """
 
         def part(name: str, *shape: int | str) -> np.ndarray:
+            """Return a field with its shape checked; "rows" stands for 1 to `instants` rows."""
             title = f"{name} in the common form of {owner}"
             checked = as_array(title, getattr(self, name), shape)
             if isinstance(shape[0], str) and not 0 < len(checked) <= instants:
@@ -67,7 +70,8 @@ class Affine:
                 raise Misshapen(title, rows, f"one of 1 to {instants}")
             return checked
 
-        feed_forward, limit = part("feed_forward", "rows", drives), part("limit", drives)
+        feed_forward = part("feed_forward", "rows", drives)
+        limit = part("limit", drives)
         if np.isnan(limit).any():
             name = f"limit in the common form of {owner}"
             raise Misshapen(name, "an array that holds nan", "numbers, inf for none")
@@ -117,9 +121,14 @@ def affine_form(
     Raises:
         Misshapen: If it is not made of arrays as it should be.
     """
-    kinds = type(controller).__mro__
-    answers = next((k for k in kinds if vars(k).keys() & {"__call__", "affine"}), object)
-    if not callable(vars(answers).get("affine")):
+    # The first class of the method resolution order with one of both methods must have `affine`: a
+    # subclass that overrides `__call__` alone commands something else than the inherited form.
+    defining_class: type = object
+    for kind in type(controller).__mro__:
+        if vars(kind).keys() & {"__call__", "affine"}:
+            defining_class = kind
+            break
+    if not callable(vars(defining_class).get("affine")):
         return None
     owner = type(controller).__name__
     form = cast(AffineController, controller).affine(read_only(times), read_only(positions))
@@ -143,11 +152,13 @@ def integrated_command(
         limit: Largest command with which the integral grows.
         period: Control period [s].
     """
-    longer = integral + error * period
-    total = command + gain * longer
-    integral = chosen(
-        magnitude(total) <= limit, longer, chosen(error * total < 0.0, longer, integral)
-    )
+    # Anti-windup: at the limit the integral only grows where that takes the command back, which is
+    # where error and command have different signs.
+    next_integral = integral + error * period
+    total = command + gain * next_integral
+    is_within_limit = magnitude(total) <= limit
+    at_limit = chosen(error * total < 0.0, next_integral, integral)
+    integral = chosen(is_within_limit, next_integral, at_limit)
     return command + gain * integral, integral
 
 
@@ -164,5 +175,6 @@ def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndar
     """
     layout = crane.layout
     setpoint = np.zeros((len(positions), 2 * layout.n))
-    setpoint[:, layout.drives], setpoint[:, layout.n + layout.drives] = positions, rates
+    setpoint[:, layout.drives] = positions
+    setpoint[:, layout.n + layout.drives] = rates
     return setpoint

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,20 @@ from cranedyn.dynamics.scalars import array, chosen, clipped, square_root
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
+
+
+class _TowerDrives(NamedTuple):
+    """Where joints and drives of a tower crane stand.
+
+    Attributes:
+        swing_joints: Indices of x, φ, θ and l among the coordinates.
+        slew: One for the slew, zero for the other drives, shape (m,).
+        trolley: One for the trolley, zero for the other drives, shape (m,).
+    """
+
+    swing_joints: list[int]
+    slew: np.ndarray
+    trolley: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,22 +77,28 @@ class DampingController(ShortRepr):
         """Return the rates of the drives to reach within a control period [rad/s or m/s], shape
         (m,), in any kind of number; see `command`.
         """
-        (_, *joints), slewing, trolley = self._layout
-        x, phi, theta, length = q[joints]
-        moving = x * x > 0.0  # on the slew axis no slewing moves the pivot
-        turned = chosen(moving, theta / chosen(moving, x, 1.0), 0.0)
+        layout = self._layout
+        x, phi, theta, length = q[layout.swing_joints]
+        # The pivot yields by 2 ζ ω l φ = 2 ζ √(g l) φ: the trolley along the jib, and across it the
+        # slew by the θ part over the radius x. On the slew axis slewing does not move the pivot.
+        is_off_axis = x * x > 0.0
+        theta_over_radius = chosen(is_off_axis, theta / chosen(is_off_axis, x, 1.0), 0.0)
         speed = 2.0 * self.ratio * square_root(self.crane.gravity * length)
         rates = wanted + self.recovery * (position - q[self.crane.layout.drives])
-        rates = rates - (slewing * (turned * speed) + trolley * (phi * speed))
+        rates = rates - (layout.slew * (theta_over_radius * speed) + layout.trolley * (phi * speed))
         pairs = zip(rates, self.rates.tolist(), strict=True)
         return array([clipped(rate, -limit, limit) for rate, limit in pairs])
 
     @cached_property
-    def _layout(self) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
-        """Where the joints of the tower crane are, and which drives slew and move the trolley."""
+    def _layout(self) -> _TowerDrives:
+        """Where joints and drives of the tower crane stand."""
         layout = self.crane.layout
-        slewing, trolley = (array(layout.along(drive).tolist()) for drive in ("gamma", "x"))
-        return layout.tower("Drives that yield to the swing"), slewing, trolley
+        _, *swing_joints = layout.tower("Drives that yield to the swing")
+        return _TowerDrives(
+            swing_joints=swing_joints,
+            slew=array(layout.along("gamma").tolist()),
+            trolley=array(layout.along("x").tolist()),
+        )
 
 
 def with_damping(
@@ -116,5 +137,6 @@ def with_damping(
     number("control_period", control_period, "s", "> 0")
     crane.layout.tower("Drives that yield to the swing")
     drive_limits = limits.for_crane(crane)
-    rates, accelerations = np.array(drive_limits.rates), np.array(drive_limits.accelerations)
+    rates = np.array(drive_limits.rates)
+    accelerations = np.array(drive_limits.accelerations)
     return DampingController(crane, reference, zeta, pull, rates, accelerations, control_period)

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 
 import numpy as np
 import pinocchio as pin
@@ -33,12 +32,12 @@ _PERIOD = 5e-3
 """Control period [s] within which the damping must not stop what a drive moves."""
 
 FREQUENCY = 5.0
-"""Of a drive in none of these roles with what it moves, held with critical damping, ours
-[rad/s]."""
+"""Natural frequency [rad/s] of a drive in none of these roles with its inertia, held with critical
+damping; ours."""
 
 
 Gains = Sequence[float] | Mapping[str, float] | None
-"""Of all drives, or of some by their symbols."""
+"""Gains of all drives, or of some by their symbols; None for the usual ones."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,20 +66,28 @@ class Hold(ShortRepr):
         for name in ("stiffness", "damping", "feed_forward"):
             gains = as_array(name, getattr(self, name), (self.crane.layout.m,))
             object.__setattr__(self, name, gains)
-        columns = self.crane.layout.drives, self.feed_forward, self.stiffness, self.damping
-        plain = zip(count(), *(column.tolist() for column in columns), strict=False)
+        plain = zip(
+            range(self.crane.layout.m),
+            self.crane.layout.drives.tolist(),
+            self.feed_forward.tolist(),
+            self.stiffness.tolist(),
+            self.damping.tolist(),
+            strict=True,
+        )
         object.__setattr__(self, "_plain", tuple(plain))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], shape (m,)."""
-        q, v, aims = state.q.tolist(), state.v.tolist(), setpoint.position.tolist()
+        # A loop over plain numbers is quicker than a comprehension or NumPy of so few.
+        q = state.q.tolist()
+        v = state.v.tolist()
+        target = setpoint.position.tolist()
         plain = self._plain  # type: ignore[attr-defined]
-        if len(aims) != len(plain):
+        if len(target) != len(plain):
             as_array("position of the setpoint", setpoint.position, (len(plain),))
         efforts = np.empty(len(plain))
-        for drive, joint, always, k_p, k_d in plain:
-            # A loop over plain numbers is quicker than a comprehension or NumPy of so few.
-            efforts[drive] = always + k_p * (aims[drive] - q[joint]) - k_d * v[joint]
+        for drive, joint, feed_forward, k_p, k_d in plain:
+            efforts[drive] = feed_forward + k_p * (target[drive] - q[joint]) - k_d * v[joint]
         return efforts
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
@@ -117,17 +124,23 @@ def hold_controller(
         UnknownName: If there is no drive of a symbol.
     """
     gravity = crane.gravity if gravity is None else number("gravity", gravity, "m/s²")
-    moved = np.diag(crane.mass_matrix(crane.start.q))[crane.layout.drives].tolist()
-    roles = [joint.role for joint in crane.layout.driven]
-    stiff, damped = [], []
-    for role, inertia in zip(roles, moved, strict=True):
-        heavy = DAMPING.get(role, math.inf) * _PERIOD <= inertia
-        stiff.append(STIFFNESS[role] if heavy else FREQUENCY**2 * inertia)
-        damped.append(DAMPING[role] if heavy else 2.0 * FREQUENCY * inertia)
+    inertias = np.diag(crane.mass_matrix(crane.start.q))[crane.layout.drives].tolist()
+    usual_stiffness = []
+    usual_damping = []
+    for joint, inertia in zip(crane.layout.driven, inertias, strict=True):
+        # A damping whose effort is held for a period stops an inertia within it where k_d times the
+        # period reaches the inertia. A drive without a role has no usual gains.
+        if DAMPING.get(joint.role, math.inf) * _PERIOD <= inertia:
+            usual_stiffness.append(STIFFNESS[joint.role])
+            usual_damping.append(DAMPING[joint.role])
+        else:
+            # Critical damping at the given frequency.
+            usual_stiffness.append(FREQUENCY**2 * inertia)
+            usual_damping.append(2.0 * FREQUENCY * inertia)
     return Hold(
         crane,
-        _gains(crane, "stiffness", stiffness, stiff),
-        _gains(crane, "damping", damping, damped),
+        _gains(crane, "stiffness", stiffness, usual_stiffness),
+        _gains(crane, "damping", damping, usual_damping),
         np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives.tolist()]),
     )
 
@@ -143,7 +156,8 @@ def _gains(crane: Crane, name: str, gains: Gains, usual: list[float]) -> np.ndar
 
 def _weight(crane: Crane, joint: int, gravity: float) -> float:
     """Return the effort that holds the weight on a drive [N m or N]."""
-    model, kind = crane.model, crane.layout.joints[joint].kind
+    model = crane.model
+    kind = crane.layout.joints[joint].kind
     up = crane.layout.joints[joint].axis[2]
     if kind == "prismatic" and crane.coupling is None:
         return up * gravity * sum(model.inertias[i].mass for i in model.subtrees[joint + 1])

@@ -71,6 +71,7 @@ class HoistIntegral(ShortRepr):
                 since, self._elapsed, rel_tol=SAME_PERIOD
             ):
                 self._elapsed = since
+            # Anti-windup: at the limit an error counts only where it takes the command back.
             integral = self.integral + error * self._elapsed
             total = float(effort[self._drive]) + self.integral_gain * integral
             if abs(total) <= self.limit or error * total < 0.0:
@@ -96,4 +97,5 @@ class HoistIntegral(ShortRepr):
 
     def resume(self, t: float, integral: np.ndarray) -> None:
         """Continue from an integral, shape (m,), that includes a control instant [s]."""
-        self.integral, self._t = float(integral[self._drive]), t
+        self.integral = float(integral[self._drive])
+        self._t = t

@@ -72,10 +72,14 @@ def linearised(
     efforts = motion_efforts(crane, motion)
     last = len(motion.q) - 1
     rows = [*range(0, last, every), last]
-    at_rows = [linearise(crane, State(motion.q[k], motion.v[k]), efforts[k]) for k in rows]
-    by_state, by_effort = map(np.array, zip(*at_rows, strict=True))
+    by_state = []
+    by_effort = []
+    for k in rows:
+        row_by_state, row_by_effort = linearise(crane, State(motion.q[k], motion.v[k]), efforts[k])
+        by_state.append(row_by_state)
+        by_effort.append(row_by_effort)
     taut = held_states(crane, State(motion.q[0], motion.v[0]))
-    a, b = over_period(by_state, by_effort, dt, steps, taut)
+    a, b = over_period(np.array(by_state), np.array(by_effort), dt, steps, taut)
     stretch = np.arange(last + 1) // every
     stretch[-1] = len(rows) - 1
     setpoint = np.hstack([motion.q, motion.v])
@@ -122,12 +126,14 @@ def riccati(
             costs cannot be computed in double precision.
     """
     n, nz, nu = as_array("b", b, ("n", "nz", "nu")).shape
-    a, b = finite("a", a, (n, nz, nz)), finite("b", b, (n, nz, nu))
+    a = finite("a", a, (n, nz, nz))
+    b = finite("b", b, (n, nz, nu))
     if not n:
         raise OutOfRange("a", short_repr(a), "one instant or more")
     state_weight = weight_matrix("state weight", state_weight, nz, definite=False)
     effort_weight = weight_matrix("effort weight", effort_weight, nu, definite=True)
-    gain, cost = np.empty((n, nu, nz)), np.empty((n + 1, nz, nz))
+    gain = np.empty((n, nu, nz))
+    cost = np.empty((n + 1, nz, nz))
     if final_weight is None:
         final_weight = stationary(a[-1], b[-1], state_weight, effort_weight)
         try:
@@ -142,6 +148,8 @@ def riccati(
             ) from error
     cost[-1] = weight_matrix("final weight", final_weight, nz, definite=False)
     with _solvable():
+        # With P the cost-to-go of the next instant, K = (R + BᵀPB)⁻¹ BᵀP A, and the cost-to-go is
+        # Q + AᵀP (A - B K). It is kept symmetric, since round-off would grow over the sweep.
         for k in range(len(a) - 1, -1, -1):
             input_cost = b[k].T @ cost[k + 1]
             gain[k] = np.linalg.solve(effort_weight + input_cost @ b[k], input_cost @ a[k])

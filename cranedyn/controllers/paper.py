@@ -26,7 +26,7 @@ SLEW_WEIGHTS = (np.diag([100.0, 20.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 2.0e4]
 """Q for γ, γ̇, θ, θ̇ and R for T_γ; Bryson's rule, ours."""
 
 HOIST = (4.0e4, 1.0e4, 1.2e4)
-"""k_p [N/m], k_i [N/(m s)] and k_d [N s/m] of the hoist, ours."""
+"""Gains k_p [N/m], k_i [N/(m s)] and k_d [N s/m] of the hoist, ours."""
 
 
 def trolley_plane(
@@ -81,22 +81,33 @@ def paper_controller(
     gravity = crane.gravity if gravity is None else number("gravity", gravity, "m/s²", "> 0")
     if finite("gains of the hoist", hoist, (3,)).min() < 0.0:
         raise OutOfRange("gains of the hoist", hoist, ">= 0")
-    mass, trolley, n = crane.payload_mass, crane.trolley_mass, len(motion.q)
-    radius, length = motion.q[:, trolley_joint], motion.q[:, cable]
+    mass = crane.payload_mass
+    trolley = crane.trolley_mass
+    n = len(motion.q)
+    radius = motion.q[:, trolley_joint]
+    length = motion.q[:, cable]
     inertia = crane.slewing_inertia + trolley * radius**2
-    joints, rows = crane.layout.n, range(0, n, every)
-    gain = np.zeros((n, crane.layout.m, 2 * joints))
+    joints = crane.layout.n
+    rows = range(0, n, every)
     drive = {role: crane.layout.drive_of(role) for role in ("slew", "trolley", "hoist")}
-    along = [trolley_plane(mass, trolley, length[k], gravity) for k in rows]
-    across = [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in rows]
-    for role, driven, swing, planes, weights in (
-        ("trolley", trolley_joint, radial, along, TROLLEY_WEIGHTS),
-        ("slew", slew, tangential, across, SLEW_WEIGHTS),
-    ):
-        gain[:, drive[role], [driven, joints + driven, swing, joints + swing]] = _plane_gains(
-            planes, weights, motion.period, n, every
-        )
-    gain[:, drive["hoist"], [cable, joints + cable]] = hoist[0], hoist[2]
+
+    # A plane's state is the drive, its rate, the swing and its rate; the columns are theirs.
+    gain = np.zeros((n, crane.layout.m, 2 * joints))
+    trolley_planes = [trolley_plane(mass, trolley, length[k], gravity) for k in rows]
+    columns = [trolley_joint, joints + trolley_joint, radial, joints + radial]
+    gain[:, drive["trolley"], columns] = _plane_gains(
+        trolley_planes, TROLLEY_WEIGHTS, motion.period, n, every
+    )
+    slew_planes = [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in rows]
+    columns = [slew, joints + slew, tangential, joints + tangential]
+    gain[:, drive["slew"], columns] = _plane_gains(
+        slew_planes, SLEW_WEIGHTS, motion.period, n, every
+    )
+    k_p, k_i, k_d = hoist
+    gain[:, drive["hoist"], [cable, joints + cable]] = k_p, k_d
+
+    # Of a load that hangs plumb: the inertia about the slew axis, the masses along the jib, and the
+    # weight of the load on the hoist, whose coordinate grows downwards.
     feed_forward = np.stack(
         [
             (inertia + mass * radius**2) * motion.a[:, slew],
@@ -108,7 +119,7 @@ def paper_controller(
     return HoistIntegral(
         crane,
         Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])),
-        hoist[1],
+        k_i,
         float(crane.effort_limit[drive["hoist"]]),
     )
 
@@ -121,10 +132,17 @@ def _plane_gains(
     stride: int,
 ) -> np.ndarray:
     """Return gains of the finite-horizon sweep for one plane, zero-order hold, shape (n, 4)."""
+    # exp(h [[A, B], [0, 0]]) = [[A_d, B_d], [0, 1]]: state and input after a period h in which the
+    # input is held.
     block = np.zeros((len(planes), 5, 5))
-    for slot, (a, b) in zip(block, planes, strict=True):
-        slot[:4, :4], slot[:4, 4:] = a, b
+    for k, (a, b) in enumerate(planes):
+        block[k, :4, :4] = a
+        block[k, :4, 4:] = b
     discrete = scipy.linalg.expm(period * block)
-    a, b = discrete[:, :4, :4], discrete[:, :4, 4:]
-    nearest = np.arange(n) // stride
-    return riccati(a[nearest], b[nearest], *weights, stationary(a[-1], b[-1], *weights)).gain[:, 0]
+    a = discrete[:, :4, :4]
+    b = discrete[:, :4, 4:]
+    plane_of_row = np.arange(n) // stride
+    state_weight, effort_weight = weights
+    final_weight = stationary(a[-1], b[-1], state_weight, effort_weight)
+    sweep = riccati(a[plane_of_row], b[plane_of_row], state_weight, effort_weight, final_weight)
+    return sweep.gain[:, 0]

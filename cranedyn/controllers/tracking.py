@@ -55,6 +55,7 @@ class Tracking(ShortRepr):
         efforts = interpolate(self.feed_forward, k, share) - gain @ (
             np.concatenate(state) - interpolate(self.setpoint, k, share)
         )
+        # A number of the state that is not finite shows in the efforts: only then it is searched.
         if not math.isfinite(sum(efforts.tolist())):
             check_finite(state)
         return efforts
@@ -63,13 +64,15 @@ class Tracking(ShortRepr):
         """Return the affine form, see `cranedyn.controllers.affine`."""
         last = len(self.feed_forward) - 1
         rows, shares = locate_many(times, self.period, last + 1)
-        before = np.flatnonzero(rows < last)  # beyond them the last row holds
-        count = min(int(before[-1]) + 2 if len(before) else 1, len(rows))
+        # Behind the last row of the table all is constant: one instant there stands for the rest.
+        before_last = np.flatnonzero(rows < last)
+        count = min(int(before_last[-1]) + 2 if len(before_last) else 1, len(rows))
+        rows = rows[:count]
+        shares = shares[:count]
         return without_integral(
-            *(
-                interpolate_many(table, rows[:count], shares[:count])
-                for table in (self.feed_forward, self.gain, self.setpoint)
-            )
+            interpolate_many(self.feed_forward, rows, shares),
+            interpolate_many(self.gain, rows, shares),
+            interpolate_many(self.setpoint, rows, shares),
         )
 
 

@@ -63,7 +63,8 @@ class _LagCompensation:
         """Return commands whose ramps pass the reference rates, given those a period later, shape
         (rows, m) each: a ramp that gains ρ per second at jerk J stays ρ²/(2 J) behind.
         """
-        limit, jerk = self.converters.accelerations, self.converters.jerks
+        limit = self.converters.accelerations
+        jerk = self.converters.jerks
         gaining = np.clip((later - now) / self.period, -limit, limit)
         return now + gaining * np.abs(gaining) / (2.0 * jerk)
 
@@ -106,15 +107,17 @@ class FollowVelocityCommand(ShortRepr):
         )
 
     def _rates(self, times: np.ndarray) -> np.ndarray:
-        lags, m = self.lead.converters.lags, self.crane.layout.m
-        now, later = (
-            setpoint.velocity + lags * setpoint.acceleration
-            for setpoint in (
-                tabulated(self.reference, times + self.lead.ahead + wait, m)
-                for wait in (0.0, self.lead.period)
-            )
-        )
+        """Return the rates to command at some times [s], shape (rows, m)."""
+        now = self._reference_rates(times + self.lead.ahead)
+        later = self._reference_rates(times + self.lead.ahead + self.lead.period)
         return self.lead.undone(now, later)
+
+    def _reference_rates(self, times: np.ndarray) -> np.ndarray:
+        """Return the rates r for which drives with a lag T have the rates v of the reference at
+        some times [s], shape (rows, m): from a = (r - v)/T follows r = v + T a.
+        """
+        setpoint = tabulated(self.reference, times, self.crane.layout.m)
+        return setpoint.velocity + self.lead.converters.lags * setpoint.acceleration
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,7 +154,8 @@ class VelocityCommand(ShortRepr):
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return rates of the drives [rad/s or m/s], shape (m,)."""
-        drives, output = self.crane.layout.drives, self.controller(t, state, setpoint)
+        drives = self.crane.layout.drives
+        output = self.controller(t, state, setpoint)
         if self.drive == "effort":
             output = acceleration(self.crane, state, output)[drives]
         return state.v[drives] + self.lead * output
@@ -186,6 +190,8 @@ def as_velocity_command(
     if isinstance(controller, Hold):
         for damping in controller.damping.tolist():
             number("damping of a hold controller for velocity drives", damping, "", "> 0")
+        # At the rate k_p (setpoint - position) / k_d damping and stiffness balance. It is a hold
+        # controller with the gain k_p / k_d that commands rates.
         none = np.zeros(crane.layout.m)
         return Hold(crane, controller.stiffness / controller.damping, none, none)
     if isinstance(controller, Tracking):
@@ -213,20 +219,26 @@ def _tracking(
     """Return gains about a motion that command rates, and the rates per effort at its end, shape
     (m, m).
     """
-    layout, total = crane.layout, lead.total[:, None]
-    n, drives = layout.n, layout.drives
-    rates, gains = np.empty_like(tracking.feed_forward), np.empty_like(tracking.gain)
+    layout = crane.layout
+    n = layout.n
+    drives = layout.drives
+    tau = lead.total[:, None]
+    rates = np.empty_like(tracking.feed_forward)
+    gains = np.empty_like(tracking.gain)
+
+    # Under efforts u - K δz, with δz the deviation from the motion, the drives accelerate by
+    # δa = (A - B K) δz. Commanded rates are v + τ a, so that their gain is τ (B K - A) less one for
+    # the rates of the drives themselves.
     for k, (z, effort) in enumerate(zip(tracking.setpoint, tracking.feed_forward, strict=True)):
         state = State(z[:n], z[n:])
         by_state, by_effort = linearise(crane, state, effort)
         a = acceleration(crane, state, effort)[drives]
         rates[k] = state.v[drives] + lead.converters.lags * a
-        gains[k] = total * (by_effort[drives] @ tracking.gain[k] - by_state[drives])
+        gains[k] = tau * (by_effort[drives] @ tracking.gain[k] - by_state[drives])
     gains[:, range(layout.m), n + drives] -= 1.0
     times = tracking.period * np.arange(len(rates)) + lead.ahead
-    now, later = (
-        interpolate_many(rates, *locate_many(times + wait, tracking.period, len(rates)))
-        for wait in (0.0, lead.period)
-    )
+    now = interpolate_many(rates, *locate_many(times, tracking.period, len(rates)))
+    later_times = times + lead.period
+    later = interpolate_many(rates, *locate_many(later_times, tracking.period, len(rates)))
     rate_tracking = Tracking(tracking.period, lead.undone(now, later), gains, tracking.setpoint)
-    return rate_tracking, total * by_effort[drives]
+    return rate_tracking, tau * by_effort[drives]

@@ -33,27 +33,48 @@ CALM = {
 `cranedyn.estimation.observer.DISTURBANCE`; ours. They are smaller: the length of the cable shows in
 the frequency of the swing alone, which larger disturbances would hide."""
 
-LOAD_STD, CABLE_STD = 0.5, 0.1
-"""Standard deviations at the start, ours: half of the load; a tenth of the cable, once as an offset
-and once as a share of the reading."""
+LOAD_STD = 0.5
+"""Standard deviation of the load at the start, as a share of the planned load; ours."""
 
-_ASIDE = 0.02
+CABLE_STD = 0.1
+"""Standard deviation of the cable at the start, as a share of its length, once as an offset and
+once as a share of the reading; ours."""
+
+_DIFFERENCE_STEP = 0.02
 """Step of the differences [s], at which truncation and rounding are alike for swings of seconds."""
 
 
 class CableFamily:
     """The same move on cables of three lengths, and a parabola through the three motions.
 
+    The parabola gives the motion on any cable near the planned one without planning it again.
+
     Attributes:
         spread: Difference of the outer two lengths from the planned one [m].
     """
 
-    def __init__(self, motions: Sequence[Motion], spread: float, hoist: int) -> None:
-        shorter, plan, longer = (np.stack([m.q, m.v, m.a], axis=1) for m in motions)
-        self.spread, self._hoist = spread, hoist
-        first = (longer - shorter) / (2.0 * spread)
-        second = (longer - 2.0 * plan + shorter) / (spread**2)
-        # q, v and a as planned, their first and their second derivatives, a row for each
+    def __init__(
+        self, shorter: Motion, planned: Motion, longer: Motion, spread: float, hoist: int
+    ) -> None:
+        """Lay the parabola.
+
+        Args:
+            shorter: The motion on a cable shorter by the spread.
+            planned: The planned motion.
+            longer: The motion on a cable longer by the spread.
+            spread: Difference of the lengths [m].
+            hoist: Index of the hoist among the coordinates.
+        """
+        self.spread = spread
+        self._hoist = hoist
+        below = _stacked(shorter)
+        plan = _stacked(planned)
+        above = _stacked(longer)
+        # The derivatives by the length of the cable, from central differences.
+        first = (above - below) / (2.0 * spread)
+        second = (above - 2.0 * plan + below) / (spread**2)
+        # Rows 0 to 2 hold q, v and a as planned, 3 to 5 their first derivatives, 6 to 8 their
+        # second ones; shape (rows, 9, n).
         self._table = np.concatenate([plan, first, second], axis=1)
 
     def planned(self, k: int) -> np.ndarray:
@@ -64,19 +85,30 @@ class CableFamily:
         """Return q, v and a on a cable of length (1 + share) reading + offset, at a row, shape (3,
         n); the chain rule covers a length that changes on the way.
         """
+        # On a cable longer by d(t) the coordinates are q(t, d) = q + q' d + q'' d²/2, with q' and
+        # q'' as functions of time. Differentiated once and twice by time:
+        #   v + q' ḋ + v' d + q'' d ḋ + v'' d²/2
+        #   a + q' d̈ + 2 v' ḋ + a' d + q'' (ḋ² + d d̈) + 2 v'' d ḋ + a'' d²/2
         table = self._at(k)
-        length, rate, acceleration = (share * table[:3, self._hoist]).tolist()
-        beyond = length + offset
-        half, turned = beyond**2 / 2.0, acceleration * beyond + rate**2
-        by_cable = [
-            [1.0, 0.0, 0.0, beyond, 0.0, 0.0, half, 0.0, 0.0],
-            [0.0, 1.0, 0.0, rate, beyond, 0.0, rate * beyond, half, 0.0],
-            [0.0, 0.0, 1.0, acceleration, 2.0 * rate, beyond, turned, 2.0 * rate * beyond, half],
-        ]
-        return by_cable @ table
+        share_of_length, d_rate, d_acceleration = (share * table[:3, self._hoist]).tolist()
+        d = share_of_length + offset
+        half_square = d**2 / 2.0
+        square_acceleration = d_acceleration * d + d_rate**2  # half the second derivative of d²
+        cross = 2.0 * d_rate * d
+        position = [1.0, 0.0, 0.0, d, 0.0, 0.0, half_square, 0.0, 0.0]
+        velocity = [0.0, 1.0, 0.0, d_rate, d, 0.0, d_rate * d, half_square, 0.0]
+        acceleration = [0.0, 0.0, 1.0, d_acceleration, 2.0 * d_rate, d]
+        acceleration += [square_acceleration, cross, half_square]
+        return [position, velocity, acceleration] @ table
 
     def _at(self, k: int) -> np.ndarray:
+        """Return the table at a row of the motion, shape (9, n); beyond its end the last row."""
         return self._table[min(k, len(self._table) - 1)]
+
+
+def _stacked(motion: Motion) -> np.ndarray:
+    """Return q, v and a of a motion, shape (rows, 3, n)."""
+    return np.stack([motion.q, motion.v, motion.a], axis=1)
 
 
 @dataclass(eq=False, repr=False)
@@ -112,7 +144,8 @@ class LoadEstimateController(ShortRepr):
     _since: deque[np.ndarray] = field(default_factory=deque, init=False)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Return commands of the drives, shape (m,); only the measured part of the state is used.
+        """Return commands of the drives [N m or N], shape (m,); only the measured part of the state
+        is used.
 
         Raises:
             CraneError: If it is not called once in each control period.
@@ -123,23 +156,30 @@ class LoadEstimateController(ShortRepr):
             check_next_call(t, self._t, self.period)
             if len(self._since) > self.delay:
                 self.filter.step(self._since.popleft(), state)
-        now = self.filter.state
+        # The filter stands at the time of the last measurement; the efforts since then take it to
+        # the present.
+        estimate = self.filter.state
         for effort in self._since:
-            now = self.filter.advanced(now, effort, self.period)
-        self.estimate, self._t = now, t
+            estimate = self.filter.advanced(estimate, effort, self.period)
+        self.estimate = estimate
+        self._t = t
         row = min(max(round(t / self.period), 0), len(self.efforts) - 1)
-        planned, adapted = self.family.planned(row), self.family.row(row, *self.filter.cable)
-        equivalent = State(*(np.array(now) - adapted[:2] + planned[:2]))
+        planned = self.family.planned(row)
+        adapted = self.family.row(row, *self.filter.cable)
+        equivalent = State(*(np.array(estimate) - adapted[:2] + planned[:2]))
         command = np.asarray(self.controller(t, equivalent, setpoint), dtype=float)
-        command = command + self._cost(adapted) - self.efforts[row]
+        command = command + self._motion_effort(adapted) - self.efforts[row]
         self._since.append(command.clip(-self.effort_limit, self.effort_limit))
         return command
 
-    def _cost(self, row: np.ndarray) -> np.ndarray:
-        """Return the drive efforts that a motion costs with the estimated load, shape (m,)."""
+    def _motion_effort(self, row: np.ndarray) -> np.ndarray:
+        """Return the drive efforts that coordinates, rates and accelerations, shape (3, n), need
+        with the estimated load [N m or N], shape (m,).
+        """
         crane = self.filter.crane
-        joint = JointForces.of(crane).effort(*row[:2])
-        needed = inverse_dynamics(crane.model, crane.data, row[0], row[1], row[2], joint)
+        q, v, a = row
+        joint = JointForces.of(crane).effort(q, v)
+        needed = inverse_dynamics(crane.model, crane.data, q, v, a, joint)
         return needed[crane.layout.drives]
 
 
@@ -180,37 +220,82 @@ def with_load_estimate(
         OutOfRange: If a standard deviation or the delay is out of range.
     """
     check_choice("sensors", sensors, Sensors)
-    late = whole("delay of the observer", delay, 0, "control periods")
-    layout, hoist = crane.layout, crane.layout.role("hoist", "An observer of the load")
+    delay = whole("delay of the observer", delay, 0, "control periods")
+    layout = crane.layout
+    hoist = layout.role("hoist", "An observer of the load")
     motion.check_fits("motion", layout)
-    n = layout.n
     length = float(motion.q[0, hoist])
-    offset = number("cable_std", cable_std, "", ">= 0") * abs(length)
-    share = offset / abs(length) if length else 0.0
+    offset_std = number("cable_std", cable_std, "", ">= 0") * abs(length)
     if disturbance is None:
         disturbance = [CALM[joint.kind, joint.driven] for joint in layout.joints]
-    errors = standard_deviations("disturbance of the observer", disturbance, n)
-    noise_std = standard_deviations(
-        "noise of the observer", noise_of(crane) if noise is None else noise, 2 * n, "> 0"
+    disturbance = standard_deviations("disturbance of the observer", disturbance, layout.n)
+    noise_covariance = _noise_covariance(crane, sensors, noise)
+    first = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
+    load_filter = LoadFilter(
+        crane,
+        motion.period,
+        sensors,
+        # As planned: 1/load is 1, offset and share of the cable are 0.
+        mean=np.concatenate([*first, [1.0, 0.0, 0.0]]),
+        covariance=_initial_covariance(crane, length, load_std, offset_std),
+        disturbance=disturbance,
+        noise=noise_covariance,
     )
-    covariance = np.diag(
-        np.square([*initial_std_of(crane), number("load_std", load_std, "", ">= 0"), offset, share])
-    )
-    by_cable = np.array([1.0, length])
-    unknown = covariance[-2:, -2:] @ by_cable
-    covariance[hoist, hoist] += by_cable @ unknown
-    covariance[hoist, -2:] = covariance[-2:, hoist] = unknown
-    extra = crane.swings if sensors == "swing" else crane.swings[:0]
-    measured = np.concatenate([layout.measured, extra])
-    deviations = [*noise_std[measured], *([GYROSCOPE] * 3 if sensors == "imu" else [])]
-    begins = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
-    mean = np.concatenate([*begins, [1.0, 0.0, 0.0]])
-    spread = np.diag(np.square(deviations))
-    believed = LoadFilter(crane, motion.period, sensors, mean, covariance, errors, spread)
-    family, efforts = _family(crane, motion, offset or 1.0), motion_efforts(crane, motion)
     return LoadEstimateController(
-        controller, believed, family, efforts, crane.effort_limit, motion.period, late
+        controller=controller,
+        filter=load_filter,
+        family=_family(crane, motion, offset_std or 1.0),
+        efforts=motion_efforts(crane, motion),
+        effort_limit=crane.effort_limit,
+        period=motion.period,
+        delay=delay,
     )
+
+
+def _noise_covariance(
+    crane: Crane, sensors: Sensors, noise: Sequence[float] | np.ndarray | None
+) -> np.ndarray:
+    """Return the covariance of the measurements, shape (measured, measured): the drives, then the
+    angles of the swings or the rates of a gyroscope, if there are such sensors.
+    """
+    if noise is None:
+        noise = noise_of(crane)
+    noise_std = standard_deviations("noise of the observer", noise, 2 * crane.layout.n, "> 0")
+    swings = crane.swings if sensors == "swing" else crane.swings[:0]
+    measured = np.concatenate([crane.layout.measured, swings])
+    deviations = noise_std[measured].tolist()
+    if sensors == "imu":
+        deviations += [GYROSCOPE] * 3
+    return np.diag(np.square(deviations))
+
+
+def _initial_covariance(
+    crane: Crane, length: float, load_std: float, offset_std: float
+) -> np.ndarray:
+    """Return the covariance of coordinates, rates, 1/load, offset and share of the cable at the
+    start, shape (2 n + 3, 2 n + 3).
+
+    Args:
+        crane: The planned crane.
+        length: Length of the cable that is read at the start [m].
+        load_std: Standard deviation of the load over the planned one.
+        offset_std: Standard deviation of the cable's offset [m]; that of its share is as many times
+            less as the cable is long.
+    """
+    hoist = crane.layout.role("hoist", "An observer of the load")
+    share_std = offset_std / abs(length) if length else 0.0
+    load_std = number("load_std", load_std, "", ">= 0")
+    deviations = [*initial_std_of(crane), load_std, offset_std, share_std]
+    covariance = np.diag(np.square(deviations))
+
+    # The reading is known, so that the cable l = reading + share reading + offset is as uncertain
+    # as share and offset, and correlated with both.
+    by_cable = np.array([1.0, length])
+    with_cable = covariance[-2:, -2:] @ by_cable
+    covariance[hoist, hoist] += by_cable @ with_cable
+    covariance[hoist, -2:] = with_cable
+    covariance[-2:, hoist] = with_cable
+    return covariance
 
 
 def _family(crane: Crane, motion: Motion, spread: float) -> CableFamily:
@@ -218,15 +303,16 @@ def _family(crane: Crane, motion: Motion, spread: float) -> CableFamily:
     crane the hoist alone differs, and the controller answers for the different swing.
     """
     hoist = crane.layout.role("hoist", "An observer of the load")
+    is_tower_crane = {joint.role for joint in crane.layout.joints} == set(ROLES)
 
     def on_cable(by: float) -> Motion:
-        if {joint.role for joint in crane.layout.joints} == set(ROLES):
+        if is_tower_crane:
             return with_longer_cable(crane, motion, by)
         q = motion.q.copy()
         q[:, hoist] += by
         return Motion(motion.period, q, motion.v, motion.a, motion.drives)
 
-    return CableFamily([on_cable(-spread), motion, on_cable(spread)], spread, hoist)
+    return CableFamily(on_cable(-spread), motion, on_cable(spread), spread, hoist)
 
 
 def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
@@ -252,40 +338,52 @@ def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
     number("length of the shortest cable", shortest, "m", "> 0")
     columns = [slew, trolley, radial, tangential, hoist]
 
-    def beyond(q: np.ndarray) -> np.ndarray:
-        changes = np.zeros_like(q)
-        changes[:, columns] = _beyond(q[:, columns], by)
-        return changes
+    def changes(q: np.ndarray) -> np.ndarray:
+        result = np.zeros_like(q)
+        result[:, columns] = _longer_cable_changes(q[:, columns], by)
+        return result
 
     # Differences along q + s v + s² a/2 about each row need no neighbouring rows.
-    change, change_before, change_after = (
-        beyond(motion.q + s * motion.v + s**2 / 2.0 * motion.a) for s in (0.0, -_ASIDE, _ASIDE)
-    )
+    step = _DIFFERENCE_STEP
+    change = changes(motion.q)
+    before = changes(motion.q - step * motion.v + step**2 / 2.0 * motion.a)
+    after = changes(motion.q + step * motion.v + step**2 / 2.0 * motion.a)
     return Motion(
         motion.period,
         motion.q + change,
-        motion.v + (change_after - change_before) / (2.0 * _ASIDE),
-        motion.a + (change_after - 2.0 * change + change_before) / _ASIDE**2,
+        motion.v + (after - before) / (2.0 * step),
+        motion.a + (after - 2.0 * change + before) / step**2,
         motion.drives,
     )
 
 
-def _beyond(q: np.ndarray, by: float) -> np.ndarray:
-    """Return the changes of γ, x, φ, θ, l [rad or m], shape (rows, 5)."""
+def _longer_cable_changes(q: np.ndarray, by: float) -> np.ndarray:
+    """Return the changes of γ, x, φ, θ, l [rad or m], shape (rows, 5), by which the payload hangs
+    lower by `by` [m] on a rope of the same direction.
+
+    The horizontal axes are those along the jib, outwards, and across it. The rope, from the payload
+    up, has the components sin φ cos θ along, sin θ across, and cos φ cos θ up. The pivot keeps its
+    height, so that the rope grows by `by` / up and the pivot moves by the horizontal part of that.
+    Jib and trolley follow it, and the swing angles are those of the same rope seen from the turned
+    jib.
+    """
     gamma, x, phi, theta, _ = q.T
-    along = np.stack([np.sin(gamma), -np.cos(gamma)], axis=1)
-    across = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)
-    outward, sideward, up = np.sin(phi) * np.cos(theta), np.sin(theta), np.cos(phi) * np.cos(theta)
-    rope = outward[:, None] * along + sideward[:, None] * across
-    pivot = x[:, None] * along + (by / up)[:, None] * rope
-    turned = np.arctan2((pivot * across).sum(axis=1), (pivot * along).sum(axis=1))
-    cosine, sine = np.cos(turned), np.sin(turned)
+    outward_axis = np.stack([np.sin(gamma), -np.cos(gamma)], axis=1)
+    across_axis = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)
+    outward = np.sin(phi) * np.cos(theta)
+    across = np.sin(theta)
+    up = np.cos(phi) * np.cos(theta)
+    rope = outward[:, None] * outward_axis + across[:, None] * across_axis
+    pivot = x[:, None] * outward_axis + (by / up)[:, None] * rope
+    turn = np.arctan2((pivot * across_axis).sum(axis=1), (pivot * outward_axis).sum(axis=1))
+    cosine = np.cos(turn)
+    sine = np.sin(turn)
     return np.stack(
         [
-            turned,
+            turn,
             np.hypot(*pivot.T) - x,
-            np.arctan2(outward * cosine + sideward * sine, up) - phi,
-            np.arcsin(sideward * cosine - outward * sine) - theta,
+            np.arctan2(outward * cosine + across * sine, up) - phi,
+            np.arcsin(across * cosine - outward * sine) - theta,
             by / up,
         ],
         axis=1,

@@ -38,11 +38,27 @@ PENALTY = 1e6
 """Cost of exceeding a bound by the bound itself: linear, and far above the cost of the LQR, so that
 a bound is exceeded only where the efforts cannot keep it."""
 
+SOLVED = 1
+"""Flag of DAQP for a solved programme."""
+
 _FAILURES = {
     -1: "its limits contradict each other",
     -2: "it goes in circles",
     -4: "it takes too many iterations",
 }
+"""What the flags of DAQP for an unsolved programme mean."""
+
+
+class _Horizon(NamedTuple):
+    """What is predicted over the horizon: a row for each period and quantity.
+
+    Attributes:
+        corrections: Corrections of the efforts [N m or N], shape (horizon m, columns).
+        bounded: Bounded rates and swings over their bounds, shape (horizon bounds, columns).
+    """
+
+    corrections: np.ndarray
+    bounded: np.ndarray
 
 
 class Solution(NamedTuple):
@@ -97,12 +113,14 @@ class PredictiveController(ShortRepr):
     _correction: np.ndarray = field(init=False)
     _closed: np.ndarray = field(init=False)
     _steered: np.ndarray = field(init=False)
-    _lqr: dict[int, tuple[np.ndarray, np.ndarray]] = field(init=False)
+    _by_deviation: dict[int, _Horizon] = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute the closed-loop matrices of each stretch."""
+        # With u = -K z + c and c = root w the deviation moves by z' = (A - B K) z + B root w.
         self._closed = self.model.a - self.model.b @ self.sweep.gain
-        self._steered, self._lqr = self.model.b @ self.root, {}
+        self._steered = self.model.b @ self.root
+        self._by_deviation = {}
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], shape (m,).
@@ -121,64 +139,125 @@ class PredictiveController(ShortRepr):
         return interpolate(self.model.efforts, row, share) + self._correction
 
     def _optimised(self, t: float, instant: int, deviation: np.ndarray) -> np.ndarray:
-        """Return the first correction of the best sequence."""
+        """Return the first correction of the best sequence [N m or N], shape (m,).
+
+        Args:
+            t: Time [s].
+            instant: Number of the optimisation from the beginning of the motion.
+            deviation: Coordinates and rates less those of the motion, shape (2 n,).
+
+        Raises:
+            RunError: If the optimisation fails.
+        """
+        # Beyond the motion the last stretch holds.
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
-        k, count, m = int(stretches[0]), len(self.bound), self.root.shape[1]
-        if k not in self._lqr:
-            self._lqr[k] = self._predicted(stretches, np.eye(len(deviation)), 0)
-        efforts, ahead = (by_deviation @ deviation for by_deviation in self._lqr[k])
-        low, high = (side[stretches].ravel() - efforts for side in self.correction_limits)
-        after = self.ratio * np.arange(instant + 1, instant + self.horizon + 1)
-        after = np.minimum(after, len(self.model.setpoint) - 1)
-        setpoint = self.model.setpoint[after[:, None], self.bounded]
-        offset = (setpoint / self.bound).ravel() + ahead
+        k = int(stretches[0])
+        if k not in self._by_deviation:
+            self._by_deviation[k] = self._predicted(stretches, np.eye(len(deviation)), 0)
+        corrections = self._by_deviation[k].corrections @ deviation
+        bounded = self._by_deviation[k].bounded @ deviation
+        low = self.correction_limits[0][stretches].ravel() - corrections
+        high = self.correction_limits[1][stretches].ravel() - corrections
+
+        # The bounds hold for the motion and the deviation together, at the end of each period.
+        rows = self.ratio * np.arange(instant + 1, instant + self.horizon + 1)
+        rows = np.minimum(rows, len(self.model.setpoint) - 1)
+        setpoint = self.model.setpoint[rows[:, None], self.bounded]
+        offset = (setpoint / self.bound).ravel() + bounded
         correction = -self.sweep.gain[k] @ deviation
         if low.max() <= 0.0 <= high.min() and np.abs(offset).max() <= 1.0:
-            # the LQR alone keeps all bounds, so nothing better can be decided
-            self.last = Solution(t, 1, 0, np.zeros(count))
+            # The LQR alone keeps all bounds, so that nothing better can be decided.
+            self.last = Solution(t, SOLVED, 0, np.zeros(len(self.bound)))
             return correction
-        efforts, ahead = self._predicted(stretches, deviation[:, None], m)
-        slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(offset), np.inf)
-        slacks = np.concatenate([np.zeros((len(efforts), count)), -slack, slack])
-        decided = np.concatenate([efforts[:, 1:], ahead[:, 1:], ahead[:, 1:]])
-        rows = np.concatenate([slacks, decided], axis=1)
-        size = rows.shape[1]
-        solution, _, flag, details = self.solve(
-            np.eye(size),
-            np.concatenate([np.full(count, PENALTY), np.zeros(size - count)]),
-            rows,
-            np.concatenate([np.full(count, np.inf), high, 1.0 - offset, none]),
-            np.concatenate([np.zeros(count), low, -none, -1.0 - offset]),
-            np.zeros(count + len(rows), dtype=np.int32),
+        decision = self._solved(t, stretches, deviation, low, high, offset)
+        return self.root[k] @ decision + correction
+
+    def _solved(
+        self,
+        t: float,
+        stretches: np.ndarray,
+        deviation: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+        offset: np.ndarray,
+    ) -> np.ndarray:
+        """Solve the quadratic programme and return the first decision w, shape (m,).
+
+        The unknowns are the excess s over each bound, shape (bounds,), and the decision w of each
+        period, in which c = root w, so that the cost cᵀ (R + BᵀPB) c is |w|². It minimises
+        ½ (|s|² + |w|²) + PENALTY Σ s with s ≥ 0, subject to the limits of the efforts, and for each
+        bounded quantity y, over its bound, y - s ≤ 1 and y + s ≥ -1.
+
+        Args:
+            t: Time [s].
+            stretches: Stretches of the motion over the horizon, shape (horizon,).
+            deviation: Coordinates and rates less those of the motion, shape (2 n,).
+            low: Least corrections beyond the LQR's, shape (horizon m,).
+            high: Largest corrections beyond the LQR's, shape (horizon m,).
+            offset: Bounded quantities over their bounds under the LQR alone, shape (horizon
+                bounds,).
+
+        Raises:
+            RunError: If the solver fails.
+        """
+        m = self.root.shape[1]
+        bounds = len(self.bound)
+        predicted = self._predicted(stretches, deviation[:, None], m)
+        # The first column is that of the deviation, which `low`, `high` and `offset` hold already.
+        corrections_by_decision = predicted.corrections[:, 1:]
+        bounded_by_decision = predicted.bounded[:, 1:]
+        excess = np.tile(np.eye(bounds), (self.horizon, 1))
+        no_excess = np.zeros((len(corrections_by_decision), bounds))
+        by_excess = np.concatenate([no_excess, -excess, excess])
+        by_decision = np.concatenate(
+            [corrections_by_decision, bounded_by_decision, bounded_by_decision]
         )
-        self.last = Solution(t, int(flag), int(details["iterations"]), solution[:count])
-        if flag != 1:
+        rows = np.concatenate([by_excess, by_decision], axis=1)
+        unknowns = rows.shape[1]
+        infinite = np.full(len(offset), np.inf)
+        # DAQP takes simple bounds of the first unknowns, here s ≥ 0, before the rows.
+        solution, _, flag, details = self.solve(
+            np.eye(unknowns),
+            np.concatenate([np.full(bounds, PENALTY), np.zeros(unknowns - bounds)]),
+            rows,
+            np.concatenate([np.full(bounds, np.inf), high, 1.0 - offset, infinite]),
+            np.concatenate([np.zeros(bounds), low, -infinite, -1.0 - offset]),
+            np.zeros(bounds + len(rows), dtype=np.int32),
+        )
+        self.last = Solution(t, int(flag), int(details["iterations"]), solution[:bounds])
+        if flag != SOLVED:
             why = _FAILURES.get(self.last.flag, "the solver gave up")
             raise RunError(
                 f"At t = {t:.4g} s the optimisation of the MPC failed: {why} (flag {flag} of "
                 "DAQP).",
                 t=t,
             )
-        return self.root[k] @ solution[count : count + m] + correction
+        return solution[bounds : bounds + m]
 
-    def _predicted(
-        self, stretches: np.ndarray, z: np.ndarray, free: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return corrections, and bounded quantities over their bounds, over the horizon, for
-        deviations in columns and then for each number decided: of each stretch the first `free`.
+    def _predicted(self, stretches: np.ndarray, z: np.ndarray, free: int) -> _Horizon:
+        """Return corrections and bounded quantities over the horizon.
+
+        The columns are first those of some deviations, then the derivatives by each number decided.
+
+        Args:
+            stretches: Stretches of the motion over the horizon, shape (horizon,).
+            z: Deviations at its beginning, in columns, shape (2 n, deviations).
+            free: How many numbers are decided in each period: m, or 0 for the LQR alone.
         """
         width = z.shape[1] + free * self.horizon
-        efforts = np.zeros((self.horizon, self.root.shape[1], width))
-        ahead = np.zeros((self.horizon, len(self.bound), width))
+        corrections = np.zeros((self.horizon, self.root.shape[1], width))
+        bounded = np.zeros((self.horizon, len(self.bound), width))
         for j, k in enumerate(stretches.tolist()):
-            now, later = z.shape[1], z.shape[1] + free
-            efforts[j, :, :now] = -self.sweep.gain[k] @ z
-            efforts[j, :, now:later] = self.root[k][:, :free]
-            # it depends on no more of the decision than what came before
+            # A deviation depends on the decisions of the periods before it only: z grows by the
+            # columns of one period in each.
+            now = z.shape[1]
+            later = now + free
+            corrections[j, :, :now] = -self.sweep.gain[k] @ z
+            corrections[j, :, now:later] = self.root[k][:, :free]
             z = np.concatenate([self._closed[k] @ z, self._steered[k][:, :free]], axis=1)
-            ahead[j, :, :later] = z[self.bounded]
-        ahead /= self.bound[:, None]
-        return efforts.reshape(-1, width), ahead.reshape(-1, width)
+            bounded[j, :, :later] = z[self.bounded]
+        bounded /= self.bound[:, None]
+        return _Horizon(corrections.reshape(-1, width), bounded.reshape(-1, width))
 
 
 def mpc(
@@ -235,20 +314,33 @@ def mpc(
     state_weight = state_weight_of(crane) if state_weight is None else state_weight
     effort_weight = effort_weight_of(crane) if effort_weight is None else effort_weight
     sweep = riccati(model.a, model.b, state_weight, effort_weight)
-    square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
-    factors, identity = map(scipy.linalg.cholesky, square), np.eye(layout.m)
-    root = np.array([scipy.linalg.solve_triangular(factor, identity) for factor in factors])
+    # With R + BᵀPB = UᵀU, root = U⁻¹ makes the cost of a correction c = root w the plain |w|².
+    correction_cost = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
+    identity = np.eye(layout.m)
+    roots = []
+    for cost in correction_cost:
+        roots.append(scipy.linalg.solve_triangular(scipy.linalg.cholesky(cost), identity))
     bounded = np.concatenate([layout.n + layout.drives, crane.swings])
     bound = np.concatenate([rates, np.full(len(crane.swings), swing)])
-    limits = _correction_limits(model, efforts)
     return PredictiveController(
-        model, ratio, int(horizon), sweep, root, limits, bounded, bound, solve
+        model=model,
+        ratio=ratio,
+        horizon=int(horizon),
+        sweep=sweep,
+        root=np.array(roots),
+        correction_limits=_correction_limits(model, efforts),
+        bounded=bounded,
+        bound=bound,
+        solve=solve,
     )
 
 
 def _correction_limits(model: Linearised, limit: np.ndarray) -> np.ndarray:
     """Return the least and largest corrections that keep the effort limits in each stretch,
     feed-forward included, shape (2, stretches, m).
+
+    Raises:
+        OutOfRange: If the feed-forward changes by more than both limits within a stretch.
     """
     stretches = [model.efforts[model.stretch == k] for k in range(len(model.a))]
     low = np.array([-limit - stretch.min(axis=0) for stretch in stretches])
@@ -260,6 +352,7 @@ def _correction_limits(model: Linearised, limit: np.ndarray) -> np.ndarray:
 
 
 def _solver() -> Callable[..., tuple[np.ndarray, float, int, dict]]:
+    """Return the function `solve` of DAQP, which is an optional dependency."""
     try:
         from daqp import solve
     except ImportError:

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,9 +77,10 @@ def kalman_gain(cross: np.ndarray, spread: np.ndarray) -> np.ndarray:
     Raises:
         CraneError: If the covariance of the measurements is not positive definite.
     """
+    # Traced numbers of the compiled filter have the data type object.
     if spread.dtype == object:
         return solve_linear(spread, cross).T
-    # LAPACK itself: for so few numbers NumPy's checks take longer than the solution
+    # LAPACK itself: for so few numbers NumPy's checks take longer than the solution.
     from scipy.linalg.lapack import dposv
 
     _, solution, failed = dposv(spread, cross)
@@ -101,6 +103,8 @@ def corrected_covariance(
         gain: Gain of the correction, shape (unknowns, measured).
         noise: Covariance of the measurements, shape (measured, measured).
     """
+    # (I - K H) P (I - K H)ᵀ + K R Kᵀ stays symmetric and positive in spite of round-off, for any
+    # gain K.
     residual = np.eye(len(covariance)) - gain @ by
     return residual @ covariance @ residual.T + gain @ noise @ gain.T
 
@@ -110,8 +114,9 @@ def process_noise(disturbance: np.ndarray, period: float) -> np.ndarray:
     shape (2 n, 2 n), from their standard deviations, shape (n,).
     """
     n = len(disturbance)
-    reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
-    return reach @ np.diag(disturbance) ** 2 @ reach.T
+    # An acceleration a held over a period h moves a coordinate by a h²/2 and its rate by a h.
+    by_acceleration = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
+    return by_acceleration @ np.diag(disturbance) ** 2 @ by_acceleration.T
 
 
 def check_next_call(t: float, previous: float, period: float) -> None:
@@ -125,6 +130,23 @@ def check_next_call(t: float, previous: float, period: float) -> None:
             f"This observer has seen t = {previous:g} s and is asked for t = {t:g} s; it needs "
             f"a call every {period:g} s, and a new one for each run."
         )
+
+
+class Correction(NamedTuple):
+    """Correction of an estimate by a measurement.
+
+    Attributes:
+        gain: Gain of the measured deviations, shape (2 n, 2 m).
+        covariance: Covariance of the error after it, shape (2 n, 2 n).
+    """
+
+    gain: np.ndarray
+    covariance: np.ndarray
+
+
+_SETTLED = 1e-14
+"""Change of a covariance from one correction to the next, relative to the standard deviations, from
+which on it is round-off, and the gain counts as settled."""
 
 
 @dataclass(eq=False, repr=False)
@@ -147,30 +169,54 @@ class KalmanGains(ShortRepr):
     disturbance: np.ndarray
     noise: np.ndarray
     covariance: np.ndarray
-    _corrections: dict[int, list[tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
+    # By the row of the motion at which an observer begins.
+    _corrections: dict[int, list[Correction]] = field(default_factory=dict)
     _settled: set[int] = field(default_factory=set)
 
-    def correction(self, first: int, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the gain of correction k from the one at a row of the motion on, shape (2 n, 2 m),
-        and the covariance after it. Behind the motion both settle.
+    def correction(self, first: int, k: int) -> Correction:
+        """Return correction k, counted from the one at the row `first` of the motion, computed when
+        it is first needed. Behind the motion corrections settle, and the last one holds.
         """
-        last, indices = len(self.model.stretch) - 1, self.measured
         corrections = self._corrections.setdefault(first, [])
         while len(corrections) <= k and first not in self._settled:
-            covariance = self.covariance
-            if corrections:
-                row, before = first + len(corrections) - 1, corrections[-1][1]
-                a = self.model.a[self.model.stretch[min(max(row, 0), last)]]
-                covariance = a @ before @ a.T + self.disturbance
-            cross = covariance[indices]
-            gain = kalman_gain(cross, cross[:, indices] + self.noise)
-            by = np.eye(len(covariance))[indices]
-            corrections.append((gain, corrected_covariance(covariance, by, gain, self.noise)))
-            if len(corrections) > 1 and row >= last:
-                after, std = corrections[-1][1], np.sqrt(before.diagonal())
-                if (np.abs(after - before) <= 1e-14 * np.outer(std, std)).all():  # round-off
+            row = first + len(corrections) - 1  # from which the covariance is predicted
+            if not corrections:
+                corrections.append(self._corrected(self.covariance))
+                continue
+            before = corrections[-1].covariance
+            corrections.append(self._corrected(self._predicted(before, row)))
+            if row >= len(self.model.stretch) - 1:
+                change = np.abs(corrections[-1].covariance - before)
+                std = np.sqrt(before.diagonal())
+                if (change <= _SETTLED * np.outer(std, std)).all():
                     self._settled.add(first)
         return corrections[min(k, len(corrections) - 1)]
+
+    def _predicted(self, covariance: np.ndarray, row: int) -> np.ndarray:
+        """Return the covariance one control period after a row of the motion."""
+        last = len(self.model.stretch) - 1
+        a = self.model.a[self.model.stretch[min(max(row, 0), last)]]
+        return a @ covariance @ a.T + self.disturbance
+
+    def _corrected(self, covariance: np.ndarray) -> Correction:
+        """Return the correction of an estimate with a covariance."""
+        indices = self.measured
+        cross = covariance[indices]
+        gain = kalman_gain(cross, cross[:, indices] + self.noise)
+        by = np.eye(len(covariance))[indices]
+        return Correction(gain, corrected_covariance(covariance, by, gain, self.noise))
+
+
+class _Command(NamedTuple):
+    """Command of one control period.
+
+    Attributes:
+        row: Row of the motion at its beginning.
+        correction: Effort beyond the feed-forward [N m or N], shape (m,).
+    """
+
+    row: int
+    correction: np.ndarray
 
 
 @dataclass(eq=False, repr=False)
@@ -178,8 +224,9 @@ class ObserverController(ShortRepr):
     """A controller that acts on an estimate of the state. It remembers: make one for each run, by
     `dataclasses.replace` with the same gains.
 
-    A queue holds the commands since the last measurement, by row of the motion and effort beyond
-    the feed-forward.
+    Measurements come late by `delay` control periods. So the estimate is corrected for the time of
+    the last measurement, and predicted from there to the present by the commands since, which a
+    queue holds.
 
     Attributes:
         controller: The controller that gets the estimate.
@@ -200,11 +247,12 @@ class ObserverController(ShortRepr):
     _count: int = field(default=0, init=False)
     _t: float = field(default=0.0, init=False)
     _deviation: np.ndarray = field(init=False)
-    _since: deque[tuple[int, np.ndarray]] = field(default_factory=deque, init=False)
+    _since: deque[_Command] = field(default_factory=deque, init=False)
 
     def __post_init__(self) -> None:
         """Begin without deviation."""
-        import_module("scipy.linalg.lapack")  # takes tenths of a second, which no period has
+        # The import takes tenths of a second, which no control period has: so it is done here.
+        import_module("scipy.linalg.lapack")
         self._deviation = np.zeros(len(self.gains.covariance))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -214,43 +262,56 @@ class ObserverController(ShortRepr):
             CraneError: If it is not called once in each period of the motion, at the time of a row.
         """
         model = self.gains.model
-        row, last = model.row(t), len(model.setpoint) - 1
+        row = model.row(t)
         if self.estimate is None:
-            rows = t / model.period
-            if rows < last and abs(rows - round(rows)) > SAME_PERIOD:
-                raise CraneError(
-                    f"This observer is first asked for t = {t:g} s; its motion has rows every "
-                    f"{model.period:g} s only."
-                )
-            self._first = min(round(rows), last)
-            if self.start is not None:
-                self._deviation = self.start - model.setpoint[row]
+            self._begin(t, row)
             self._correct(row, state)
         else:
             check_next_call(t, self._t, model.period)
             if len(self._since) > self.delay:
-                self._deviation = self._stepped(self._deviation, *self._since.popleft())
-                self._correct(self._since[0][0] if self._since else row, state)
+                self._deviation = self._stepped(self._deviation, self._since.popleft())
+                # A late measurement is that of the oldest command left.
+                self._correct(self._since[0].row if self._since else row, state)
         deviation = self._deviation
-        for then, correction in self._since:
-            deviation = self._stepped(deviation, then, correction)
+        for past_command in self._since:
+            deviation = self._stepped(deviation, past_command)
         self.estimate = State(*(model.setpoint[row] + deviation).reshape(2, -1))
         command = np.asarray(self.controller(t, self.estimate, setpoint), dtype=float)
-        self._since.append(
-            (row, command.clip(-self.effort_limit, self.effort_limit) - model.efforts[row])
-        )
+        # The drives do not exert more than their limits, whatever is commanded.
+        effort = command.clip(-self.effort_limit, self.effort_limit)
+        self._since.append(_Command(row, effort - model.efforts[row]))
         self._t = t
         return command
 
-    def _stepped(self, deviation: np.ndarray, row: int, correction: np.ndarray) -> np.ndarray:
+    def _begin(self, t: float, row: int) -> None:
+        """Begin a run at a time [s], that of a row of the motion or after its end.
+
+        Raises:
+            CraneError: If the motion has no row at this time.
+        """
         model = self.gains.model
-        k = model.stretch[row]
-        return model.a[k] @ deviation + model.b[k] @ correction
+        last = len(model.setpoint) - 1
+        rows = t / model.period
+        if rows < last and abs(rows - round(rows)) > SAME_PERIOD:
+            raise CraneError(
+                f"This observer is first asked for t = {t:g} s; its motion has rows every "
+                f"{model.period:g} s only."
+            )
+        self._first = min(round(rows), last)
+        if self.start is not None:
+            self._deviation = self.start - model.setpoint[row]
+
+    def _stepped(self, deviation: np.ndarray, command: _Command) -> np.ndarray:
+        """Return the deviation one control period after that of a command, shape (2 n,)."""
+        model = self.gains.model
+        k = model.stretch[command.row]
+        return model.a[k] @ deviation + model.b[k] @ command.correction
 
     def _correct(self, row: int, state: State) -> None:
+        """Correct the deviation by what was measured at a row of the motion."""
         indices = self.gains.measured
         measured = np.concatenate(state)[indices] - self.gains.model.setpoint[row, indices]
-        gain, _ = self.gains.correction(self._first, self._count)
+        gain = self.gains.correction(self._first, self._count).gain
         self._count += 1
         self._deviation = self._deviation + gain @ (measured - self._deviation[indices])
 
@@ -291,20 +352,26 @@ def with_observer(
         OutOfRange: If a standard deviation is negative or not finite, that of a measurement not
             positive, their number another, or the delay not a whole number from 0 on.
     """
-    late = whole("delay of the observer", delay, 0, "control periods")
+    delay = whole("delay of the observer", delay, 0, "control periods")
     crane.require_independent_joints("An observer")
-    n, measured = crane.layout.n, crane.layout.measured
-    disturbance = disturbance_of(crane) if disturbance is None else disturbance
-    noise = noise_of(crane)[measured] if noise is None else noise
-    initial_std = initial_std_of(crane) if initial_std is None else initial_std
+    n = crane.layout.n
+    measured = crane.layout.measured
+    if disturbance is None:
+        disturbance = disturbance_of(crane)
+    if noise is None:
+        noise = noise_of(crane)[measured]
+    if initial_std is None:
+        initial_std = initial_std_of(crane)
+    model = linearised(crane, motion, dt=dt, every=every)
+    disturbance = standard_deviations("disturbance of the observer", disturbance, n)
+    noise = standard_deviations("noise of the observer", noise, len(measured), "> 0")
+    initial_std = standard_deviations("initial deviation of the observer", initial_std, 2 * n)
     gains = KalmanGains(
-        linearised(crane, motion, dt=dt, every=every),
-        measured,
-        process_noise(
-            standard_deviations("disturbance of the observer", disturbance, n), motion.period
-        ),
-        np.diag(standard_deviations("noise of the observer", noise, len(measured), "> 0")) ** 2,
-        np.diag(standard_deviations("initial deviation of the observer", initial_std, 2 * n)) ** 2,
+        model=model,
+        measured=measured,
+        disturbance=process_noise(disturbance, motion.period),
+        noise=np.diag(noise) ** 2,
+        covariance=np.diag(initial_std) ** 2,
     )
-    begins = None if start is None else np.concatenate(start)
-    return ObserverController(controller, gains, crane.effort_limit, late, begins)
+    expected_start = None if start is None else np.concatenate(start)
+    return ObserverController(controller, gains, crane.effort_limit, delay, expected_start)

@@ -15,26 +15,29 @@ from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 
-ENCODER, ENCODER_RATE = {"rad": 1e-4, "m": 1e-3}, {"rad": 1e-4, "m": 2e-3}
-"""Standard deviations of encoders of drives and of their rates, per second; ours: 0.1 mrad and
-1 mm."""
+ENCODER = {"rad": 1e-4, "m": 1e-3}
+"""Standard deviations of encoders of drives, ours: 0.1 mrad and 1 mm."""
 
-GYROSCOPE, GYROSCOPE_RATE = {"rad": 1e-3, "m": 1e-3}, {"rad": 3e-3, "m": 3e-3}
-"""Standard deviations for passive joints, whose swing a camera or a gyroscope measures: 1 mrad,
-3 mrad/s."""
+ENCODER_RATE = {"rad": 1e-4, "m": 2e-3}
+"""Standard deviations of the rates of drives [rad/s or m/s], ours."""
+
+GYROSCOPE = {"rad": 1e-3, "m": 1e-3}
+"""Standard deviations of passive joints, whose swing a camera or a gyroscope measures: 1 mrad."""
+
+GYROSCOPE_RATE = {"rad": 3e-3, "m": 3e-3}
+"""Standard deviations of the rates of passive joints: 3 mrad/s."""
 
 
 def noise_of(crane: Crane) -> np.ndarray:
     """Return standard deviations of the sensor noise of a crane: coordinates [rad or m] and rates
     [per second], shape (2 n,).
     """
-    return np.array(
-        [
-            (driven if joint.driven else passive)[joint.unit]
-            for driven, passive in ((ENCODER, GYROSCOPE), (ENCODER_RATE, GYROSCOPE_RATE))
-            for joint in crane.layout.joints
-        ]
-    )
+    coordinates = []
+    rates = []
+    for joint in crane.layout.joints:
+        coordinates.append((ENCODER if joint.driven else GYROSCOPE)[joint.unit])
+        rates.append((ENCODER_RATE if joint.driven else GYROSCOPE_RATE)[joint.unit])
+    return np.array([*coordinates, *rates])
 
 
 def standard_deviations(
@@ -109,7 +112,8 @@ def with_sensor_model(
         OutOfRange: If the delay is not a whole number from 0 on, the noise not 2 n numbers from 0
             on, or `rng` not a generator.
     """
-    late = whole("delay of the sensors", delay, 0, "control periods")
+    delay = whole("delay of the sensors", delay, 0, "control periods")
     noise = noise_of(crane) if noise is None else noise
     deviations = standard_deviations("noise of the sensors", noise, 2 * crane.layout.n)
-    return SensorModelController(controller, deviations, rng, deque(maxlen=late + 1))
+    # With so many readings at most the first one in the queue is `delay` periods old.
+    return SensorModelController(controller, deviations, rng, deque(maxlen=delay + 1))

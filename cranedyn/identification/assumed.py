@@ -18,8 +18,8 @@ from cranedyn.identification.search import Search
 INERTIAS = ("payload_mass", "payload_inertia", "dummy_mass", "dummy_inertia")
 """Arguments of a description that are masses and inertias of what swings."""
 
-POINT = 1e-3
-"""Share of the assumed inertias that a point load on a light cable has."""
+POINT_LOAD_SHARE = 1e-3
+"""Share of the assumed inertias that stands for a point load on a light cable."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,13 @@ def assumed_inertias(estimate: Estimate) -> list[AssumedInertia]:
     """Return the masses and inertias that were neither stated nor estimated."""
     prior = estimate.model.prior
     estimated = {p.name for p in estimate.model.own}
-    return [
-        AssumedInertia(name, prior.value(name), prior.arguments[name].unit)
-        for name in INERTIAS
-        if name in prior.arguments and name not in prior.values and name not in estimated
-    ]
+    assumed = []
+    for name in INERTIAS:
+        is_known = name in prior.values or name in estimated
+        if name in prior.arguments and not is_known:
+            unit = prior.arguments[name].unit
+            assumed.append(AssumedInertia(name, prior.value(name), unit))
+    return assumed
 
 
 def inertia_effects(
@@ -77,27 +79,33 @@ def inertia_effects(
         progress: Called with the number of changes tried so far.
     """
     assumed = assumed_inertias(estimate)
+    # What is changed, in words, and the values of the arguments.
     changes: list[tuple[str, dict[str, float]]] = []
-    for one in assumed:
+    for inertia in assumed:
         for factor in (0.5, 2.0):
-            value = factor * one.value
-            text = f"{one.name} {one.value:g} → {value:g} {one.unit}"
-            changes.append((text, {one.name: value}))
-    point = {one.name: POINT * one.value for one in assumed if one.name.endswith("inertia")}
-    if point:
-        changes.append(("a point load: no payload_inertia, no dummy_inertia", point))
+            value = factor * inertia.value
+            text = f"{inertia.name} {inertia.value:g} → {value:g} {inertia.unit}"
+            changes.append((text, {inertia.name: value}))
+    point_load = {}
+    for inertia in assumed:
+        if inertia.name.endswith("inertia"):
+            point_load[inertia.name] = POINT_LOAD_SHARE * inertia.value
+    if point_load:
+        changes.append(("a point load: no payload_inertia, no dummy_inertia", point_load))
     effects: list[InertiaEffect] = []
-    for done, (text, values) in enumerate(changes):
+    for done, (text, values) in enumerate(changes, start=1):
         if all(value == estimate.model.prior.value(name) for name, value in values.items()):
             continue  # a default of zero
         effects.append(_effect(estimate, text, values))
         if progress is not None:
-            progress(done + 1)
+            progress(done)
     return effects
 
 
 def _effect(estimate: Estimate, change: str, values: dict[str, float]) -> InertiaEffect:
-    """Return how far the estimates move with other values of arguments."""
+    """Return how far the estimates move with other values of arguments, found by a search over the
+    whole records from the present estimates.
+    """
     model = estimate.model
     prior = replace(model.prior, values={**model.prior.values, **values})
     try:
@@ -106,10 +114,12 @@ def _effect(estimate: Estimate, change: str, values: dict[str, float]) -> Inerti
     except CraneError:
         return InertiaEffect(change, {}, np.inf, "")
     moved: dict[str, float] = {}
-    worst, largest = "", 0.0
-    for p, before, after in zip(model.own, estimate.values.tolist(), found.tolist(), strict=False):
-        moved[p.name] = after - before
-        share = abs(moved[p.name]) / max(estimate.margin(p.name), 1e-300)
-        if share >= largest:
-            worst, largest = p.name, share
-    return InertiaEffect(change, moved, largest, worst)
+    most_moved = ""
+    largest = 0.0
+    for i, p in enumerate(model.own):
+        moved[p.name] = float(found[i]) - float(estimate.values[i])
+        intervals = abs(moved[p.name]) / max(estimate.margin(p.name), 1e-300)
+        if intervals >= largest:
+            most_moved = p.name
+            largest = intervals
+    return InertiaEffect(change, moved, largest, most_moved)

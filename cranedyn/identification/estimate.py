@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -29,15 +30,28 @@ SIGN_EVIDENCE = 10.0
 the recorded one, for the other one to be taken. Residuals that are not white make a difference look
 several times as sure as it is."""
 
-_LAGS = 20
+_WHITENESS_LAGS = 20
 """Number of lags of the test for white residuals."""
 
-_FLOOR = 1e-13
+_MIN_EIGENVALUE = 1e-13
 """Least eigenvalue of a correlation matrix that is not round-off."""
 
-_MEASURED_AGAIN = 24
+_REPEATED_MEASUREMENTS = 24
 """How often smoothed motions are measured again to see how far estimates move. The standard
 deviation of so many draws is known within 15 %."""
+
+
+class Interval(NamedTuple):
+    """Estimate of a parameter, in its unit.
+
+    Attributes:
+        value: The estimate.
+        margin: Half the width of its 95 % confidence interval; inf where the records do not
+            determine the parameter.
+    """
+
+    value: float
+    margin: float
 
 
 @dataclass(frozen=True)
@@ -90,15 +104,15 @@ class Estimate:
         Raises:
             UnknownName: If it was not estimated.
         """
-        return self._interval(name)[0]
+        return self._interval(name).value
 
     def margin(self, name: str) -> float:
         """Return half the width of the 95 % confidence interval of a parameter of the crane; inf
         where the records do not determine it.
         """
-        return self._interval(name)[1]
+        return self._interval(name).margin
 
-    def _interval(self, name: str) -> tuple[float, float]:
+    def _interval(self, name: str) -> Interval:
         if name not in self.intervals:
             raise UnknownName("parameter", name, self.intervals)
         return self.intervals[name]
@@ -110,11 +124,12 @@ class Estimate:
         return float(student.ppf(0.5 + CONFIDENCE / 2.0, max(rows - len(self.values), 1)))
 
     @cached_property
-    def intervals(self) -> dict[str, tuple[float, float]]:
+    def intervals(self) -> dict[str, Interval]:
         """Values and half widths of all parameters of the crane, by name."""
         margins = (self.factor * np.sqrt(np.diag(self.covariance))).tolist()
-        ends = zip(self.model.own, self.values.tolist(), margins, strict=False)
-        return {p.name: (value, margin) for p, value, margin in ends}
+        values = self.values.tolist()
+        # The parameters of the crane are the first ones; those of the records follow.
+        return {p.name: Interval(values[i], margins[i]) for i, p in enumerate(self.model.own)}
 
     @property
     def arguments(self) -> dict[str, float]:
@@ -124,28 +139,31 @@ class Estimate:
     @cached_property
     def not_white(self) -> tuple[str, ...]:
         """Columns whose residual is not white noise, each with the name of its record."""
-        model = self.model
-        return tuple(
-            f"{record.name}: {channel.column}"
-            for record, channels, white in zip(
-                model.records, model.channels, self.white, strict=True
-            )
-            for channel, plain in zip(channels, white, strict=True)
-            if not plain
-        )
+        names = []
+        for i, record in enumerate(self.model.records):
+            for channel, is_channel_white in zip(
+                self.model.channels[i], self.white[i], strict=True
+            ):
+                if not is_channel_white:
+                    names.append(f"{record.name}: {channel.column}")
+        return tuple(names)
 
     @cached_property
     def least_explained(self) -> tuple[float, str]:
         """Least share of the variance of a swing that the model explains, and its column with its
         record.
         """
-        model, shares = self.model, []
+        model = self.model
+        shares = []
         for i, record in enumerate(model.records):
-            rows = zip(model.channels[i], self.residuals[i], model.measured(i), strict=True)
-            for channel, residual, measured in rows:
-                if channel.kind == "swing":
-                    share = 1.0 - float(np.mean(residual**2) / (np.var(measured) or np.inf))
-                    shares.append((share, f"{channel.column} of {record.name}"))
+            measured = model.measured(i)
+            for c, channel in enumerate(model.channels[i]):
+                if channel.kind != "swing":
+                    continue
+                # A swing that is constant where it is evaluated has no variance to explain.
+                variance = np.var(measured[c]) or np.inf
+                share = 1.0 - float(np.mean(self.residuals[i][c] ** 2) / variance)
+                shares.append((share, f"{channel.column} of {record.name}"))
         return min(shares)
 
     @cached_property
@@ -153,6 +171,7 @@ class Estimate:
         """Logarithm of the likelihood of the records, of white normal errors whose variance is that
         of the residual of each channel.
         """
+        # With the variance s² of n residuals the logarithm is -n/2 (ln(2 π s²) + 1).
         total = 0.0
         for record in self.residuals:
             for residual in record:
@@ -163,10 +182,12 @@ class Estimate:
     @cached_property
     def at_bound(self) -> tuple[str, ...]:
         """Names of parameters that ended at a bound; their intervals are meaningless."""
-        ends = zip(self.model.parameters, self.values.tolist(), strict=True)
-        return tuple(
-            p.name for p, value in ends if min(value - p.low, p.high - value) < 1e-3 * p.scale
-        )
+        names = []
+        for p, value in zip(self.model.parameters, self.values.tolist(), strict=True):
+            distance = min(value - p.low, p.high - value)
+            if distance < 1e-3 * p.scale:
+                names.append(p.name)
+        return tuple(names)
 
 
 def identify(model: Model, *, progress: Callable[[int], object] | None = None) -> Estimate:
@@ -190,7 +211,8 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
     first = _fit(model, progress)
     if first.least_explained[0] >= ENOUGH:
         return first
-    results, done = [first], first.evaluations
+    results = [first]
+    done = first.evaluations
     for alternative in model.alternatives():
         results.append(_fit(alternative, progress, done))
         done = results[-1].evaluations
@@ -213,27 +235,38 @@ def _preference(estimate: Estimate) -> float:
 
 def _sign_decisions(results: list[Estimate], best: Estimate) -> tuple[SignDecision, ...]:
     """Return the decisions about the signs of swings that were tried either way."""
-    turned = [_turned_columns(result) for result in results]
+    turned_columns = [_turned_columns(result) for result in results]
     decisions: list[SignDecision] = []
-    for column in sorted(set().union(*turned)):
-        kept = [r.log_likelihood for r, names in zip(results, turned, strict=True)
-                if column not in names]  # fmt: skip
-        other = [r.log_likelihood for r, names in zip(results, turned, strict=True)
-                 if column in names]  # fmt: skip
-        if kept and other:
+    for column in sorted(set().union(*turned_columns)):
+        as_recorded: list[float] = []
+        turned: list[float] = []
+        for result, columns in zip(results, turned_columns, strict=True):
+            likelihoods = turned if column in columns else as_recorded
+            likelihoods.append(result.log_likelihood)
+        if as_recorded and turned:
             is_turned = column in _turned_columns(best)
-            decisions.append(SignDecision(column, is_turned, max(kept), max(other)))
+            decisions.append(SignDecision(column, is_turned, max(as_recorded), max(turned)))
     return tuple(decisions)
 
 
 def _fit(model: Model, progress: Callable[[int], object] | None, before: int = 0) -> Estimate:
-    """Estimate the parameters from the first values of a model, after some predictions."""
+    """Estimate the parameters from the first values of a model.
+
+    Args:
+        model: Records and parameters.
+        progress: Called with the number of predictions so far.
+        before: Number of predictions by earlier searches.
+    """
     search = Search(model, progress, before)
-    values, noise = initial_values(model), initial_noise(model)
+    values = initial_values(model)
+    noise = initial_noise(model)
     for share in HORIZONS:
         values = search.solve(values, noise, share)
+    # The weights of the channels follow from the noise, and the residuals, which show the noise,
+    # from the weights: both are improved in turn until the noise hardly changes.
     for _ in range(3):
-        previous, noise = noise, residual_noise(model, _residuals(model, values))
+        previous = noise
+        noise = residual_noise(model, _residuals(model, values))
         if all(np.allclose(a, b, rtol=0.05) for a, b in zip(noise, previous, strict=True)):
             break
         values = search.solve(values, noise, 1.0)
@@ -261,16 +294,21 @@ def initial_noise(model: Model) -> list[np.ndarray]:
     It is at least a hundred thousandth of the channel's range.
     """
     noise = []
-    for measured in map(model.measured, range(len(model.records))):
-        bent = np.diff(measured, 2, axis=1)
-        spread = np.sqrt(np.mean(bent**2, axis=1) / 6.0)
-        noise.append(np.maximum(spread, 1e-5 * np.ptp(measured, axis=1) + 1e-12))
+    for index in range(len(model.records)):
+        measured = model.measured(index)
+        # A second difference of white noise has 1 + 4 + 1 times its variance.
+        differences = np.diff(measured, 2, axis=1)
+        deviation = np.sqrt(np.mean(differences**2, axis=1) / 6.0)
+        noise.append(np.maximum(deviation, 1e-5 * np.ptp(measured, axis=1) + 1e-12))
     return noise
 
 
 def residual_noise(model: Model, residuals: tuple[np.ndarray, ...]) -> list[np.ndarray]:
     """Return the noise of each channel from its residual, corrected for the degrees of freedom of
     the parameters.
+
+    Raises:
+        DataError: If there are no more numbers than parameters.
     """
     total = sum(residual.size for residual in residuals)
     free = total - len(model.parameters)
@@ -286,14 +324,21 @@ def residual_noise(model: Model, residuals: tuple[np.ndarray, ...]) -> list[np.n
 
 
 def is_white(residual: np.ndarray) -> bool:
-    """Return whether a residual has no autocorrelation, by Ljung and Box (1978) at 0.1 %."""
-    off = residual - residual.mean()
-    power, n = float(off @ off), len(off)
-    if power <= 0.0 or n <= 2 * _LAGS:
+    """Return whether a residual has no autocorrelation, by the test of Ljung and Box (1978) at the
+    level `WHITE`.
+
+    Of white noise, Q = n (n + 2) Σ ρ_k² / (n - k) over the autocorrelations ρ_k of the first lags
+    has a chi-squared distribution. A residual that is too short to be tested counts as white.
+    """
+    deviation = residual - residual.mean()
+    power = float(deviation @ deviation)
+    n = len(deviation)
+    if power <= 0.0 or n <= 2 * _WHITENESS_LAGS:
         return True
-    rho = np.array([off[k:] @ off[:-k] for k in range(1, _LAGS + 1)]) / power
-    statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, _LAGS + 1))))
-    return bool(chi2.sf(statistic, _LAGS) > WHITE)
+    lags = np.arange(1, _WHITENESS_LAGS + 1)
+    rho = np.array([deviation[k:] @ deviation[:-k] for k in lags.tolist()]) / power
+    statistic = n * (n + 2) * float(np.sum(rho**2 / (n - lags)))
+    return bool(chi2.sf(statistic, _WHITENESS_LAGS) > WHITE)
 
 
 def _covariance(
@@ -303,25 +348,43 @@ def _covariance(
     noise: list[np.ndarray],
     white: tuple[np.ndarray, ...],
 ) -> np.ndarray:
-    """Return the covariance of the parameters: that of least squares, or, where a residual is not
-    white and that is wider, that of autocorrelated errors (Newey and West 1987, over a tenth of the
-    record); and what errors of the motions of the drives add. It is infinite for a parameter that
-    the records do not determine.
+    """Return the covariance of the parameters, shape (parameters, parameters): that of least
+    squares, or, where a residual is not white and that is wider, that of autocorrelated errors; and
+    what errors of the motions of the drives add. The variance of a parameter that the records do
+    not determine is infinite.
+
+    With J the Jacobian of the residuals over their noise, least squares have the covariance
+    (JᵀJ)⁻¹ if the errors are white. Otherwise it is (JᵀJ)⁻¹ M (JᵀJ)⁻¹, with M the long-run
+    covariance of the scores.
+
+    Source: Newey and West, Econometrica 55 (1987), 703-708.
     """
-    scale, count = model.scale, len(model.parameters)
-    bread, meat = np.zeros((count, count)), np.zeros((count, count))
-    slopes = [jacobian(model, values, index)[1] for index in range(len(model.records))]
-    for index, record in enumerate(zip(residuals, noise, white, strict=True)):
-        for slope, off, sigma, simple in zip(slopes[index], *record, strict=True):
+    scale = model.scale
+    count = len(model.parameters)
+    information = np.zeros((count, count))
+    score_covariance = np.zeros((count, count))
+    slopes = [jacobian(model, values, index).slope for index in range(len(model.records))]
+    for index in range(len(model.records)):
+        for c, slope in enumerate(slopes[index]):
+            sigma = noise[index][c]
             weighted = slope * scale / sigma
             outer = weighted.T @ weighted
-            bread += outer
-            meat += outer if simple else long_run(weighted * (off / sigma)[:, None])
-    inverse, determined = invert_information(bread)
-    remembered = inverse @ meat @ inverse
-    short, long = np.diag(inverse), np.diag(remembered)
-    wider = scale * np.sqrt(np.maximum(short, long) / np.where(long > 0.0, long, 1.0))
-    covariance = wider[:, None] * remembered * wider
+            information += outer
+            if white[index][c]:
+                score_covariance += outer
+            else:
+                scores = weighted * (residuals[index][c] / sigma)[:, None]
+                score_covariance += long_run(scores)
+    inverse, determined = invert_information(information)
+    autocorrelated = inverse @ score_covariance @ inverse
+
+    # Each parameter gets the larger of both variances; correlations are those of the second.
+    white_variance = np.diag(inverse)
+    long_variance = np.diag(autocorrelated)
+    largest = np.maximum(white_variance, long_variance)
+    ratio = largest / np.where(long_variance > 0.0, long_variance, 1.0)
+    widening = scale * np.sqrt(ratio)
+    covariance = widening[:, None] * autocorrelated * widening
     covariance[~determined, ~determined] = np.inf
     return covariance + _motion_covariance(model, values, slopes, noise, inverse)
 
@@ -339,28 +402,40 @@ def _motion_covariance(
     A residual does not tell it: a drive that stands is rounded in the same way in each row, and
     what a wrong motion does to a swing is seldom larger than the noise of its sensor. So the
     smoothed motion is rounded and smoothed once more, on grids that lie otherwise, and the
-    estimates move with what this changes in the residuals, to first order.
+    estimates move with what this changes in the residuals, to first order: a change δ of the
+    residuals moves the estimates by (JᵀJ)⁻¹ Jᵀ δ.
+
+    Args:
+        model: Records and parameters.
+        values: Estimates, shape (parameters,).
+        slopes: Derivatives of the residuals of each record, shape (channels, rows, parameters).
+        noise: Standard deviation of each channel of each record.
+        inverse: (JᵀJ)⁻¹ in the scales of the parameters, shape (parameters, parameters).
     """
-    scale, count = model.scale, len(model.parameters)
+    scale = model.scale
+    count = len(model.parameters)
     covariance = np.zeros((count, count))
     if not any(record.curves for record in model.records):
         return covariance
     rng = np.random.default_rng(0)
-    strata = (np.arange(_MEASURED_AGAIN) + 0.5) / _MEASURED_AGAIN - 0.5
+    # Stratified draws of where a grid lies: the middles of equal parts of -1/2 to 1/2.
+    strata = (np.arange(_REPEATED_MEASUREMENTS) + 0.5) / _REPEATED_MEASUREMENTS - 0.5
     for index, record in enumerate(model.records):
         # Each shift of a grid once for each drive, in an order of its own.
         shifts = {key: rng.permutation(strata) for key in record.curves}
         unchanged = _residual(model, index, values)
-        for draw in range(_MEASURED_AGAIN):
+        for draw in range(_REPEATED_MEASUREMENTS):
             shift = {key: float(order[draw]) for key, order in shifts.items()}
             records = list(model.records)
             records[index] = record.measured_again(shift, rng)
             change = _residual(replace(model, records=tuple(records)), index, values) - unchanged
             score = np.zeros(count)
-            for slope, off, sigma in zip(slopes[index], change, noise[index], strict=True):
-                score += (slope * scale / sigma).T @ (off / sigma)
-            moved = scale * (inverse @ score)
-            covariance += np.outer(moved, moved) / _MEASURED_AGAIN
+            for c, slope in enumerate(slopes[index]):
+                sigma = noise[index][c]
+                score += (slope * scale / sigma).T @ (change[c] / sigma)
+            shift_of_estimates = scale * (inverse @ score)
+            outer = np.outer(shift_of_estimates, shift_of_estimates)
+            covariance += outer / _REPEATED_MEASUREMENTS
     return covariance
 
 
@@ -372,22 +447,27 @@ def invert_information(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     pseudoinverse would give none.
     """
     # Round-off may leave a number below zero where nothing is determined.
-    size = np.sqrt(np.maximum(np.diag(information), 0.0))
-    determined = size > 0.0
-    unit = np.where(determined, size, 1.0)
-    share, axes = np.linalg.eigh(information / np.outer(unit, unit))
-    inverse = (axes / np.maximum(share, _FLOOR)) @ axes.T
-    inverse[~determined] = inverse[:, ~determined] = 0.0
+    root = np.sqrt(np.maximum(np.diag(information), 0.0))
+    determined = root > 0.0
+    unit = np.where(determined, root, 1.0)
+    # A matrix with ones on its diagonal has eigenvalues that do not depend on units.
+    eigenvalues, eigenvectors = np.linalg.eigh(information / np.outer(unit, unit))
+    inverse = (eigenvectors / np.maximum(eigenvalues, _MIN_EIGENVALUE)) @ eigenvectors.T
+    inverse[~determined] = 0.0
+    inverse[:, ~determined] = 0.0
     return inverse / np.outer(unit, unit), determined
 
 
 def long_run(scores: np.ndarray) -> np.ndarray:
-    """Return the long-run covariance of scores, shape (rows, parameters), with Bartlett's
-    weights.
+    """Return the long-run covariance of scores, shape (rows, parameters): the sum of their
+    autocovariances over all lags up to a tenth of the record.
+
+    Bartlett's weights, which fall linearly with the lag, keep it positive semidefinite (Newey and
+    West 1987).
     """
-    reach = max(1, len(scores) // 10)
+    max_lag = max(1, len(scores) // 10)
     covariance = scores.T @ scores
-    for lag in range(1, reach + 1):
+    for lag in range(1, max_lag + 1):
         cross = scores[lag:].T @ scores[:-lag]
-        covariance += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)
+        covariance += (1.0 - lag / (max_lag + 1.0)) * (cross + cross.T)
     return covariance

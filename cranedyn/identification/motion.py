@@ -16,26 +16,30 @@ from cranedyn.interfaces import Setpoint
 from cranedyn.model.layout import Joint
 from cranedyn.references.tabulated import Tabulating
 
-_SHORTEST = 1e-4
+_MIN_LAG = 1e-4
+"""Least time constant of a lag [s], to divide by; a drive is at its setpoint then."""
 
 
 def recorded_motion(record: Record, joint: Joint, still: float) -> Any:
-    """Return the recorded position of a drive as a differentiable function of time; None where only
-    its setpoint was recorded.
+    """Return the recorded position of a drive as a differentiable function of time: through its
+    positions and rates, its positions, or the integral of its rates. Return None where only its
+    setpoint was recorded.
 
     Args:
         record: The record.
         joint: The drive.
         still: Position if none of its columns was recorded.
     """
-    position, rate = (record.columns.get(name) for name in joint.columns)
+    position_column, rate_column = joint.columns
+    position = record.columns.get(position_column)
+    rate = record.columns.get(rate_column)
     if position is not None and rate is not None:
         return CubicHermiteSpline(record.t, position, rate)
     if position is not None:
         return CubicSpline(record.t, position)
     if rate is not None:
         motion = CubicSpline(record.t, rate).antiderivative()
-        motion.c[-1] += still
+        motion.c[-1] += still  # the constant of each piece
         return motion
     if joint.setpoint_column in record.columns:
         return None
@@ -56,12 +60,16 @@ def lagged(setpoint: np.ndarray, period: float, lag: float) -> tuple[np.ndarray,
         period: Time between rows [s].
         lag: Time constant [s].
     """
-    tau = max(lag, _SHORTEST)
-    share = period / tau
-    decay = np.exp(-share)
-    before, now = (1.0 - decay) / share - decay, 1.0 - (1.0 - decay) / share
+    # Over one period h, with r = h / τ, d = exp(-r) and a setpoint that is linear from s0 to s1,
+    # the solution is y1 = d y0 + ((1 - d) / r - d) s0 + (1 - (1 - d) / r) s1: a digital filter of
+    # first order.
+    tau = max(lag, _MIN_LAG)
+    ratio = period / tau
+    decay = np.exp(-ratio)
+    weight_before = (1.0 - decay) / ratio - decay
+    weight_now = 1.0 - (1.0 - decay) / ratio
     first = setpoint[0]
-    position = first + lfilter([now, before], [1.0, -decay], setpoint - first)
+    position = first + lfilter([weight_now, weight_before], [1.0, -decay], setpoint - first)
     return position, (setpoint - position) / tau
 
 

@@ -36,10 +36,21 @@ MEANINGS = {
     "damping": "k_d of the hold controller of the drive",
 }
 
-EARLY, LATE = -0.5, 1.0
-"""Bounds of the delay of the swing sensor [s], and a quarter of the period of the swing: a delay of
-half a period is the other sign."""
+MIN_DELAY = -0.5
+"""Least delay of the swing sensor [s]; negative where the columns of the drives are late instead.
+`bound_lateness` also keeps it within a quarter of a period of the swing."""
 
+MAX_DELAY = 1.0
+"""Largest delay of the swing sensor [s], see `MIN_DELAY`."""
+
+_UNBOUNDED = (-math.inf, math.inf)
+"""Bounds of a parameter that may take any value."""
+
+_MAX_INITIAL_SWING = 1.5
+"""Largest initial angle of a swing [rad]: less than a right angle."""
+
+_START_STRETCH = 0.8
+"""First stretch of a record through which a parabola is laid to find how it begins [s]."""
 
 _RATE_ERRORS: tuple[tuple[Kind, str, float], ...] = (
     ("rate bias", "rad/s", 1e-3),
@@ -92,73 +103,132 @@ def parameter(prior: Prior, name: str) -> Parameter:
         return devices[name]
     if name not in prior.arguments:
         raise UnknownName("parameter", name, [*devices, *prior.arguments])
-    first, argument = prior.value(name), prior.arguments[name]
-    low = {"any": -math.inf, "> 0": 1e-3 * first}.get(argument.allowed, 0.0)
+    first = prior.value(name)
+    argument = prior.arguments[name]
+    low = 0.0
+    if argument.allowed == "any":
+        low = -math.inf
+    elif argument.allowed == "> 0":
+        low = 1e-3 * first
     scale = 0.1 * abs(first) or 1.0
     return Parameter(name, "argument", name, argument.unit, first, low, math.inf, scale)
 
 
 def _device_parameters(crane: Crane) -> dict[str, Parameter]:
     """Return the parameters of the drives and sensors of a crane by name."""
-    layout, usual = crane.layout, hold_controller(crane)
+    layout = crane.layout
     devices = [
-        Parameter("delay", "delay", "", "s", 0.0, EARLY, LATE, 0.1),
-        Parameter("window", "window", "", "s", 0.2, 1e-3, 2.0 * LATE, 0.1),
+        Parameter("delay", "delay", "", "s", 0.0, MIN_DELAY, MAX_DELAY, 0.1),
+        Parameter("window", "window", "", "s", 0.2, 1e-3, 2.0 * MAX_DELAY, 0.1),
     ]
-    for drive, (joint, i) in enumerate(zip(layout.driven, layout.drives.tolist(), strict=True)):
-        of, unit, effort = joint.symbol, joint.unit, joint.effort_unit
-        reach = LARGEST_OFFSET * float(crane.upper[i] - crane.lower[i])
-        limit = float(crane.effort_limit[drive])
-        k_p, k_d = float(usual.stiffness[drive]), float(usual.damping[drive])
-        devices += [
-            Parameter(f"{of}_offset", "offset", of, unit, 0.0, -reach, reach, 0.1),
-            Parameter(f"{of}_lag", "lag", of, "s", 0.1, 1e-3, 5.0, 0.1),
-            Parameter(
-                f"{of}_friction", "friction", of, effort, 1e-4 * limit, 0.0, limit, 1e-3 * limit
-            ),
-            Parameter(
-                f"{of}_stiffness", "stiffness", of, f"{effort}/{unit}", k_p, 1e-2 * k_p, 1e2 * k_p,
-                0.1 * k_p,
-            ),
-            Parameter(
-                f"{of}_damping", "damping", of, f"{effort} s/{unit}", k_d, 1e-2 * k_d, 1e2 * k_d,
-                0.1 * k_d,
-            ),
-        ]  # fmt: skip
-    for symbol in (layout.symbols[i] for i in crane.swings.tolist()):
+    for drive in range(layout.m):
+        devices += _drive_parameters(crane, drive)
+    for i in crane.swings.tolist():
+        symbol = layout.symbols[i]
         devices.append(Parameter(f"{symbol}_bias", "bias", symbol, "rad", 0.0, -0.3, 0.3, 0.01))
     return {p.name: p for p in devices}
 
 
+def _drive_parameters(crane: Crane, drive: int) -> list[Parameter]:
+    """Return the parameters of one drive: offset, lag, dry friction, and the gains of a hold
+    controller about the usual ones.
+    """
+    joint = crane.layout.driven[drive]
+    coordinate = int(crane.layout.drives[drive])
+    of = joint.symbol
+    unit = joint.unit
+    effort_unit = joint.effort_unit
+    max_offset = LARGEST_OFFSET * float(crane.upper[coordinate] - crane.lower[coordinate])
+    max_effort = float(crane.effort_limit[drive])
+    parameters = [
+        Parameter(f"{of}_offset", "offset", of, unit, 0.0, -max_offset, max_offset, 0.1),
+        Parameter(f"{of}_lag", "lag", of, "s", 0.1, 1e-3, 5.0, 0.1),
+        Parameter(
+            name=f"{of}_friction",
+            kind="friction",
+            of=of,
+            unit=effort_unit,
+            start=1e-4 * max_effort,
+            low=0.0,
+            high=max_effort,
+            scale=1e-3 * max_effort,
+        ),
+    ]
+    usual = hold_controller(crane)
+    stiffness = float(usual.stiffness[drive])
+    damping = float(usual.damping[drive])
+    gains: tuple[tuple[Kind, str, float], ...] = (
+        ("stiffness", f"{effort_unit}/{unit}", stiffness),
+        ("damping", f"{effort_unit} s/{unit}", damping),
+    )
+    for kind, gain_unit, gain in gains:
+        parameters.append(
+            Parameter(
+                name=f"{of}_{kind}",
+                kind=kind,
+                of=of,
+                unit=gain_unit,
+                start=gain,
+                low=1e-2 * gain,
+                high=1e2 * gain,
+                scale=0.1 * gain,
+            )
+        )
+    return parameters
+
+
 def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> list[str]:
     """Return the names of the parameters that the recorded columns can determine."""
-    layout, winch = prior.crane.layout, prior.crane.winch
-    chosen = [] if winch is None else [f"{layout.driven[winch].symbol}_offset"]
-    swings = [(record, joint) for record in records for joint in record.swings]
-    recorded = {joint.symbol for _, joint in swings}
-    biased = {joint.symbol for record, joint in swings if joint.columns[0] in record.columns}
-    damped = ("damp_swing", *(f"damp_{symbol}" for symbol in layout.symbols if symbol in recorded))
-    chosen += [name for name in damped if name in prior.arguments]
-    chosen += ["delay"] if drives == "motion" else []
-    chosen += [f"{symbol}_bias" for symbol in layout.symbols if symbol in biased]
-    for drive, joint in enumerate(layout.driven):
-        moved = any(record.moves(joint.columns[0]) for record in records)
-        aimed = any(record.moves(joint.setpoint_column) for record in records)
-        effort = any(record.moves(joint.effort_column) for record in records)
-        if drives == "motion" and aimed:
-            chosen.append(f"{joint.symbol}_lag")
-        if effort and drive == winch and "payload_mass" in prior.arguments:
-            chosen.append("payload_mass")
-        if drives == "motion" and effort and (moved or aimed) and joint.role == "trolley":
-            chosen.append(f"{joint.symbol}_friction")
-        if drives == "hold":
-            chosen += [f"{joint.symbol}_{gain}" for gain in ("stiffness", "damping") if moved]
-    return chosen
+    layout = prior.crane.layout
+    winch = prior.crane.winch
+    names = []
+    if winch is not None:
+        names.append(f"{layout.driven[winch].symbol}_offset")
+    recorded = set()
+    with_angle = set()
+    for record in records:
+        for joint in record.swings:
+            recorded.add(joint.symbol)
+            if joint.columns[0] in record.columns:
+                with_angle.add(joint.symbol)
+    dampings = ["damp_swing"]
+    dampings += [f"damp_{symbol}" for symbol in layout.symbols if symbol in recorded]
+    names += [name for name in dampings if name in prior.arguments]
+    if drives == "motion":
+        names.append("delay")
+    names += [f"{symbol}_bias" for symbol in layout.symbols if symbol in with_angle]
+    for drive in range(layout.m):
+        names += _default_drive_names(prior, records, drives, drive)
+    return names
+
+
+def _default_drive_names(
+    prior: Prior, records: Sequence[Record], drives: Drives, drive: int
+) -> list[str]:
+    """Return the names of the parameters of a drive that the recorded columns can determine."""
+    joint = prior.crane.layout.driven[drive]
+    has_position = any(record.moves(joint.columns[0]) for record in records)
+    has_setpoint = any(record.moves(joint.setpoint_column) for record in records)
+    has_effort = any(record.moves(joint.effort_column) for record in records)
+    names = []
+    if drives == "motion" and has_setpoint:
+        names.append(f"{joint.symbol}_lag")
+    if has_effort and drive == prior.crane.winch and "payload_mass" in prior.arguments:
+        names.append("payload_mass")
+    has_motion = has_position or has_setpoint
+    if drives == "motion" and has_effort and has_motion and joint.role == "trolley":
+        names.append(f"{joint.symbol}_friction")
+    if drives == "hold" and has_position:
+        names += [f"{joint.symbol}_stiffness", f"{joint.symbol}_damping"]
+    return names
 
 
 def bound_lateness(p: Parameter, records: Sequence[Record]) -> Parameter:
     """Return a parameter with bounds by which the swing is late by less than a quarter of its
     period; an average is late by half its window.
+
+    A swing that is late by half a period is one of the other sign: without bounds, delay and sign
+    could not be told apart.
     """
     quarter = 0.25 * min(record.swing_period for record in records)
     if p.kind == "delay":
@@ -172,25 +242,31 @@ def initial_parameters(record: Record, index: int, drives: Drives) -> list[Param
     """Return the parameters of the initial state of a record: its swing, and drives whose motion is
     not prescribed.
     """
-    parameters, free = list[Parameter](), (-math.inf, math.inf)
+    parameters = list[Parameter]()
     for joint in record.swings:
-        ends = (-1.5, 1.5) if joint.kind == "revolute" else free
+        is_angle = joint.kind == "revolute"
+        ends = (-_MAX_INITIAL_SWING, _MAX_INITIAL_SWING) if is_angle else _UNBOUNDED
         parameters += _start(record, index, joint, ends, 0.02)
         if joint.columns[0] not in record.columns:  # a gyroscope
-            of = joint.symbol
-            parameters += [
-                Parameter(f"{of} {kind}", kind, of, unit, 0.0, *free, scale, index)
-                for kind, unit, scale in _RATE_ERRORS
-            ]
-    for joint in record.crane.layout.driven if drives != "motion" else ():
+            for kind, unit, scale in _RATE_ERRORS:
+                name = f"{joint.symbol} {kind}"
+                parameters.append(
+                    Parameter(name, kind, joint.symbol, unit, 0.0, *_UNBOUNDED, scale, index)
+                )
+    if drives == "motion":
+        return parameters
+    for joint in record.crane.layout.driven:
         column = joint.columns[0]
         if not record.moves(column):
             continue
-        parameters += _start(record, index, joint, free, 0.01)
+        parameters += _start(record, index, joint, _UNBOUNDED, 0.01)
         if drives == "hold" and joint.setpoint_column not in record.columns:
-            name, mean = f"{joint.symbol}_setpoint", float(np.mean(record.columns[column]))
+            name = f"{joint.symbol}_setpoint"
+            mean = float(np.mean(record.columns[column]))
             parameters.append(
-                Parameter(name, "setpoint", joint.symbol, joint.unit, mean, *free, 0.01, index)
+                Parameter(
+                    name, "setpoint", joint.symbol, joint.unit, mean, *_UNBOUNDED, 0.01, index
+                )
             )
     return parameters
 
@@ -201,16 +277,25 @@ def _start(
     """Return the initial coordinate and rate of a joint, by a parabola through the first rows. Of a
     swing whose rate was recorded the coordinate follows from the slope of the rate.
     """
-    rows, column = max(4, int(np.searchsorted(record.t, 0.8))), record.swing_column(joint)
-    _, rate, position = np.polyfit(record.t[:rows], record.columns[column][:rows], 2)
+    rows = max(4, int(np.searchsorted(record.t, _START_STRETCH)))
+    column = record.swing_column(joint)
+    _, slope, value = np.polyfit(record.t[:rows], record.columns[column][:rows], 2)
     if column == joint.columns[1]:
-        rate, position = position, -rate * (record.swing_period / (2.0 * math.pi)) ** 2
-    symbol, unit, first = joint.symbol, joint.unit, float(np.clip(position, *ends))
-    free = (-math.inf, math.inf)
+        # Of a free swing φ̈ = -ω² φ with ω = 2 π / period.
+        rate = value
+        position = -slope * (record.swing_period / (2.0 * math.pi)) ** 2
+    else:
+        rate = slope
+        position = value
+    symbol = joint.symbol
+    unit = joint.unit
+    first = float(np.clip(position, *ends))
+    first_rate = float(rate)
+    rate_unit = f"{unit}/s"
     return [
         Parameter(f"{symbol}_start", "start", symbol, unit, first, *ends, scale, index),
         Parameter(
-            f"{symbol}_dot_start", "start rate", symbol, f"{unit}/s", float(rate), *free, scale,
+            f"{symbol}_dot_start", "start rate", symbol, rate_unit, first_rate, *_UNBOUNDED, scale,
             index,
         ),
     ]  # fmt: skip

@@ -12,12 +12,12 @@ from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.model.crane import Crane
 
 MOST_SAMPLES = 2**16
-"""Largest number of samples of a spectrum; a longer record is looked at more coarsely."""
+"""Largest number of samples of a spectrum; a longer record is resampled more coarsely."""
 
 LEAST_PERIODS = 2.0
 """Least number of periods in a record by which its period is told."""
 
-CLEAR = 0.5
+DOMINANT_SHARE = 0.5
 """Least share of the power of a spectrum that its peak holds, where one period dominates."""
 
 _PEAK_BINS = 2
@@ -56,16 +56,19 @@ def recorded_period(t: np.ndarray, values: np.ndarray, *, is_rate: bool) -> floa
     power = spectrum.copy()
     power[0] = 0.0
     if is_rate:
+        # The power of an angle is that of its rate over ω². That lifts the lowest bins, which hold
+        # the drift of a gyroscope.
         power[1:] /= frequencies[1:] ** 2
-        power[1:_PEAK_BINS] = 0.0  # the drift of a gyroscope
+        power[1:_PEAK_BINS] = 0.0
     total = float(power.sum())
-    peak = int(np.argmax(power))
+    peak = int(np.argmax(power))  # its bin is the number of periods in the record
     if total <= 0.0 or not LEAST_PERIODS <= peak < len(power) - 1:
         return None
     lobe = power[max(peak - _PEAK_BINS, 1) : peak + _PEAK_BINS + 1]
-    if float(lobe.sum()) < CLEAR * total:
+    if float(lobe.sum()) < DOMINANT_SHARE * total:
         return None
     # The top of a parabola through the logarithms of three bins lies between them.
+    # It is laid through the spectrum as recorded, also where that is of a rate.
     near = np.maximum(spectrum[peak - 1 : peak + 2], 1e-12 * spectrum[peak])
     left, middle, right = np.log(near)
     shift = 0.5 * (left - right) / (left - 2.0 * middle + right)

@@ -14,11 +14,11 @@ from cranedyn.data.logs import open_log
 from cranedyn.data.tables import arrow, write_table
 from cranedyn.errors import DataError
 
-TEMPLATE, RECIPE = (
-    Path(__file__).with_name(f"record_template{ending}").read_text(encoding="utf-8")
-    for ending in (".csv", ".txt")
-)
-"""Record of three rows, to be replaced by measured ones; what to measure, and how to go on."""
+TEMPLATE = Path(__file__).with_name("record_template.csv").read_text(encoding="utf-8")
+"""Record of three rows, to be replaced by measured ones."""
+
+RECIPE = Path(__file__).with_name("record_template.txt").read_text(encoding="utf-8")
+"""What to measure, and how to go on."""
 
 _APPS = {
     "phyphox": ("Time (s)", *(f"Gyroscope {axis} (rad/s)" for axis in "xyz")),
@@ -48,15 +48,27 @@ def write_gyroscope_record(path: str | Path, source: str | Path, length: float |
         DataError: If a file cannot be read or written, or is that of another app.
         OutOfRange: If the length is not positive.
     """
-    length, log = number("length of the cable", length, "m", "> 0"), open_log(source)
-    app = next((columns for columns in _APPS.values() if {*columns} <= {*log.names}), None)
-    if app is None:
+    length = number("length of the cable", length, "m", "> 0")
+    log = open_log(source)
+    app_columns = None
+    for columns in _APPS.values():
+        if app_columns is None and {*columns} <= {*log.names}:
+            app_columns = columns
+    if app_columns is None:
         known = "; ".join(f"{', '.join(columns)} ({name})" for name, columns in _APPS.items())
         raise DataError(f"{source} has no columns of a gyroscope; allowed are {known}.")
     ours = ("t_s", "x_rad_s", "y_rad_s", "z_rad_s")
-    data = load_external(log, ours, dict(zip(ours, map(Source, app), strict=True))).columns
+    sources = {}
+    for our_name, app_name in zip(ours, app_columns, strict=True):
+        sources[our_name] = Source(app_name)
+    data = load_external(log, ours, sources).columns
     rates = np.stack([data[name] for name in ours[1:]], axis=1)
+    # The first right singular vector is the axis of the largest variance.
     axis = np.linalg.svd(rates - rates.mean(axis=0), full_matrices=False)[2][0]
-    columns = {"t_s": data["t_s"], "phi_dot_rad_s": rates @ axis, "l_m": 0.0 * data["t_s"] + length}
+    record = {
+        "t_s": data["t_s"],
+        "phi_dot_rad_s": rates @ axis,
+        "l_m": np.full(len(rates), length),
+    }
     check_free(Path(path))
-    write_table(path, arrow().table(columns))
+    write_table(path, arrow().table(record))

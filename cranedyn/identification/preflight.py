@@ -23,7 +23,15 @@ from cranedyn.theory import point_period
 ALIKE = 0.95
 """Correlation above which two parameters count as inseparable."""
 
-_SURE = 1.959963984540054
+_NORMAL_QUANTILE = 1.959963984540054
+"""Half width of a 95 % interval over the standard error, of a normal error."""
+
+_BLIND_SHARE = 0.25
+"""Half width of an interval from which on records hardly determine a parameter, as a share of the
+range between its bounds."""
+
+_NEW_CHANNEL_NOISE = 1e-4
+"""Noise of a column that no record has yet, as a share of the range of its drive."""
 
 
 class ParameterPair(NamedTuple):
@@ -85,56 +93,101 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
         estimate: Values and noise to linearise at; None for the first values of the search and
             the noise from second differences.
     """
-    values = model.first if estimate is None else estimate.values
-    noise = initial_noise(model) if estimate is None else list(estimate.noise)
-    current = information(model, values, noise)
+    if estimate is None:
+        values = model.first
+        noise = initial_noise(model)
+    else:
+        values = estimate.values
+        noise = list(estimate.noise)
     names = [p.name for p in model.own]
-    margins, correlation = _spread(current)
-    alike = tuple(
-        ParameterPair(names[i], names[j], float(correlation[i, j]))
-        for i in range(len(names))
-        for j in range(i)
-        if abs(correlation[i, j]) >= ALIKE
+    current = information(model, values, noise)
+    margins, correlation = _margins_and_correlation(current)
+    alike = _inseparable_pairs(names, correlation)
+    result = Preflight(
+        margins=dict(zip(names, margins.tolist(), strict=True)),
+        correlation=correlation,
+        alike=alike,
+        blind=_undetermined(model, margins, values),
     )
-    blind = tuple(
-        p.name
-        for p, margin, value in zip(model.parameters, margins, values.tolist(), strict=False)
-        if margin > (0.25 * (p.high - p.low) if np.isfinite(p.high - p.low) else abs(value))
-    )
-    result = Preflight(dict(zip(names, margins.tolist(), strict=True)), correlation, alike, blind)
+    if not result.doubtful:
+        return result
     advice = []
-    for move, record in propose_records(model, values) if result.doubtful else ():
-        reduced, rho = _spread(current + _further_information(model, record, values, noise))
-        pairs = [abs(rho[names.index(pair.first), names.index(pair.second)]) for pair in alike]
-        expected = dict(zip(names, reduced.tolist(), strict=True))
-        advice.append(Advice(move, expected, max(pairs, default=0.0)))
-    advice.sort(key=lambda entry: sum(np.log([entry.margins[name] for name in result.doubtful])))
+    for move, record in propose_records(model, values):
+        further = _further_information(model, record, values, noise)
+        reduced_margins, reduced_correlation = _margins_and_correlation(current + further)
+        remaining = 0.0
+        for pair in alike:
+            rho = reduced_correlation[names.index(pair.first), names.index(pair.second)]
+            remaining = max(remaining, abs(rho))
+        expected = dict(zip(names, reduced_margins.tolist(), strict=True))
+        advice.append(Advice(move, expected, remaining))
+
+    def log_product_of_margins(entry: Advice) -> float:
+        # Units of the margins scale all products alike, so that they do not change the order.
+        return sum(np.log([entry.margins[name] for name in result.doubtful]))
+
+    advice.sort(key=log_product_of_margins)
     return replace(result, advice=tuple(advice))
+
+
+def _inseparable_pairs(names: Sequence[str], correlation: np.ndarray) -> tuple[ParameterPair, ...]:
+    """Return the pairs of parameters whose correlation is `ALIKE` or more, of either sign."""
+    pairs = []
+    for i, first in enumerate(names):
+        for j, second in enumerate(names[:i]):
+            if abs(correlation[i, j]) >= ALIKE:
+                pairs.append(ParameterPair(first, second, float(correlation[i, j])))
+    return tuple(pairs)
+
+
+def _undetermined(model: Model, margins: np.ndarray, values: np.ndarray) -> tuple[str, ...]:
+    """Return the parameters of the crane that the records hardly determine, see
+    `Preflight.blind`.
+    """
+    names = []
+    for p, margin, value in zip(model.own, margins, values.tolist(), strict=False):
+        bounded_range = p.high - p.low
+        limit = _BLIND_SHARE * bounded_range if np.isfinite(bounded_range) else abs(value)
+        if margin > limit:
+            names.append(p.name)
+    return tuple(names)
 
 
 def information(model: Model, values: np.ndarray, noise: Sequence[np.ndarray]) -> np.ndarray:
     """Return Fisher's information about the parameters of the crane, with the initial states of the
-    records estimated along; shape (parameters of the crane, parameters of the crane), in their
-    scales.
+    records estimated along; shape (parameters of the crane, parameters of the crane).
+
+    Of each record the full information is F = JᵀJ with the Jacobian J over the noise, in blocks of
+    the parameters of the crane (c) and of the initial state (s). What is left for the former when
+    the latter has to be estimated, too, is the Schur complement F_cc - F_cs F_ss⁻¹ F_sc.
+
+    Args:
+        model: Records and parameters.
+        values: Values of all parameters, shape (parameters,).
+        noise: Standard deviation of each channel of each record.
     """
     count = len(model.own)
     total = np.zeros((count, count))
-    for index, spread in enumerate(noise):
-        slope = jacobian(model, values, index)[1] * model.scale / spread[:, None, None]
+    for index, deviation in enumerate(noise):
+        slope = jacobian(model, values, index).slope * model.scale / deviation[:, None, None]
         indices = model.of_record(index)
-        flat = slope.reshape(-1, len(values))[:, indices]
-        full = flat.T @ flat
-        initial = full[count:, count:]
-        beside = np.linalg.pinv(initial, rcond=1e-13, hermitian=True)
-        total += full[:count, :count] - full[:count, count:] @ beside @ full[count:, :count]
-    return total * np.outer(1.0 / model.scale[:count], 1.0 / model.scale[:count])
+        record_slope = slope.reshape(-1, len(values))[:, indices]
+        full = record_slope.T @ record_slope
+        # A pseudoinverse: a part of the initial state may change no channel.
+        initial_inverse = np.linalg.pinv(full[count:, count:], rcond=1e-13, hermitian=True)
+        by_initial = full[:count, count:]
+        total += full[:count, :count] - by_initial @ initial_inverse @ full[count:, :count]
+    inverse_scale = 1.0 / model.scale[:count]
+    return total * np.outer(inverse_scale, inverse_scale)
 
 
-def _spread(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return half widths of intervals, shape (parameters,), and correlations, from information."""
+def _margins_and_correlation(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return half widths of intervals, shape (parameters,), and correlations, shape (parameters,
+    parameters), from information.
+    """
     inverse, determined = invert_information(information)
     deviation = np.sqrt(np.diag(inverse))
-    margins = np.where(determined, _SURE * deviation, np.inf)
+    margins = np.where(determined, _NORMAL_QUANTILE * deviation, np.inf)
     unit = np.where(determined, deviation, 1.0)
     return margins, inverse / np.outer(unit, unit)
 
@@ -150,15 +203,36 @@ def _further_information(
     initial = initial_parameters(record, 0, model.drives)
     further = Model(model.prior, (record,), (*model.own, *initial), model.drives)
     start = np.append(values[: len(model.own)], np.zeros(len(initial)))
-    spreads = {
-        channel.column: float(spread)
-        for record_channels, record_noise in zip(model.channels, noise, strict=True)
-        for channel, spread in zip(record_channels, record_noise, strict=True)
-    }
-    width = model.prior.crane.upper - model.prior.crane.lower
-    spread = [spreads.get(c.column, 1e-4 * width[c.at]) for c in further.channels[0]]
-    added = information(further, start, [np.array(spread)])
-    return added if np.isfinite(added).all() else np.zeros_like(added)  # it cannot be simulated
+    known_noise = {}
+    for record_channels, record_noise in zip(model.channels, noise, strict=True):
+        for channel, deviation in zip(record_channels, record_noise, strict=True):
+            known_noise[channel.column] = float(deviation)
+    drive_range = model.prior.crane.upper - model.prior.crane.lower
+    further_noise = []
+    for channel in further.channels[0]:
+        default = _NEW_CHANNEL_NOISE * drive_range[channel.at]
+        further_noise.append(known_noise.get(channel.column, default))
+    added = information(further, start, [np.array(further_noise)])
+    # A record that cannot be simulated adds nothing.
+    return added if np.isfinite(added).all() else np.zeros_like(added)
+
+
+class _Move(NamedTuple):
+    """Motion of a drive forth, and back at once.
+
+    Attributes:
+        distance: Distance [rad or m].
+        duration: Time in each direction [s].
+        begins: Time at which it begins [s].
+    """
+
+    distance: float
+    duration: float
+    begins: float
+
+
+_STANDSTILL = _Move(0.0, 1.0, 0.0)
+"""Motion of a drive that does not move."""
 
 
 def propose_records(model: Model, values: np.ndarray) -> Iterator[tuple[str, Record]]:
@@ -168,28 +242,18 @@ def propose_records(model: Model, values: np.ndarray) -> Iterator[tuple[str, Rec
     """
     if model.drives != "motion":
         return
-    crane, template = model.prior.crane, _RecordTemplate(model, values)
-    hoist = crane.winch
-    sideways = [joint for i, joint in enumerate(crane.layout.driven) if i != hoist]
-    for joint in sideways:
-        for share, scale in ((0.5, 1.0), (0.2, 0.4)):
-            size, lasts = scale * template.size(joint), share * template.period
-            text = f"{joint.symbol} by {size:.2g} {joint.unit} in {lasts:.1f} s and back at once"
-            yield text, template.record({joint.symbol: (size, lasts, 2.0)})
-    if hoist is None or not sideways:
+    crane = model.prior.crane
+    template = _RecordTemplate(model, values)
+    horizontal = [joint for i, joint in enumerate(crane.layout.driven) if i != crane.winch]
+    yield from _horizontal_moves(template, horizontal)
+    if crane.winch is None or not horizontal:
         return
-    lift, size = crane.layout.driven[hoist], template.size(sideways[0])
-    move = f"{sideways[0].symbol} by {size:.2g} {sideways[0].unit} and back"
-    swing_move = {sideways[0].symbol: (size, 0.5 * template.period, 2.0)}
-    length = template.positions[lift.symbol]
-    for factor, text in ((0.5, "half the cable"), (1.5, "half as much cable again")):
-        target = float(np.clip(factor * length, *template.range_of(lift)))
-        if abs(target - length) > 0.1 * length:
-            shorter = _RecordTemplate(model, values, {lift.symbol: target})
-            yield f"{move} at {target:.3g} m, {text}", shorter.record(swing_move)
-            hoisting = {lift.symbol: (target - length, 2.0 * template.period, 4.0)}
-            text = f"hoisting from {length:.3g} to {target:.3g} m while the load swings"
-            yield text, template.record({**swing_move, **hoisting})
+    joint = horizontal[0]
+    size = template.size(joint)
+    text = f"{joint.symbol} by {size:.2g} {joint.unit} and back"
+    move = {joint.symbol: _Move(size, 0.5 * template.period, 2.0)}
+    hoist = crane.layout.driven[crane.winch]
+    yield from _other_lengths(model, values, template, hoist, text, move)
     recorded = template.like.columns
     missing = [
         joint.columns[0]
@@ -197,8 +261,51 @@ def propose_records(model: Model, values: np.ndarray) -> Iterator[tuple[str, Rec
         if joint.setpoint_column in recorded and joint.columns[0] not in recorded
     ]
     if missing:
-        text = f"{move}, {', '.join(missing)} recorded, too"
-        yield text, template.record(swing_move, with_positions=True)
+        record = template.record(move, with_positions=True)
+        yield f"{text}, {', '.join(missing)} recorded, too", record
+
+
+def _horizontal_moves(
+    template: _RecordTemplate, joints: Sequence[Joint]
+) -> Iterator[tuple[str, Record]]:
+    """Yield records of each drive but the hoist, forth and back in half a period of the swing, and
+    by less in a fifth of it.
+    """
+    for joint in joints:
+        for share_of_period, share_of_size in ((0.5, 1.0), (0.2, 0.4)):
+            distance = share_of_size * template.size(joint)
+            duration = share_of_period * template.period
+            text = (
+                f"{joint.symbol} by {distance:.2g} {joint.unit} in {duration:.1f} s and back at "
+                "once"
+            )
+            yield text, template.record({joint.symbol: _Move(distance, duration, 2.0)})
+
+
+def _other_lengths(
+    model: Model,
+    values: np.ndarray,
+    template: _RecordTemplate,
+    hoist: Joint,
+    text: str,
+    move: Mapping[str, _Move],
+) -> Iterator[tuple[str, Record]]:
+    """Yield records of a move at half the length of the cable and at one and a half of it, and
+    while hoisting to each.
+    """
+    length = template.positions[hoist.symbol]
+    for factor, description in ((0.5, "half the cable"), (1.5, "half as much cable again")):
+        target = float(np.clip(factor * length, *template.range_of(hoist)))
+        # Where the range of the hoist ends nearby, another length would tell little.
+        if abs(target - length) <= 0.1 * length:
+            continue
+        elsewhere = _RecordTemplate(model, values, {hoist.symbol: target})
+        yield f"{text} at {target:.3g} m, {description}", elsewhere.record(move)
+        hoisting = _Move(target - length, 2.0 * template.period, 4.0)
+        yield (
+            f"hoisting from {length:.3g} to {target:.3g} m while the load swings",
+            template.record({**move, hoist.symbol: hoisting}),
+        )
 
 
 class _RecordTemplate:
@@ -209,10 +316,21 @@ class _RecordTemplate:
     def __init__(
         self, model: Model, values: np.ndarray, overrides: Mapping[str, float] | None = None
     ) -> None:
-        self.crane, self.like = model.prior.crane, model.records[0]
-        own = zip(model.own, values.tolist(), strict=False)
-        self.lags = {p.of: value for p, value in own if p.kind == "lag"}
-        layout, columns = self.crane.layout, self.like.columns
+        """Prepare records.
+
+        Args:
+            model: Records and parameters.
+            values: Values of all parameters, shape (parameters,).
+            overrides: Other positions of drives to begin at, by symbol.
+        """
+        self.crane = model.prior.crane
+        self.like = model.records[0]
+        self.lags = {}
+        for p, value in zip(model.own, values.tolist(), strict=False):
+            if p.kind == "lag":
+                self.lags[p.of] = value
+        layout = self.crane.layout
+        columns = self.like.columns
         self.positions = {}
         for joint, start in zip(layout.driven, self.crane.start.q[layout.drives], strict=True):
             column = columns.get(joint.columns[0], columns.get(joint.setpoint_column))
@@ -235,30 +353,32 @@ class _RecordTemplate:
         distance = min(1.0 if joint.unit == "m" else 0.15, 0.2 * (high - low))
         return distance if self.positions[joint.symbol] + distance < high else -distance
 
-    def record(
-        self, moved: Mapping[str, tuple[float, float, float]], *, with_positions: bool = False
-    ) -> Record:
-        """Return the record of drives that move by a distance, in a time, from a time on, and back
-        at once; the hoist moves forth only.
+    def record(self, moves: Mapping[str, _Move], *, with_positions: bool = False) -> Record:
+        """Return the record of drives that move forth and back at once, by symbol; the hoist moves
+        forth only.
         """
-        recorded, t = self.like.columns, np.arange(0.0, 4.0 + 5.0 * self.period, self.like.interval)
+        recorded = self.like.columns
+        t = np.arange(0.0, 4.0 + 5.0 * self.period, self.like.interval)
         columns: dict[str, np.ndarray] = {}
         for drive, joint in enumerate(self.crane.layout.driven):
-            distance, lasts, begins = moved.get(joint.symbol, (0.0, 1.0, 0.0))
+            move = moves.get(joint.symbol, _STANDSTILL)
             still = self.positions[joint.symbol]
-            last = still + distance if drive == self.crane.winch else still
-            points = np.array([[still], [still + distance], [last]])
-            (aim,) = Spline(begins + lasts * np.arange(3), points).at(t).position.T
+            last = still + move.distance if drive == self.crane.winch else still
+            points = np.array([[still], [still + move.distance], [last]])
+            spline = Spline(move.begins + move.duration * np.arange(3), points)
+            setpoint = spline.at(t).position[:, 0]
             position = joint.columns[0]
             if joint.setpoint_column in recorded:
-                columns[joint.setpoint_column] = aim
+                columns[joint.setpoint_column] = setpoint
                 if position in recorded or with_positions:
                     lag = self.lags.get(joint.symbol, 0.0)
-                    columns[position] = lagged(aim, self.like.interval, lag)[0]
+                    columns[position] = lagged(setpoint, self.like.interval, lag)[0]
             else:
-                columns[position] = aim
+                columns[position] = setpoint
+            # Only how efforts and swings are predicted counts, not what is recorded of them: any
+            # column that is not constant stands for them.
             if joint.effort_column in recorded:
-                columns[joint.effort_column] = np.sin(t)  # only how it is predicted counts
+                columns[joint.effort_column] = np.sin(t)
         for joint in self.like.swings:
             columns[self.like.swing_column(joint)] = 1e-3 * np.sin(t)
         return replace(self.like, name="a further record", t=t, columns=columns)

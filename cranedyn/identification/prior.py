@@ -18,11 +18,17 @@ from cranedyn.model.description import XACRO, Argument, arguments
 from cranedyn.model.load import load_crane
 from cranedyn.plant.plant import numbers
 
-_AGREES = 1e-9
+_LINEARITY_TOLERANCE = 1e-9
+"""Largest difference, relative and absolute, between the numbers of an interpolated crane and of a
+loaded one."""
 
 
 class Family:
     """Cranes as a function of some arguments.
+
+    Masses, first moments, inertias, damping and gravity are linear in the arguments that can be
+    identified. So a crane at any values follows from one crane at the first values and one further
+    crane for each argument, without loading its description again.
 
     Attributes:
         names: Names of the arguments.
@@ -42,15 +48,21 @@ class Family:
         Raises:
             ModelError: If the cranes are not linear in the arguments.
         """
-        self.names, self.base = tuple(first), load(**first)
+        self.names = tuple(first)
+        self.base = load(**first)
         self._first = np.array(list(first.values()))
-        self._row = _row(self.base)
+        self._row = _linear_numbers(self.base)
         steps = np.array([second[name] for name in self.names]) - self._first
-        rows = [_row(load(**{**first, name: second[name]})) for name in self.names]
-        self._slopes = [(row - self._row) / step for row, step in zip(rows, steps, strict=True)]
+        self._slopes = []
+        for name, step in zip(self.names, steps, strict=True):
+            changed = {**first, name: second[name]}
+            self._slopes.append((_linear_numbers(load(**changed)) - self._row) / step)
         if self.names:
-            ours, loaded = map(numbers, (self.at(self._first + steps), load(**second)))
-            if ours.shape != loaded.shape or not np.allclose(ours, loaded, _AGREES, _AGREES):
+            # A product of two arguments shows only where both are changed.
+            ours = numbers(self.at(self._first + steps))
+            loaded = numbers(load(**second))
+            tolerance = _LINEARITY_TOLERANCE
+            if ours.shape != loaded.shape or not np.allclose(ours, loaded, tolerance, tolerance):
                 raise ModelError(
                     f"The crane depends on {', '.join(self.names)} in another way than masses, "
                     "inertias, damping and gravity do; such numbers cannot be identified."
@@ -63,18 +75,20 @@ class Family:
         row = self._row.copy()
         for slope, value, first in zip(self._slopes, values, self._first, strict=True):
             row += slope * (value - first)
-        model, n = self.base.model.copy(), self.base.layout.n
+        model = self.base.model.copy()
+        n = self.base.layout.n
         bodies = row[: 10 * n].reshape(n, 10)
         for i, inertial in enumerate(bodies, start=1):
+            # A body without mass keeps its inertia: Pinocchio divides by the mass.
             if inertial[0] > 0.0:
                 model.inertias[i] = pin.Inertia.FromDynamicParameters(inertial)
         model.gravity.linear = np.array([0.0, 0.0, -row[-1]])
         return replace(self.base, model=model, damping=row[10 * n : 11 * n])
 
 
-def _row(crane: Crane) -> np.ndarray:
-    """Return the numbers that enter linearly: ten inertial numbers of each body, damping,
-    gravity.
+def _linear_numbers(crane: Crane) -> np.ndarray:
+    """Return the numbers that are linear in the arguments: ten inertial numbers of each of n
+    bodies, n dampings, and gravity, shape (11 n + 1,).
     """
     bodies = [inertia.toDynamicParameters() for inertia in list(crane.model.inertias)[1:]]
     return np.concatenate([*bodies, crane.damping, [crane.gravity]])
@@ -117,23 +131,34 @@ class Prior:
         arguments the damping of each passive joint, such as damp_phi.
         """
         found = {"gravity": Argument("", "m/s²", "> 0", "gravity of the world"), **self._declared}
-        for i in () if self._declared else self.crane.layout.passive.tolist():
-            joint, damping = self.crane.layout.joints[i], float(self.crane.damping[i])
-            unit, meaning = f"{joint.effort_unit} s", f"damping of {joint.name}"
+        if self._declared:
+            return found
+        for i in self.crane.layout.passive.tolist():
+            joint = self.crane.layout.joints[i]
+            damping = float(self.crane.damping[i])
+            unit = f"{joint.effort_unit} s"
+            meaning = f"damping of {joint.name}"
             found[f"damp_{joint.symbol}"] = Argument(repr(damping), unit, ">= 0", meaning)
         return found
 
     def load(self, **values: float) -> Crane:
-        """Load the crane with some values changed, gravity among them."""
+        """Load the crane with some values changed, gravity among them; of a description without
+        arguments also the damping of passive joints.
+        """
         merged = {**self.values, **values}
         gravity: Any = merged.pop("gravity", self.gravity)
-        plain = not self._declared
-        damped = {name: merged.pop(name) for name in values if plain and name.startswith("damp_")}
+        dampings = {}
+        if not self._declared:
+            for name in values:
+                if name.startswith("damp_"):
+                    dampings[name.removeprefix("damp_")] = merged.pop(name)
         crane = load_crane(self.urdf, gravity=gravity, values=merged, **self.loading)
+        if not dampings:
+            return crane
         damping = crane.damping.copy()
-        for name, value in damped.items():
-            damping[crane.layout.index(name.removeprefix("damp_"))] = value
-        return replace(crane, damping=damping) if damped else crane
+        for symbol, value in dampings.items():
+            damping[crane.layout.index(symbol)] = value
+        return replace(crane, damping=damping)
 
     def family(self, first: Mapping[str, float], second: Mapping[str, float]) -> Family:
         """Return the cranes of this description, see `Family`; cached."""

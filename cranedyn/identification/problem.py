@@ -22,6 +22,10 @@ from cranedyn.identification.parameters import (
 )
 from cranedyn.identification.prior import Family, Prior
 from cranedyn.identification.record import Record
+from cranedyn.model.layout import Joint
+
+_DELAY_START_SHARE = 0.6
+"""Share of the bounds of a delay from which further searches begin."""
 
 
 class Channel(NamedTuple):
@@ -30,7 +34,9 @@ class Channel(NamedTuple):
     Attributes:
         column: Name of the column.
         unit: Unit of the column.
-        kind: Kind of the signal: "swing", "position", "lagged" or "effort".
+        kind: Kind of the signal: "swing" for the angle or the rate of a swing, "position" for the
+            simulated position of a drive, "lagged" for the position of a prescribed drive behind
+            its setpoint, "effort" for the effort of a drive.
         at: Index of the swing or drive among the coordinates.
         drive: Index of the drive among the drives; -1 for a swing.
     """
@@ -92,8 +98,11 @@ class EstimationProblem:
             raise DataError("There is no record to identify a crane from; give one or more.")
         mode = _default_drives(records) if drives is None else drives
         check_choice("drives", mode, Drives)
-        chosen = default_names(prior, records, mode) if names is None else dict.fromkeys(names)
-        if not chosen:
+        if names is None:
+            names = default_names(prior, records, mode)
+        else:
+            names = list(dict.fromkeys(names))  # each once, in the order given
+        if not names:
             raise DataError("There is nothing to find; give names of parameters.")
         if mode == "effort" and _missing_efforts(records):
             needed = ", ".join(joint.effort_column for joint in prior.crane.layout.driven)
@@ -103,9 +112,10 @@ class EstimationProblem:
         stated = _stated_columns(prior, signs or {})
         for column, sign in stated.items():
             if sign < 0:
-                records = [r.turned(column) if column in r.columns else r for r in records]
-        parameters = [parameter(prior, name) for name in chosen]
-        parameters = [bound_lateness(p, records) for p in parameters]
+                records = _with_turned_column(records, column)
+        parameters = []
+        for name in names:
+            parameters.append(bound_lateness(parameter(prior, name), records))
         for p in parameters:
             _check_determined(p, records, mode)
         for i, record in enumerate(records):
@@ -116,23 +126,31 @@ class EstimationProblem:
         """Yield the same problem with each swing of either sign, and with the search begun from
         other delays of the swing sensor.
         """
-        swings = dict.fromkeys(
-            record.swing_column(joint) for record in self.records for joint in record.swings
-        )
-        swings = {name: None for name in swings if name not in self.stated_signs}
-        delays = np.unique([0.0, *(0.6 * np.array(self.delay_bounds))]).tolist()
-        for signs in product((1, -1), repeat=len(swings)):
-            records = self.records
-            for column in (name for name, sign in zip(swings, signs, strict=True) if sign < 0):
-                records = tuple(r.turned(column) if column in r.columns else r for r in records)
+        columns = []
+        for record in self.records:
+            for joint in record.swings:
+                column = record.swing_column(joint)
+                if column not in columns and column not in self.stated_signs:
+                    columns.append(column)
+        delays = np.unique([0.0, *(_DELAY_START_SHARE * np.array(self.delay_bounds))]).tolist()
+        for signs in product((1, -1), repeat=len(columns)):
+            records: Sequence[Record] = self.records
+            for column, sign in zip(columns, signs, strict=True):
+                if sign < 0:
+                    records = _with_turned_column(records, column)
             for delay in delays:
-                if (delay, *signs) == (0.0, *np.ones(len(swings))):
-                    continue
-                own = [replace(p, start=delay) if p.kind == "delay" else p for p in self.own]
-                initial = [
-                    p for i, r in enumerate(records) for p in initial_parameters(r, i, self.drives)
-                ]
-                yield replace(self, records=records, parameters=(*own, *initial))
+                is_this_problem = delay == 0.0 and all(sign > 0 for sign in signs)
+                if not is_this_problem:
+                    yield self._started_at(records, delay)
+
+    def _started_at(self, records: Sequence[Record], delay: float) -> Self:
+        """Return the problem with other records, from another first value of the delay [s]."""
+        parameters = []
+        for p in self.own:
+            parameters.append(replace(p, start=delay) if p.kind == "delay" else p)
+        for i, record in enumerate(records):
+            parameters += initial_parameters(record, i, self.drives)
+        return replace(self, records=tuple(records), parameters=tuple(parameters))
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
@@ -147,8 +165,9 @@ class EstimationProblem:
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of the parameters, shape (parameters,) each."""
-        low, high = zip(*((p.low, p.high) for p in self.parameters), strict=True)
-        return np.array(low), np.array(high)
+        low = np.array([p.low for p in self.parameters])
+        high = np.array([p.high for p in self.parameters])
+        return low, high
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -158,14 +177,17 @@ class EstimationProblem:
     @cached_property
     def delay_bounds(self) -> tuple[float, float]:
         """Bounds of the delay of the swing sensor [s], zero where none is estimated."""
-        bounds = [(p.low, p.high) for p in self.own if p.kind == "delay"]
-        return bounds[0] if bounds else (0.0, 0.0)
+        for p in self.own:
+            if p.kind == "delay":
+                return p.low, p.high
+        return 0.0, 0.0
 
     @cached_property
     def lateness_bounds(self) -> tuple[float, float]:
         """Bounds of the age [s] of the swing that a row reports, its window included."""
-        early, late = self.delay_bounds
-        return early, late + max((p.high for p in self.own if p.kind == "window"), default=0.0)
+        earliest, latest = self.delay_bounds
+        longest_window = max((p.high for p in self.own if p.kind == "window"), default=0.0)
+        return earliest, latest + longest_window
 
     def of_record(self, index: int) -> list[int]:
         """Return the indices of the parameters on which a record depends."""
@@ -174,9 +196,12 @@ class EstimationProblem:
     @cached_property
     def family(self) -> Family:
         """Cranes by the values of the arguments among the parameters."""
+        # Masses, inertias, damping and gravity enter linearly, so that a second value of each,
+        # half a typical change from the first, determines all cranes.
         arguments = [p for p in self.parameters if p.kind == "argument"]
         first = {p.name: p.start for p in arguments}
-        return self.prior.family(first, {p.name: p.start + 0.5 * p.scale for p in arguments})
+        second = {p.name: p.start + 0.5 * p.scale for p in arguments}
+        return self.prior.family(first, second)
 
     @cached_property
     def channels(self) -> tuple[tuple[Channel, ...], ...]:
@@ -184,25 +209,40 @@ class EstimationProblem:
         return tuple(self._channels(record) for record in self.records)
 
     def _channels(self, record: Record) -> tuple[Channel, ...]:
-        layout, names = self.prior.crane.layout, {p.name for p in self.parameters}
-        channels = [
-            Channel(column, f"{joint.unit}{'/s' * column.endswith('_s')}", "swing", at)
-            for joint in record.swings
-            for column, at in ((record.swing_column(joint), layout.index(joint.symbol)),)
-        ]
+        """Return the columns of a record that are predicted: its swings, then those of the drives
+        that are not prescribed or that some parameter changes.
+        """
+        layout = self.prior.crane.layout
+        channels = []
+        for joint in record.swings:
+            column = record.swing_column(joint)
+            unit = f"{joint.unit}/s" if column.endswith("_s") else joint.unit
+            channels.append(Channel(column, unit, "swing", layout.index(joint.symbol)))
         for drive, joint in enumerate(layout.driven):
-            at, position, effort = int(layout.drives[drive]), joint.columns[0], joint.effort_column
-            if self.drives != "motion":
-                if record.moves(position):
-                    channels.append(Channel(position, joint.unit, "position", at, drive))
-                continue
-            has_lag = f"{joint.symbol}_lag" in names
-            if has_lag and {position, joint.setpoint_column} <= record.columns.keys():
-                channels.append(Channel(position, joint.unit, "lagged", at, drive))
-            weighs = drive == self.prior.crane.winch and "payload_mass" in names
-            if (weighs or f"{joint.symbol}_friction" in names) and effort in record.columns:
-                channels.append(Channel(effort, joint.effort_unit, "effort", at, drive))
+            if self.drives == "motion":
+                channels += self._prescribed_channels(record, drive, joint)
+            elif record.moves(joint.columns[0]):
+                at = int(layout.drives[drive])
+                channels.append(Channel(joint.columns[0], joint.unit, "position", at, drive))
         return tuple(channels)
+
+    def _prescribed_channels(self, record: Record, drive: int, joint: Joint) -> list[Channel]:
+        """Return the columns of a drive with a prescribed motion that depend on some parameter: its
+        position behind the setpoint on its lag, its effort on the load or on friction.
+        """
+        names = {p.name for p in self.parameters}
+        at = int(self.prior.crane.layout.drives[drive])
+        position = joint.columns[0]
+        channels = []
+        is_recorded = {position, joint.setpoint_column} <= record.columns.keys()
+        if f"{joint.symbol}_lag" in names and is_recorded:
+            channels.append(Channel(position, joint.unit, "lagged", at, drive))
+        carries_load = drive == self.prior.crane.winch and "payload_mass" in names
+        has_friction = f"{joint.symbol}_friction" in names
+        if (carries_load or has_friction) and joint.effort_column in record.columns:
+            column = joint.effort_column
+            channels.append(Channel(column, joint.effort_unit, "effort", at, drive))
+        return channels
 
     def rows(self, index: int, until: float = np.inf) -> np.ndarray:
         """Return the indices of the rows of a record that are evaluated, up to a time [s].
@@ -211,14 +251,23 @@ class EstimationProblem:
         them out of the record.
         """
         t = self.records[index].t
-        early, late = self.lateness_bounds
-        return np.flatnonzero((t >= late) & (t <= min(t[-1] + early, until)))
+        earliest, latest = self.lateness_bounds
+        # A late swing is that of a time before the row, by up to `latest`; an early one, with a
+        # negative delay, that of a time behind it.
+        end = min(t[-1] + earliest, until)
+        return np.flatnonzero((t >= latest) & (t <= end))
 
     def measured(self, index: int, until: float = np.inf) -> np.ndarray:
         """Return the channels of a record, shape (channels, rows evaluated)."""
-        record, rows = self.records[index], self.rows(index, until)
-        channels = self.channels[index]
-        return np.array([record.measured(channel.column)[rows] for channel in channels])
+        record = self.records[index]
+        rows = self.rows(index, until)
+        columns = [channel.column for channel in self.channels[index]]
+        return np.array([record.measured(column)[rows] for column in columns])
+
+
+def _with_turned_column(records: Sequence[Record], column: str) -> list[Record]:
+    """Return records with the other sign of a column, where they have it."""
+    return [record.turned(column) if column in record.columns else record for record in records]
 
 
 def _stated_columns(prior: Prior, signs: Mapping[str, int]) -> dict[str, int]:
@@ -243,12 +292,13 @@ def _stated_columns(prior: Prior, signs: Mapping[str, int]) -> dict[str, int]:
 
 def _default_drives(records: Sequence[Record]) -> Drives:
     """Return "motion" where a motion is recorded or an effort is not, otherwise "effort"."""
-    moved = any(
-        {*joint.columns, joint.setpoint_column} & record.columns.keys()
-        for record in records
-        for joint in record.crane.layout.driven
-    )
-    return "motion" if moved or _missing_efforts(records) else "effort"
+    if _missing_efforts(records):
+        return "motion"
+    for record in records:
+        for joint in record.crane.layout.driven:
+            if {*joint.columns, joint.setpoint_column} & record.columns.keys():
+                return "motion"
+    return "effort"
 
 
 def _missing_efforts(records: Sequence[Record]) -> bool:
@@ -267,18 +317,25 @@ def _check_determined(p: Parameter, records: Sequence[Record], drives: Drives) -
         DataError: If the column is missing or constant.
         OutOfRange: If the parameter has no effect with these drives.
     """
-    needed = {"lag": "motion", "friction": "motion", "stiffness": "hold", "damping": "hold"}
-    if drives != needed.get(p.kind, drives):
-        raise OutOfRange(f"drives beside {p.name}", drives, needed[p.kind])
+    needed_drives = {
+        "lag": "motion",
+        "friction": "motion",
+        "stiffness": "hold",
+        "damping": "hold",
+    }
+    if drives != needed_drives.get(p.kind, drives):
+        raise OutOfRange(f"drives beside {p.name}", drives, needed_drives[p.kind])
     for joint in records[0].crane.layout.joints:
-        column = {
+        needed_columns = {
             "lag": joint.setpoint_column,
             "friction": joint.effort_column,
             "bias": joint.columns[0],
-        }.get(p.kind)
-        if joint.symbol != p.of or column is None or any(r.moves(column) for r in records):
+        }
+        column = needed_columns.get(p.kind)
+        if joint.symbol != p.of or column is None:
             continue
-        recorded = any(column in record.columns for record in records)
-        raise DataError(
-            f"{p.name} cannot be found: {column} {'never moves' if recorded else 'is not there'}."
-        )
+        if any(record.moves(column) for record in records):
+            continue
+        is_recorded = any(column in record.columns for record in records)
+        reason = "never moves" if is_recorded else "is not there"
+        raise DataError(f"{p.name} cannot be found: {column} {reason}.")

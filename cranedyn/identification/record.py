@@ -22,41 +22,47 @@ from cranedyn.identification.sampling import Samples, SmoothCurve, is_irregular,
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 
-PERIODS, ROWS = 2.0, 40
-"""Least length of a record: periods of the swing, and rows."""
+MIN_PERIODS = 2.0
+"""Least length of a record in periods of its swing."""
+
+MIN_ROWS = 40
+"""Least number of rows of a record."""
 
 LARGEST_OFFSET = 0.25
 """Largest offset of a recorded position, as a share of the range of its drive."""
 
-_UPRIGHT = math.pi / 2
+_MAX_SWING = math.pi / 2
 """Largest swing [rad]."""
 
-_STILL = 1e-9
+_STANDSTILL_RANGE = 1e-9
 """Largest change of a column that does not move [rad or m]."""
 
-_IMPOSSIBLE = 1.25
+_IMPOSSIBLE_RATIO = 1.25
 """How far a recorded period lies beyond those of the crane, as a factor, where the crane cannot be
 that of the record. Swings of 90 degrees last 18 % longer than small ones."""
 
-_REMARKABLE = 1.1
+_REMARKABLE_RATIO = 1.1
 """Factor between the period of a record and that of the crane from which on it is said."""
 
-_GAP, _GAP_SHARE = 5.0, 0.1
-"""Longest gap between rows: usual steps of the clock, or, if that is longer, a share of a period of
-the swing, in which drives hardly change their motion."""
+_MAX_GAP_STEPS = 5.0
+"""Longest gap between rows in usual steps of the clock, unless `_MAX_GAP_SHARE` allows more."""
 
-_MISFIT = 2.0
+_MAX_GAP_SHARE = 0.1
+"""Longest gap between rows as a share of a period of the swing, in which drives hardly change their
+motion; the longer of both gaps is allowed."""
+
+_MAX_MISFIT = 2.0
 """Mean square of the deviations from a smooth curve over their variance, from which on a column is
 no smooth motion. It is one for white noise and less for rounding."""
 
-_NOISY = 0.2
+_NOTABLE_NOISE = 0.2
 """Noise of a smoothed acceleration [m/s² or rad/s²] from which on it is told. It takes its square
 over that of gravity from the mass that a hoist weighs, which is 0.04 % here."""
 
-_LEVELS = 20
+_MIN_LEVELS = 20
 """Least number of values of a setpoint that changes gradually; one with fewer may jump."""
 
-_SLOWEST = 3.0
+_MAX_STEP = 3.0
 """Largest usual step of a clock [s], a few rows in a period of a long rope."""
 
 
@@ -113,48 +119,26 @@ class Record:
                 drive is out of its range, time jumps or does not increase, it is too short, or the
                 crane cannot swing in the period of the record.
         """
-        t = columns.get("t_s")
-        if t is None:
-            raise DataError(f"{name} has no column t_s; identification needs times [s].")
-        t = as_array(f"t_s of {name}", t, ("rows",))
-        recorded = {
-            key: as_array(f"{key} of {name}", columns[key], (len(t),))
-            for key in relevant_columns(crane, columns)
-            if key != "t_s"
-        }
-        # Nothing outside of these times is judged.
-        if since > -math.inf or until < math.inf:
-            mask = (t >= since - 1e-9) & (t <= until + 1e-9)
-            t, recorded = t[mask], {key: values[mask] for key, values in recorded.items()}
-        t = finite(f"t_s of {name}", t, ("rows",), unit="s")
-        for key, values in recorded.items():
-            finite(f"{key} of {name}", values, (len(t),))
-        _check_clock(name, t)
-        _check_positions(name, crane, recorded)
-        dead = _check_swings(name, crane, recorded)
-        recorded = {key: values for key, values in recorded.items() if key not in dead}
-        notes = [f"{name}: {key} never moves and is left out." for key in dead]
-        judged = cls(name, crane, t, recorded)
-        remarkable = _check_period(judged)
-        _check_length(judged)
+        t, recorded = _checked_columns(name, crane, columns, since, until)
+        constant = _check_swings(name, crane, recorded)
+        recorded = {key: values for key, values in recorded.items() if key not in constant}
+        notes = [f"{name}: {key} never moves and is left out." for key in constant]
+
+        # Period and length are judged by the rows as recorded, before columns are smoothed.
+        as_recorded = cls(name, crane, t, recorded)
+        remarks_on_period = _check_period(as_recorded)
+        _check_length(as_recorded)
+
         fresh = _resample(crane, t, recorded)
-        t, recorded = fresh.t, fresh.columns
         notes += [f"{name}: {remark}" for remark in fresh.remarks]
-        notes += [
-            f"{name}: nothing is recorded of {joint.symbol}, taken to stand at {q0:g} {joint.unit}."
-            for joint, q0 in zip(
-                crane.layout.driven, crane.start.q[crane.layout.drives].tolist(), strict=True
-            )
-            if not {*joint.columns, joint.setpoint_column, joint.effort_column} & recorded.keys()
-        ]
-        resolution = {key: curve.sampled.resolution for key, curve in fresh.curves.items()}
+        notes += _notes_on_unrecorded_drives(name, crane, fresh.columns)
         record = cls(
             name=name,
             crane=crane,
-            t=t,
-            columns=recorded,
-            notes=(*notes, *remarkable),
-            resolution=resolution,
+            t=fresh.t,
+            columns=fresh.columns,
+            notes=(*notes, *remarks_on_period),
+            resolution={key: curve.sampled.resolution for key, curve in fresh.curves.items()},
             curves=fresh.curves,
             unsmoothed=fresh.unsmoothed,
         )
@@ -185,7 +169,8 @@ class Record:
     @cached_property
     def mean_position(self) -> np.ndarray:
         """Coordinates with the drives where they stand on average, shape (n,)."""
-        layout, q = self.crane.layout, self.crane.start.q.copy()
+        layout = self.crane.layout
+        q = self.crane.start.q.copy()
         for joint, i in zip(layout.driven, layout.drives.tolist(), strict=True):
             if joint.columns[0] in self.columns:
                 q[i] = float(np.mean(self.columns[joint.columns[0]]))
@@ -241,10 +226,12 @@ class Record:
                 name.
             rng: Random numbers, for noise.
         """
-        columns, unsmoothed = dict(self.columns), dict(self.unsmoothed)
+        columns = dict(self.columns)
+        unsmoothed = dict(self.unsmoothed)
         for key, curve in self.curves.items():
             again = curve.measured_again(shifts[key], rng)
             if key in unsmoothed:
+                # The errors as recorded stay; only what the smoothing makes of them moves.
                 unsmoothed[key] = unsmoothed[key] + again(self.t) - columns[key]
             columns |= _on_curve(self.crane, key, again, self.t)
         return replace(self, columns=columns, unsmoothed=unsmoothed)
@@ -252,7 +239,55 @@ class Record:
     def moves(self, column: str) -> bool:
         """Return whether a column was recorded and is not constant."""
         values = self.columns.get(column)
-        return values is not None and bool(np.ptp(values) > _STILL)
+        return values is not None and bool(np.ptp(values) > _STANDSTILL_RANGE)
+
+
+def _checked_columns(
+    name: str, crane: Crane, columns: Mapping[str, np.ndarray], since: float, until: float
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the times [s] from `since` to `until`, and the columns that identification reads at
+    these times; all of them finite, with positions in the ranges of the drives.
+
+    Raises:
+        DataError: If there are no times, a number is not finite, time jumps or does not increase,
+            or a drive is out of its range.
+    """
+    t = columns.get("t_s")
+    if t is None:
+        raise DataError(f"{name} has no column t_s; identification needs times [s].")
+    t = as_array(f"t_s of {name}", t, ("rows",))
+    recorded = {}
+    for key in relevant_columns(crane, columns):
+        if key != "t_s":
+            recorded[key] = as_array(f"{key} of {name}", columns[key], (len(t),))
+    # Nothing outside of these times is judged. A nanosecond keeps the rows at both ends in spite of
+    # round-off.
+    if since > -math.inf or until < math.inf:
+        mask = (t >= since - 1e-9) & (t <= until + 1e-9)
+        t = t[mask]
+        recorded = {key: values[mask] for key, values in recorded.items()}
+    t = finite(f"t_s of {name}", t, ("rows",), unit="s")
+    for key, values in recorded.items():
+        finite(f"{key} of {name}", values, (len(t),))
+    _check_clock(name, t)
+    _check_positions(name, crane, recorded)
+    return t, recorded
+
+
+def _notes_on_unrecorded_drives(
+    name: str, crane: Crane, columns: Mapping[str, np.ndarray]
+) -> list[str]:
+    """Return a sentence for each drive of which nothing is recorded."""
+    notes = []
+    starts = crane.start.q[crane.layout.drives].tolist()
+    for joint, start in zip(crane.layout.driven, starts, strict=True):
+        drive_columns = {*joint.columns, joint.setpoint_column, joint.effort_column}
+        if not drive_columns & columns.keys():
+            notes.append(
+                f"{name}: nothing is recorded of {joint.symbol}, taken to stand at {start:g} "
+                f"{joint.unit}."
+            )
+    return notes
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,28 +326,43 @@ def _resample(crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) ->
         )
     t = t - t[0]  # the first row is fresh
     fresh = {key: values[rows] for key, values in columns.items()}
-    curves, unsmoothed = dict[str, SmoothCurve](), dict[str, np.ndarray]()
+    curves = dict[str, SmoothCurve]()
+    unsmoothed = dict[str, np.ndarray]()
     for joint in crane.layout.driven:
         position, rate = joint.columns
-        # A position tells more than its derivative, which is that of its curve then.
-        motion, order = (position, 2) if position in columns else (rate, 1)
-        for key, derivative in ((motion, order), (joint.setpoint_column, 1)):
-            if key not in columns or np.ptp(columns[key]) <= _STILL:
-                continue
-            sampled = samples(t, columns[key])
-            if not _needs_smoothing(t, sampled, derivative):
-                continue
-            curve = smooth(t, columns[key], sampled)
-            if key == joint.setpoint_column and not _is_gradual(columns[key], curve):
-                continue
+        for key, curve in _smooth_curves(joint, t, columns).items():
             curves[key] = curve
-            if not sampled.is_held:
+            if not curve.sampled.is_held:
                 unsmoothed[key] = columns[key][rows]
             fresh |= _on_curve(crane, key, curve.spline, t[rows])
             remarks.append(_smoothing_remark(key, joint, curve))
         if position in columns and rate in columns and position not in curves:
             fresh |= _without_noise(t, columns, joint, rows)
     return _FreshRows(t[rows], fresh, curves, unsmoothed, remarks)
+
+
+def _smooth_curves(
+    joint: Joint, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> dict[str, SmoothCurve]:
+    """Return smooth curves of the motion and of the setpoint of a drive by their columns, as far as
+    they are recorded and need smoothing.
+    """
+    position, rate = joint.columns
+    # A position tells more than its derivative, which is that of its curve then. The order is that
+    # of the derivative that counts: an acceleration, or the rate of a setpoint.
+    motion_order = 2 if position in columns else 1
+    orders = {position if position in columns else rate: motion_order, joint.setpoint_column: 1}
+    curves = {}
+    for key, order in orders.items():
+        if key not in columns or np.ptp(columns[key]) <= _STANDSTILL_RANGE:
+            continue
+        sampled = samples(t, columns[key])
+        if not _needs_smoothing(t, sampled, order):
+            continue
+        curve = smooth(t, columns[key], sampled)
+        if key != joint.setpoint_column or _is_gradual(columns[key], curve):
+            curves[key] = curve
+    return curves
 
 
 def _needs_smoothing(t: np.ndarray, sampled: Samples, order: int) -> bool:
@@ -322,7 +372,7 @@ def _needs_smoothing(t: np.ndarray, sampled: Samples, order: int) -> bool:
 
 def _is_gradual(values: np.ndarray, curve: SmoothCurve) -> bool:
     """Return whether a setpoint is a smooth motion with rounding or noise; a setpoint may jump."""
-    return curve.misfit <= _MISFIT and len(np.unique(values)) >= _LEVELS
+    return curve.misfit <= _MAX_MISFIT and len(np.unique(values)) >= _MIN_LEVELS
 
 
 def _on_curve(crane: Crane, key: str, curve: BSpline, t: np.ndarray) -> dict[str, np.ndarray]:
@@ -355,9 +405,9 @@ def _smoothing_remark(key: str, joint: Joint, curve: SmoothCurve) -> str:
         fresh += f" with noise of {sampled.noise:.2g} {unit}"
     remark = f"{fresh}, smoothed by {curve.deviation:.2g} {unit}."
     doubt = ""
-    if curve.misfit > _MISFIT:
+    if curve.misfit > _MAX_MISFIT:
         doubt = f"deviates from any smooth motion by {math.sqrt(curve.misfit):.2g} times as much"
-    elif key == joint.columns[0] and curve.acceleration_noise > _NOISY:
+    elif key == joint.columns[0] and curve.acceleration_noise > _NOTABLE_NOISE:
         noise = f"{curve.acceleration_noise:.2g} {joint.unit}/s²"
         doubt = f"changes so abruptly that noise of {noise} is left in its acceleration"
     if doubt:
@@ -369,18 +419,22 @@ def relevant_columns(crane: Crane, present: Collection[str]) -> list[str]:
     """Return those of some columns that identification reads: times, swings, and the drives with
     their setpoints and efforts. The rate of a swing is read where its angle is not there.
     """
-    driven = [
-        name
-        for joint in crane.layout.driven
-        for name in (*joint.columns, joint.setpoint_column, joint.effort_column)
-    ]
-    return [n for n in ("t_s", *_swing_columns(crane, present), *driven) if n in present]
+    names = ["t_s", *_swing_columns(crane, present)]
+    for joint in crane.layout.driven:
+        names += [*joint.columns, joint.setpoint_column, joint.effort_column]
+    return [name for name in names if name in present]
 
 
 def _swing_columns(crane: Crane, present: Collection[str]) -> list[str]:
-    joints = [crane.layout.joints[i] for i in crane.swings.tolist()]
-    columns = [joint.columns[joint.columns[0] not in present] for joint in joints]
-    return [name for name in columns if name in present]
+    """Return the column of each recorded swing: its angle, or its rate where no angle is."""
+    columns = []
+    for i in crane.swings.tolist():
+        angle, rate = crane.layout.joints[i].columns
+        if angle in present:
+            columns.append(angle)
+        elif rate in present:
+            columns.append(rate)
+    return columns
 
 
 def load_record(
@@ -434,6 +488,7 @@ def load_record(
 
 
 def _check_clock(name: str, t: np.ndarray) -> None:
+    """Check that times increase, by steps that can be seconds."""
     steps = np.diff(t)
     if len(t) < 2 or not (steps > 0.0).all():
         row = int(np.argmin(steps)) + 2 if len(t) > 1 else len(t)
@@ -442,9 +497,9 @@ def _check_clock(name: str, t: np.ndarray) -> None:
             "allowed are times that increase."
         )
     usual = float(np.median(steps))
-    if usual > _SLOWEST:
+    if usual > _MAX_STEP:
         raise DataError(
-            f"{name}: t_s increases by {usual:.3g} s from row to row; allowed are {_SLOWEST:g} s. "
+            f"{name}: t_s increases by {usual:.3g} s from row to row; allowed are {_MAX_STEP:g} s. "
             "Is it in ms? Then say so: --columns t_s=NAME[ms]."
         )
 
@@ -452,7 +507,7 @@ def _check_clock(name: str, t: np.ndarray) -> None:
 def _check_positions(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) -> None:
     """Check that positions and setpoints of the drives are in their ranges, but for an offset."""
     for joint, i in zip(crane.layout.driven, crane.layout.drives.tolist(), strict=True):
-        offset = LARGEST_OFFSET * (crane.upper[i] - crane.lower[i]) + 1e-6  # of rounding
+        offset = LARGEST_OFFSET * (crane.upper[i] - crane.lower[i]) + 1e-6  # round-off
         low, high = crane.lower[i] - offset, crane.upper[i] + offset
         for key in {joint.columns[0], joint.setpoint_column} & columns.keys():
             outside = columns[key][(columns[key] < low) | (columns[key] > high)]
@@ -473,12 +528,14 @@ def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) ->
         raise DataError(f"{name} has no swing column; one of {', '.join(swings)} is needed.")
     for key in present:
         peak = float(np.abs(columns[key]).max(initial=0.0))
-        if peak > _UPRIGHT and not key.endswith("_s"):
+        if peak > _MAX_SWING and not key.endswith("_s"):
             raise DataError(
-                f"{name}: {key} is {peak:.4g} rad in some row; a swing is {_UPRIGHT:.4f} rad (90 "
+                f"{name}: {key} is {peak:.4g} rad in some row; a swing is {_MAX_SWING:.4f} rad (90 "
                 f"degrees) at most. If it is in degrees, say so: --columns {key}={key}[deg]."
             )
-    dead = [key for key in present if len(columns[key]) and np.ptp(columns[key]) <= _STILL]
+    dead = [
+        key for key in present if len(columns[key]) and np.ptp(columns[key]) <= _STANDSTILL_RANGE
+    ]
     if dead == present:
         raise DataError(
             f"{name}: {', '.join(dead)} never moves; a load that does not swing, or a sensor that "
@@ -488,12 +545,15 @@ def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) ->
 
 
 def _check_rates(record: Record) -> None:
-    for key in map(record.swing_column, record.swings):
+    """Check that recorded rates of swings are those of swings of up to 90 degrees."""
+    for joint in record.swings:
+        key = record.swing_column(joint)
+        # An oscillation of the period T with the rate v has the amplitude v T / (2 π).
         swing = np.ptp(record.columns[key]) / 2.0 * record.judged_period / (2.0 * math.pi)
-        if key.endswith("_s") and swing > _UPRIGHT:
+        if key.endswith("_s") and swing > _MAX_SWING:
             raise DataError(
                 f"{record.name}: {key} is that of a swing of {swing:.3g} rad; allowed are "
-                f"{_UPRIGHT:.4f} rad (90 degrees). If it is in degrees, say so: --columns "
+                f"{_MAX_SWING:.4f} rad (90 degrees). If it is in degrees, say so: --columns "
                 f"{key}={key}[deg/s]."
             )
 
@@ -505,8 +565,9 @@ def _check_period(record: Record) -> list[str]:
     Raises:
         DataError: If the crane cannot swing in the period of the record, however long its cable.
     """
-    own, crane = record.recorded_period, record.crane
-    if own is None or 1.0 / _REMARKABLE < own / record.swing_period < _REMARKABLE:
+    own = record.recorded_period
+    crane = record.crane
+    if own is None or 1.0 / _REMARKABLE_RATIO < own / record.swing_period < _REMARKABLE_RATIO:
         return []
     offset = 0.0
     if crane.winch is not None:
@@ -515,18 +576,10 @@ def _check_period(record: Record) -> list[str]:
     possible = possible_periods(crane, record.mean_position, offset)
     swing = " and ".join(record.swing_column(joint) for joint in record.swings)
     heavy = _described_inertias(crane)
-    remedy = (
-        "State those of the crane that was recorded: --set payload_mass:=… payload_inertia:=… "
-        "dummy_mass:=… dummy_inertia:=…, or another description"
-    )
-    is_driven = any(
-        record.moves(column)
-        for joint in crane.layout.driven
-        for column in (*joint.columns, joint.setpoint_column)
-    )
-    if own < possible.shortest / _IMPOSSIBLE:
+    # Drives that move force swings of their own period, which may be as long as one likes.
+    if own < possible.shortest / _IMPOSSIBLE_RATIO:
         limit = f"{possible.shortest:.3g} s or more"
-    elif own > possible.longest * _IMPOSSIBLE and not is_driven:
+    elif own > possible.longest * _IMPOSSIBLE_RATIO and not _is_driven(record):
         limit = f"{possible.longest:.3g} s or less"
     else:
         return [
@@ -536,8 +589,19 @@ def _check_period(record: Record) -> list[str]:
         ]
     raise DataError(
         f"{record.name}: {swing} swings in {own:.3g} s, but the crane with {heavy} only in "
-        f"{limit}, whatever the length of its cable. {remedy}."
+        f"{limit}, whatever the length of its cable. State those of the crane that was recorded: "
+        "--set payload_mass:=… payload_inertia:=… dummy_mass:=… dummy_inertia:=…, or another "
+        "description."
     )
+
+
+def _is_driven(record: Record) -> bool:
+    """Return whether some drive moves in a record, or is meant to."""
+    for joint in record.crane.layout.driven:
+        for column in (*joint.columns, joint.setpoint_column):
+            if record.moves(column):
+                return True
+    return False
 
 
 def _described_inertias(crane: Crane) -> str:
@@ -553,17 +617,20 @@ def _described_inertias(crane: Crane) -> str:
 
 
 def _check_length(record: Record) -> None:
-    name, t = record.name, record.t
-    if len(t) < ROWS:
-        raise DataError(f"{name} has {len(t)} rows to go by; allowed are {ROWS} or more.")
+    """Check that a record is long enough and has no gap."""
+    name = record.name
+    t = record.t
+    if len(t) < MIN_ROWS:
+        raise DataError(f"{name} has {len(t)} rows to go by; allowed are {MIN_ROWS} or more.")
     period = record.judged_period if math.isfinite(record.judged_period) else 0.0
-    if t[-1] - t[0] < PERIODS * period:
+    if t[-1] - t[0] < MIN_PERIODS * period:
         raise DataError(
-            f"{name} lasts {t[-1] - t[0]:.3g} s; allowed is {PERIODS * period:.3g} s or more, "
-            f"{PERIODS:g} periods of its swing."
+            f"{name} lasts {t[-1] - t[0]:.3g} s; allowed is {MIN_PERIODS * period:.3g} s or more, "
+            f"{MIN_PERIODS:g} periods of its swing."
         )
     steps = np.diff(t)
-    worst, allowed = int(np.argmax(steps)), max(_GAP * np.median(steps), _GAP_SHARE * period)
+    worst = int(np.argmax(steps))
+    allowed = max(_MAX_GAP_STEPS * np.median(steps), _MAX_GAP_SHARE * period)
     if steps[worst] > allowed:
         raise DataError(
             f"{name}: t_s goes from {t[worst]:g} to {t[worst + 1]:g} s at row {worst + 2}, a gap "

@@ -17,50 +17,55 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, diags_array
 
-_HELD = 0.2
+_HELD_SHARE = 0.2
 """Share of rows that repeat the value before them, above which a column is sampled and held.
 Repeats that follow from a coarse resolution do not count."""
 
-_IRREGULAR = 0.2
+_IRREGULAR_RATIO = 0.2
 """Least step of a clock over its usual step, below which its times are irregular."""
 
-_STILL = 3.0
+_STANDSTILL_INTERVALS = 3.0
 """Intervals without a change after which the sensor is taken to stand still, so that the repeated
 value counts as a fresh one."""
 
-_SAME_VALUE = 1e-9
+_FILE_ROUND_OFF = 1e-9
 """Share of the largest value below which a difference of two values is round-off of the file."""
 
 _ROUND_OFF = 1e-12
 """Share of the largest value below which noise is round-off of a computation."""
 
-_OFF_GRID = 0.1
+_GRID_TOLERANCE = 0.1
 """Largest distance of a value from a grid of values, as a share of its step. All differences of
 fifty values that lie on no grid would be as near to one once in 1e35."""
 
-_REFINEMENTS = 20
+_MAX_EUCLID_STEPS = 20
 """Largest number of steps of Euclid's algorithm towards the common divisor of differences."""
 
-_ALTERNATES = 0.65
-"""Share of third differences whose sign differs from that before, above which they are noise. It
-is 1/2 + asin(3/4) / pi = 0.77 for white noise, and next to none for a smooth motion."""
+_SIGN_CHANGE_SHARE = 0.65
+"""Share of third differences whose sign differs from that before, above which they are noise.
 
-_JUMPS = 0.5
+Successive third differences of white noise are correlated by -15/20, so that their signs differ
+with the probability 1/2 + asin(3/4) / π = 0.77. Those of a smooth motion seldom do."""
+
+_JUMP_SHARE = 0.5
 """Share of rows of an accelerating drive in which the acceleration changes, above which values on a
 grid are rounded. It is three in four for rounded values, and a few at the ends of a ramp."""
 
-_EXACT = 1e-4
+_EXACT_NOISE = 1e-4
 """Noise of an acceleration [m/s² or rad/s²] below which a column counts as exact."""
 
 _DEGREE = 5
 """Degree of the splines, so that an acceleration is smooth."""
 
-_ORDER = 3
+_PENALTY_ORDER = 3
 """Order of the differences of coefficients that are penalised: those of a jerk."""
 
-_STIFFNESS = (1e-9, 1e9)
-"""Range of the weight of the penalty over that of the values. Beyond it a banded Cholesky
-factorisation loses its last digits."""
+_MIN_STIFFNESS = 1e-9
+"""Least weight of the penalty over that of the values. Below it a banded Cholesky factorisation
+loses its last digits."""
+
+_MAX_STIFFNESS = 1e9
+"""Largest such weight, for the same reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,14 +99,15 @@ class Samples:
         than noise: of order one for a column of rates, two for one of positions, so that either
         is an acceleration.
         """
-        # a first difference of independent errors has two times their variance, a second six times
+        # A first difference of independent errors has 1 + 1 times their variance, a second one
+        # 1 + 4 + 1 times.
         noise = math.sqrt(2.0 if order == 1 else 6.0) * self.deviation / self.interval**order
-        return noise <= _EXACT
+        return noise <= _EXACT_NOISE
 
     @property
     def is_held(self) -> bool:
         """Whether most rows of the column are no measurements of their own."""
-        return self.held > _HELD
+        return self.held > _HELD_SHARE
 
 
 def samples(t: np.ndarray, values: np.ndarray) -> Samples:
@@ -111,9 +117,8 @@ def samples(t: np.ndarray, values: np.ndarray) -> Samples:
         t: Times [s], increasing, shape (rows,).
         values: The column, shape (rows,).
     """
-    changed = np.flatnonzero(np.diff(values)) + 1
-    fresh = np.concatenate([[0], changed])
-    usual, irregular = float(np.mean(np.diff(t))), is_irregular(t)
+    usual = float(np.mean(np.diff(t)))
+    irregular = is_irregular(t)
     resolution = grid_step(values)
     if not is_rounded(values, resolution):
         resolution = 0.0
@@ -127,25 +132,60 @@ def samples(t: np.ndarray, values: np.ndarray) -> Samples:
         noise=0.0 if irregular else white_noise(values),
         lateness=usual if irregular else 0.0,
     )
+    changed = np.flatnonzero(np.diff(values)) + 1
     if len(changed) < 2:
         return each_row
+    fresh = np.concatenate([[0], changed])
     gaps = np.diff(t[fresh])
     # The usual gap: pauses, which are longer than twice the lower quartile, do not count.
     interval = float(np.median(gaps[gaps < 2.0 * np.percentile(gaps, 25)]))
+    held = _held_share(values, fresh, gaps, interval, resolution)
+    if held <= _HELD_SHARE:
+        return replace(each_row, held=held)
+    return Samples(
+        rows=_fresh_rows(t, values, interval),
+        held=held,
+        interval=interval,
+        resolution=resolution,
+        noise=0.0,
+        lateness=usual,
+    )
+
+
+def _held_share(
+    values: np.ndarray, fresh: np.ndarray, gaps: np.ndarray, interval: float, resolution: float
+) -> float:
+    """Return the share of rows that repeat the value before them while the column changes.
+
+    Args:
+        values: The column, shape (rows,).
+        fresh: Indices of the rows whose value differs from that before, shape (changes,).
+        gaps: Times between these rows [s], shape (changes - 1,).
+        interval: Usual one of these times [s].
+        resolution: Step of the grid on which the values lie; 0 where they lie on none.
+    """
     # A slow drive repeats values because they are coarse, and then changes by one step of the
     # grid. Only repeats before a larger change tell that the sensor reports more rarely.
     coarse = np.abs(np.diff(values[fresh])) < 1.5 * resolution
-    moving = (gaps < _STILL * interval) & ~coarse
+    moving = (gaps < _STANDSTILL_INTERVALS * interval) & ~coarse
     rows_moving = int(np.diff(fresh)[moving].sum())
-    held = 1.0 - float(moving.sum()) / rows_moving if rows_moving else 0.0
-    if held <= _HELD:
-        return replace(each_row, held=held)
-    rows, last = [0], 0
+    if rows_moving == 0:
+        return 0.0
+    return 1.0 - float(moving.sum()) / rows_moving
+
+
+def _fresh_rows(t: np.ndarray, values: np.ndarray, interval: float) -> np.ndarray:
+    """Return the rows in which the value changes. Where it stays for longer, the sensor is taken to
+    stand still, and a row counts as fresh each `_STANDSTILL_INTERVALS` intervals [s].
+    """
+    rows = [0]
+    last = 0
     for row in range(1, len(t)):
-        if values[row] != values[row - 1] or t[row] - t[last] > _STILL * interval:
+        is_late = t[row] - t[last] > _STANDSTILL_INTERVALS * interval
+        if values[row] != values[row - 1] or is_late:
             rows.append(row)
             last = row
-    return Samples(np.array(rows), held, interval, resolution, 0.0, usual)
+    return np.array(rows)
 
 
 def grid_step(values: np.ndarray) -> float:
@@ -156,7 +196,7 @@ def grid_step(values: np.ndarray) -> float:
         values: Values of a column, shape (rows,), each within a tenth of a step of the grid.
     """
     levels = np.unique(values)
-    round_off = _SAME_VALUE * float(np.abs(levels).max(initial=0.0))
+    round_off = _FILE_ROUND_OFF * float(np.abs(levels).max(initial=0.0))
     gaps = np.diff(levels)
     gaps = gaps[gaps > round_off]
     if not len(gaps):
@@ -164,9 +204,9 @@ def grid_step(values: np.ndarray) -> float:
     # The mean of many smallest gaps averages over a second rounding, such as that of an angle in
     # radians that was counted in hundredths of degrees. Of both estimates that one counts which
     # overlooks no coarser grid.
-    return max(
-        _common_divisor(gaps, round_off, spread=1.0), _common_divisor(gaps, round_off, spread=1.5)
-    )
+    by_smallest = _common_divisor(gaps, round_off, spread=1.0)
+    by_mean = _common_divisor(gaps, round_off, spread=1.5)
+    return max(by_smallest, by_mean)
 
 
 def _common_divisor(gaps: np.ndarray, round_off: float, spread: float) -> float:
@@ -177,18 +217,19 @@ def _common_divisor(gaps: np.ndarray, round_off: float, spread: float) -> float:
         round_off: Number that counts as zero.
         spread: The mean of all numbers up to this multiple of the smallest counts as the smallest.
     """
+    # The remainders of some multiples of a number by another multiple are multiples of it, too.
     smallest = gaps
-    for _ in range(_REFINEMENTS):
+    for _ in range(_MAX_EUCLID_STEPS):
         step = float(np.mean(smallest[smallest <= spread * smallest.min()]))
         if step <= round_off:
             return 0.0
         if spread > 1.0:
             step = _least_squares_step(gaps, step)
         remainders = np.abs(gaps - step * np.rint(gaps / step))
-        off = remainders[remainders > _OFF_GRID * step]
-        if not len(off):
+        significant = remainders[remainders > _GRID_TOLERANCE * step]
+        if not len(significant):
             return _least_squares_step(gaps, step)
-        smallest = off  # a remainder of two multiples is a multiple, too
+        smallest = significant
     return 0.0
 
 
@@ -209,8 +250,8 @@ def white_noise(values: np.ndarray) -> float:
     moving = differences[differences != 0.0]
     if len(moving) < 4 or 2 * len(moving) < len(differences):
         return 0.0
-    alternates = np.mean(moving[1:] * moving[:-1] < 0.0)
-    if alternates < _ALTERNATES:
+    sign_changes = np.mean(moving[1:] * moving[:-1] < 0.0)
+    if sign_changes < _SIGN_CHANGE_SHARE:
         return 0.0
     # A third difference has 1 + 9 + 9 + 1 times the variance of a value; 0.6745 is the median of
     # the magnitude of a standard normal number.
@@ -227,19 +268,21 @@ def is_rounded(values: np.ndarray, step: float) -> bool:
         values: Samples, shape (rows,).
         step: Step of the grid.
     """
-    fast = np.abs(np.diff(values))[1:-1] > 1.5 * step
-    bent = np.abs(np.diff(values, 2)) > 0.5 * step
-    accelerates = fast & (bent[1:] | bent[:-1])
+    # Only rows tell in which the drive moves by more than a step of the grid and accelerates: a
+    # slow or a steady motion has jumps of single steps, however it was made.
+    is_fast = np.abs(np.diff(values))[1:-1] > 1.5 * step
+    is_bent = np.abs(np.diff(values, 2)) > 0.5 * step
+    accelerates = is_fast & (is_bent[1:] | is_bent[:-1])
     if not accelerates.any():
         return True  # too slow to tell: taken as rounded, which is the larger uncertainty
     jumps = np.abs(np.diff(values, 3))[accelerates] > 0.5 * step
-    return bool(np.mean(jumps) > _JUMPS)
+    return bool(np.mean(jumps) > _JUMP_SHARE)
 
 
 def is_irregular(t: np.ndarray) -> bool:
     """Return whether some times follow each other much closer than is usual."""
     steps = np.diff(t)
-    return bool(steps.min() < _IRREGULAR * np.median(steps))
+    return bool(steps.min() < _IRREGULAR_RATIO * np.median(steps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +316,7 @@ class SmoothCurve:
         """Frequency above which the curve does not follow the column [rad/s]: it passes the share
         1 / (1 + (ω / cutoff)^6) of an oscillation.
         """
-        return float(self.stiffness ** (-1.0 / (2 * _ORDER)) / self.sampled.interval)
+        return float(self.stiffness ** (-1.0 / (2 * _PENALTY_ORDER)) / self.sampled.interval)
 
     @property
     def acceleration_noise(self) -> float:
@@ -300,6 +343,7 @@ class SmoothCurve:
             shift: Where the grid of the sensor lies, -1/2 to 1/2 of its resolution.
             rng: Random numbers, for noise.
         """
+        # Noise is added, or the motion is rounded again, whichever its deviation comes from.
         values = self.spline(self.times)
         if self.sampled.noise > self.sampled.resolution / math.sqrt(12.0):
             values = values + self.sampled.noise * rng.standard_normal(len(values))
@@ -326,7 +370,8 @@ def smooth(t: np.ndarray, values: np.ndarray, sampled: Samples) -> SmoothCurve:
         values: The column, shape (rows,).
         sampled: Its samples.
     """
-    times, points = t[sampled.rows], values[sampled.rows]
+    times = t[sampled.rows]
+    points = values[sampled.rows]
     rate = np.gradient(points, times)
     # The mean over five values, since one difference is noisy.
     speed = np.convolve(np.abs(rate), np.full(5, 0.2), mode="same")
@@ -341,28 +386,43 @@ def smooth(t: np.ndarray, values: np.ndarray, sampled: Samples) -> SmoothCurve:
 
 
 class _PenalisedSpline:
-    """A spline with a penalty on its jerk, through values of known standard deviations."""
+    """A spline with a penalty on its jerk, through values of known standard deviations.
+
+    With B the basis at the times of the values y, W their weights, D the third differences of the
+    coefficients c, and λ the stiffness, c minimises (y - B c)ᵀ W (y - B c) + λ |D c|². The normal
+    equations are (BᵀWB + λ DᵀD) c = BᵀW y; both matrices have five bands beside the diagonal.
+    """
 
     def __init__(
         self, times: np.ndarray, values: np.ndarray, deviations: np.ndarray, interval: float
     ) -> None:
-        """Set up the normal equations, with a knot for each usual interval between values [s]."""
+        """Set up the normal equations.
+
+        Args:
+            times: Times of the values [s], increasing, shape (values,).
+            values: The values, shape (values,).
+            deviations: Their standard deviations, shape (values,).
+            interval: Usual time between values [s], which is the distance of the knots.
+        """
         pieces = max(math.ceil((times[-1] - times[0]) / interval), 2 * _DEGREE)
         spacing = (times[-1] - times[0]) / pieces
         self._knots = times[0] + spacing * np.arange(-_DEGREE, pieces + _DEGREE + 1)
-        # rounding of the last knot may leave the last time outside
+        # Rounding of the last knot may leave the last time outside.
         inside = np.clip(times, self._knots[_DEGREE], self._knots[-_DEGREE - 1])
         basis = csr_array(BSpline.design_matrix(inside, self._knots, _DEGREE))
         # Values from their mean, in units of a usual deviation: sums of squares keep their digits.
-        self._mean, self._unit = float(np.mean(values)), float(np.median(deviations))
+        self._mean = float(np.mean(values))
+        self._unit = float(np.median(deviations))
         weights = (self._unit / deviations) ** 2
         scaled = (values - self._mean) / self._unit
         self._count = basis.shape[1]
-        signs = [float((-1) ** k * math.comb(_ORDER, k)) for k in range(_ORDER + 1)]
+        binomials = [
+            float((-1) ** k * math.comb(_PENALTY_ORDER, k)) for k in range(_PENALTY_ORDER + 1)
+        ]
         differences = diags_array(
-            signs,
-            offsets=list(range(_ORDER + 1)),
-            shape=(self._count - _ORDER, self._count),
+            binomials,
+            offsets=list(range(_PENALTY_ORDER + 1)),
+            shape=(self._count - _PENALTY_ORDER, self._count),
         )
         self._normal = _lower_bands(basis.T @ (basis * weights[:, None]))
         self._penalty = _lower_bands(differences.T @ differences)
@@ -371,7 +431,8 @@ class _PenalisedSpline:
 
     def most_likely_stiffness(self) -> float:
         """Return the stiffness at which the values are most likely."""
-        low, high = np.log(_STIFFNESS)
+        low = math.log(_MIN_STIFFNESS)
+        high = math.log(_MAX_STIFFNESS)
         best = minimize_scalar(
             lambda logarithm: self._cost(math.exp(logarithm)),
             bounds=(low, high),
@@ -381,16 +442,22 @@ class _PenalisedSpline:
         return float(math.exp(best.x))
 
     def _cost(self, stiffness: float) -> float:
-        """Return the negative logarithm of the likelihood of the values, but for a constant."""
+        """Return the negative logarithm of the likelihood of the values, but for a constant.
+
+        The penalty λ |D c|² is a normal prior of D c with the variance 1/λ. The likelihood with the
+        coefficients integrated out has the logarithm
+        -½ (least penalised misfit + ln det(BᵀWB + λ DᵀD) - rank(D) ln λ).
+        """
         try:
             factor = cholesky_banded(self._normal + stiffness * self._penalty, lower=True)
         except LinAlgError:
             return math.inf
         coefficients = cho_solve_banded((factor, True), self._right)
+        # At the minimum the penalised misfit is yᵀWy - (BᵀWy)ᵀc.
         misfit = self._square - float(self._right @ coefficients)
-        determinant = 2.0 * float(np.sum(np.log(factor[0])))
-        prior = (self._count - _ORDER) * math.log(stiffness)
-        return 0.5 * (misfit + determinant - prior)
+        log_determinant = 2.0 * float(np.sum(np.log(factor[0])))
+        prior = (self._count - _PENALTY_ORDER) * math.log(stiffness)
+        return 0.5 * (misfit + log_determinant - prior)
 
     def solve(self, stiffness: float) -> BSpline:
         """Return the spline at a stiffness."""
@@ -400,7 +467,9 @@ class _PenalisedSpline:
 
 
 def _lower_bands(matrix: csr_array) -> np.ndarray:
-    """Return the lower bands of a symmetric matrix, as `scipy.linalg.cholesky_banded` has them."""
+    """Return the diagonal and the lower bands of a symmetric matrix, shape (6, n), in the layout of
+    `scipy.linalg.cholesky_banded`.
+    """
     bands = np.zeros((_DEGREE + 1, matrix.shape[0]))
     for offset in range(_DEGREE + 1):
         diagonal = matrix.diagonal(-offset)

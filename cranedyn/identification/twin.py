@@ -71,15 +71,15 @@ def twin_of(estimate: Estimate) -> Twin:
         CraneError: If a crane cannot have these values.
     """
     model = estimate.model
-    identified = {
-        p.name: {
+    identified: dict[str, dict[str, Any]] = {}
+    for p in model.own:
+        margin = estimate.margin(p.name)
+        identified[p.name] = {
             "value": estimate.value(p.name),
-            "margin": margin if math.isfinite(margin := estimate.margin(p.name)) else None,
+            "margin": margin if math.isfinite(margin) else None,  # JSON has no infinity
             "unit": p.unit,
             "kind": p.kind,
         }
-        for p in model.own
-    }
     crane = model.prior.load(**estimate.arguments)
     return Twin(crane, identified, tuple(record.name for record in model.records))
 

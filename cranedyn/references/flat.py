@@ -21,11 +21,14 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
 _MARGIN = 6
+"""Samples before the start and behind the end of a move, at rest, so that the spline through the
+samples has no end where its derivatives are needed."""
 
 _CLOSEST = 5e-3
 """Least distance between samples that derivatives are taken from [s]."""
 
 _SMOOTHSTEP = np.poly1d([70.0, -315.0, 540.0, -420.0, 126.0] + [0.0] * 5)
+"""The polynomial of `smoothstep`."""
 
 
 def smoothstep(s: np.ndarray, order: int = 0) -> np.ndarray:
@@ -41,16 +44,24 @@ def smoothstep(s: np.ndarray, order: int = 0) -> np.ndarray:
 
 
 def cruise(t: np.ndarray, duration: float, ramp: float, order: int = 0) -> np.ndarray:
-    """Return a way from 0 at t = 0 to 1 at the duration [s] at constant speed, or its derivative
-    [1/s per order]; the speed is reached and lost within a ramp [s] that is a smoothstep.
+    """Return a path from 0 at t = 0 to 1 at the duration [s] at constant speed, or its derivative
+    of an order [1/s per order]; the speed is reached and lost within a ramp [s] that is a
+    smoothstep.
     """
 
-    def sped_up(s: np.ndarray) -> np.ndarray:
+    def distance(s: np.ndarray) -> np.ndarray:
+        """Return the distance of a motion whose speed grows from 0 to 1 over s from 0 to 1, or its
+        derivative by the time.
+        """
         if order:
             return smoothstep(s, order - 1) / ramp**order
         return _SMOOTHSTEP.integ()(np.clip(s, 0.0, 1.0)) + np.maximum(s - 1.0, 0.0)
 
-    return ramp / (duration - ramp) * (sped_up(t / ramp) - sped_up((t - duration) / ramp + 1.0))
+    # One motion speeds up at the beginning, and another one, subtracted, from a ramp before the
+    # end. Both together go duration / ramp - 1.
+    accelerating = distance(t / ramp)
+    braking = distance((t - duration) / ramp + 1.0)
+    return ramp / (duration - ramp) * (accelerating - braking)
 
 
 def flat(
@@ -101,12 +112,16 @@ def flat(
     stride = max(1, math.ceil(_CLOSEST / period - 1e-9))  # rows from one sample to the next
     samples = math.ceil(duration / (period * stride) - 1e-9) + 1
     t = period * stride * np.arange(-_MARGIN, samples + _MARGIN)
-    share, speed, growth = (
-        smoothstep(t / duration, order) / duration**order
-        if ramp is None
-        else cruise(t, duration, ramp, order)
-        for order in range(3)
-    )
+
+    def path_share(order: int) -> np.ndarray:
+        """Return the share of the path that has passed, or its derivative by time."""
+        if ramp is None:
+            return smoothstep(t / duration, order) / duration**order
+        return cruise(t, duration, ramp, order)
+
+    share = path_share(0)
+    speed = path_share(1)
+    growth = path_share(2)
     displacement = ends[1] - ends[0]
     gamma, radius, z = (ends[0] + displacement * share[:, None]).T
     outward = np.stack([np.sin(gamma), -np.cos(gamma), np.zeros_like(gamma)], axis=1)
@@ -114,15 +129,17 @@ def flat(
     up = np.array([0.0, 0.0, 1.0])
     path = radius[:, None] * outward + z[:, None] * up
     finite("path of the payload", path, path.shape, unit="m")
-    # The acceleration in cylindrical coordinates, since second differences of the path would
-    # magnify rounding to 1e-4 m/s² in the acceleration of the drives.
+    # The acceleration in cylindrical coordinates, r̈ - r γ̇² outward and r γ̈ + 2 ṙ γ̇ along the
+    # tangent, since second differences of the path would magnify rounding to 1e-4 m/s² in the
+    # acceleration of the drives. The rope points along it plus gravity.
+    gamma_way, radius_way, z_way = displacement
+    outward_acceleration = radius_way * growth - radius * (gamma_way * speed) ** 2
+    tangent_acceleration = radius * gamma_way * growth + 2.0 * radius_way * gamma_way * speed**2
+    vertical = z_way * growth + crane.gravity
     rope = (
-        (displacement[1] * growth - radius * (displacement[0] * speed) ** 2)[:, None] * outward
-        + (radius * displacement[0] * growth + 2.0 * displacement[1] * displacement[0] * speed**2)[
-            :, None
-        ]
-        * tangent
-        + (displacement[2] * growth + crane.gravity)[:, None] * up
+        outward_acceleration[:, None] * outward
+        + tangent_acceleration[:, None] * tangent
+        + vertical[:, None] * up
     )
     if rope[:, 2].min() <= 0.0:
         allowed = "longer: the payload would fall faster than gravity and slacken the rope"
@@ -132,10 +149,13 @@ def flat(
     q = recover(path, rope / pull[:, None], height, inertia)
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
     rows = period * np.arange(last + 1)
-    position, v, a = (curve.derivative(order)(rows) for order in range(3))
+    position = curve.derivative(0)(rows)
+    v = curve.derivative(1)(rows)
+    a = curve.derivative(2)(rows)
+    # Samples are what they are, without the round-off of the spline, and the ends are at rest.
     position[::stride] = q[_MARGIN:][: len(rows[::stride])]
-    for rates in (v, a):
-        rates[[0, -1]] = 0.0
+    v[[0, -1]] = 0.0
+    a[[0, -1]] = 0.0
     return Motion(period, position, v, a, crane.layout.drives)
 
 
@@ -145,7 +165,7 @@ def recover(path: np.ndarray, rope: np.ndarray, height: float, inertia: float = 
     Args:
         path: Centre of oscillation of the payload in the world [m], shape (n, 3).
         rope: Unit vectors along the rope from payload to pivot, shape (n, 3).
-        height: Of the pivot [m].
+        height: Height of the pivot [m].
         inertia: Rotational inertia over mass [m²].
 
     Returns:
@@ -158,5 +178,6 @@ def recover(path: np.ndarray, rope: np.ndarray, height: float, inertia: float = 
     tangent = np.stack([np.cos(gamma), np.sin(gamma), np.zeros_like(gamma)], axis=1)
     theta = np.arcsin((rope * tangent).sum(axis=1))
     phi = np.arctan2((rope * outward).sum(axis=1), rope[:, 2])
+    # The centre of oscillation lies at reach = l + inertia / l below the pivot.
     length = (reach + np.sqrt(reach**2 - 4.0 * inertia)) / 2.0
     return np.stack([gamma, np.hypot(pivot[:, 0], pivot[:, 1]), phi, theta, length], axis=1)

@@ -17,7 +17,8 @@ from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion, motion_efforts
 
-_LONGEST = 3600.0
+_MAX_DURATION = 3600.0
+"""Longest duration of a move that is tried [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +29,8 @@ class Limits:
     widened.
 
     Attributes:
-        rates: Of the drives [rad/s or m/s], shape (m,).
-        accelerations: Of the drives [rad/s² or m/s²], shape (m,).
+        rates: Largest rates of the drives [rad/s or m/s], shape (m,).
+        accelerations: Largest accelerations of the drives [rad/s² or m/s²], shape (m,).
     """
 
     rates: Sequence[float]
@@ -69,7 +70,8 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
         OutOfRange: If the motion is of another crane, there is not one limit for each drive, or a
             share is not a number: a maximum of shares would pass over it.
     """
-    layout, bounds = crane.layout, limits.for_crane(crane)
+    layout = crane.layout
+    bounds = limits.for_crane(crane)
     motion.check_fits("motion", layout)
     largest_shares = {
         "rate": np.abs(motion.v[:, layout.drives]).max(axis=0) / bounds.rates,
@@ -77,8 +79,8 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
         "effort": np.abs(motion_efforts(crane, motion)).max(axis=0) / crane.effort_limit,
     }
     shares = {}
-    for kind, of_kind in largest_shares.items():
-        for joint, share in zip(layout.driven, of_kind.tolist(), strict=True):
+    for kind, shares_of_drives in largest_shares.items():
+        for joint, share in zip(layout.driven, shares_of_drives.tolist(), strict=True):
             name = f"{kind} of the {joint.role or joint.symbol}"
             if math.isnan(share):
                 raise OutOfRange(name, share, "a number")
@@ -100,19 +102,25 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
     """
 
     def excess(duration: float) -> float:
+        """Return by how much the most used limit is exceeded, negative if none is."""
         try:
             return max(use(crane, plan(duration), limits).values()) - 1.0
         except OutOfRange:
             return np.inf
 
-    low, high = 0.25, 0.5
+    low = 0.25
+    high = 0.5
     if excess(low) <= 0.0:
         return low
     while (over := excess(high)) > 0.0:
-        low, high = high, 2.0 * high
-        if high > _LONGEST:
+        low = high
+        high = 2.0 * high
+        if high > _MAX_DURATION:
             allowed = (
-                f"such that some duration up to {_LONGEST:g} s keeps them, not {over:g} beyond"
+                f"such that some duration up to {_MAX_DURATION:g} s keeps them, not {over:g} beyond"
             )
             raise OutOfRange("limits of the drives", limits, allowed)
-    return float(scipy.optimize.brentq(lambda t: min(excess(t), 1e3), low, high, xtol=1e-3)) + 1e-3
+    # The root finder needs finite numbers. A thousandth of a second more is on the safe side of the
+    # root, which it finds to as much.
+    root = scipy.optimize.brentq(lambda t: min(excess(t), 1e3), low, high, xtol=1e-3)
+    return float(root) + 1e-3

@@ -38,7 +38,7 @@ class Motion(ShortRepr):
         q: Coordinates [rad or m], shape (rows, n).
         v: Their rates, shape (rows, n).
         a: Their accelerations, shape (rows, n).
-        drives: Where the drives stand among the coordinates, shape (m,).
+        drives: Indices of the drives among the coordinates, shape (m,).
     """
 
     period: float
@@ -57,7 +57,8 @@ class Motion(ShortRepr):
             shape = table.shape
         if not len(self.q):
             raise OutOfRange("motion", "one of no row", "one row or more")
-        drives, n = finite("drives of a motion", self.drives, ("m",)).tolist(), self.q.shape[1]
+        drives = finite("drives of a motion", self.drives, ("m",)).tolist()
+        n = self.q.shape[1]
         if len({*drives} & {*range(n)}) < max(1, len(drives)):
             allowed = f"different whole numbers from 0 to {n - 1}"
             raise OutOfRange("drives of a motion", drives, allowed)
@@ -69,36 +70,36 @@ class Motion(ShortRepr):
         Raises:
             OutOfRange: If its number of coordinates or its drives are others.
         """
-        n, drives = self.q.shape[1], self.drives.tolist()
+        n = self.q.shape[1]
+        drives = self.drives.tolist()
         if n != layout.n or drives != layout.drives.tolist():
             expected = f"one of {layout.n}, the drives {layout.drives.tolist()}"
             raise OutOfRange(name, f"a motion of {n} coordinates, the drives {drives}", expected)
 
     @property
     def arrival(self) -> float:
-        """When it ends [s]."""
+        """Time at which the motion ends [s]."""
         return self.period * (len(self.q) - 1)
 
     def __call__(self, t: float) -> Setpoint:
         """Return the setpoint of the drives at a time [s]."""
         row, share = locate(t, self.period, len(self.q))
-        position, *derivatives = (
-            interpolate(samples, row, share)[self.drives] for samples in (self.q, self.v, self.a)
-        )
+        position = interpolate(self.q, row, share)[self.drives]
         if not self._moves(t):
-            derivatives = [0.0 * position, 0.0 * position]
-        return Setpoint(position, *derivatives)
+            return Setpoint(position, 0.0 * position, 0.0 * position)
+        velocity = interpolate(self.v, row, share)[self.drives]
+        acceleration = interpolate(self.a, row, share)[self.drives]
+        return Setpoint(position, velocity, acceleration)
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (rows, m) each."""
         row, share = locate_many(times, self.period, len(self.q))
-        position, *derivatives = (
-            interpolate_many(samples, row, share)[:, self.drives]
-            for samples in (self.q, self.v, self.a)
-        )
+        position = interpolate_many(self.q, row, share)[:, self.drives]
+        velocity = interpolate_many(self.v, row, share)[:, self.drives]
+        acceleration = interpolate_many(self.a, row, share)[:, self.drives]
         moving = self._moves(times)[:, None]
         return Setpoint(
-            position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)
+            position, np.where(moving, velocity, 0.0), np.where(moving, acceleration, 0.0)
         )
 
     def _moves(self, t: Any) -> Any:
@@ -120,6 +121,7 @@ def hanging_reference(
     intervals("duration", duration, period)
     times = period * np.arange(round(duration / period) + 1)
     drives = crane.layout.drives
+    # Positions, rates and accelerations.
     samples = np.zeros((3, len(times), crane.layout.n))
     samples[0] = crane.start.q
     samples[:, :, drives] = tabulated(reference, times, crane.layout.m)
@@ -134,8 +136,8 @@ def hanging_reference(
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     """Return drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
     motion.check_fits("motion", crane.layout)
-    columns = (table.T for table in (motion.q, motion.v, motion.a))
-    forces = pin.rneaInParallel(1, pin.ModelPool(crane.model, 1), *columns).T
+    pool = pin.ModelPool(crane.model, 1)
+    forces = pin.rneaInParallel(1, pool, motion.q.T, motion.v.T, motion.a.T).T
     forces = forces.reshape(motion.q.shape)  # of one row Pinocchio returns a vector
     joint = JointForces.of(crane).effort(rows(motion.q), rows(motion.v))
     if crane.coupling is None:

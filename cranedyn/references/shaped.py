@@ -26,7 +26,7 @@ class Shaper:
     """A train of impulses whose amplitudes add up to one.
 
     Attributes:
-        fractions: When each comes, in swing periods.
+        fractions: Time of each impulse, in swing periods.
         amplitudes: Share of the command that each carries.
     """
 
@@ -67,12 +67,14 @@ def ei(tolerance: float = 0.05) -> Shaper:
     over a wider range; undamped.
     """
     v = number("tolerance", tolerance, "", "0 to 1")
-    return Shaper(
-        np.array([0.0, 0.5, 1.0]), np.array([(1.0 + v) / 4.0, (1.0 - v) / 2.0, (1.0 + v) / 4.0])
-    )
+    # At the frequency shaped for the middle impulse opposes the outer two: their difference is v.
+    outer = (1.0 + v) / 4.0
+    middle = (1.0 - v) / 2.0
+    return Shaper(np.array([0.0, 0.5, 1.0]), np.array([outer, middle, outer]))
 
 
 def _decay(damping_ratio: float) -> float:
+    """Return what is left of a swing after half a period, exp(-π ζ / √(1 - ζ²))."""
     ratio = number("damping ratio", damping_ratio, "", "0 to 0.99")
     return math.exp(-math.pi * ratio / math.sqrt(1.0 - ratio**2))
 
@@ -83,7 +85,7 @@ class Shaped(Tabulating):
 
     Attributes:
         base: The reference without shaping.
-        delays: When each part comes [s].
+        delays: Delay of each part [s].
         amplitudes: Share of the command that each carries.
     """
 
@@ -111,7 +113,8 @@ def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> 
     periods = [period] if isinstance(period, float | int) else list(period)
     if not periods:
         raise OutOfRange("swing periods", "none", "one or more", "s")
-    delays, amplitudes = np.zeros(1), np.ones(1)
+    delays = np.zeros(1)
+    amplitudes = np.ones(1)
     for swing_period in periods:
         later = number("swing period", swing_period, "s", "> 0") * shaper.fractions
         delays = np.add.outer(delays, later).ravel()
@@ -131,8 +134,8 @@ class ShapedHoisting(Tabulating):
 
     Attributes:
         base: The reference of the hoist.
-        others: Where the others stand among the drives.
-        end: When the others are there [s].
+        others: Indices of the others among the drives.
+        end: Time at which the others arrive [s].
         curves: Position of the others over time, its first and its second derivative.
     """
 
@@ -147,7 +150,8 @@ class ShapedHoisting(Tabulating):
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]
         columns = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
-        setpoint = Setpoint(*map(np.array, tabulated(self.base, times)))  # what the base has stays
+        # Copies, since the arrays may be the base's own.
+        setpoint = Setpoint(*map(np.array, tabulated(self.base, times)))
         for target, column in zip(setpoint, columns, strict=True):
             target[:, self.others] = column
         return setpoint
@@ -180,7 +184,8 @@ def shaped_hoisting(
     """
     role = crane.layout.role("hoist", "Shaped hoisting")
     hoist = crane.layout.drive(crane.layout.symbols[role])
-    other_drives, gravity = np.delete(np.arange(crane.layout.m), hoist), crane.gravity
+    other_drives = np.delete(np.arange(crane.layout.m), hoist)
+    gravity = crane.gravity
     intervals("duration", duration, step)
     within("step of the shaped reference", step, 0.0, duration / 4.0, "s")
     count = round(duration / step)
@@ -194,6 +199,8 @@ def shaped_hoisting(
     setpoint = tabulated(base, t)
     length = setpoint.position[:, hoist]
     number("shortest cable that the reference wants", length.min(), "m", "> 0")
+    # The phase ∫ω dt of the swing, and for each part and time the weight amplitude · l^(1/4) at the
+    # length at which the part comes; the weights of a time are scaled to add up to one.
     phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
     weights = (
         shaper.amplitudes[:, None]
@@ -203,6 +210,7 @@ def shaped_hoisting(
     displacements = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
     moved = np.zeros((len(t), len(other_drives)))
     for fraction, displacement in zip(shaper.fractions, displacements, strict=True):
+        # The time at which the part was commanded that comes at each time.
         commanded = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
         moved += np.stack([np.interp(commanded, t, column) for column in displacement.T], axis=1)
     curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, other_drives] + moved, k=3)

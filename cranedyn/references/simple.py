@@ -44,8 +44,12 @@ class Still:
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each: views of one row."""
-        n, rows = len(times), ((row, (0, row.itemsize)) for row in self.setpoint)
-        return Setpoint(*(np.ndarray((n, len(x)), x.dtype, x, 0, step) for x, step in rows))
+        views = []
+        for row in self.setpoint:
+            # A stride of zero bytes from row to row repeats the one row without copying it.
+            shape = (len(times), len(row))
+            views.append(np.ndarray(shape, row.dtype, row, strides=(0, row.itemsize)))
+        return Setpoint(*views)
 
 
 def hold(crane: Crane, state: State | None = None) -> Reference:
@@ -75,8 +79,11 @@ def checked(reference: Reference, layout: Layout, t_start: float, period: float)
     @lru_cache(maxsize=1)
     def block(first: int) -> list[Setpoint]:
         times = t_start + period * np.arange(first, first + _BLOCK)
-        with suppress(CraneError):  # perhaps of an instant that the run does not reach
-            return list(map(Setpoint, *tabulated(reference, times, layout.m)))
+        # An error may be that of an instant that the run does not reach: then the reference is
+        # asked for each instant by itself.
+        with suppress(CraneError):
+            table = tabulated(reference, times, layout.m)
+            return list(map(Setpoint, table.position, table.velocity, table.acceleration))
         return []
 
     def from_block(t: float) -> Setpoint:
@@ -93,8 +100,9 @@ class Pulse(Tabulating):
 
     Attributes:
         base: The reference otherwise.
-        step: How far the drives are aside [rad or m], shape (m,).
-        first, last: When the pulse starts and ends [s].
+        step: Displacement of the drives during the pulse [rad or m], shape (m,).
+        first: Time at which the pulse starts [s].
+        last: Time at which it ends [s].
     """
 
     base: Reference
@@ -105,8 +113,8 @@ class Pulse(Tabulating):
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
         setpoint = tabulated(self.base, times, len(self.step))
-        aside = (self.first <= times) & (times < self.last)
-        return setpoint._replace(position=setpoint.position + np.outer(aside, self.step))
+        is_displaced = (self.first <= times) & (times < self.last)
+        return setpoint._replace(position=setpoint.position + np.outer(is_displaced, self.step))
 
 
 def pulse(
@@ -121,16 +129,17 @@ def pulse(
         crane: The crane.
         base: The reference otherwise.
         drive: Symbol of its coordinate, such as "x".
-        amplitude: How far aside [rad or m].
-        at: When it starts [s].
-        width: How long it lasts [s].
+        amplitude: Displacement of the drive, with sign [rad or m].
+        at: Time at which it starts [s].
+        width: Duration [s].
 
     Raises:
         UnknownName: For another drive.
         OutOfRange: For a number that is not finite, or a width that is not positive.
     """
     step = number("pulse amplitude", amplitude) * crane.layout.along(drive)
-    start, duration = number("pulse start", at, "s"), number("pulse width", width, "s", "> 0")
+    start = number("pulse start", at, "s")
+    duration = number("pulse width", width, "s", "> 0")
     return Pulse(base, step, start, start + duration)
 
 
@@ -140,8 +149,9 @@ class Ramp(Tabulating):
 
     Attributes:
         base: The reference otherwise.
-        rates: Of the drives during the move [rad/s or m/s], shape (m,).
-        first, last: When the move starts and ends [s].
+        rates: Rates of the drives during the move [rad/s or m/s], shape (m,).
+        first: Time at which the move starts [s].
+        last: Time at which it ends [s].
     """
 
     base: Reference
@@ -182,8 +192,11 @@ def ramp(
     return Ramp(base, speed * direction, number("ramp start", at, "s"), at + abs(by) / speed)
 
 
-PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
-"""Largest velocity and acceleration of a quintic from 0 to 1 in unit time, rest to rest."""
+PEAK_RATE = 15.0 / 8.0
+"""Largest velocity of the quintic 10 s³ - 15 s⁴ + 6 s⁵ from 0 to 1 in unit time, at s = 1/2."""
+
+PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
+"""Largest acceleration of the same quintic, at s = (1 ± 1/√3) / 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +296,10 @@ def shortest(
     v = np.minimum(crane.layout.for_drives("rate limit", rates, "/s", "> 0"), crane.rate_limit)
     a = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
     paths = np.abs(np.diff(_points(crane, start, waypoints), axis=0))
-    return [
-        float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max()))
-        for path in paths
-    ]
+    # In a duration T over a path s the peaks are PEAK_RATE s / T and PEAK_ACCELERATION s / T².
+    durations = []
+    for path in paths:
+        by_rate = (PEAK_RATE * path / v).max()
+        by_acceleration = np.sqrt(PEAK_ACCELERATION * path / a).max()
+        durations.append(float(max(by_rate, by_acceleration)))
+    return durations

@@ -47,9 +47,11 @@ def _sound(setpoint: Any, drives: int | str) -> bool:
     instant.
     """
     try:
-        position, velocity = setpoint.position.tolist(), setpoint.velocity.tolist()
+        position = setpoint.position.tolist()
+        velocity = setpoint.velocity.tolist()
         acceleration = setpoint.acceleration.tolist()
         alike = len(position) == len(velocity) == len(acceleration) == drives
+        # A sum is finite if every term is; NaN and infinity remain in it.
         is_finite = math.isfinite(sum(position) + sum(velocity) + sum(acceleration))
         return alike and is_finite and type(setpoint) is Setpoint
     except (AttributeError, TypeError, ValueError):
@@ -71,10 +73,10 @@ def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None
         CraneError: If the reference raises an error, which is its cause.
     """
     columns = "m" if drives is None else drives
-    at_once = getattr(reference, "at", None)
+    at = getattr(reference, "at", None)
     with owned("reference"):
-        if at_once is not None:
-            return as_setpoint(at_once(times), (len(times), columns))
+        if at is not None:
+            return as_setpoint(at(times), (len(times), columns))
         rows = [as_setpoint(reference(t), (columns,)) for t in times.tolist()]
     if not rows:
         return Setpoint(*np.empty((3, 0, drives or 0)))
@@ -152,6 +154,8 @@ def interpolate_many(table: np.ndarray, row: np.ndarray, share: np.ndarray) -> n
     values = table[row]
     between = share > 0.0
     if between.any():
-        before, fraction = row[between], share[between].reshape(-1, *[1] * (table.ndim - 1))
+        before = row[between]
+        # One share for each row, whatever the number of axes of the table.
+        fraction = share[between].reshape(-1, *[1] * (table.ndim - 1))
         values[between] += fraction * (table[before + 1] - table[before])
     return values

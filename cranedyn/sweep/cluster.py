@@ -23,8 +23,14 @@ from cranedyn.sweep.study import DIED, Rows, Task
 if TYPE_CHECKING:
     from distributed.security import Security
 
-CONNECTING, WORKERLESS, CLOSING = 5.0, 60, 0.3
-"""Seconds in which a scheduler must answer, a worker must come, and a scheduler lets go."""
+CONNECT_TIMEOUT = 5.0
+"""Time in which a scheduler must answer [s]."""
+
+WORKER_TIMEOUT = 60
+"""Time in which a scheduler without a worker must get one [s]."""
+
+CLOSE_TIMEOUT = 0.3
+"""Time for which the end of the connection to a scheduler is waited for [s]."""
 
 _LATE = (
     "The worker process died on this case, or was ended since the case took longer than the "
@@ -84,14 +90,16 @@ class DaskPool:
         try:
             asyncio.run(_check_answers(scheduler, security or Security()))
             self._client = Client(
-                scheduler, timeout=CONNECTING, set_as_default=False, security=security
+                scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False, security=security
             )
         except Exception as error:
             reason = str(error).rstrip(".") or "it timed out"
             raise CraneError(f"No Dask scheduler answers at {scheduler}: {reason}.") from error
         self._executor = self._client.get_executor(pure=False)
         self._busy: dict[Future, Rows] = {}
-        self._task, self._address, self._killed = task, scheduler, KilledWorker
+        self._task = task
+        self._address = scheduler
+        self._killed = KilledWorker
         self.died = DIED if task.limit == math.inf else _LATE.format(task.limit)
 
     def capacity(self) -> int:
@@ -104,10 +112,10 @@ class DaskPool:
 
     def wait(self) -> list[tuple[Rows, pa.Table | None]]:
         """Wait for chunks, as `cranedyn.sweep.workers.LocalPool.wait`."""
-        idle = 0
+        idle = 0  # seconds without a worker, as each turn waits for one second
         while not (done := wait(self._busy, timeout=1.0, return_when=FIRST_COMPLETED).done):
             idle = 0 if self._threads() else idle + 1
-            if idle >= WORKERLESS:
+            if idle >= WORKER_TIMEOUT:
                 raise CraneError(
                     f"The scheduler at {self._address} has no worker; start some with: dask worker "
                     f"{self._address} --host 127.0.0.1 --no-dashboard --dashboard-address "
@@ -121,9 +129,10 @@ class DaskPool:
 
         with silence_logging_cmgr(logging.CRITICAL), suppress(TimeoutError):
             self._executor.shutdown(wait=False)
-            self._client.close(CLOSING)
+            self._client.close(CLOSE_TIMEOUT)
 
     def _table(self, future: Future) -> pa.Table | None:
+        """Return the results of a chunk; None if its worker died."""
         try:
             return future.result()
         except self._killed:
@@ -134,6 +143,7 @@ class DaskPool:
             raise self._failure(error) from error
 
     def _threads(self) -> int:
+        """Return the number of threads of all workers."""
         try:
             return sum(self._client.nthreads().values())
         except Exception as error:
@@ -150,6 +160,6 @@ async def _check_answers(scheduler: str, security: Security) -> None:
 
     from distributed.comm import connect
 
-    async with asyncio.timeout(CONNECTING):
-        comm = await connect(scheduler, CONNECTING, **security.get_connection_args("client"))
+    async with asyncio.timeout(CONNECT_TIMEOUT):
+        comm = await connect(scheduler, CONNECT_TIMEOUT, **security.get_connection_args("client"))
         comm.abort()

@@ -8,7 +8,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
@@ -82,8 +81,14 @@ def grid(**values: Values) -> Design:
         CraneError: As `Design`, or if the table would not fit the memory.
     """
     designs = [Design({name: column}) for name, column in values.items()]  # type: ignore[dict-item]
-    _check_size(math.prod(map(len, designs)), *designs)
-    return reduce(cross, designs) if designs else Design({})
+    if not designs:
+        return Design({})
+    # The whole table is judged before a part of it is made.
+    _check_size(math.prod(len(design) for design in designs), *designs)
+    product = designs[0]
+    for design in designs[1:]:
+        product = cross(product, design)
+    return product
 
 
 def sample(
@@ -121,7 +126,9 @@ def sample(
     else:
         points = qmc.LatinHypercube(len(box), seed=rng).random(count)
     low, high = np.array(box).T
-    return Design(dict(zip(ranges, (low + (high - low) * points).clip(low, high).T, strict=True)))
+    # Rounding may put a point beyond the end of its range.
+    scaled = (low + (high - low) * points).clip(low, high)
+    return Design({name: scaled[:, i] for i, name in enumerate(ranges)})
 
 
 def cross(a: Design, b: Design) -> Design:
@@ -130,13 +137,15 @@ def cross(a: Design, b: Design) -> Design:
     Raises:
         CraneError: If they share a parameter, or the table would not fit the memory.
     """
-    if shared := [name for name in a.columns if name in b.columns]:
+    shared = [name for name in a.columns if name in b.columns]
+    if shared:
         raise DataError(
             f"Both designs have the parameter {', '.join(shared)}; each may be in one of them."
         )
     _check_size(len(a) * len(b), a, b)
     slow = {name: np.repeat(values, len(b)) for name, values in a.columns.items()}
-    return Design(slow | {name: np.tile(values, len(a)) for name, values in b.columns.items()})
+    fast = {name: np.tile(values, len(a)) for name, values in b.columns.items()}
+    return Design(slow | fast)
 
 
 def check_memory(table: str, size: float) -> None:
@@ -150,19 +159,26 @@ def check_memory(table: str, size: float) -> None:
 
 
 def _check_size(count: int, *designs: Design) -> None:
-    width = sum(column.itemsize for design in designs for column in design.columns.values())
-    check_memory(f"A design of {count} cases", float(min(count, 10**300)) * width)
+    """Check that a table of so many cases with the columns of some designs fits the memory."""
+    row_size = 0  # bytes
+    for design in designs:
+        row_size += sum(column.itemsize for column in design.columns.values())
+    # A larger number than this is no float.
+    check_memory(f"A design of {count} cases", float(min(count, 10**300)) * row_size)
 
 
 def _range(name: str, ends: tuple[float, float]) -> tuple[float, float]:
+    """Return the range of a parameter, checked."""
     if np.shape(ends) == (2,):
-        low, high = number(f"smallest {name}", ends[0]), number(f"largest {name}", ends[1])
+        low = number(f"smallest {name}", ends[0])
+        high = number(f"largest {name}", ends[1])
         if 0.0 < high - low < math.inf:
             return low, high
     raise OutOfRange(f"range of {name}", ends, "two numbers, the smaller first")
 
 
 def _column(name: str, values: Values) -> np.ndarray:
+    """Return the values of a parameter as a read-only column, checked."""
     if not isinstance(name, str) or not name or not name.isprintable() or name in RESERVED:
         raise CraneError(
             f"A parameter cannot be called {shown(name)}; allowed is any word but "

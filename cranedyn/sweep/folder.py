@@ -24,10 +24,21 @@ from cranedyn.errors import DataError
 from cranedyn.sweep.design import check_memory
 from cranedyn.sweep.study import Rows, concatenate
 
-MANIFEST, CHUNK_FILE = "_sweep.json", "part-{:06d}.parquet"
-"""Names of files; readers that are given the folder as a dataset skip the first."""
+MANIFEST = "_sweep.json"
+"""Name of the manifest. Readers that are given the folder as a dataset skip it, as it begins with
+an underscore."""
 
-_KEY, _MARK, _BLANK = b"cranedyn.sweep", b" sha256 ", b"0" * 64
+CHUNK_FILE = "part-{:06d}.parquet"
+"""Name of the file of a chunk by its number."""
+
+_KEY = b"cranedyn.sweep"
+"""Key of the label of a chunk in the metadata of its file."""
+
+_CHECKSUM_MARK = b" sha256 "
+"""What stands between the label of a chunk and the checksum of its file."""
+
+_NO_CHECKSUM = b"0" * 64
+"""What stands for the checksum while it is computed."""
 
 
 class DamagedChunk(DataError):
@@ -73,9 +84,11 @@ def read_manifest(path: Path) -> Manifest:
         fields = parse_json(text)
         checksum = fields.pop("checksum")
         manifest = Manifest(**{**fields, "parameters": tuple(fields["parameters"])})
-        sizes = manifest.cases, manifest.chunk
-        if manifest.checksum != checksum or not all(type(n) is int and n > 0 for n in sizes):
+        if manifest.checksum != checksum:
             raise ValueError
+        for size in (manifest.cases, manifest.chunk):
+            if type(size) is not int or size <= 0:
+                raise ValueError
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise DataError(
             f"{file} is damaged, or of another version of cranedyn; the chunk files beside it may "
@@ -98,10 +111,12 @@ class SweepFolder:
 
     def indices(self) -> list[int]:
         """Return the numbers of the chunks that have a file, in order, whatever is in it."""
-        matches = (re.fullmatch(r"part-(\d{6,})\.parquet", name) for name in _names(self.path))
-        return sorted(
-            i for match in matches if match and (i := int(match[1])) < self.manifest.chunks
-        )
+        indices = []
+        for name in _names(self.path):
+            match = re.fullmatch(r"part-(\d{6,})\.parquet", name)
+            if match and int(match[1]) < self.manifest.chunks:
+                indices.append(int(match[1]))
+        return sorted(indices)
 
     def write(self, index: int, table: pa.Table) -> int:
         """Write a chunk file, the first one after the manifest; return its size [byte]."""
@@ -112,10 +127,13 @@ class SweepFolder:
         sink = pa.BufferOutputStream()
         with pq.ParquetWriter(sink, table.schema) as writer:
             writer.write_table(table)
-            writer.add_key_value_metadata({_KEY: self._label(index) + _MARK + _BLANK})
+            label = self._label(index) + _CHECKSUM_MARK + _NO_CHECKSUM
+            writer.add_key_value_metadata({_KEY: label})
+        # The checksum of the file stands in the file: it is computed with zeros in its place. The
+        # metadata are at the end, so that the last mark is the right one.
         content = bytearray(sink.getvalue())
-        start = content.rindex(_MARK + _BLANK) + len(_MARK)
-        content[start : start + len(_BLANK)] = hashlib.sha256(content).hexdigest().encode()
+        start = content.rindex(_CHECKSUM_MARK + _NO_CHECKSUM) + len(_CHECKSUM_MARK)
+        content[start : start + len(_NO_CHECKSUM)] = hashlib.sha256(content).hexdigest().encode()
         with atomic_write(self.path / CHUNK_FILE.format(index)) as draft:
             draft.write_bytes(content)
         return len(content)
@@ -133,7 +151,7 @@ class SweepFolder:
         if not is_whole(content):
             raise DamagedChunk(f"{path} is not as it was written.")
         chunk = pq.ParquetFile(pa.BufferReader(content))
-        label = (chunk.metadata.metadata or {}).get(_KEY, b"").partition(_MARK)[0]
+        label = (chunk.metadata.metadata or {}).get(_KEY, b"").partition(_CHECKSUM_MARK)[0]
         if not label.endswith(self.manifest.checksum.encode()):
             raise DataError(
                 f"{path} is whole, but of another sweep; move it away, and its cases are computed."
@@ -166,12 +184,13 @@ class SweepFolder:
 
 def is_whole(content: bytes) -> bool:
     """Return whether a chunk file has the checksum that it names, which itself counts as zeros."""
-    start = content.rfind(_MARK) + len(_MARK)
-    end = start + len(_BLANK)
+    start = content.rfind(_CHECKSUM_MARK) + len(_CHECKSUM_MARK)
+    end = start + len(_NO_CHECKSUM)
     digest = hashlib.sha256(content[:start])
-    digest.update(_BLANK)
+    digest.update(_NO_CHECKSUM)
     digest.update(content[end:])
-    return start >= len(_MARK) and content[start:end] == digest.hexdigest().encode()
+    has_mark = start >= len(_CHECKSUM_MARK)  # otherwise rfind returned -1
+    return has_mark and content[start:end] == digest.hexdigest().encode()
 
 
 @contextmanager
@@ -203,7 +222,8 @@ def claim(path: Path, manifest: Manifest, *, fixed_chunk: bool) -> Iterator[Swee
         if MANIFEST in names:
             first = read_manifest(path)
             if SweepFolder(path, first).indices():
-                manifest = manifest if fixed_chunk else replace(manifest, chunk=first.chunk)
+                if not fixed_chunk:
+                    manifest = replace(manifest, chunk=first.chunk)
                 _check_same(path, first, manifest)
             else:  # nothing is done, so it is in nobody's way
                 (path / MANIFEST).unlink()
@@ -211,6 +231,7 @@ def claim(path: Path, manifest: Manifest, *, fixed_chunk: bool) -> Iterator[Swee
 
 
 def _names(path: Path) -> list[str]:
+    """Return the names of all files and folders in a folder, sorted."""
     try:
         return sorted(os.listdir(path))
     except OSError as error:
@@ -219,11 +240,12 @@ def _names(path: Path) -> list[str]:
 
 def _check_same(path: Path, first: Manifest, now: Manifest) -> None:
     """Check that a folder holds the same sweep, by the same code."""
-    differences = [
-        f"{key} was {getattr(first, key)}, now {getattr(now, key)}"
-        for key in ("study", "parameters", "cases", "chunk", "version")
-        if getattr(first, key) != getattr(now, key)
-    ]
+    differences = []
+    for key in ("study", "parameters", "cases", "chunk", "version"):
+        before = getattr(first, key)
+        after = getattr(now, key)
+        if before != after:
+            differences.append(f"{key} was {before}, now {after}")
     if first.design != now.design and not differences:
         differences.append("parameters have other values")
     if changed := sorted({name for name, _ in first.sources.items() ^ now.sources.items()}):
@@ -252,7 +274,9 @@ def results(folder: str | Path, *, partial: bool = False) -> pa.Table:
             read, or the table would not fit the memory.
     """
     files = SweepFolder(Path(folder), read_manifest(Path(folder)))
-    cases, tables, damaged = files.manifest.cases, list[pa.Table](), list[str]()
+    cases = files.manifest.cases
+    tables = list[pa.Table]()
+    damaged = list[str]()
     for i in files.indices():
         try:
             tables.append(files.read(i))
@@ -262,12 +286,13 @@ def results(folder: str | Path, *, partial: bool = False) -> pa.Table:
             check_memory(f"The table of {cases} cases", cases * 8.0 * tables[0].num_columns)
     done = sum(map(len, tables))
     if done < cases and not partial:
-        raise DataError(
+        message = (
             f"The sweep in {folder} is not finished: {done} of {cases} cases are there; sweep on, "
             "or ask for a partial table."
-            + f" Damaged, and computed again as it goes on: {', '.join(damaged)}."
-            * bool(damaged)
         )
+        if damaged:
+            message += f" Damaged, and computed again as it goes on: {', '.join(damaged)}."
+        raise DataError(message)
     if not tables:
         raise DataError(f"The sweep in {folder} has no finished case yet.")
     return concatenate(tables)

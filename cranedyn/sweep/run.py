@@ -35,7 +35,20 @@ from cranedyn.version import __version__
 if TYPE_CHECKING:
     from distributed.security import Security
 
-_CHUNKS, _LARGEST_CHUNK, _TRIES, _LIMITS = 64, 1000, 2, (1e-3, 1e6)
+_DEFAULT_CHUNKS = 64
+"""Number of chunk files of a sweep, unless they would hold more than `_MAX_DEFAULT_CHUNK` cases."""
+
+_MAX_DEFAULT_CHUNK = 1000
+"""Largest number of cases in a chunk, unless another one is asked for."""
+
+_MAX_TRIES = 2
+"""How often a case that stands alone is computed before its worker's death is its result."""
+
+_MIN_LIMIT = 1e-3
+"""Least time limit of a case [s]."""
+
+_MAX_LIMIT = 1e6
+"""Largest time limit of a case [s]."""
 
 
 class Progress(NamedTuple):
@@ -59,8 +72,10 @@ class Progress(NamedTuple):
         Args:
             elapsed: Time that this process has swept for [s].
         """
-        ran = self.done - self.before
-        return elapsed * (self.cases - self.done) / ran if ran else None
+        computed = self.done - self.before
+        if not computed:
+            return None
+        return elapsed * (self.cases - self.done) / computed
 
 
 Report = Callable[[Progress], None]
@@ -122,8 +137,9 @@ def sweep(
     if scheduler is None and security is not None:
         raise CraneError("Certificates have no effect without a scheduler; give its address, too.")
     count = worker_count("number of workers", workers)
-    seconds = math.inf if limit is None else within("limit", limit, *_LIMITS, "s")
-    default = max(1, min(_LARGEST_CHUNK, -(-len(design) // _CHUNKS)))
+    seconds = math.inf if limit is None else within("limit", limit, _MIN_LIMIT, _MAX_LIMIT, "s")
+    # Rounded up, so that there are no more chunks than that.
+    default = max(1, min(_MAX_DEFAULT_CHUNK, -(-len(design) // _DEFAULT_CHUNKS)))
     name = study_name(study)
     sources = source_digests(name)
     manifest = Manifest(
@@ -139,6 +155,7 @@ def sweep(
         ledger = _Ledger(files, design, progress or (lambda _: None))
         try:
             if ledger.missing:
+                # At least the number of the case and its parameters, eight bytes each, are written.
                 ledger.check_disk(8.0 * (1 + len(design.columns)))
                 task = Task(name, code_digest(sources), seconds)
                 with closing(
@@ -152,7 +169,10 @@ def sweep(
         except BaseException as error:
             if not interrupted(error):
                 raise
-            done = sum(last - first for first, last in map(files.manifest.rows, files.indices()))
+            done = 0
+            for i in files.indices():
+                first, last = files.manifest.rows(i)
+                done += last - first
             raise KeyboardInterrupt(
                 f"Interrupted: {done} of {len(design)} cases are done, and kept in {folder}; the "
                 "same sweep goes on from there."
@@ -168,7 +188,9 @@ def _compute(
     A chunk whose worker died is halved and tried again when all others are done; alone, where
     another chunk could be to blame. A case that stands alone is tried twice.
     """
-    fresh, suspects, deaths = deque(chunks), deque[Rows](), Counter[Rows]()
+    fresh = deque(chunks)
+    suspects = deque[Rows]()
+    deaths = Counter[Rows]()
     ready: list[tuple[Rows, pa.Table]] = []
     under_way = 0
     while fresh or suspects or under_way or ready:
@@ -181,13 +203,15 @@ def _compute(
         ready = []
         for rows, table in pool.wait() if under_way else []:
             under_way -= 1
-            deaths[rows] += table is None
-            middle = sum(rows) // 2
             if table is not None:
                 ready.append((rows, table))
-            elif middle > rows[0]:
-                suspects += [(rows[0], middle), (middle, rows[1])]
-            elif deaths[rows] < _TRIES:
+                continue
+            deaths[rows] += 1
+            first, last = rows
+            middle = (first + last) // 2
+            if middle > first:
+                suspects += [(first, middle), (middle, last)]
+            elif deaths[rows] < _MAX_TRIES:
                 suspects.append(rows)
             else:
                 ready.append((rows, failure(pool.died)))
@@ -202,7 +226,10 @@ class _Ledger:
     """
 
     def __init__(self, files: SweepFolder, design: Design, report: Report) -> None:
-        self._files, self._design, self._report = files, design, report
+        self._files = files
+        self._design = design
+        self._report = report
+        # Tables by their first case, by the chunk to which they belong.
         self._pieces = defaultdict[int, dict[int, pa.Table]](dict)
         finished = {}
         for i in files.indices():
@@ -227,7 +254,8 @@ class _Ledger:
         pieces[rows[0]] = table
         if sum(map(len, pieces.values())) < last - first:
             return
-        table = concatenate([piece for _, piece in sorted(self._pieces.pop(i).items())])
+        del self._pieces[i]
+        table = concatenate([pieces[start] for start in sorted(pieces)])
         cases = {"case": np.arange(first, last), **self._design.rows(first, last)}
         columns = {name: table[name] for name in table.column_names}
         size = self._files.write(i, pa.table({**cases, **columns}))
@@ -245,7 +273,8 @@ class _Ledger:
             DataError: If they do not.
         """
         count = self.progress.cases - self.progress.done
-        size, free = count * width, shutil.disk_usage(self._files.path).free
+        size = count * width
+        free = shutil.disk_usage(self._files.path).free
         if size > free:
             raise DataError(
                 f"The results of {count} cases would take {size / 1e9:.3g} GB; {free / 1e9:.3g} GB "

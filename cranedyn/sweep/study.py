@@ -25,6 +25,7 @@ from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.design import RESERVED
 
 _ROOT = Path(__file__).resolve().parents[2]
+"""Folder that holds the package cranedyn; in a checkout also its descriptions of cranes."""
 
 Study = Callable[[Mapping[str, np.ndarray]], Mapping[str, np.ndarray]]
 """Function at the top of a module: from the parameters of n cases to their results, columns of
@@ -47,7 +48,8 @@ def study_name(study: Study) -> str:
         CraneError: If it is no function at the top of a module, or one of a script that cannot be
             imported.
     """
-    module, name = getattr(study, "__module__", None), getattr(study, "__qualname__", "")
+    module = getattr(study, "__module__", None)
+    name = getattr(study, "__qualname__", "")
     if module == "__main__":
         spec = getattr(sys.modules["__main__"], "__spec__", None)
         module = spec.name if spec else None
@@ -88,6 +90,9 @@ def code_digest(digests: Mapping[str, str]) -> str:
 
 
 def _source_files(package: str) -> Iterator[tuple[str, Path]]:
+    """Yield the source files of a package or module, each with its name below the folder that it is
+    imported from.
+    """
     try:
         spec = importlib.util.find_spec(package)
     except (ImportError, ValueError):
@@ -155,7 +160,8 @@ class Task(NamedTuple):
         Raises:
             CraneError: As `load`, or if a result is a number in one case and a word in another.
         """
-        study, count = self.load(), len(next(iter(columns.values())))
+        study = self.load()
+        count = len(next(iter(columns.values())))
         with _alarm(count * self.limit):
             return concatenate(_evaluate(study, columns, 0, count))
 
@@ -177,7 +183,10 @@ def concatenate(tables: list[pa.Table]) -> pa.Table:
         raise DataError(
             f"The study returns results of different kinds: {_message(error)}"
         ) from error
-    return table.select(sorted(table.column_names, key="error".__eq__))
+    names = [name for name in table.column_names if name != "error"]
+    if "error" in table.column_names:
+        names.append("error")
+    return table.select(names)
 
 
 @cache
@@ -189,6 +198,10 @@ def _imported_code(name: str) -> str:
 def _evaluate(
     study: Study, columns: Mapping[str, np.ndarray], first: int, last: int
 ) -> list[pa.Table]:
+    """Return the results of the cases from `first` up to `last`, in tables; a case on which the
+    study raises stands alone in one of them.
+    """
+    # Copies, so that a study that writes into its parameters does no harm to a second try.
     cases = {name: values[first:last].copy() for name, values in columns.items()}
     try:
         return [_table(study(cases), last - first, columns)]
@@ -200,9 +213,17 @@ def _evaluate(
 
 
 def _table(results: Mapping[str, np.ndarray], count: int, parameters: Collection[str]) -> pa.Table:
-    columns, errors = {}, np.full(count, None, dtype=object)
+    """Return the results of some cases as a table, with the column `error`; a result that is not
+    finite makes all results of its case null.
+
+    Raises:
+        DataError: If a result has another shape or type, or the name of a parameter.
+    """
+    columns = {}
+    errors = np.full(count, None, dtype=object)
     for name, values in results.items():
-        column = columns[name] = np.ma.asarray(values)
+        column = np.ma.asarray(values)
+        columns[name] = column
         if column.shape != (count,) or column.dtype.kind not in "fiubU":
             raise DataError(
                 f"The study returned {name} of shape {column.shape} and type {column.dtype}; "
@@ -222,13 +243,16 @@ def _table(results: Mapping[str, np.ndarray], count: int, parameters: Collection
 
 
 def _message(error: BaseException) -> str:
+    """Return the message of an error in one printable line, with its type unless it is ours."""
     message = str(error)
     if not (isinstance(error, CraneError) and message):
         message = f"{type(error).__name__}: {message}".rstrip(": ")
-    return str(CraneError(message))  # one printable line
+    return str(CraneError(message))  # which makes one printable line of it
 
 
 _deadlines: dict[object, float] = {}
+"""Times of the monotonic clock by which a thread must be done [s], by a key of its own."""
+
 _deadlines_lock = threading.Lock()
 
 
@@ -241,7 +265,8 @@ def _alarm(seconds: float) -> Iterator[None]:
     if seconds == math.inf:
         yield
         return
-    _set_deadline(key := object(), time.monotonic() + seconds)
+    key = object()
+    _set_deadline(key, time.monotonic() + seconds)
     try:
         yield
     finally:
@@ -249,9 +274,14 @@ def _alarm(seconds: float) -> Iterator[None]:
 
 
 def _set_deadline(key: object, deadline: float) -> None:
+    """Set the deadline of a thread, or remove an infinite one, and the timer to the earliest."""
     with _deadlines_lock:
-        _deadlines[key] = deadline
         if deadline == math.inf:
-            del _deadlines[key]
+            _deadlines.pop(key, None)
+        else:
+            _deadlines[key] = deadline
         remaining = min(_deadlines.values(), default=math.inf) - time.monotonic()
-        signal.setitimer(signal.ITIMER_REAL, 0.0 if remaining == math.inf else max(remaining, 1e-3))
+        # Zero would stop the timer, which it does where there is no deadline. A deadline that has
+        # passed already rings at once.
+        seconds = 0.0 if remaining == math.inf else max(remaining, 1e-3)
+        signal.setitimer(signal.ITIMER_REAL, seconds)

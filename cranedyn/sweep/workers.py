@@ -23,6 +23,7 @@ from cranedyn.sweep.study import DIED, LATE, Rows, Task, failure
 
 _SPAWN = multiprocessing.get_context("spawn")
 _PR_SET_PDEATHSIG = 1
+"""Option of prctl(2): the signal that a process gets when its parent ends."""
 
 
 class LocalPool:
@@ -36,7 +37,8 @@ class LocalPool:
         CraneError: If a process cannot be started, or cannot import the study.
     """
 
-    exact, died = True, DIED
+    exact = True
+    died = DIED
 
     def __init__(self, task: Task, count: int) -> None:
         """Start so many processes at once, and wait for them."""
@@ -76,8 +78,10 @@ class LocalPool:
             try:
                 table = worker.receive()
             except (EOFError, OSError):
-                late = worker.kill() == -signal.SIGALRM and rows[1] - rows[0] == 1
-                table = failure(LATE.format(self._task.limit)) if late else None
+                # The timer of `Task.evaluate` ended it. Of several cases it is open which was late.
+                first, last = rows
+                is_late = worker.kill() == -signal.SIGALRM and last - first == 1
+                table = failure(LATE.format(self._task.limit)) if is_late else None
                 self._workers.remove(worker)
                 worker = _Worker(self._task)
                 self._workers.append(worker)
@@ -107,6 +111,7 @@ class _Worker:
             ) from error
 
     def check_started(self) -> None:
+        """Wait until the process has imported the study."""
         try:
             self.receive()
         except (EOFError, OSError):
@@ -116,12 +121,14 @@ class _Worker:
             ) from None
 
     def receive(self) -> pa.Table | None:
+        """Return what the process sends; raise a `CraneError` that it sends."""
         message = self.pipe.recv()
         if isinstance(message, CraneError):
             raise message
         return message
 
     def kill(self) -> int | None:
+        """End the process and return its exit code, minus the signal that ended it."""
         self.process.kill()
         self.process.join()
         self.pipe.close()

@@ -22,7 +22,7 @@ from cranedyn.estimation import (
     with_sensor_model,
 )
 from cranedyn.estimation.load_estimate import CableFamily, LoadEstimateController
-from cranedyn.estimation.load_filter import LIGHTEST, LoadFilter, Sensors
+from cranedyn.estimation.load_filter import MIN_LOAD_RATIO, LoadFilter, Sensors
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import Motion
@@ -287,7 +287,7 @@ def test_a_load_that_cannot_be_is_held_within_what_is_thought_possible() -> None
     for k in range(20):  # a hoist that rises at 30 m/s² with all it was told to hold
         state.v[HOIST] = -0.15 * k
         controller(k * PERIOD, state, STILL)
-        assert LIGHTEST <= controller.filter.load
+        assert MIN_LOAD_RATIO <= controller.filter.load
     assert math.isfinite(controller.filter.load)
 
 
@@ -339,7 +339,7 @@ SPREAD = 1.5
 def family() -> CableFamily:
     """The combined move on cables a tenth shorter and longer."""
     motions = [with_longer_cable(crane(), combined(crane()), by) for by in (-SPREAD, 0.0, SPREAD)]
-    return CableFamily(motions, SPREAD, HOIST)
+    return CableFamily(*motions, SPREAD, HOIST)
 
 
 @pytest.mark.parametrize("offset", [-SPREAD, 0.0, SPREAD])

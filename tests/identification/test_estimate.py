@@ -82,7 +82,7 @@ def test_a_cable_that_is_three_metres_longer_than_recorded_is_found() -> None:
 def test_a_slope_is_that_of_differences_to_both_sides() -> None:
     model, _ = synthetic(0)
     values = model.first + 0.3 * model.scale
-    slope = jacobian(model, values, 0)[1]
+    slope = jacobian(model, values, 0).slope
     for place in range(len(values)):
         step = np.zeros(len(values))
         step[place] = 30.0 * model.steps[place]

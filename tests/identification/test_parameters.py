@@ -9,8 +9,8 @@ import pytest
 
 from cranedyn.identification import Prior, Record
 from cranedyn.identification.parameters import (
-    EARLY,
-    LATE,
+    MAX_DELAY,
+    MIN_DELAY,
     bound_lateness,
     default_names,
     initial_parameters,
@@ -73,16 +73,16 @@ def test_drives_that_are_held_begin_where_they_were_recorded_and_at_their_mean_s
 def test_a_delay_and_half_a_window_are_less_than_a_quarter_of_the_fastest_swing() -> None:
     record = swinging(phi_rad=SIZE * np.sin(T))
     quarter = 0.25 * record.swing_period
-    assert EARLY < 0.0 < LATE < quarter  # of this long cable
+    assert MIN_DELAY < 0.0 < MAX_DELAY < quarter  # of this long cable
     delay, window = (parameter(PRIOR, name) for name in ("delay", "window"))
     assert bound_lateness(delay, [record]) == delay
     short = Record.of(
         Prior(values={"hoist_init": 3.5}).crane, {"t_s": T, "phi_rad": SIZE * np.sin(T)}
     )
     quarter = 0.25 * short.swing_period
-    assert quarter < LATE
+    assert quarter < MAX_DELAY
     bounded = bound_lateness(delay, [record, short])
-    assert (bounded.low, bounded.high) == (max(EARLY, -quarter), quarter)
+    assert (bounded.low, bounded.high) == (max(MIN_DELAY, -quarter), quarter)
     assert bound_lateness(window, [record, short]).high == 2.0 * quarter
     bias = parameter(PRIOR, "phi_bias")
     assert bound_lateness(bias, [short]) is bias

@@ -107,11 +107,11 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
         assert table["error"].null_count == 40
 
         _kill(other)
-        monkeypatch.setattr(cluster, "WORKERLESS", 1)
+        monkeypatch.setattr(cluster, "WORKER_TIMEOUT", 1)
         with pytest.raises(CraneError, match=rf"{address} has no worker; start some with: dask w"):
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
-        monkeypatch.setattr(cluster, "WORKERLESS", 60)
+        monkeypatch.setattr(cluster, "WORKER_TIMEOUT", 60)
         said = tmp_path / "scheduler.log"
         clients = said.read_text().count("Receive client connection")
 
@@ -249,7 +249,7 @@ def test_the_documented_cluster_computes_the_same_and_listens_to_nobody_else(
 def test_with_tls_only_who_has_a_certificate_can_connect(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "CONNECTING", 1.0)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 1.0)
     with _documented(tmp_path, 2, listeners=3) as (said, place):
         assert said == _ALL
         make = (
@@ -297,7 +297,7 @@ def test_certificates_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
 def test_a_server_that_is_no_scheduler_is_reported(
     answer: Callable[[socket.socket], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "CONNECTING", 0.5)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as server:
         threading.Thread(target=lambda: answer(server.accept()[0]), daemon=True).start()
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
@@ -309,8 +309,8 @@ def test_a_server_that_is_no_scheduler_is_reported(
 def test_a_scheduler_that_is_not_there_is_reported_when_it_had_time_to_come(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert cluster.CONNECTING <= 5.0
-    monkeypatch.setattr(cluster, "CONNECTING", 0.5)
+    assert cluster.CONNECT_TIMEOUT <= 5.0
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
     began = time.monotonic()
     with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127.*: it timed"):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler="tcp://127.0.0.1:1")

@@ -50,7 +50,7 @@ from cranedyn.sweep import cluster, grid, sweep
 from tests import studies
 
 def main():
-    cluster.CONNECTING = 60.0
+    cluster.CONNECT_TIMEOUT = 60.0
     where = {"scheduler": sys.argv[4]} if sys.argv[4:] else {"workers": 2}
     design = grid(x=range(int(sys.argv[2])))
     sweep(studies.logged, design, sys.argv[1], chunk=int(sys.argv[3]), **where)
