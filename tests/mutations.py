@@ -1038,8 +1038,8 @@ cranedyn/sites/brakes.py
 cranedyn/sites/bodies.py
 * the rope is left out
 ? sites::every_corner_of_every_shape_lies_in_a_capsule
-- return [*rope, ("load", load, width)]
-+ return [("load", load, width)]
+- return [*rope, load]
++ return [load]
 cranedyn/sites/capsules.py
 * capsules of a rope end at shares of its length
 ? sites::rope_and_load_of_a_box_lie_in_those_of_any_larger_box
@@ -1143,8 +1143,8 @@ cranedyn/sites/simulate.py
 + if gap_low + gap_high > 2.0 * bend:
 * a bound of a distance is taken for proven without the motion since
 ? sites::copies_of_a_site_run_as_alone_and_touch_where_nothing_is_proven
-- distances = last - np.cumsum(motion, axis=0)
-+ distances = last - np.cumsum(0.0 * motion, axis=0)
+- distances = last_distances - np.cumsum(motion, axis=0)
++ distances = last_distances - np.cumsum(0.0 * motion, axis=0)
 * bodies bulge by a tenth between two rows
 ? simulate::bodies_that_may_bulge_between_two_rows_by_thrice_a_fall_are_not_proven_apart
 - _BEND = 32.0 * CYCLE**2 / 8.0
