@@ -1081,8 +1081,8 @@ cranedyn/sites/supervisor.py
 + return BoxGrant(copies, number, box[:1].repeat(len(box), 0),
 * a crane that withdraws is not let pass where it wanted to go before
 ? sites::of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can_pass
-- goes = self.passing[copies, station] < 0  # else
-+ goes = self.passing[copies, station] < 9  # else
+- goes = self.passing[copies, station] < 0
++ goes = self.passing[copies, station] < 9
 * a held box may leave the reserved one on one side
 ? supervisor::a_held_box_may_leave_the_reserved_one_on_neither_side
 - is_reserved = (reserved[:, 0] <= held[:, 0]) & (
