@@ -1038,8 +1038,8 @@ cranedyn/sites/brakes.py
 cranedyn/sites/bodies.py
 * the rope is left out
 ? sites::every_corner_of_every_shape_lies_in_a_capsule
-- return [*rope, ("load", load, width)]
-+ return [("load", load, width)]
+- return [*rope, load]
++ return [load]
 cranedyn/sites/capsules.py
 * capsules of a rope end at shares of its length
 ? sites::rope_and_load_of_a_box_lie_in_those_of_any_larger_box
@@ -1081,8 +1081,8 @@ cranedyn/sites/supervisor.py
 + return BoxGrant(copies, number, box[:1].repeat(len(box), 0),
 * a crane that withdraws is not let pass where it wanted to go before
 ? sites::of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can_pass
-- goes = self.passing[copies, station] < 0  # else
-+ goes = self.passing[copies, station] < 9  # else
+- goes = self.passing[copies, station] < 0
++ goes = self.passing[copies, station] < 9
 * a held box may leave the reserved one on one side
 ? supervisor::a_held_box_may_leave_the_reserved_one_on_neither_side
 - is_reserved = (reserved[:, 0] <= held[:, 0]) & (
@@ -1106,20 +1106,20 @@ cranedyn/sites/supervisor.py
 cranedyn/sites/plan.py
 * a lift passes those that were planned before as if they were not there
 ? plan::planned_lifts_arrive_and_keep_the_distance_that_is_proven
-- row = None if i == crane else
-+ row = None if i >= 0 else
+- row = None if other == crane else
++ row = None if other >= 0 else
 * the drives of a straight motion do not lead the load
 ? plan::a_lift_of_a_luffing_crane_leaves_no_swing_in_little_more_than_the_least_time
-- curve = make_interp_spline(t, _hung(station, plumb, load, lean)[0], k=5)
+- curve = make_interp_spline(t, coordinates, k=5)
 + curve = make_interp_spline(t, plumb, k=5)
 * a certificate puts lifts of one crane over each other
 ? plan::the_certificate_of_a_plan_fails_where_it_is_disturbed
-- (len(mine) - 1) * SLICE, math.inf, "s")
-+ 0.0, math.inf, "s")
+- earliest = (len(before) - 1) * SLICE
++ earliest = 0.0
 * a lift that nothing lets pass waits until all others are done
 ? plan::a_lift_for_which_no_crane_can_make_way_does_not_wait
-- if way[1] and all(self.clear(crane, x) for x in way[1])
-+ if way[1]
+- if boxes and all(self.others_can_stand_clear(crane, of_leg) for of_leg in boxes):
++ if boxes:
 * no way around obstacles is looked for
 ? plan::a_lift_goes_around_obstacles_over_which_its_load_cannot_be_raised
 - if site.solids and not any(
@@ -1134,7 +1134,7 @@ cranedyn/sites/plan.py
 + against = 0.0 * speed
 * a plan uses the swing that gusts need
 ? working_wind::the_wind_of_a_site_file_is_that_of_its_guards_and_plans
-- return working_swing(site.stations[i], site.swing, site.working_wind)
+- return working_swing(site.stations[crane], site.swing, site.working_wind)
 + return site.swing
 cranedyn/sites/simulate.py
 * what bodies move between two rows is left out
@@ -1143,8 +1143,8 @@ cranedyn/sites/simulate.py
 + if gap_low + gap_high > 2.0 * bend:
 * a bound of a distance is taken for proven without the motion since
 ? sites::copies_of_a_site_run_as_alone_and_touch_where_nothing_is_proven
-- distances = last - np.cumsum(motion, axis=0)
-+ distances = last - np.cumsum(0.0 * motion, axis=0)
+- distances = last_distances - np.cumsum(motion, axis=0)
++ distances = last_distances - np.cumsum(0.0 * motion, axis=0)
 * bodies bulge by a tenth between two rows
 ? simulate::bodies_that_may_bulge_between_two_rows_by_thrice_a_fall_are_not_proven_apart
 - _BEND = 32.0 * CYCLE**2 / 8.0

@@ -16,14 +16,15 @@ from cranedyn.model.crane import Crane
 BrakesName = Literal["converters", "gears"]
 """Names of brakes that `brakes` knows."""
 
-GEARS = math.radians(0.2068), math.radians(0.2949), math.radians(0.3090)
-"""Decelerations of the slew of a measured tower crane [rad/s²], from its three gears."""
+GEARS = (math.radians(0.2068), math.radians(0.2949), math.radians(0.3090))
+"""Decelerations of the slew of a measured tower crane [rad/s²], one for each of its three gears."""
 
-GEARS_TIME = 3.5284, 2.3791
-"""Stopping time of the same crane: these [s per °/s] and [s], a line through three measurements. Of
-its highest gear it says 15 s; the angle of 24° that was measured then is 18° by the published
-formula for the angle, which contradicts it. Taken are the delay of the line, before which nothing
-need slow down, and the weakest of the decelerations."""
+# The stopping times of the same crane lie on the line 3.5284 s per °/s times the rate + 2.3791 s,
+# drawn through three measurements. For its highest gear it gives 15 s. The angle of 24° that was
+# measured then is 18° by the published formula for the angle, which contradicts it. So only the
+# delay of the line is taken, before which nothing need slow down, and the weakest deceleration.
+GEARS_DELAY = 2.3791
+"""Time before the slew of the same crane slows down [s]."""
 
 CYCLE = 0.1
 """Period of guards and supervisor [s]."""
@@ -33,6 +34,10 @@ REACTION = CYCLE + DELAY + LAGS["slew"] + ROUNDING
 the lag of the slowest drive and the rounding of its ramp."""
 
 _TOLERANCES = {"rad": 2e-3, "m": 0.05}
+"""Largest error of a measured position by its unit."""
+
+_BRAKING_SHARE = 0.9
+"""Share of the acceleration of a frequency converter that is counted on for braking."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +78,17 @@ class Brakes:
 
 
 def stopping_distance(rate: Any, reaction: Any, deceleration: Any) -> Any:
-    """Return the way of the reaction time and v²/(2 a) [rad or m], in any kind of numbers."""
+    """Return how far a drive goes before it stands [rad or m], in any kind of numbers: v t in its
+    reaction time t, then v²/(2 a) at its deceleration a.
+    """
     speed = magnitude(rate)
     return speed * (reaction + speed / (2.0 * deceleration))
 
 
 def largest_rate(distance: Any, reaction: Any, deceleration: Any) -> Any:
-    """Return the largest rate [rad/s or m/s] in any kind of numbers, see `Brakes`."""
+    """Return the largest rate from which a drive stops within a distance [rad/s or m/s], in any
+    kind of numbers: the positive root v of `stopping_distance`, v t + v²/(2 a) = d.
+    """
     delayed = deceleration * reaction
     return square_root(delayed * delayed + 2.0 * deceleration * distance) - delayed
 
@@ -90,18 +99,18 @@ def brakes(crane: Crane, name: BrakesName = "converters", *, reaction: float = R
     Args:
         crane: The crane.
         name: "converters": nine tenths of the accelerations of typical frequency converters.
-            "gears": the weakest gear of a measured tower crane and its delay, see `GEARS_TIME`; its
-            source gives the slew only, other drives take the same share of their converters'.
+            "gears": the weakest gear of a measured tower crane and its delay, see `GEARS_DELAY`.
+            Its source gives the slew only; other drives take the same share of their converters'.
         reaction: Reaction time of the crane [s]; that of "gears" comes on top.
 
     Raises:
         OutOfRange: If the name is another, or the reaction time not positive.
     """
     check_choice("brakes", name, BrakesName)
-    decelerations = 0.9 * converters(crane).accelerations
+    decelerations = _BRAKING_SHARE * converters(crane).accelerations
     slew = crane.layout.drive_of("slew")
     if name == "gears":
-        reaction += GEARS_TIME[1]
+        reaction += GEARS_DELAY
         share = 1.0 if slew is None else min(GEARS) / decelerations[slew]
         decelerations = decelerations * min(share, 1.0)
     tolerances = [_TOLERANCES[joint.unit] for joint in crane.layout.driven]

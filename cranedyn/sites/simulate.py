@@ -37,15 +37,29 @@ SiteOperator = Callable[[float, Sequence[State]], np.ndarray]
 """Rates of the drives of one crane [rad/s or m/s], shape (m,), at a time [s] and states of all."""
 
 
+# A point that accelerates by a leaves the chord of its path over the time T by a T²/8 at most. No
+# point of a crane accelerates by more than 32 m/s², about three times that of free fall.
 _BEND = 32.0 * CYCLE**2 / 8.0
-"""Way [m] of a point off its straight line between two rows at most: its acceleration is less than
-thrice that of a fall."""
+"""Largest distance of a point from its straight line between two rows [m]."""
 
-_CHUNK = 1000
-"""Rows that are measured at once."""
+_ROWS_AT_ONCE = 1000
+"""Rows whose distances are measured in one call, which bounds the memory that it takes."""
 
-_FINEST = 1.0 / 64.0
+_SHORTEST_SPAN = 1.0 / 64.0
 """Share of the way between two rows that is not halved again."""
+
+_TIME_ROUNDING = 1e-9
+"""Rounding error of times of messages, which are multiples of the cycle plus the latency [s]."""
+
+_SOLIDS = -2
+"""Partner of a crane that stands for the solids of the site, see `_Watch`."""
+
+_ZONES = -1
+"""Partner of a crane that stands for the zones of the site, see `_Watch`."""
+
+_Deadlock = tuple[float, tuple[int, ...], dict[int, np.ndarray]]
+"""Time [s], the cranes that wait in a circle, and where each crane withdraws that lets another
+pass [rad or m]."""
 
 
 class MessageChannel(NamedTuple):
@@ -112,7 +126,7 @@ class SiteRun:
     contacts: tuple[SiteContact, ...]
     swing: np.ndarray
     outside: np.ndarray
-    deadlocks: tuple[tuple[float, tuple[int, ...], dict[int, np.ndarray]], ...]
+    deadlocks: tuple[_Deadlock, ...]
     boxes: tuple[np.ndarray, ...] = ()
     wind_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
     wind_area: float = 0.0
@@ -122,17 +136,20 @@ class SiteRun:
         return len(self.t)
 
     def __repr__(self) -> str:
-        violation, waits = self.violation, self.waits
-        broken = [
-            f"; outside of what the site assumes: {words}" for words in self.broken_assumptions
-        ]
-        return (
+        swing_percent = 100.0 * self.swing.max() / self.site.swing
+        text = (
             f"Run: {len(self.contacts)} contacts, least distance {self.least_distance:.2f} m, "
-            f"largest swing {100.0 * self.swing.max() / self.site.swing:.0f} % of the envelope"
-            f"{f'; waits in a circle: {len(waits)}, first {waits[0][2]}' if waits else ''}"
-            f"{violation and '; the model '}{violation}"
-            f"{''.join(broken)}"
+            f"largest swing {swing_percent:.0f} % of the envelope"
         )
+        waits = self.waits
+        if waits:
+            _, _, chain = waits[0]
+            text += f"; waits in a circle: {len(waits)}, first {chain}"
+        if self.violation:
+            text += f"; the model {self.violation}"
+        for words in self.broken_assumptions:
+            text += f"; outside of what the site assumes: {words}"
+        return text
 
     @property
     def broken_assumptions(self) -> list[str]:
@@ -166,28 +183,45 @@ class SiteRun:
     @property
     def violation(self) -> str:
         """First failure of the model of a crane, with its time; empty if the model holds."""
-        failures = [
-            (run.t[event.row], f"{station.name}, {event.words}")
-            for station, run in zip(self.site.stations, self.trajectories, strict=True)
-            for event in ([] if run.valid.all() else events(station.crane, run)[:1])
-        ]
-        return "".join(f"fails from {t:.1f} s on: {why}" for t, why in sorted(failures)[:1])
+        failures = []
+        for station, run in zip(self.site.stations, self.trajectories, strict=True):
+            if run.valid.all():
+                continue
+            for event in events(station.crane, run)[:1]:
+                failures.append((run.t[event.row], f"{station.name}, {event.words}"))
+        if not failures:
+            return ""
+        t, why = min(failures)
+        return f"fails from {t:.1f} s on: {why}"
 
     @property
     def waits(self) -> list[tuple[float, float, str]]:
         """Times [s] from which cranes waited in a circle, how long [s], who, and who let pass."""
-        names, result = [station.name for station in self.site.stations], []
-        for (_, circle), rows in itertools.groupby(
-            enumerate(self.deadlocks), lambda row: (round(row[1][0] / CYCLE) - row[0], row[1][1])
-        ):
-            times, _, refuges = zip(*(row for _, row in rows), strict=True)
-            chain = " for ".join(names[i] for i in (*circle, circle[0]))
-            for i, refuge in {k: q for each in refuges for k, q in each.items()}.items():
-                drives = zip(self.site.stations[i].crane.layout.driven, refuge, strict=True)
-                goal = ", ".join(f"{joint.symbol} {q:.2f} {joint.unit}" for joint, q in drives)
-                chain += f"; {names[i]} lets pass at {goal}"
-            result.append((times[0], CYCLE * len(times), chain))
-        return result
+        # A circle that lasts for several cycles is recorded in each of them.
+        spells: list[list[_Deadlock]] = []
+        for deadlock in self.deadlocks:
+            if spells and _continues(spells[-1][-1], deadlock):
+                spells[-1].append(deadlock)
+            else:
+                spells.append([deadlock])
+        waits = []
+        for spell in spells:
+            begin, circle, _ = spell[0]
+            refuges: dict[int, np.ndarray] = {}
+            for _, _, in_cycle in spell:
+                refuges.update(in_cycle)
+            waits.append((begin, CYCLE * len(spell), self._in_words(circle, refuges)))
+        return waits
+
+    def _in_words(self, circle: tuple[int, ...], refuges: dict[int, np.ndarray]) -> str:
+        """Return who waits for whom in a circle, and where which crane lets another pass."""
+        names = [station.name for station in self.site.stations]
+        words = " for ".join(names[i] for i in (*circle, circle[0]))
+        for i, refuge in refuges.items():
+            drives = zip(self.site.stations[i].crane.layout.driven, refuge, strict=True)
+            position = ", ".join(f"{joint.symbol} {q:.2f} {joint.unit}" for joint, q in drives)
+            words += f"; {names[i]} lets pass at {position}"
+        return words
 
     @property
     def least_distance(self) -> float:
@@ -197,25 +231,32 @@ class SiteRun:
     def gaps(self) -> dict[str, np.ndarray]:
         """Return distances by the names of both cranes, or of a crane and "obstacles" [m]."""
         names = [station.name for station in self.site.stations]
-        pairs = map("_".join, itertools.combinations(names, 2))
-        beside = [f"{name}_obstacles" for name in names if self.site.solids]
-        columns = *self.distances.T, *self.clearances.T
-        return dict(zip([*pairs, *beside], columns, strict=False))
+        gaps = {}
+        for k, (first, second) in enumerate(itertools.combinations(names, 2)):
+            gaps[f"{first}_{second}"] = self.distances[:, k]
+        if self.site.solids:
+            for k, name in enumerate(names):
+                gaps[f"{name}_obstacles"] = self.clearances[:, k]
+        return gaps
 
     def table(self) -> pa.Table:
         """Return the columns of all cranes with their names in front, rates that were commanded and
         passed on, and distances; the metadata has the record of each crane.
         """
-        columns, records = {"t_s": self.t}, {}
-        rows = zip(self.site.stations, self.trajectories, self.commands, self.passed, strict=True)
-        for station, run, *rates in rows:
-            columns |= {f"{station.name}_{key}": run[key] for key in run.keys()[1:]}
-            for kind, values in zip(("command", "passed"), rates, strict=True):
-                for joint, rate in zip(station.crane.layout.driven, values.T, strict=True):
+        columns = {"t_s": self.t}
+        records = {}
+        for i, station in enumerate(self.site.stations):
+            run = self.trajectories[i]
+            for key in run.keys()[1:]:
+                columns[f"{station.name}_{key}"] = run[key]
+            for kind, rates in (("command", self.commands[i]), ("passed", self.passed[i])):
+                for joint, rate in zip(station.crane.layout.driven, rates.T, strict=True):
                     name = f"{station.name}_{joint.symbol}_{kind}_{joint.unit}_s"
-                    columns[name] = arrow().array(rate, from_pandas=True)  # nothing for NaN
+                    # An operator may command NaN: such a cell stays empty.
+                    columns[name] = arrow().array(rate, from_pandas=True)
             records[station.name] = dict(run.record)
-        columns |= {f"{name}_distance_m": values for name, values in self.gaps().items()}
+        for name, distance in self.gaps().items():
+            columns[f"{name}_distance_m"] = distance
         return arrow().table(columns, metadata={"cranedyn.record": json.dumps(records)})
 
     def write(self, path: str | Path) -> Path:
@@ -234,39 +275,63 @@ class SiteRun:
             DataError: If the file cannot be written.
             CraneError: If Rerun is switched off in the environment.
         """
-        runs: list[Run] = []
-        cranes = self.site.stations, self.trajectories, self.boxes or [None] * len(self.swing)
-        for station, run, boxes in zip(*cranes, strict=True):
-            solids = () if runs else station.in_crane_frame(self.site.solids)
-            obstacles = [Obstacle(s.name, s.vertices, s.triangles, s.zone) for s in solids]
-            reserved = None
-            if boxes is not None:
-                new = np.append(True, np.diff(boxes, axis=0).any(axis=(1, 2)))
-                reserved = self.t[new], station.outline(boxes[new])
-            surroundings = None
-            if obstacles or reserved is not None:
-                surroundings = Scenery(obstacles, np.zeros((0, 3)), reserved=reserved)
-            (x, y, z), turn = map(float, station.foot), station.turn
-            runs.append(
-                Run(station.name, station.crane, run, (x, y, z), scenery=surroundings, heading=turn)
+        return record(
+            path,
+            [self._run_to_record(i) for i in range(len(self.site.stations))],
+            title=self.site.name,
+            text=self._text_to_record(),
+            gaps=self.gaps(),
+            contacts=[contact.t for contact in self.contacts],
+        )
+
+    def _run_to_record(self, i: int) -> Run:
+        """Return a crane as it is recorded: at its place, with its reserved boxes.
+
+        The obstacles of the site go with the first crane, so that they are drawn once.
+        """
+        station = self.site.stations[i]
+        solids = station.in_crane_frame(self.site.solids) if i == 0 else []
+        obstacles = [Obstacle(s.name, s.vertices, s.triangles, s.zone) for s in solids]
+        reserved = None
+        if self.boxes:
+            boxes = self.boxes[i]
+            changed = np.append(True, np.diff(boxes, axis=0).any(axis=(1, 2)))
+            reserved = self.t[changed], station.outline(boxes[changed])
+        scenery = None
+        if obstacles or reserved is not None:
+            scenery = Scenery(obstacles, np.zeros((0, 3)), reserved=reserved)
+        x, y, z = (float(coordinate) for coordinate in station.foot)
+        return Run(
+            station.name,
+            station.crane,
+            self.trajectories[i],
+            (x, y, z),
+            scenery=scenery,
+            heading=station.turn,
+        )
+
+    def _text_to_record(self) -> str:
+        """Return contacts and waits as Markdown."""
+        lines = ["No contacts."]
+        if self.contacts:
+            lines = ["**Contacts:**\n"]
+        for contact in self.contacts:
+            lines.append(
+                f"- {contact.t:.1f} s: {contact.first_body} of {contact.first} and "
+                f"{contact.second_body} {contact.second}"
             )
-        lines = [
-            f"- {t:.1f} s: {body} of {first} and {other} {second}"
-            for t, first, second, body, other in self.contacts
-        ]
-        lines = ["**Contacts:**\n", *lines] if lines else ["No contacts."]
         for t, duration, chain in self.waits:
             lines.append(f"\n**Waiting:** {chain}, {duration:.1f} s from {t:.1f} s on.")
         if self.boxes:
             lines.append("\nSectors beside jibs are what is reserved for their cranes.")
-        return record(
-            path,
-            runs,
-            title=self.site.name,
-            text="\n".join(lines),
-            gaps=self.gaps(),
-            contacts=[contact.t for contact in self.contacts],
-        )
+        return "\n".join(lines)
+
+
+def _continues(last: _Deadlock, next_one: _Deadlock) -> bool:
+    """Return whether the same cranes wait in a circle in the cycle after that of the last one."""
+    last_t, last_circle, _ = last
+    t, circle, _ = next_one
+    return round(t / CYCLE) == round(last_t / CYCLE) + 1 and circle == last_circle
 
 
 def simulate_site(
@@ -360,7 +425,7 @@ class _SiteRecording:
         self._passed: list[list[np.ndarray]] = []
         self._boxes: list[list[np.ndarray]] = []
         self._wind_speeds: list[float] = []
-        self._deadlocks: list[tuple[float, tuple[int, ...], dict[int, np.ndarray]]] = []
+        self._deadlocks: list[_Deadlock] = []
 
     def run_cycle(self, t: float) -> None:
         """Run all cranes for a cycle from a time on [s]."""
@@ -412,40 +477,42 @@ class _SiteRecording:
         for crane in cranes:
             trajectory = crane.record.trajectory(crane.log, crane.engine)
             trajectories.append(trajectory if len(trajectory.t) == rows else trajectory.before(end))
-        swings = [
-            np.linalg.norm(crane.crane.swing_angles(run.q), axis=1).max()
-            for crane, run in zip(cranes, trajectories, strict=True)
-        ]
+        swings = []
+        for crane, run in zip(cranes, trajectories, strict=True):
+            swings.append(np.linalg.norm(crane.crane.swing_angles(run.q), axis=1).max())
+
+        boxes = [np.array(of_crane) for of_crane in zip(*self._boxes, strict=True)]
         outside = [-math.inf] * len(cranes)
-        for i, column in enumerate(zip(*self._boxes, strict=True)):
-            box = np.array(column)
+        for i, box in enumerate(boxes):
             position = trajectories[i].q[:, cranes[i].crane.layout.drives]
             outside[i] = float(np.maximum(box[:, 0] - position, position - box[:, 1]).max())
+
         watch = _Watch(site)
         measured_rows = []
-        for first in range(0, rows, _CHUNK):
-            chunk = [run.q[first : first + _CHUNK, None] for run in trajectories]
+        for first in range(0, rows, _ROWS_AT_ONCE):
+            chunk = [run.q[first : first + _ROWS_AT_ONCE, None] for run in trajectories]
             measured_rows.append(watch.measure(chunk)[:, 0])
-        pairs = math.comb(len(cranes), 2)
-        distances, clear = np.split(np.concatenate(measured_rows), [pairs], axis=1)
+        measured = np.concatenate(measured_rows)
+        pair_count = math.comb(len(cranes), 2)
         clearances = np.full((rows, len(cranes)), np.inf)
         if site.solids:
-            clearances = np.minimum(*np.split(clear, 2, axis=1))
+            from_solids, from_zones = np.split(measured[:, pair_count:], 2, axis=1)
+            clearances = np.minimum(from_solids, from_zones)
         return SiteRun(
-            site,
-            CYCLE * np.arange(rows),
-            tuple(trajectories),
-            [np.array(column) for column in zip(*self._commands, strict=True)],
-            [np.array(column) for column in zip(*self._passed, strict=True)],
-            distances,
-            clearances,
-            tuple(contact for _, contact in watch.contacts),
-            np.array(swings),
-            np.array(outside),
-            tuple(self._deadlocks),
-            tuple(np.array(column) for column in zip(*self._boxes, strict=True)),
-            np.array(self._wind_speeds),
-            0.0 if self._wind is None else self._wind.area,
+            site=site,
+            t=CYCLE * np.arange(rows),
+            trajectories=tuple(trajectories),
+            commands=[np.array(of_crane) for of_crane in zip(*self._commands, strict=True)],
+            passed=[np.array(of_crane) for of_crane in zip(*self._passed, strict=True)],
+            distances=measured[:, :pair_count],
+            clearances=clearances,
+            contacts=tuple(contact for _, contact in watch.contacts),
+            swing=np.array(swings),
+            outside=np.array(outside),
+            deadlocks=tuple(self._deadlocks),
+            boxes=tuple(boxes),
+            wind_speed=np.array(self._wind_speeds),
+            wind_area=0.0 if self._wind is None else self._wind.area,
         )
 
     def end_early(self, error: BaseException) -> NoReturn:
@@ -525,26 +592,40 @@ def simulate_copies(
         Fleet(x.crane, copies, dt=dt, control_period=CYCLE, drive=x.converters, threads=1)
         for x in site.stations
     ]
-    watch, pairs = _Watch(site), math.comb(len(cranes), 2)
-    nearest, swing, outside = np.array([[math.inf], [0.0], [-math.inf]]).repeat(copies, axis=1)
+    watch = _Watch(site)
+    pair_count = math.comb(len(cranes), 2)
+    nearest = np.full(copies, math.inf)
+    swing = np.zeros(copies)
+    outside = np.full(copies, -math.inf)
     for row in range(rows):
         t = row * CYCLE
-        states = [State(*np.split(fleet.z.T.copy(), 2, axis=1)) for fleet in cranes]
+        states = [_state_of(fleet) for fleet in cranes]
         passed = network.step(t, states, [operator(t, states) for operator in operators])
-        near = np.maximum(nearest, site.distance)[:, None]
-        distances = watch.measure([state.q[None] for state in states], near)[0, :, :pairs]
+
+        # A distance that is proven beyond the least one up to now cannot be the least.
+        within_distance = np.maximum(nearest, site.distance)[:, None]
+        measured = watch.measure([state.q[None] for state in states], within_distance)
+        distances = measured[0, :, :pair_count]
         nearest = np.minimum(nearest, distances.min(axis=1, initial=math.inf))
-        for fleet, state, guard, rates in zip(cranes, states, network.guards, passed, strict=True):
+        for i, fleet in enumerate(cranes):
+            guard = network.guards[i]
             crane = guard.station.crane
-            angles, drives = crane.swing_angles(state.q), state.q[:, crane.layout.drives]
+            angles = crane.swing_angles(states[i].q)
             swing = np.maximum(swing, np.sqrt((angles * angles).sum(axis=1)))
-            beyond = np.maximum(guard.box[:, 0] - drives, drives - guard.box[:, 1])
+            position = states[i].q[:, crane.layout.drives]
+            beyond = np.maximum(guard.box[:, 0] - position, position - guard.box[:, 1])
             outside = np.maximum(outside, beyond.max(axis=1))
-            fleet.step(rates.T)
+            fleet.step(passed[i].T)
     if not np.isfinite(swing).all():
         raise RunError("A crane of the site diverged; a smaller dt may help.", t=t)
     contacts = np.bincount([copy for copy, _ in watch.contacts], minlength=copies)
     return SiteExtremes(contacts, nearest, swing, outside)
+
+
+def _state_of(fleet: Fleet) -> State:
+    """Return a copy of the state of all copies of a crane, shape (N, n) each."""
+    q, v = np.split(fleet.z.T.copy(), 2, axis=1)
+    return State(q, v)
 
 
 class _Network:
@@ -557,7 +638,8 @@ class _Network:
             Guard(station, site.swing, copies, site.working_wind) for station in site.stations
         ]
         self.supervisor = Supervisor(site, [guard.box for guard in self.guards])
-        self._channel, self._rng = channel, rng
+        self._channel = channel
+        self._rng = rng
         self._up: list[tuple[float, int, BoxRequest]] = []
         self._down: list[tuple[float, int, BoxGrant]] = []
 
@@ -568,16 +650,22 @@ class _Network:
         commands: Sequence[np.ndarray],
         wind_speed: float | None = None,
     ) -> list[np.ndarray]:
-        """Exchange messages that arrive by a time [s], and return the rates for the drives, shape
-        (N, m) each, from states and commands of all copies, and a wind speed [m/s] that all read.
+        """Exchange the messages that arrive in a cycle, and return the rates for the drives of each
+        crane, shape (N, m) each.
+
+        Requests and answers pass through within a cycle if the network has no latency.
+
+        Args:
+            t: Time [s].
+            states: State of each crane on all copies, shape (N, n).
+            commands: Rates that its operator commands, shape (N, m).
+            wind_speed: What all guards read as the wind speed [m/s]; None if they read none.
         """
         for i, grant in self._arrived(self._down, t):
             self.guards[i].receive(grant)
         passed = []
-        for i, (guard, state, command) in enumerate(
-            zip(self.guards, states, commands, strict=True)
-        ):
-            rates, request = guard.step(t, state, command, wind_speed)
+        for i, guard in enumerate(self.guards):
+            rates, request = guard.step(t, states[i], commands[i], wind_speed)
             passed.append(rates)
             self._send(self._up, t, i, request)
         for i, request in self._arrived(self._up, t):
@@ -587,15 +675,25 @@ class _Network:
         return passed
 
     def _send(self, queue: list, t: float, station: int, message: BoxRequest | BoxGrant) -> None:
-        heard = self._rng.random(len(message.copies)) >= self._channel.loss
-        if heard.any():
-            sent = type(message)(*(values[heard] for values in message))
+        """Put a message into a queue, without the copies on which it is lost."""
+        arrives = self._rng.random(len(message.copies)) >= self._channel.loss
+        if arrives.any():
+            sent = type(message)._make(values[arrives] for values in message)
             queue.append((t + self._channel.latency, station, sent))
 
     def _arrived(self, queue: list, t: float) -> list:
-        due = [item for item in queue if item[0] <= t + 1e-9]
-        queue[:] = [item for item in queue if item[0] > t + 1e-9]
-        return [(station, message) for _, station, message in due]
+        """Take the messages that have arrived by a time [s] from a queue, and return each with the
+        index of its crane.
+        """
+        arrived = []
+        on_the_way = []
+        for due, station, message in queue:
+            if due <= t + _TIME_ROUNDING:
+                arrived.append((station, message))
+            else:
+                on_the_way.append((due, station, message))
+        queue[:] = on_the_way
+        return arrived
 
 
 class _SiteCrane(Stepper):
@@ -610,18 +708,25 @@ class _SiteCrane(Stepper):
         dt: float,
         rows: int,
     ) -> None:
-        drives, forces = station.converters, wind is not None
         super().__init__(
-            station.crane, dt=dt, control_period=CYCLE, drive=drives, forces=forces, engine=engine
+            station.crane,
+            dt=dt,
+            control_period=CYCLE,
+            drive=station.converters,
+            forces=wind is not None,
+            engine=engine,
         )
-        self.name, self.operator = station.name, operator
+        self.name = station.name
+        self.operator = operator
         self._wind = None if wind is None else wind.on(station)
         self.log = Log(self.setting, "mark", 0.0, rows)
         self.record = RunRecord(self.setting, engine, "mark", operator, disturbance=self._wind)
 
     def command(self, t: float, states: Sequence[State]) -> np.ndarray:
         """Return the rates that the operator commands, shape (m,)."""
-        layout, rates = self.crane.layout, self.operator(t, states)
+        layout = self.crane.layout
+        rates = self.operator(t, states)
+        # A copy, since an operator may return one array again and again, and write into it.
         return as_array("command", rates, (layout.m,), meaning=layout.drives_in_words).copy()
 
     def force(self) -> np.ndarray | None:
@@ -630,133 +735,239 @@ class _SiteCrane(Stepper):
 
     def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
         """Hold rates for a period, and log a row."""
-        position, rates = self.state.q[self.crane.layout.drives], np.asarray(command)
+        # The row is of the begin of the period, as the rates are.
+        position = self.state.q[self.crane.layout.drives]
+        rates = np.asarray(command)
         state = super().step(command, force)
         self.log.append(self.engine.row(Setpoint(position, rates, np.zeros_like(rates))))
         return state
 
 
+class _Pair(NamedTuple):
+    """A crane and what it must not touch.
+
+    Attributes:
+        first: Index of the crane.
+        second: Index of another crane, or `_SOLIDS` or `_ZONES`. These count from the end: they are
+            indices, too, of the pair of margins of `Obstacles.margins`.
+    """
+
+    first: int
+    second: int
+
+    @property
+    def is_of_cranes(self) -> bool:
+        """Whether the second is a crane."""
+        return self.second >= 0
+
+
 class _Watch:
     """Distances in each row of a run of N copies of a site, and contacts in rows and between.
 
-    A group has two cranes, or a crane and the solids (-2) or zones (-1) of the site.
+    Distances are of the capsules around the cranes, with their ropes as they hang. Each call of
+    `measure` goes on where the last one ended.
 
     Attributes:
         contacts: Beginnings of contacts, each with the index of its copy.
     """
 
     def __init__(self, site: CraneSite) -> None:
-        """Watch all groups of a site."""
-        self._site, cranes = site, range(len(site.stations))
-        beside = [(i, kind) for kind in (-2, -1) for i in cranes] if site.solids else []
-        self._groups = [*itertools.combinations(cranes, 2), *beside]
-        self._row, self._last, self._touching = 0, list[np.ndarray](), set[tuple]()
+        """Watch all pairs of a site: two cranes, or a crane and the solids or zones."""
+        cranes = range(len(site.stations))
+        self._site = site
+        self._pairs = [_Pair(a, b) for a, b in itertools.combinations(cranes, 2)]
+        if site.solids:
+            self._pairs += [_Pair(crane, _SOLIDS) for crane in cranes]
+            self._pairs += [_Pair(crane, _ZONES) for crane in cranes]
+
+        # Number of rows up to now, and the last of them: ends of the capsules of each crane, and
+        # distances of all pairs.
+        self._row = 0
+        self._last_ends: list[np.ndarray] | None = None
+        self._last_distances: np.ndarray = np.zeros(0)
+
+        # Rows of contacts, each with its copy and the names of both.
+        self._touching: set[tuple[int, int, str, str]] = set()
         self.contacts: list[tuple[int, SiteContact]] = []
 
     def measure(
         self, paths: Sequence[np.ndarray], within: np.ndarray | float = math.inf
     ) -> np.ndarray:
-        """Return the least distance of each group [m], shape (rows, N, groups), from coordinates of
-        each crane in rows that follow those of the last call, shape (rows, N, n) each; a lower
-        bound where the motion since the last measurement proves it beyond a distance, shape (N, 1).
+        """Return the least distance of each pair in rows that follow those of the last call [m],
+        shape (rows, N, pairs).
 
-        Capsules are looked at where what a group moves between two rows does not prove it apart.
+        Args:
+            paths: Coordinates of each crane, shape (rows, N, n) each.
+            within: Distances that are of interest [m], shape (N, 1). Where the motion since the
+                last measurement proves a pair beyond that, its distance is a lower bound.
         """
+        is_first_call = self._last_ends is None
         after = [self._place(i, path) for i, path in enumerate(paths)]
-        first = [x[:1] for x in after]
-        *before, last = self._last or [*first, np.full((1, paths[0].shape[1], 1), -math.inf)]
-        ends = [np.concatenate(pair) for pair in zip(before, after, strict=True)]
-        motions = (np.diff(x, axis=0) for x in ends)
-        moved = [np.sqrt(np.einsum("...i,...i", x, x).max(axis=(2, 3))) for x in motions]
-        moved.append(0.0 * moved[0])  # of obstacles
-        motion = np.zeros((*moved[0].shape, len(self._groups)))
-        for k, (i, j) in enumerate(self._groups):
-            motion[..., k] = moved[i] + moved[max(j, -1)]
-        distances = last - np.cumsum(motion, axis=0)
-        # NaN counts as near, here and below.
-        for k, near in enumerate(np.moveaxis(~(distances >= within), 2, 0)):
+        if self._last_ends is None:
+            before = [ends[:1] for ends in after]
+            # Nothing is known of the distances before the first row.
+            last_distances = np.full((1, paths[0].shape[1], 1), -math.inf)
+        else:
+            before = self._last_ends
+            last_distances = self._last_distances
+        ends = [np.concatenate(both) for both in zip(before, after, strict=True)]
+        motion = self._motion(ends)
+
+        # No distance falls by more than both bodies move.
+        distances = last_distances - np.cumsum(motion, axis=0)
+        # True also for NaN: what is no number counts as near, here and below.
+        is_near = ~(distances >= within)
+        for k, pair in enumerate(self._pairs):
+            near = is_near[..., k]
             if near.any():
-                distances[near, k] = self._least(*self._groups[k], [x[near] for x in after])
-        both = np.concatenate([last if self._last else distances[:1], distances])
-        self._last = [x[-1:] for x in (*after, distances)]
-        spare = both[1:] + both[:-1] - motion
+                distances[near, k] = self._least(pair, [placed[near] for placed in after])
+
+        # On straight lines the distance between two rows is at least half of their sum less the
+        # motion. Bodies are off these lines by `_BEND` each, so 2 `_BEND` together.
+        preceding = distances[:1] if is_first_call else last_distances
+        in_all_rows = np.concatenate([preceding, distances])
+        spare = in_all_rows[1:] + in_all_rows[:-1] - motion
         for row, copy, k in np.argwhere(~(spare > 4.0 * _BEND)).tolist():
-            states = ([x[row + later, copy] for x in ends] for later in (0, 1))
-            now = self._row + row
-            contact = self._contact(CYCLE * now, *self._groups[k], *states)
+            states_before = [placed[row, copy] for placed in ends]
+            states_after = [placed[row + 1, copy] for placed in ends]
+            contact = self._contact(self._row + row, self._pairs[k], states_before, states_after)
             if contact is not None:
-                touching = copy, *contact[1:3]
-                if (now - 1, touching) not in self._touching:
-                    self.contacts.append((copy, contact))
-                self._touching.add((now, touching))
+                self._note(self._row + row, copy, contact)
+
+        self._last_ends = [placed[-1:] for placed in after]
+        self._last_distances = distances[-1:]
         self._row += len(distances)
         return distances
 
+    def _note(self, row: int, copy: int, contact: SiteContact) -> None:
+        """Keep a contact in a row if it begins there: if both did not touch in the row before."""
+        if (row - 1, copy, contact.first, contact.second) not in self._touching:
+            self.contacts.append((copy, contact))
+        self._touching.add((row, copy, contact.first, contact.second))
+
+    def _motion(self, ends: Sequence[np.ndarray]) -> np.ndarray:
+        """Return by how much both of each pair move from row to row [m], shape (rows, N, pairs).
+
+        A crane moves by as much as the end of a capsule that moves farthest.
+
+        Args:
+            ends: Ends of the capsules of each crane, shape (rows + 1, N, capsules, 2, 3) each.
+        """
+        moved = []
+        for placed in ends:
+            step = np.diff(placed, axis=0)
+            moved.append(np.sqrt(np.einsum("...i,...i", step, step).max(axis=(2, 3))))
+        motion = np.zeros((*moved[0].shape, len(self._pairs)))
+        for k, pair in enumerate(self._pairs):
+            motion[..., k] = moved[pair.first]
+            if pair.is_of_cranes:
+                motion[..., k] += moved[pair.second]
+        return motion
+
     def _place(self, i: int, path: np.ndarray) -> np.ndarray:
         """Return the ends of the capsules of a crane [m], shape (rows, N, capsules, 2, 3)."""
-        station, q = self._site.stations[i], path.reshape(-1, path.shape[-1])
+        station = self._site.stations[i]
+        q = path.reshape(-1, path.shape[-1])
         position = self._site.positions(i, q[:, station.crane.layout.drives])
         ends = place_crane(self._site.bodies, i, position, q[:, station.crane.swings])
-        return ends[:, : len(station.bodies.names)].reshape(*path.shape[:2], -1, 2, 3)
 
-    def _least(self, i: int, j: int, ends: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the least distance of a group [m] in rows."""
-        if j >= 0:
-            return least_distances(*(self._placed(k, ends[k]) for k in (i, j)))
-        return np.array([self._gaps(i, j, row).min() for row in zip(*ends, strict=True)])
+        # All cranes have as many capsules as the one with most, see `stacked`.
+        own = ends[:, : len(station.bodies.names)]
+        return own.reshape(*path.shape[:2], -1, 2, 3)
 
-    def _placed(self, i: int, ends: np.ndarray) -> PlacedCapsules:
+    def _least(self, pair: _Pair, ends: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the least distance of a pair in rows [m], shape (rows,), from the ends of the
+        capsules of all cranes.
+        """
+        if pair.is_of_cranes:
+            first = self._capsules(pair.first, ends[pair.first])
+            second = self._capsules(pair.second, ends[pair.second])
+            return least_distances(first, second)
+        return np.array([self._gaps(pair, row).min() for row in zip(*ends, strict=True)])
+
+    def _capsules(self, i: int, ends: np.ndarray) -> PlacedCapsules:
+        """Return the capsules of a crane with their ends at points."""
         radius = np.broadcast_to(self._site.stations[i].bodies.radius, ends.shape[:-2])
         return PlacedCapsules(ends, radius, np.zeros(0))
 
-    def _gaps(self, i: int, j: int, ends: Sequence[np.ndarray]) -> np.ndarray:
-        """Return gaps of all capsules of a group at an instant [m]: of the first with the first of
-        the other crane, with its second, and so on.
+    def _gaps(self, pair: _Pair, ends: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the gaps of all capsules of a pair at an instant [m].
+
+        Of two cranes these are the gaps of the first capsule with each of the other crane, then of
+        the second, and so on.
         """
-        if j >= 0:
-            first, second = (self._placed(k, ends[k]) for k in (i, j))
-            pairs = np.indices((len(first.ends), len(second.ends))).reshape(2, -1)
-            return least_distances(
-                *(
-                    replace(x, ends=x.ends[k], radius=x.radius[k])
-                    for x, k in zip((first, second), pairs, strict=True)
-                )
-            )
-        bodies, margins = self._site.stations[i].bodies, self._site.obstacles.margins
-        columns = zip(ends[i], bodies.radius.tolist(), bodies.hangs.tolist(), strict=True)
-        return np.array([margins(*capsule, hangs=hangs)[j] for *capsule, hangs in columns])
+        if pair.is_of_cranes:
+            first = self._capsules(pair.first, ends[pair.first])
+            second = self._capsules(pair.second, ends[pair.second])
+            rows, columns = np.indices((len(first.ends), len(second.ends))).reshape(2, -1)
+            return least_distances(_selected(first, rows), _selected(second, columns))
+        bodies = self._site.stations[pair.first].bodies
+        radii = bodies.radius.tolist()
+        hangs = bodies.hangs.tolist()
+        gaps = []
+        for k, segment in enumerate(ends[pair.first]):
+            margins = self._site.obstacles.margins(segment, radii[k], hangs=hangs[k])
+            gaps.append(margins[pair.second])
+        return np.array(gaps)
 
     def _contact(
-        self, t: float, i: int, j: int, before: Sequence[np.ndarray], after: Sequence[np.ndarray]
+        self,
+        row: int,
+        pair: _Pair,
+        before: Sequence[np.ndarray],
+        after: Sequence[np.ndarray],
     ) -> SiteContact | None:
-        """Return the contact of a group that is not proven to be none since the row before; None if
-        all are.
+        """Return the first contact of a pair that is not excluded since the row before; None if all
+        are, nearest capsules first.
+
+        Args:
+            row: Number of the row.
+            pair: The pair.
+            before: Ends of the capsules of each crane in the row before [m].
+            after: The same in this row.
         """
-        old, gaps = (self._gaps(i, j, ends) for ends in (before, after))
+        old_gaps = self._gaps(pair, before)
+        gaps = self._gaps(pair, after)
         motions = [b - a for a, b in zip(before, after, strict=True)]
         farthest = [np.linalg.norm(motion, axis=2).max(axis=1) for motion in motions]
-        moved = farthest[i] if j < 0 else np.add.outer(farthest[i], farthest[j]).ravel()
-        bend = 2.0 * _BEND
+        moved = farthest[pair.first]
+        if pair.is_of_cranes:
+            moved = np.add.outer(moved, farthest[pair.second]).ravel()
         for k in np.argsort(gaps).tolist():
 
             def gap(share: float, k: int = k) -> float:
                 ends = [a + share * motion for a, motion in zip(before, motions, strict=True)]
-                return float(self._gaps(i, j, ends)[k])
+                return float(self._gaps(pair, ends)[k])
 
-            if not _proven(gap, float(moved[k]), bend, float(old[k]), float(gaps[k])):
-                return self._named(t, i, j, k, after[i])
+            # Both bodies may be off their straight lines.
+            bend = 2.0 * _BEND
+            if not _proven(gap, float(moved[k]), bend, float(old_gaps[k]), float(gaps[k])):
+                return self._named(CYCLE * row, pair, k, after[pair.first])
         return None
 
-    def _named(self, t: float, i: int, j: int, k: int, ends: np.ndarray) -> SiteContact:
-        stations = self._site.stations
-        capsule, second_capsule = divmod(k, len(stations[j].bodies.names)) if j >= 0 else (k, 0)
-        name, bodies = stations[i].name, stations[i].bodies
-        if j >= 0:
-            second, body = stations[j].name, stations[j].bodies.names[second_capsule]
-        else:
-            nearest = self._site.obstacles.nearest
-            second, body = nearest(ends[capsule], float(bodies.radius[capsule]), zones=j == -1), ""
-        return SiteContact(t, name, second, bodies.names[capsule], body)
+    def _named(self, t: float, pair: _Pair, k: int, ends: np.ndarray) -> SiteContact:
+        """Return a contact at a time [s] by the names of what touches.
+
+        Args:
+            t: Time [s].
+            pair: The pair.
+            k: Which of its gaps, see `_gaps`.
+            ends: Ends of the capsules of the first crane [m].
+        """
+        first = self._site.stations[pair.first]
+        if pair.is_of_cranes:
+            second = self._site.stations[pair.second]
+            capsule, second_capsule = divmod(k, len(second.bodies.names))
+            body = second.bodies.names[second_capsule]
+            return SiteContact(t, first.name, second.name, first.bodies.names[capsule], body)
+        radius = float(first.bodies.radius[k])
+        obstacle = self._site.obstacles.nearest(ends[k], radius, zones=pair.second == _ZONES)
+        return SiteContact(t, first.name, obstacle, first.bodies.names[k], "")
+
+
+def _selected(capsules: PlacedCapsules, rows: np.ndarray) -> PlacedCapsules:
+    """Return the capsules in some rows."""
+    return replace(capsules, ends=capsules.ends[rows], radius=capsules.radius[rows])
 
 
 def _proven(
@@ -764,13 +975,14 @@ def _proven(
 ) -> bool:
     """Return whether two bodies are proven apart on their way between two rows.
 
-    Where the gaps at both ends of a part are together more than what both bodies move in it, no
-    gap in it is less than half of the difference. A part that is not proven is halved.
+    A gap changes by no more than both bodies move. So in a span in which they move by d, between
+    gaps a and b, no gap is less than (a + b - d)/2. A span where that does not exceed the bend is
+    halved.
 
     Args:
-        gap: Gap [m] at a share of the straight ways.
-        moved: Way of both bodies [m].
-        bend: Way [m] by which both are off their straight ways at most.
+        gap: Gap at a share of the straight lines between both rows [m].
+        moved: Distance by which both bodies move together [m].
+        bend: Largest distance of both together from their straight lines [m].
         first: Gap at the first row [m].
         last: Gap at the last.
     """
@@ -779,7 +991,7 @@ def _proven(
         low, gap_low, high, gap_high = spans.pop()
         if gap_low + gap_high - moved * (high - low) > 2.0 * bend:
             continue
-        if min(gap_low, gap_high) <= bend or high - low <= _FINEST:
+        if min(gap_low, gap_high) <= bend or high - low <= _SHORTEST_SPAN:
             return False
         middle = (low + high) / 2.0
         gap_middle = gap(middle)
