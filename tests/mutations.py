@@ -2137,8 +2137,8 @@ cranedyn/bridges/controller_block.py
 + return array(self._targets), {}
 * drives at fault coast
 ? controller_block::accelerations_at_a_fault_brake_each_drive_to_rest_within_its_limit
-- _within(rate * (-1.0 / period), a)
-+ _within(0.0 * rate, a)
+- _within(rate * (-1.0 / period), limit)
++ _within(0.0 * rate, limit)
 * efforts at fault drop the load
 ? controller_block::efforts_at_a_fault_end_at_the_weight_of_the_load_after_a_quarter_of_a_second
 - self._targets = [output.start for output in outputs]
