@@ -1839,8 +1839,8 @@ cranedyn/recording/shapes.py
 cranedyn/bridges/task.py
 * the drives of an environment brake as if periods had no length
 ? gymnasium::drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges
-- half, used = 0.5 * change, 2.0 * slope
-+ half, used = 0.0 * change, 2.0 * slope
+- half = 0.5 * max_change
++ half = 0.0 * max_change
 cranedyn/bridges/gymnasium.py
 * an environment whose episode has ended shows how the old one ended
 ? gymnasium::next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_says
@@ -2006,7 +2006,7 @@ cranedyn/dynamics/joint_forces.py
 cranedyn/bridges/fmi.py
 * the index of a derivative in FMI 2 counts from 0
 ? fmi::the_description_names_the_derivatives_and_the_dimensions_of_its_variables[effort-2]
-- str(variable.rate_of + (not new))
+- str(variable.rate_of + (0 if is_fmi3 else 1))
 + str(variable.rate_of)
 * a torque has the base units of a force
 ? fmi::the_description_names_the_derivatives_and_the_dimensions_of_its_variables[effort-3]
