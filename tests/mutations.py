@@ -1258,12 +1258,12 @@ cranedyn/recording/run.py
 cranedyn/recording/scene.py
 * an obstacle is red while the load is far
 ? scenery::an_obstacle_is_red_while_the_load_is_near_and_a_zone_is_transparent
-- rgb(_NEAR if k % 2 else colour)
-+ rgb(colour if k % 2 else _NEAR)
+- rgb(_NEAR_COLOUR if is_near else usual_colour)
++ rgb(usual_colour if is_near else _NEAR_COLOUR)
 * boxes of a recording are twice as large
 ? scenery::shapes_are_as_large_as_in_the_urdf_and_turned_about_fixed_axes
-- "box": {"sizes": size},
-+ "box": {"half_sizes": size},
+- sizes=size,
++ half_sizes=size,
 cranedyn/recording/series.py
 * forces from outside are no numbers of a run
 ? scenery::forces_from_outside_are_numbers_of_a_run_that_has_them
@@ -2176,7 +2176,7 @@ cranedyn/bridges/commissioning/served_crane.py
 + if self.t - self._heard > 1e9:
 * a lost message is taken all the same
 ? served_crane::under_an_injected_fault_the_crane_stops_and_says_why
-- commands = {**self._last, "inject": commands["inject"]}
+- commands = {**self._last_commands, "inject": commands["inject"]}
 + commands = {**commands}
 * a fault is reset while a drive is enabled
 ? served_crane::a_fault_stays_until_a_reset_rises_while_no_drive_is_enabled
@@ -2198,8 +2198,8 @@ cranedyn/bridges/commissioning/words.py
 cranedyn/bridges/commissioning/modbus.py
 * a negative number over Modbus is a large one
 ? servers::the_map_in_csv_leads_to_every_word_in_both_protocols
-- {name: (v + h) % 0x10000 - h for (name, h), v in pairs}
-+ {name: v for (name, h), v in pairs}
+- (value + half) % 0x10000 - half
++ value
 cranedyn/bridges/commissioning/serve.py
 * that a folder cannot be written is found out at the end of the run
 ? servers::a_folder_that_cannot_be_written_is_refused_before_anything_is_served
