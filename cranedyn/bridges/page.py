@@ -540,7 +540,7 @@ def _tasks(
 
 def _parts_of_all(solids: Sequence[Solid]) -> list[dict[str, Any]]:
     """Return the convex bodies of all obstacles for JSON."""
-    parts = []
+    parts: list[dict[str, Any]] = []
     for solid in solids:
         parts += _parts(solid)
     return parts

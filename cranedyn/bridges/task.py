@@ -135,10 +135,10 @@ def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> 
     rng = np.random.default_rng(whole("seed", seed, 0))
     cranes = []
     for _ in range(whole("number of cranes", count, 1)):
-        values: dict[str, Any] = {}
+        arguments: dict[str, Any] = {}
         for name, (low, high) in bounds.items():
-            values[name] = float(rng.uniform(low, high))
-        cranes.append(load_crane(**values))
+            arguments[name] = float(rng.uniform(low, high))
+        cranes.append(load_crane(**arguments))
     return cranes
 
 
