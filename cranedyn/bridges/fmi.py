@@ -53,7 +53,7 @@ CONTROLLER_NAME = "cranedyn_controller"
 """Name of the model of a controller, and of its library."""
 
 
-class Platform(NamedTuple):
+class TargetPlatform(NamedTuple):
     """A kind of machine for which units are made.
 
     Attributes:
@@ -68,11 +68,11 @@ class Platform(NamedTuple):
 
 
 PLATFORMS = {
-    "x86_64-linux": Platform("linux64", "x86_64-linux-gnu.2.17", ".so"),
-    "aarch64-linux": Platform("aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
-    "x86_64-windows": Platform("win64", "x86_64-windows-gnu", ".dll"),
-    "x86_64-darwin": Platform("darwin64", "x86_64-macos", ".dylib"),
-    "aarch64-darwin": Platform("aarch64-darwin", "aarch64-macos", ".dylib"),
+    "x86_64-linux": TargetPlatform("linux64", "x86_64-linux-gnu.2.17", ".so"),
+    "aarch64-linux": TargetPlatform("aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
+    "x86_64-windows": TargetPlatform("win64", "x86_64-windows-gnu", ".dll"),
+    "x86_64-darwin": TargetPlatform("darwin64", "x86_64-macos", ".dylib"),
+    "aarch64-darwin": TargetPlatform("aarch64-darwin", "aarch64-macos", ".dylib"),
 }
 """Platforms by their name in FMI 3.0."""
 
