@@ -1258,12 +1258,12 @@ cranedyn/recording/run.py
 cranedyn/recording/scene.py
 * an obstacle is red while the load is far
 ? scenery::an_obstacle_is_red_while_the_load_is_near_and_a_zone_is_transparent
-- rgb(_NEAR if k % 2 else colour)
-+ rgb(colour if k % 2 else _NEAR)
+- rgb(_NEAR_COLOUR if is_near else usual_colour)
++ rgb(usual_colour if is_near else _NEAR_COLOUR)
 * boxes of a recording are twice as large
 ? scenery::shapes_are_as_large_as_in_the_urdf_and_turned_about_fixed_axes
-- "box": {"sizes": size},
-+ "box": {"half_sizes": size},
+- sizes=size,
++ half_sizes=size,
 cranedyn/recording/series.py
 * forces from outside are no numbers of a run
 ? scenery::forces_from_outside_are_numbers_of_a_run_that_has_them
@@ -1839,8 +1839,8 @@ cranedyn/recording/shapes.py
 cranedyn/bridges/task.py
 * the drives of an environment brake as if periods had no length
 ? gymnasium::drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges
-- half, used = 0.5 * change, 2.0 * slope
-+ half, used = 0.0 * change, 2.0 * slope
+- half = 0.5 * max_change
++ half = 0.0 * max_change
 cranedyn/bridges/gymnasium.py
 * an environment whose episode has ended shows how the old one ended
 ? gymnasium::next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_says
@@ -2006,7 +2006,7 @@ cranedyn/dynamics/joint_forces.py
 cranedyn/bridges/fmi.py
 * the index of a derivative in FMI 2 counts from 0
 ? fmi::the_description_names_the_derivatives_and_the_dimensions_of_its_variables[effort-2]
-- str(variable.rate_of + (not new))
+- str(variable.rate_of + (0 if is_fmi3 else 1))
 + str(variable.rate_of)
 * a torque has the base units of a force
 ? fmi::the_description_names_the_derivatives_and_the_dimensions_of_its_variables[effort-3]
@@ -2137,8 +2137,8 @@ cranedyn/bridges/controller_block.py
 + return array(self._targets), {}
 * drives at fault coast
 ? controller_block::accelerations_at_a_fault_brake_each_drive_to_rest_within_its_limit
-- _within(rate * (-1.0 / period), a)
-+ _within(0.0 * rate, a)
+- _within(rate * (-1.0 / period), limit)
++ _within(0.0 * rate, limit)
 * efforts at fault drop the load
 ? controller_block::efforts_at_a_fault_end_at_the_weight_of_the_load_after_a_quarter_of_a_second
 - self._targets = [output.start for output in outputs]
@@ -2176,7 +2176,7 @@ cranedyn/bridges/commissioning/served_crane.py
 + if self.t - self._heard > 1e9:
 * a lost message is taken all the same
 ? served_crane::under_an_injected_fault_the_crane_stops_and_says_why
-- commands = {**self._last, "inject": commands["inject"]}
+- commands = {**self._last_commands, "inject": commands["inject"]}
 + commands = {**commands}
 * a fault is reset while a drive is enabled
 ? served_crane::a_fault_stays_until_a_reset_rises_while_no_drive_is_enabled
@@ -2198,8 +2198,8 @@ cranedyn/bridges/commissioning/words.py
 cranedyn/bridges/commissioning/modbus.py
 * a negative number over Modbus is a large one
 ? servers::the_map_in_csv_leads_to_every_word_in_both_protocols
-- {name: (v + h) % 0x10000 - h for (name, h), v in pairs}
-+ {name: v for (name, h), v in pairs}
+- (value + half) % 0x10000 - half
++ value
 cranedyn/bridges/commissioning/serve.py
 * that a folder cannot be written is found out at the end of the run
 ? servers::a_folder_that_cannot_be_written_is_refused_before_anything_is_served

@@ -26,8 +26,11 @@ from cranedyn.references.motion import Motion
 if TYPE_CHECKING:
     from cranedyn.compiled.horizon.receding import Receding
 
-PERIOD, DT = 5e-3, 5e-4
-"""Control period and physics step [s], those of `simulate`."""
+PERIOD = 5e-3
+"""Control period [s], that of `simulate`."""
+
+DT = 5e-4
+"""Physics step [s], that of `simulate`."""
 
 YIELDING = 0.2
 """Share of critical damping that drives which yield give the swing."""
@@ -36,8 +39,11 @@ SOFTER = 100.0
 """Weight of efforts over that of `lqr`: stiffer gains ask for more than the ramps of drives give,
 and the loop oscillates."""
 
-_RADII, _LENGTHS = 6, 8
-"""Rows of the table of gains."""
+_RADII = 6
+"""Number of trolley radii in the table of gains."""
+
+_LENGTHS = 8
+"""Number of cable lengths in the table of gains."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,8 @@ class Slider:
         name: Name.
         label: What it is.
         unit: Its unit.
-        least, most: Range.
+        least: Lower end of its range.
+        most: Upper end of its range.
         value: Value at the start.
     """
 
@@ -63,8 +70,12 @@ class Slider:
 def variations(crane: Crane, drives: Converters) -> list[tuple[Slider, Crane, np.ndarray]]:
     """Return sliders, each with the crane and the parameters of its converters at one unit more
     than usual.
+
+    The numbers of a crane are affine in each slider, so the page adds as many times the difference
+    as the slider is off its start.
     """
-    usual, mass = np.concatenate(drives.response), crane.payload_mass
+    usual = np.concatenate(drives.response)
+    mass = crane.payload_mass
     damping = float(crane.damping[crane.swings].mean()) if len(crane.swings) else 0.0
     largest = max(10.0 * damping, 0.1 * math.sqrt(crane.gravity) * mass * _cable(crane) ** 1.5)
     raised = crane.damping.copy()
@@ -82,7 +93,8 @@ def variations(crane: Crane, drives: Converters) -> list[tuple[Slider, Crane, np
 
 def _heavier(crane: Crane, factor: float) -> Crane:
     """Return a crane with a load of the same shape whose mass is a multiple."""
-    model, joint = crane.model.copy(), crane.payload.body + 1
+    model = crane.model.copy()
+    joint = crane.payload.body + 1  # joint 0 of Pinocchio is the world
     load = model.inertias[joint]
     model.inertias[joint] = pin.Inertia(factor * load.mass, load.lever, factor * load.inertia)
     return replace(crane, model=model)
@@ -133,7 +145,9 @@ def is_tower(crane: Crane) -> bool:
 
 def assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     """Return what the assistances need to know of a crane, for JSON."""
-    layout, limits = crane.layout, usual_limits(drives)
+    layout = crane.layout
+    limits = usual_limits(drives)
+    # Time from a command to the acceleration: lag, delay, and the rounding of the ramp.
     response = drives.lags + drives.delay + drives.accelerations / drives.jerks
     hoist = layout.drive_of("hoist")
     lengths = _rows(crane, "hoist", _LENGTHS)
@@ -188,13 +202,17 @@ def swing_period(crane: Crane, q: np.ndarray) -> float:
     if not len(crane.swings):
         return 1.0
     frequencies = natural_frequencies(crane, q, crane.layout.passive)
-    return float(2.0 * math.pi / frequencies[frequencies > 1e-3 * frequencies.max()].min())
+    # A joint that nothing brings back has the frequency 0, up to round-off.
+    swinging = frequencies[frequencies > 1e-3 * frequencies.max()]
+    return float(2.0 * math.pi / swinging.min())
 
 
 def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dict[str, Any]:
     """Return gains from state to rates over radius and cable length."""
-    layout, radii = crane.layout, _rows(crane, "trolley", _RADII)
-    weight, gains = SOFTER * effort_weight_of(crane), []
+    layout = crane.layout
+    radii = _rows(crane, "trolley", _RADII)
+    weight = SOFTER * effort_weight_of(crane)
+    gains = []
     for radius in radii:
         for length in lengths:
             q = _at(crane, trolley=radius, hoist=length)
@@ -229,12 +247,22 @@ def kernel_data(
     from cranedyn.compiled.verify import compile_kernel
     from cranedyn.compiled.webassembly import webassembly  # other exporters need no llvmlite
 
-    options: Any = {"forces": True, "log": True, "summary": True}
-    delay_steps = drives.delay_steps(DT, PERIOD)
-    recipe = Recipe(1, "velocity", semi_implicit_euler, delay_steps=delay_steps, **options)
-    sliders, cranes, responses = zip(*variants, strict=True)
-    usual = np.concatenate(drives.response)
-    kernel, numbers = compile_kernel([crane, *cranes], recipe, np.array([usual, *responses]))
+    recipe = Recipe(
+        1,
+        "velocity",
+        semi_implicit_euler,
+        delay_steps=drives.delay_steps(DT, PERIOD),
+        forces=True,
+        log=True,
+        summary=True,
+    )
+    cranes = [crane]
+    responses = [np.concatenate(drives.response)]
+    for _, changed_crane, response in variants:
+        cranes.append(changed_crane)
+        responses.append(response)
+    # A row of numbers for each crane: first the usual one, then one for each slider.
+    kernel, numbers = compile_kernel(cranes, recipe, np.array(responses))
     source = kernel.source
     buffers = {
         "state": source.sizes.state,
@@ -244,21 +272,22 @@ def kernel_data(
         "log": source.sizes.row,
         "summary": source.sizes.summary,
     }
-    planned = any(entry["name"] == "predictive" for entry in assistances(crane))
+    places = {}
+    for name, sections in buffers.items():
+        parts = slices(sections).items()
+        places[name] = {key: [part.start, part.stop] for key, part in parts}
+    changes = {}
+    for (slider, *_), row in zip(variants, numbers[1:], strict=True):
+        changes[slider.name] = (row - numbers[0]).tolist()
+    is_predictive = any(entry["name"] == "predictive" for entry in assistances(crane))
     return {
-        "horizon": _horizon_data(goal_controller(crane, drives)) if planned else None,
+        "horizon": _horizon_data(goal_controller(crane, drives)) if is_predictive else None,
         "module": _packed(webassembly(build_module(source))),
         "slots": SLOTS,
-        "sections": {
-            name: {key: [part.start, part.stop] for key, part in slices(sections).items()}
-            for name, sections in buffers.items()
-        },
+        "sections": places,
         "sizes": {name: size(sections) for name, sections in buffers.items()},
         "numbers": numbers[0].tolist(),
-        "variations": {
-            slider.name: (row - numbers[0]).tolist()
-            for slider, row in zip(sliders, numbers[1:], strict=True)
-        },
+        "variations": changes,
         "drives": crane.layout.drives.tolist(),
         "dt": DT,
         "period": PERIOD,
@@ -289,10 +318,12 @@ def _horizon_data(controller: Receding) -> dict[str, Any]:
     from cranedyn.compiled.horizon.control import emit_instant, emit_plan
     from cranedyn.compiled.webassembly import webassembly
 
-    programme, module = controller.programme, ir.Module()
+    programme = controller.programme
+    module = ir.Module()
     emit_plan(module, programme)
     emit_instant(module, programme)
-    shape, first = programme.shape(1), programme.offsets(1).work
+    shape = programme.shape(1)
+    first = programme.offsets(1).work
     return {
         "module": _packed(webassembly(module)),
         "memory": _packed(controller.memory(1).tobytes()),
@@ -302,4 +333,5 @@ def _horizon_data(controller: Receding) -> dict[str, Any]:
 
 
 def _packed(data: bytes) -> str:
+    """Return bytes compressed, as text for JSON."""
     return base64.b64encode(zlib.compress(data, 9)).decode()

@@ -1,11 +1,17 @@
 """Controllers as function blocks, for exporters of code.
 
-A block takes what is measured and the setpoints as inputs, and is called once in each control
-period. What lies on tables in Python, such as gains along a motion, lies on constant tables in the
-block; the count of calls since the reset is the row.
+The inputs of a block are the measured state and the setpoints, its outputs the commands of the
+drives. A program calls it once in each control period. Tables of a controller, such as gains along
+a motion, are constant tables of the block; their row is the count of calls since the reset.
 
-A block at fault does what is safe for the kind of its outputs until the program closes the brakes,
-see `FaultReaction`.
+`controller_block` is the entry point. There is one class for each family of controllers, a `Part`,
+which knows what the controller keeps in memory and emits its law; `PARTS` lists them. After a
+fault, such as a measurement that is not a number, the block does what is safe for its kind of
+outputs until the program closes the brakes, see `FaultReaction`.
+
+Conventions: n coordinates, m drives, z = (coordinates, rates) of shape (2 n,). While a block is
+emitted, arrays hold values of the code under construction (`Value`) and not numbers. The order in
+which they are made is the order of the statements in the exported files.
 """
 
 from __future__ import annotations
@@ -13,7 +19,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -54,30 +60,41 @@ class ControlSetting:
 
     Attributes:
         crane: The crane.
-        period, duration: Control period, and time that tables cover [s].
-        times: Control instants of that time [s].
-        identifier: Identifiers by names of signals.
-        state: Measured coordinates and rates, 2 n identifiers.
-        setpoint, rate: Positions of the setpoint, and its rates one control period later, m
-            identifiers.
-        command: Commands, m identifiers.
-        drive: Drives, m identifiers.
+        period: Control period [s].
+        duration: Time that the tables cover [s].
+        times: Control instants within that time [s].
+        identifier: Identifier of each signal, by the name of the signal.
+        state: Identifiers of the measured coordinates, then of their rates, 2 n in all.
+        setpoint: Identifiers of the positions of the setpoint, one for each drive.
+        rate: Identifiers of the rates of the setpoint one control period later, one for each drive.
+        command: Identifiers of the commands, one for each drive.
+        drive: Identifiers of the measured positions of the drives.
     """
 
     def __init__(self, crane: Crane, signals: list[str], period: float, duration: float) -> None:
-        driven = [joint.symbol for joint in crane.layout.driven]
-        self.crane, self.period, self.duration = crane, period, duration
+        """Choose the identifiers.
+
+        Args:
+            crane: The crane.
+            signals: Names of the commands, one for each drive.
+            period: Control period [s].
+            duration: Time that the tables cover [s].
+        """
+        self.crane = crane
+        self.period = period
+        self.duration = duration
         self.times = period * np.arange(intervals("duration", duration, period) + 1)
-        groups = [
-            state_names(crane),
-            [f"{symbol}_set" for symbol in driven],
-            [f"{symbol}_dot_set" for symbol in driven],
-            signals,
-        ]
-        self.identifier = identifiers([name for group in groups for name in group])
-        self.state, self.setpoint, self.rate, self.command = (
-            [self.identifier[name] for name in group] for group in groups
-        )
+
+        state_signals = state_names(crane)
+        symbols = [joint.symbol for joint in crane.layout.driven]
+        setpoint_signals = [f"{symbol}_set" for symbol in symbols]
+        rate_signals = [f"{symbol}_dot_set" for symbol in symbols]
+        # All at once: an identifier is distinct among the names that are given together.
+        self.identifier = identifiers([*state_signals, *setpoint_signals, *rate_signals, *signals])
+        self.state = [self.identifier[name] for name in state_signals]
+        self.setpoint = [self.identifier[name] for name in setpoint_signals]
+        self.rate = [self.identifier[name] for name in rate_signals]
+        self.command = [self.identifier[name] for name in signals]
         self.drive = [self.state[i] for i in crane.layout.drives.tolist()]
 
 
@@ -85,16 +102,18 @@ class Part(ABC):
     """A controller in code.
 
     Attributes:
-        about: Sentence that says what it does.
-        lowest: Smallest values of measured inputs, by their identifiers; a fault below.
-        braking: Largest accelerations of the drives at a fault, shape (m,); None for those of
-            typical frequency converters.
-        memory: Variables that it keeps.
-        arrays: Arrays that it keeps, with their start.
-        tables: Its tables.
-        rows: Calls after which nothing depends on their count any more, and one.
-        repeats: Calls after which the count starts again; 0 for one that ends at the last row.
-        routines: Functions that it calls, see `FunctionBlock`.
+        about: Sentence that says what the controller does, for the head of the exported files.
+        lowest: Smallest value of a measured input, by its identifier; a smaller one is a fault.
+        braking: Largest accelerations with which the drives brake at a fault [rad/s² or m/s²],
+            shape (m,); None for those of typical frequency converters.
+        memory: Variables that it keeps from one call to the next.
+        arrays: Arrays that it keeps, by name, with their values after a reset.
+        tables: Its constant tables, by name.
+        rows: Number of calls that differ by their count alone: from call `rows` - 1 on, counted
+            from 0, nothing depends on the count any more.
+        repeats: Period, in calls, with which the code depends on the count; 0 for a controller
+            whose dependence ends with its last row.
+        routines: Functions that it calls, see `FunctionBlock`; the last is the entry point.
     """
 
     about: str
@@ -109,117 +128,172 @@ class Part(ABC):
 
     @abstractmethod
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
-        """Emit the command at coordinates and rates, shape (2 n,)."""
+        """Emit the commands of the drives, which need not be cut to their limits yet.
+
+        Args:
+            code: The function under construction.
+            z: Coordinates and rates, measured or estimated, shape (2 n,).
+        """
 
 
 class _AffinePart(Part):
-    """A controller that is affine in the state, on tables; its setpoint stays an input."""
+    """A controller that is affine in the state, on tables; its setpoint stays an input.
+
+    The tables hold the form at a setpoint of zero. The positions of the setpoint, which are inputs
+    of the block, shift the setpoint and the target of the form, see `shifted`.
+    """
 
     def __init__(self, setting: ControlSetting, controller: Any) -> None:
-        self._setting, layout, times = setting, setting.crane.layout, setting.times
+        layout = setting.crane.layout
         if isinstance(controller, Clocked):
+            # Of a copy, since the caller may run the controller later.
             controller = copy.copy(controller)
             controller.begin_run(0.0, setting.period)
-        rng = np.random.default_rng(0)
-        still, units, mixed = (
-            np.tile(positions, (len(times), 1))
-            for positions in (np.zeros(layout.m), np.ones(layout.m), rng.uniform(1, 2, layout.m))
-        )
-        form, at_units, at_mixed = (
-            finite_form(controller, times, positions, 2 * layout.n, "a block")
-            for positions in (still, units, mixed)
-        )
-        self._shift = (at_units.setpoint - form.setpoint)[0, layout.drives]
-        self._target_shift = (at_units.target - form.target)[0]
-        _check_shift(controller, form, at_mixed, self, layout)
+
+        def form_at(positions: np.ndarray) -> Affine:
+            """Return the form with the drives' setpoint at the same positions all the time."""
+            rows = np.tile(positions, (len(setting.times), 1))
+            return finite_form(controller, setting.times, rows, 2 * layout.n, "a block")
+
+        form = form_at(np.zeros(layout.m))
+        form_at_ones = form_at(np.ones(layout.m))
+        self._setting = setting
+        self._form = form
+        # How far the setpoint and the target of each drive move with one unit of its own position.
+        self._setpoint_shift = (form_at_ones.setpoint - form.setpoint)[0, layout.drives]
+        self._target_shift = (form_at_ones.target - form.target)[0]
+        # Positions that are all different show whether a drive depends on those of the others.
+        positions = np.random.default_rng(0).uniform(1, 2, layout.m)
+        self._check_shift(controller, positions, form_at(positions))
+
         self._tables = Tables(
             feed_forward=form.feed_forward,
             gain=form.gain.reshape(len(form.gain), -1),
             setpoint=form.setpoint,
             target=form.target,
         )
-        self._form, self.tables, self.rows = form, self._tables.packed, self._tables.rows
+        self.tables = self._tables.packed
+        self.rows = self._tables.rows
         self.about = f"{type(controller).__name__}: commands that are affine in the state."
-        self.memory = [
-            Variable(f"integral_{name}", "state", f"{joint.unit}.s", float(start))
-            for name, joint, start, gain in zip(
-                setting.drive, layout.driven, form.integral, form.integral_gain, strict=True
-            )
-            if gain
-        ]
+        self.memory = []
+        for i, joint in enumerate(layout.driven):
+            if form.integral_gain[i]:
+                name = _integral_name(setting.drive[i])
+                start = float(form.integral[i])
+                self.memory.append(Variable(name, "state", f"{joint.unit}.s", start))
 
     def shifted(self, positions: np.ndarray, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the shifts of setpoint, shape (2 n,), and target, shape (m,), with positions."""
-        shift = array([0.0] * (2 * self._setting.crane.layout.n))
-        shift[drives] = array(self._shift.tolist()) * positions
-        return shift, array(self._target_shift.tolist()) * positions
+        """Return by how much positions of the drives' setpoint shift the form.
+
+        Args:
+            positions: Positions of the setpoint [rad or m], shape (m,).
+            drives: Indices of the drives among the coordinates, shape (m,).
+
+        Returns:
+            Shift of its setpoint, shape (2 n,), and of its target, shape (m,).
+        """
+        setpoint_shift = array([0.0] * (2 * self._setting.crane.layout.n))
+        setpoint_shift[drives] = array(self._setpoint_shift.tolist()) * positions
+        target_shift = array(self._target_shift.tolist()) * positions
+        return setpoint_shift, target_shift
+
+    def _check_shift(self, controller: Any, positions: np.ndarray, form: Affine) -> None:
+        """Check that the setpoint of the drives does nothing but shift the form.
+
+        Args:
+            controller: The controller, for the error message.
+            positions: Positions of the setpoint [rad or m], shape (m,).
+            form: Form of the controller there.
+
+        Raises:
+            DataError: If it does more.
+        """
+        at_zero = self._form
+        shifts = self.shifted(positions, self._setting.crane.layout.drives)
+        setpoint_shift = shifts[0].astype(float)
+        target_shift = shifts[1].astype(float)
+        is_shifted = (
+            np.array_equal(at_zero.gain, form.gain)
+            and np.array_equal(at_zero.feed_forward, form.feed_forward)
+            and np.allclose(form.setpoint - at_zero.setpoint, setpoint_shift, rtol=1e-9, atol=1e-9)
+            and np.allclose(form.target - at_zero.target, target_shift, rtol=1e-9, atol=1e-9)
+        )
+        if not is_shifted:
+            raise DataError(
+                f"The controller {type(controller).__name__} depends on the setpoint of the drives "
+                "otherwise than by its distance; a block takes the setpoint as an input."
+            )
 
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
-        tables, setting = self._tables, self._setting
+        setting = self._setting
         layout = setting.crane.layout
-        shift, target_shift = self.shifted(code.get_all(setting.setpoint), layout.drives)
-        gain = tables.row(code, "gain").reshape(layout.m, -1)
-        setpoint = tables.row(code, "setpoint") + shift
-        command = tables.row(code, "feed_forward") - gain @ (z - setpoint)
-        target, memory = tables.row(code, "target") + target_shift, {}
-        for i, (name, drive) in enumerate(zip(setting.drive, layout.drives, strict=True)):
-            if gain_of_integral := float(self._form.integral_gain[i]):
-                error, limit = target[i] - z[drive], float(self._form.limit[i])
-                integral = code.get(f"integral_{name}")
-                command[i], memory[f"integral_{name}"] = integrated_command(
-                    command[i], error, integral, gain_of_integral, limit, setting.period
-                )
+        positions = code.get_all(setting.setpoint)
+        setpoint_shift, target_shift = self.shifted(positions, layout.drives)
+        gain = self._tables.row(code, "gain").reshape(layout.m, -1)
+        setpoint = self._tables.row(code, "setpoint") + setpoint_shift
+        command = self._tables.row(code, "feed_forward") - gain @ (z - setpoint)
+        target = self._tables.row(code, "target") + target_shift
+
+        memory = {}
+        for i, drive in enumerate(layout.drives):
+            integral_gain = float(self._form.integral_gain[i])
+            if not integral_gain:
+                continue
+            name = _integral_name(setting.drive[i])
+            error = target[i] - z[drive]
+            integral = code.get(name)
+            limit = float(self._form.limit[i])
+            command[i], memory[name] = integrated_command(
+                command[i], error, integral, integral_gain, limit, setting.period
+            )
         return command, memory
 
 
-def _check_shift(
-    controller: Any, still: Affine, mixed: Affine, block: _AffinePart, layout: Any
-) -> None:
-    """Check that the setpoint of the drives does nothing but shift the setpoint of the form.
-
-    Raises:
-        DataError: If it does more.
-    """
-    position = np.random.default_rng(0).uniform(1, 2, layout.m)
-    shift, target = (s.astype(float) for s in block.shifted(position, layout.drives))
-    same = (
-        np.array_equal(still.gain, mixed.gain)
-        and np.array_equal(still.feed_forward, mixed.feed_forward)
-        and np.allclose(mixed.setpoint - still.setpoint, shift, rtol=1e-9, atol=1e-9)
-        and np.allclose(mixed.target - still.target, target, rtol=1e-9, atol=1e-9)
-    )
-    if not same:
-        raise DataError(
-            f"The controller {type(controller).__name__} depends on the setpoint of the drives "
-            "otherwise than by its distance; a block takes the setpoint as an input."
-        )
+def _integral_name(drive: str) -> str:
+    """Return the name of the variable that integrates the error of a drive."""
+    return f"integral_{drive}"
 
 
 class _YieldingPart(Part):
-    """Drives that yield to the swing; rates of the reference are inputs."""
+    """Drives that yield to the swing; the rates of the reference are inputs of the block."""
 
     about = "Drives that yield to the load, which damps its swing."
 
     def __init__(self, setting: ControlSetting, controller: Any) -> None:
         _check_period(setting, controller.control_period)
-        self._controller, self._setting = controller, setting
+        self._controller = controller
+        self._setting = setting
         self.braking = controller.accelerations
-        # The frequency of the swing is the square root of gravity over the length of the rope.
+        # The frequency of the swing is √(g/l): a cable length below zero has no root.
         *_, hoist = setting.crane.layout.tower("Drives that yield to the swing")
         self.lowest = {setting.state[hoist]: 0.0}
 
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
-        rates, positions = code.get_all(self._setting.rate), code.get_all(self._setting.setpoint)
-        return self._controller.command(rates, positions, *np.split(z, 2)), {}
+        rates = code.get_all(self._setting.rate)
+        positions = code.get_all(self._setting.setpoint)
+        q, v = np.split(z, 2)
+        return self._controller.command(rates, positions, q, v), {}
 
 
 def _check_period(setting: ControlSetting, period: float) -> None:
+    """Check that a block is called with the period [s] for which its controller was made.
+
+    Raises:
+        OutOfRange: If its control period is another one.
+    """
     if abs(period - setting.period) > SAME_PERIOD * period:
         raise OutOfRange("control period", setting.period, f"{period:g}: the controller's", "s")
 
 
 class _ObserverPart(Part):
-    """A controller behind a Kalman filter, whose gains do not depend on the measurements."""
+    """A controller behind a Kalman filter, whose gains do not depend on the measurements.
+
+    The filter estimates the deviation d = z - setpoint from the motion about which the crane was
+    linearised. From one call to the next it predicts d ← a d + b c, where c is the effort of the
+    drives beyond the feed-forward, and corrects that by the gain times what the measurement of the
+    drives adds. Prediction and correction both come at the beginning of a call, so the block keeps
+    d and c of the call before.
+    """
 
     def __init__(self, setting: ControlSetting, controller: Any) -> None:
         if controller.delay or controller.estimate is not None:
@@ -227,15 +301,20 @@ class _ObserverPart(Part):
                 "An observer is exported new and with measurements without delay; this one "
                 f"{'has a delay' if controller.delay else 'has run'}."
             )
-        model, layout = controller.gains.model, setting.crane.layout
+        model = controller.gains.model
         _check_period(setting, model.period)
         self._inner = controller_code(setting, controller.controller)
         if self._inner.repeats:
             raise DataError("A shaper does not act on an estimate; export it as a block by itself.")
-        self._model, self._setting, self._measured = model, setting, controller.gains.measured
-        self._limit = controller.effort_limit.tolist()
-        changes = np.flatnonzero(np.diff(model.stretch))
-        self._every = int(changes[0]) + 1 if len(changes) else len(model.stretch)
+        self._setting = setting
+        self._model = model
+        self._measured = controller.gains.measured
+        self._effort_limit = controller.effort_limit.tolist()
+
+        # All stretches of the motion but the last have the same number of rows.
+        new_stretch = np.flatnonzero(np.diff(model.stretch))
+        self._rows_of_stretch = int(new_stretch[0]) + 1 if len(new_stretch) else len(model.stretch)
+
         gains = [controller.gains.correction(0, k)[0].ravel() for k in range(len(setting.times))]
         self._tables = Tables(
             kalman=np.array(gains),
@@ -243,43 +322,64 @@ class _ObserverPart(Part):
             model=np.dstack([model.a, model.b]).reshape(len(model.a), -1),
         )
         self.tables = {**self._inner.tables, **self._tables.packed}
+        # One row more than the motion: the model of a call is that of the row before.
         self.rows = max(self._tables.rows, self._inner.rows, len(model.stretch) + 1)
         self.about = f"A Kalman filter that estimates the swing; behind it: {self._inner.about}"
-        start = np.zeros(2 * layout.n)
+
+        start = np.zeros(2 * setting.crane.layout.n)
         if controller.start is not None:
             start = controller.start - model.setpoint[0]
         self._deviations = [f"deviation_{name}" for name in setting.state]
         self._corrections = [f"correction_{name}" for name in setting.drive]
-        pairs = zip(self._deviations, start.tolist(), strict=True)
-        self.memory = [
-            *self._inner.memory,
-            *(Variable(name, "state", "", value) for name, value in pairs),
-            *(Variable(name, "state") for name in self._corrections),
-        ]
+        self.memory = list(self._inner.memory)
+        for name, value in zip(self._deviations, start.tolist(), strict=True):
+            self.memory.append(Variable(name, "state", "", value))
+        for name in self._corrections:
+            self.memory.append(Variable(name, "state"))
 
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
-        build, n2 = code.builder, len(z)
-        last, before = code.integer(len(self._model.stretch) - 1), code.plus(code.count, -1)
-        stretch = build.select(
-            build.icmp_signed("<", before, last),
-            build.sdiv(code.most(before, code.integer(0)), code.integer(self._every)),
-            code.integer(len(self._model.a) - 1),
-        )
-        model = self._tables.row(code, "model", stretch).reshape(n2, -1)
-        old = code.get_all(self._deviations)
-        new = model[:, :n2] @ old + model[:, n2:] @ code.get_all(self._corrections)
-        first = build.icmp_signed("==", code.count, code.integer(0))
-        predicted = array([code.chosen(first, x, y) for x, y in zip(old, new, strict=True)])
+        predicted = self._predicted_deviation(code)
         motion = self._tables.row(code, "motion")
-        gain = self._tables.row(code, "kalman").reshape(n2, -1)
-        setpoint, efforts = motion[:n2], motion[n2:]
+        gain = self._tables.row(code, "kalman").reshape(len(z), -1)
+        setpoint = motion[: len(z)]
+        efforts = motion[len(z) :]
+
         measured = z[self._measured] - setpoint[self._measured]
         deviation = predicted + gain @ (measured - predicted[self._measured])
         command, memory = self._inner.emit(code, setpoint + deviation)
-        acting = [clipped(c, -x, x) for c, x in zip(command, self._limit, strict=True)]
+
+        # The model is driven by the efforts that act, and a drive exerts no more than its limit.
+        acting = []
+        for effort, limit in zip(command, self._effort_limit, strict=True):
+            acting.append(clipped(effort, -limit, limit))
         memory |= dict(zip(self._deviations, deviation, strict=True))
         memory |= dict(zip(self._corrections, array(acting) - efforts, strict=True))
         return command, memory
+
+    def _predicted_deviation(self, code: BlockCode) -> np.ndarray:
+        """Emit the deviation that the model predicts from the call before, shape (2 n,): in the
+        first call the expected start.
+        """
+        size = len(self._deviations)
+        model = self._tables.row(code, "model", self._stretch(code)).reshape(size, -1)
+        a = model[:, :size]
+        b = model[:, size:]
+        start = code.get_all(self._deviations)
+        advanced = a @ start + b @ code.get_all(self._corrections)
+        is_first = code.builder.icmp_signed("==", code.count, code.integer(0))
+        return array([code.chosen(is_first, x, y) for x, y in zip(start, advanced, strict=True)])
+
+    def _stretch(self, code: BlockCode) -> Any:
+        """Emit the index of the model that leads from the call before to this one."""
+        build = code.builder
+        last_row = code.integer(len(self._model.stretch) - 1)
+        row = code.plus(code.count, -1)
+        is_on_motion = build.icmp_signed("<", row, last_row)
+        # In the first call the row is -1, and the prediction is not used.
+        from_first = code.most(row, code.integer(0))
+        stretch = build.sdiv(from_first, code.integer(self._rows_of_stretch))
+        # The last row of a motion has a model of its own, which also stands for all that follows.
+        return build.select(is_on_motion, stretch, code.integer(len(self._model.a) - 1))
 
 
 class _PredictivePart(Part):
@@ -297,69 +397,102 @@ class _PredictivePart(Part):
                 "A predictive controller is exported to a setpoint, not along a motion."
             )
         shape = programme.shape(1)
-        sizes = {"query": shape.states + shape.inputs + 2, "answer": shape.inputs}
-        self.arrays = {"memory": controller.memory(1)}
-        self.arrays |= {name: np.zeros(n) for name, n in sizes.items()}
-        self.repeats, self._setting = programme.ratio, setting
+        self._setting = setting
+        self.arrays = {
+            "memory": controller.memory(1),
+            # State, setpoint, row of the path, and whether to optimise, see `emit_instant`.
+            "query": np.zeros(shape.states + shape.inputs + 2),
+            "answer": np.zeros(shape.inputs),
+        }
+        self.repeats = programme.ratio
         module = ir.Module()
         emit_plan(module, programme)
         emit_instant(module, programme)
         self.routines = module.functions
 
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
-        build, query = code.builder, code.argument["query"]
-        numbers = [*z, *code.get_all(self._setting.setpoint)]
-        turn = build.srem(code.count, code.integer(self.repeats))
-        due = build.icmp_signed("==", turn, code.integer(0))
-        for i, value in enumerate([*numbers, 0.0, code.chosen(due, 1.0, 0.0)]):
-            code.store(value, query, i)
-        arrays = [code.argument[name] for name in self.arrays]
-        build.call(self.routines[-1], arrays)
-        return array([code.element("answer", i) for i in range(len(self._setting.command))]), {}
+        build = code.builder
+        positions = code.get_all(self._setting.setpoint)
+        # The horizon is optimised once in `repeats` calls; in the others the plan goes on.
+        calls_since = build.srem(code.count, code.integer(self.repeats))
+        is_due = build.icmp_signed("==", calls_since, code.integer(0))
+        row_of_path = 0.0
+        query = [*z, *positions, row_of_path, code.chosen(is_due, 1.0, 0.0)]
+        for i, value in enumerate(query):
+            code.store(value, code.argument["query"], i)
+        instant = self.routines[-1]
+        build.call(instant, [code.argument[name] for name in self.arrays])
+        commands = [code.element("answer", i) for i in range(len(self._setting.command))]
+        return array(commands), {}
 
 
 class _ShaperPart(Part):
-    """Input shaping of setpoints, which lie on a line in memory."""
+    """Input shaping of setpoints.
+
+    A shaper adds up past setpoints, each times its amplitude. They lie in a ring of rows in memory,
+    one row for each of the last calls. The row of a call is its count modulo the number of rows.
+    """
 
     about = "Input shaping: setpoints in parts, so that the swings they cause cancel."
 
-    def __init__(self, setting: ControlSetting, shaped: Any) -> None:
-        delays = shaped.delays / setting.period
-        self._setting, self._amplitudes = setting, shaped.amplitudes.tolist()
+    def __init__(self, setting: ControlSetting, shaped: Shaped) -> None:
+        self._setting = setting
+        self._amplitudes = shaped.amplitudes.tolist()
         self._m = setting.crane.layout.m
-        calls = np.floor(delays + SAME_PERIOD)
-        self._parts = list(zip(calls.astype(int).tolist(), (delays - calls).tolist(), strict=True))
-        self.repeats = int(calls.max()) + 2
+
+        # A delay is a whole number of calls and a share of one more; a share that is round-off is
+        # none (`SAME_PERIOD`).
+        delays = shaped.delays / setting.period
+        whole_calls = np.floor(delays + SAME_PERIOD)
+        self._delay_calls = whole_calls.astype(int).tolist()
+        self._delay_shares = (delays - whole_calls).tolist()
+
+        # From the present call to the one before the longest delay.
+        self.repeats = int(whole_calls.max()) + 2
         self.arrays = {"line": np.zeros(self.repeats * self._m)}
         self._first = [f"first_{name}" for name in setting.drive]
         self.memory = [Variable(name, "state") for name in self._first]
 
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
-        build, count, length = code.builder, code.count, code.integer(self.repeats)
-        begins = build.icmp_signed("==", count, code.integer(0))
-        now = code.get_all(self._setting.setpoint)
-        initial = code.get_all(self._first)
-        first = [code.chosen(begins, x, y) for x, y in zip(now, initial, strict=True)]
+        build = code.builder
+        count = code.count
+        ring_rows = code.integer(self.repeats)
+        is_first_call = build.icmp_signed("==", count, code.integer(0))
+        setpoint = code.get_all(self._setting.setpoint)
+        # Before the first call the setpoint counts as that of the first call.
+        stored_first = code.get_all(self._first)
+        first = []
+        for new, stored in zip(setpoint, stored_first, strict=True):
+            first.append(code.chosen(is_first_call, new, stored))
 
         def past(i: int, calls: int) -> Any:
+            """Return the setpoint of drive i so many calls ago."""
             if calls == 0:
-                return now[i]
-            row = build.srem(code.plus(count, self.repeats - calls), length)
+                return setpoint[i]
+            row = build.srem(code.plus(count, self.repeats - calls), ring_rows)
             stored = code.element("line", code.plus(code.product(row, self._m), i))
-            early = build.icmp_signed("<", count, code.integer(calls))
-            return code.chosen(early, first[i], stored)
+            is_before_first = build.icmp_signed("<", count, code.integer(calls))
+            return code.chosen(is_before_first, first[i], stored)
+
+        def delayed(i: int, calls: int, share: float) -> Any:
+            """Return the setpoint of drive i so many calls and a share of one ago."""
+            value = past(i, calls)
+            if abs(share) > SAME_PERIOD:
+                # On the line between the setpoints of two calls.
+                value = value + share * (past(i, calls + 1) - value)
+            return value
 
         outputs = []
         for i in range(self._m):
             output: Any = 0.0
-            for (calls, share), amplitude in zip(self._parts, self._amplitudes, strict=True):
-                value = past(i, calls)
-                if abs(share) > SAME_PERIOD:
-                    value = value + share * (past(i, calls + 1) - value)
-                output = output + amplitude * value
+            for calls, share, amplitude in zip(
+                self._delay_calls, self._delay_shares, self._amplitudes, strict=True
+            ):
+                output = output + amplitude * delayed(i, calls, share)
             outputs.append(output)
-        row = build.srem(count, length)
-        for i, value in enumerate(now):
+
+        row = build.srem(count, ring_rows)
+        for i, value in enumerate(setpoint):
             code.put("line", code.plus(code.product(row, self._m), i), value)
         return array(outputs), dict(zip(self._first, first, strict=True))
 
@@ -426,7 +559,9 @@ class FaultReaction:
             accelerations: Largest accelerations of the drives [rad/s² or m/s²], shape (m,), by
                 which rates ramp and accelerations brake; None for positions and efforts.
         """
-        self._setting, self._kind, self._accelerations = setting, kind, accelerations
+        self._setting = setting
+        self._kind = kind
+        self._accelerations = accelerations
         self._held = [f"held_{output.name}" for output in outputs]
         self._braking_rates = [f"braking_rate_{name}" for name in setting.drive]
         self._targets = [output.start for output in outputs]
@@ -440,8 +575,8 @@ class FaultReaction:
 
     @property
     def about(self) -> str:
-        """Sentence that says what the outputs do."""
-        return {
+        """Sentence that says what the outputs do at a fault."""
+        sentences = {
             "position": "At a fault the outputs hold their last values.",
             "velocity": "At a fault the rates ramp to zero at the accelerations of the drives.",
             "motion": "At a fault the accelerations brake the drives to rest.",
@@ -449,17 +584,18 @@ class FaultReaction:
                 f"At a fault the efforts ramp within {EFFORT_RAMP_TIME:g} s to those that hold "
                 "the crane at its start."
             ),
-        }[self._kind]
+        }
+        return sentences[self._kind]
 
     @property
     def copies(self) -> dict[str, str]:
-        """Memory that keeps the last value of an output: name of the output by that of memory."""
+        """Memory that keeps the last values of outputs: name of each output by that of memory."""
         if self._kind == "motion":
             return {}
         return dict(zip(self._held, self._setting.command, strict=True))
 
     def remember(self, rates: np.ndarray) -> dict[str, Any]:
-        """Return the new values of its other memory in a call without a fault.
+        """Return the new values of its other memory after a call without a fault.
 
         Args:
             rates: Measured rates of the drives, shape (m,).
@@ -468,10 +604,10 @@ class FaultReaction:
             return {}
         # No drive is faster than its limit, whatever a sensor says; it would be braked for ever.
         limits = self._setting.crane.rate_limit.tolist()
-        return {
-            name: _within(rate, limit)
-            for name, rate, limit in zip(self._braking_rates, rates, limits, strict=True)
-        }
+        memory = {}
+        for name, rate, limit in zip(self._braking_rates, rates, limits, strict=True):
+            memory[name] = _within(rate, limit)
+        return memory
 
     def emit(self, code: BlockCode) -> Emitted:
         """Emit the outputs of a call at fault."""
@@ -480,11 +616,9 @@ class FaultReaction:
         held = code.get_all(self._held)
         if self._kind == "position":
             return held, {}
-        steps = self._largest_steps()
-        outputs = [
-            last + _within(target - last, step)
-            for last, target, step in zip(held, self._targets, steps, strict=True)
-        ]
+        outputs = []
+        for last, target, step in zip(held, self._targets, self._largest_steps(), strict=True):
+            outputs.append(last + _within(target - last, step))
         return array(outputs), dict(zip(self._held, outputs, strict=True))
 
     def _brake(self, code: BlockCode) -> Emitted:
@@ -492,10 +626,11 @@ class FaultReaction:
         assert self._accelerations is not None
         period = self._setting.period
         rates = code.get_all(self._braking_rates)
-        limits = self._accelerations.tolist()
-        outputs = array(
-            [_within(rate * (-1.0 / period), a) for rate, a in zip(rates, limits, strict=True)]
-        )
+        braking = []
+        for rate, limit in zip(rates, self._accelerations.tolist(), strict=True):
+            # -v/T stops a drive within the period; it takes as many periods as the limit asks for.
+            braking.append(_within(rate * (-1.0 / period), limit))
+        outputs = array(braking)
         return outputs, dict(zip(self._braking_rates, rates + outputs * period, strict=True))
 
     def _largest_steps(self) -> list[float]:
@@ -510,7 +645,7 @@ class FaultReaction:
 
 
 def _within(value: Any, limit: float) -> Any:
-    """Return a value cut to a limit on either side, or as it is for an infinite limit."""
+    """Return a value clipped to [-limit, limit], or as it is if the limit is infinite."""
     return clipped(value, -limit, limit) if np.isfinite(limit) else value
 
 
@@ -541,55 +676,37 @@ def controller_block(
         OutOfRange: If a number is out of range, or the controller is for another control period.
     """
     check_choice("drive", drive, Drive)
-    control_period = float(number("control_period", control_period, "s", "> 0"))
-    layout, driven = crane.layout, crane.layout.driven
-    limits, holding = np.full(layout.m, np.inf), np.zeros(layout.m)
-    positions = [joint.unit for joint in driven]
-    rates, units = ([f"{unit}/{per}" for unit in positions] for per in ("s", "s2"))
-    signals = [f"{name}_command" for name in input_names(crane, drive)]
-    kind: Drive | Literal["position"] = drive
+    period = float(number("control_period", control_period, "s", "> 0"))
     drives = fitting(crane, drive, converters)
-    if isinstance(controller, Shaped):
-        kind = "position"
-        units, holding = positions, crane.start.q[layout.drives]
-        signals = [f"{joint.symbol}_shaped" for joint in driven]
-    elif drive == "effort":
-        limits, holding = crane.effort_limit, holding_effort(crane, crane.start.q)
-        units = [joint.effort_unit.replace(" ", ".") for joint in driven]
-    elif drives is not None:
-        limits, units, signals = drives.rates, rates, input_names(crane, drive)
-    setting = ControlSetting(crane, signals, control_period, duration)
+    outputs = _outputs(crane, drive, drives, is_shaper=isinstance(controller, Shaped))
+    setting = ControlSetting(crane, outputs.signals, period, duration)
     law = controller_code(setting, controller)
     if 1 < len(setting.times) <= law.rows:
         raise OutOfRange("duration", duration, "longer: the tables still change at its end", "s")
-    state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
-    start = np.concatenate(crane.start)
-    lowest = [law.lowest.get(name, -np.inf) for name in setting.state]
-    several = Variable.several
-    outputs = several(setting.command, "output", units, holding, -limits, limits)
+
+    commands = Variable.several(
+        setting.command, "output", outputs.units, outputs.start, -outputs.limits, outputs.limits
+    )
     accelerations = drives.accelerations if drives is not None else None
-    if kind == "motion":
+    if outputs.kind == "motion":
         accelerations = law.braking
         if accelerations is None:
             accelerations = typical_converters(crane).accelerations
-    reaction = FaultReaction(setting, outputs, kind, accelerations)
-    variables = [
-        *several(setting.state, "input", state_units, start, lowest, about="measured"),
-        *several(setting.setpoint, "input", positions, start[layout.drives], about="setpoint"),
-        *several(setting.rate, "input", rates, about="of the setpoint a period later"),
-        *outputs,
-        *law.memory,
-        *reaction.memory,
-    ]
+    reaction = FaultReaction(setting, commands, outputs.kind, accelerations)
+    variables = [*_inputs(setting, law), *commands, *law.memory, *reaction.memory]
+
+    # Without repeats the count stays at the last row. With repeats it goes on at `repeats` after
+    # 2 repeats - 1: the remainder by `repeats` runs on, and only the first call has the count 0.
     first = law.repeats or law.rows - 1
+    last = 2 * law.repeats - 1 if law.repeats else first
     block = FunctionBlock(
         name,
         law.about,
-        control_period,
+        period,
         tuple(variables),
         law.arrays,
         law.tables,
-        last=2 * law.repeats - 1 if law.repeats else first,
+        last=last,
         first=first,
         renamed={signal: new for signal, new in setting.identifier.items() if signal != new},
         routines=law.routines,
@@ -597,10 +714,11 @@ def controller_block(
     )
 
     def step(code: BlockCode) -> Mapping[str, Any]:
+        layout = crane.layout
         z = code.get_all(setting.state)
         command, memory = law.emit(code, z)
-        kept = reaction.remember(z[layout.n + layout.drives])
-        return {**dict(zip(setting.command, command, strict=True)), **memory, **kept}
+        remembered = reaction.remember(z[layout.n + layout.drives])
+        return {**dict(zip(setting.command, command, strict=True)), **memory, **remembered}
 
     def fault(code: BlockCode) -> Mapping[str, Any]:
         command, memory = reaction.emit(code)
@@ -609,6 +727,74 @@ def controller_block(
     block.emit("step", step, reaction.copies)
     block.emit(FAULT, fault)
     return block
+
+
+@dataclass(frozen=True, eq=False)
+class _Outputs:
+    """What the outputs of a block are.
+
+    Attributes:
+        kind: Positions, or what drives of this mode take.
+        signals: Names of the signals, one for each drive.
+        units: Units, one for each drive.
+        start: Values after a reset, shape (m,).
+        limits: Largest magnitudes, shape (m,); inf for none.
+    """
+
+    kind: Drive | Literal["position"]
+    signals: list[str]
+    units: list[str]
+    start: np.ndarray
+    limits: np.ndarray
+
+
+def _outputs(crane: Crane, drive: Drive, drives: Converters | None, *, is_shaper: bool) -> _Outputs:
+    """Return the outputs of a block.
+
+    Args:
+        crane: The crane.
+        drive: What the commands are.
+        drives: Frequency converters of the drives; None if they take no rates.
+        is_shaper: Whether the outputs are shaped positions instead of commands.
+    """
+    layout = crane.layout
+    driven = layout.driven
+    at_rest = np.zeros(layout.m)
+    unlimited = np.full(layout.m, np.inf)
+    if is_shaper:
+        signals = [f"{joint.symbol}_shaped" for joint in driven]
+        units = [joint.unit for joint in driven]
+        return _Outputs("position", signals, units, crane.start.q[layout.drives], unlimited)
+
+    signals = [f"{name}_command" for name in input_names(crane, drive)]
+    if drive == "effort":
+        units = [joint.effort_unit.replace(" ", ".") for joint in driven]
+        holding = holding_effort(crane, crane.start.q)
+        return _Outputs(drive, signals, units, holding, crane.effort_limit)
+    if drives is not None:
+        # Names of rates end in "_command" already.
+        units = [f"{joint.unit}/s" for joint in driven]
+        return _Outputs(drive, input_names(crane, drive), units, at_rest, drives.rates)
+    units = [f"{joint.unit}/s2" for joint in driven]
+    return _Outputs(drive, signals, units, at_rest, unlimited)
+
+
+def _inputs(setting: ControlSetting, law: Part) -> list[Variable]:
+    """Return the inputs of a block: the measured state, and the setpoint with its rates."""
+    crane = setting.crane
+    layout = crane.layout
+    state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    start = np.concatenate(crane.start)
+    lowest = [law.lowest.get(name, -np.inf) for name in setting.state]
+    units = [joint.unit for joint in layout.driven]
+    rate_units = [f"{unit}/s" for unit in units]
+    positions = start[layout.drives]
+    several = Variable.several
+    return [
+        *several(setting.state, "input", state_units, start, lowest, about="measured"),
+        *several(setting.setpoint, "input", units, positions, about="setpoint"),
+        *several(setting.rate, "input", rate_units, about="of the setpoint a period later"),
+    ]
 
 
 def vectors(
@@ -626,27 +812,59 @@ def vectors(
     Returns:
         Inputs that the block uses, shape (rows, k), and outputs, shape (rows, m).
     """
-    rng, layout, period = np.random.default_rng(0), crane.layout, block.period
-    n, m = layout.n, layout.m
-    z = np.concatenate(crane.start) + rng.uniform(-0.05, 0.05, (rows, 2 * n))
-    positions = crane.start.q[layout.drives] + rng.uniform(-0.05, 0.05, (rows, m))
-    times, rates = period * np.arange(rows), np.zeros((rows, m))
-    outputs, controller = np.empty((rows, m)), copy.copy(controller)
+    layout = crane.layout
+    rng = np.random.default_rng(0)
+    z = np.concatenate(crane.start) + rng.uniform(-0.05, 0.05, (rows, 2 * layout.n))
+    positions = crane.start.q[layout.drives] + rng.uniform(-0.05, 0.05, (rows, layout.m))
+    times = block.period * np.arange(rows)
+    rates = np.zeros((rows, layout.m))
     if isinstance(controller, Shaped):
-        q = np.tile(crane.start.q, (rows, 1))
-        q[:, layout.drives] = positions
-        motion = Motion(period, q, 0.0 * q, 0.0 * q, layout.drives)
-        outputs[:] = replace(controller, base=motion).at(times).position
+        outputs = _shaped_positions(crane, controller, block.period, positions)
     else:
+        controller = copy.copy(controller)
         if isinstance(controller, DampingController):
-            rates = tabulated(controller.reference, times + period, m).velocity
-        if isinstance(controller, Clocked):
-            controller.begin_run(0.0, period)
-        for k, t in enumerate(times.tolist()):
-            setpoint = Setpoint(positions[k], rates[k], 0.0 * rates[k])
-            outputs[k] = controller(t, State(z[k, :n], z[k, n:]), setpoint)
+            later = times + block.period
+            rates = tabulated(controller.reference, later, layout.m).velocity
+        outputs = _commands(controller, block.period, z, positions, rates)
+
     limits = block.of_kind("output")
-    lower, upper = ([getattr(v, end) for v in limits] for end in ("lower", "upper"))
-    every = [variable.name for variable in block.variables if variable.kind == "input"]
-    used = [every.index(variable.name) for variable in block.of_kind("input")]
+    lower = [variable.lower for variable in limits]
+    upper = [variable.upper for variable in limits]
+    # The block has variables for all inputs, but its code need not use each of them.
+    declared = [variable.name for variable in block.variables if variable.kind == "input"]
+    used = [declared.index(variable.name) for variable in block.of_kind("input")]
     return np.hstack([z, positions, rates])[:, used], np.clip(outputs, lower, upper)
+
+
+def _shaped_positions(
+    crane: Crane, shaped: Shaped, period: float, positions: np.ndarray
+) -> np.ndarray:
+    """Return the positions of a shaper, shape (rows, m), whose base are positions of that shape."""
+    drives = crane.layout.drives
+    q = np.tile(crane.start.q, (len(positions), 1))
+    q[:, drives] = positions
+    motion = Motion(period, q, 0.0 * q, 0.0 * q, drives)
+    return replace(shaped, base=motion).at(period * np.arange(len(positions))).position
+
+
+def _commands(
+    controller: Any, period: float, z: np.ndarray, positions: np.ndarray, rates: np.ndarray
+) -> np.ndarray:
+    """Return the commands of a controller in consecutive calls, shape (rows, m).
+
+    Args:
+        controller: The controller.
+        period: Time from one call to the next [s].
+        z: Coordinates and their rates, shape (rows, 2 n).
+        positions: Positions of the setpoint, shape (rows, m).
+        rates: Rates of the setpoint, shape (rows, m).
+    """
+    if isinstance(controller, Clocked):
+        controller.begin_run(0.0, period)
+    outputs = np.empty(positions.shape)
+    times = period * np.arange(len(z))
+    for k, t in enumerate(times.tolist()):
+        q, v = np.split(z[k], 2)
+        setpoint = Setpoint(positions[k], rates[k], 0.0 * rates[k])
+        outputs[k] = controller(t, State(q, v), setpoint)
+    return outputs

@@ -19,7 +19,7 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from cranedyn.bridges.controller_block import controller_block
 from cranedyn.bridges.joints import add, xml_bytes
 from cranedyn.bridges.target import check_free, new_file
 from cranedyn.bridges.usual_controllers import CONTROLLERS
-from cranedyn.compiled.block import FunctionBlock
+from cranedyn.compiled.block import FunctionBlock, Variable
 from cranedyn.compiled.c_text import c_header, c_source
 from cranedyn.compiled.crane_block import crane_block
 from cranedyn.data.files import with_ending
@@ -38,27 +38,56 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
+"""What the command line calls the target of the export."""
+
 EXAMPLE = "crane.fmu"
-"""Target of the command line."""
+"""Example of a target, for the help of the command line."""
 
 Version = Literal[2, 3]
 """Version of FMI."""
 
-NAME, CONTROLLER_NAME = "cranedyn_crane", "cranedyn_controller"
-"""Names of the models and of their libraries: of a crane, and of a controller."""
+NAME = "cranedyn_crane"
+"""Name of the model of a crane, and of its library."""
+
+CONTROLLER_NAME = "cranedyn_controller"
+"""Name of the model of a controller, and of its library."""
+
+
+class TargetPlatform(NamedTuple):
+    """A kind of machine for which units are made.
+
+    Attributes:
+        fmi2_name: Its name in FMI 2.0, the folder of the library in a unit.
+        zig_target: Target of the compiler Zig; on Linux with the oldest glibc on which a unit runs.
+        ending: Ending of a shared library.
+    """
+
+    fmi2_name: str
+    zig_target: str
+    ending: str
+
 
 PLATFORMS = {
-    "x86_64-linux": ("linux64", "x86_64-linux-gnu.2.17", ".so"),
-    "aarch64-linux": ("aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
-    "x86_64-windows": ("win64", "x86_64-windows-gnu", ".dll"),
-    "x86_64-darwin": ("darwin64", "x86_64-macos", ".dylib"),
-    "aarch64-darwin": ("aarch64-darwin", "aarch64-macos", ".dylib"),
+    "x86_64-linux": TargetPlatform("linux64", "x86_64-linux-gnu.2.17", ".so"),
+    "aarch64-linux": TargetPlatform("aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
+    "x86_64-windows": TargetPlatform("win64", "x86_64-windows-gnu", ".dll"),
+    "x86_64-darwin": TargetPlatform("darwin64", "x86_64-macos", ".dylib"),
+    "aarch64-darwin": TargetPlatform("aarch64-darwin", "aarch64-macos", ".dylib"),
 }
-"""Platforms by name in FMI 3.0: name in FMI 2.0, target of the compiler Zig, ending of a file."""
+"""Platforms by their name in FMI 3.0."""
 
-_SOURCES, _HEADERS = Path(__file__).parent, ("fmi_unit.h", "fmi_shared.h")
+CONTROL_PERIOD = 5e-3
+"""Period of a controller that the command line exports [s]."""
+
+_SOURCES = Path(__file__).parent
+"""Folder of the sources in C that all units share."""
+
+_HEADERS = ("fmi_unit.h", "fmi_shared.h")
+"""Headers that all units share."""
 
 _COMPILERS = ("cc", "gcc", "clang")
+"""Commands of C compilers, in the order in which they are looked for."""
+
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Date of the files in a unit, fixed so that equal cranes give equal units."""
 
@@ -69,11 +98,12 @@ class FmiVariable:
 
     Attributes:
         name: Name.
-        member: Place in the memory of the unit, as C.
-        unit: Unit; empty for a pure number.
+        member: Member of the C structure `Data` in which its value lies, see `_Unit`.
+        unit: Unit; empty for a Boolean.
         causality: Causality of FMI: independent, input, parameter or output.
         start: Start value; None for a computed variable.
-        lower, upper: Range.
+        lower: Smallest value.
+        upper: Largest value.
         about: Description.
         fixed: Whether it is constant once stepping has begun.
         rate_of: Index of the variable whose derivative it is; None for none.
@@ -150,88 +180,136 @@ def export(
     libraries = {name: unit.library(name) for name in dict.fromkeys(platforms or [_platform()])}
     with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
         entries = {"modelDescription.xml": unit.description()}
-        entries |= {f"sources/{name}": text.encode() for name, text in unit.sources.items()}
+        for name, text in unit.sources.items():
+            entries[f"sources/{name}"] = text.encode()
         if version == 3:
             entries["sources/buildDescription.xml"] = unit.build_description()
         for name, library in libraries.items():
-            folder, _, ending = PLATFORMS[name]
-            folder = folder if version == 2 else name
-            entries[f"binaries/{folder}/{unit.name}{ending}"] = library
+            folder = PLATFORMS[name].fmi2_name if version == 2 else name
+            entries[f"binaries/{folder}/{unit.name}{PLATFORMS[name].ending}"] = library
         for name, content in entries.items():
             file.writestr(zipfile.ZipInfo(name, _DATE), content, zipfile.ZIP_DEFLATED)
     return final
 
 
+def _is_crane(block: FunctionBlock) -> bool:
+    """Return whether a block is a crane, whose outputs are computed apart from its steps, and not a
+    controller.
+    """
+    return "outputs" in block.functions
+
+
 def _variables(block: FunctionBlock) -> list[FmiVariable]:
-    """Return all variables; the value reference of each is its index."""
-    signal = {identifier: name for name, identifier in block.renamed.items()}
+    """Return all variables; the value reference of each is its index.
+
+    Raises:
+        ModelError: If two of them have the same name.
+    """
+    name_of = {identifier: name for name, identifier in block.renamed.items()}
+
+    def name(v: Variable) -> str:
+        """Return the name that the crane has for a variable of the block."""
+        return name_of.get(v.name, v.name)
+
     variables = [FmiVariable("time", "time", "s", "independent")]
-    moving = "outputs" in block.functions  # a crane; the memory of a controller is its own
-
-    def variable(v: Any, causality: str, **settings: Any) -> FmiVariable:
-        name = signal.get(v.name, v.name)
-        return FmiVariable(name, f"model.{v.name}", v.unit, causality, about=v.about, **settings)
-
     for v in block.of_kind("input"):
-        variables.append(variable(v, "input", start=v.start))
+        member = f"model.{v.name}"
+        variables.append(
+            FmiVariable(name(v), member, v.unit, "input", start=v.start, about=v.about)
+        )
     for v in block.of_kind("parameter"):
-        limits = {"start": v.start, "lower": v.lower, "upper": v.upper}
-        variables.append(variable(v, "parameter", **limits))
-    states = block.of_kind("state") if moving else []
+        member = f"model.{v.name}"
+        variables.append(
+            FmiVariable(name(v), member, v.unit, "parameter", v.start, v.lower, v.upper, v.about)
+        )
+    # The state of a crane is what a simulation shows; the memory of a controller is its own.
+    states = block.of_kind("state") if _is_crane(block) else []
     for i, v in enumerate(states):
-        name, about = f"{signal.get(v.name, v.name)}_start", "where it begins"
-        settings = (v.unit, "parameter", v.start, v.lower, v.upper, about)
-        variables.append(FmiVariable(name, f"start[{i}]", *settings, fixed=True))
-    first, half = len(variables), len(states) // 2
+        variables.append(
+            FmiVariable(
+                f"{name(v)}_start",
+                f"start[{i}]",
+                v.unit,
+                "parameter",
+                v.start,
+                v.lower,
+                v.upper,
+                "where it begins",
+                fixed=True,
+            )
+        )
+
+    # The states are coordinates, then rates, and the accelerations are the first outputs. So each
+    # rate is the derivative of the variable `half` before it, and each acceleration, too.
+    first_state = len(variables)
+    half = len(states) // 2
     outputs = [v for v in block.of_kind("output") if v.name != "valid"]
     for i, v in enumerate([*states, *outputs]):
-        rate_of = first + i - half if half <= i < 3 * half else None
-        variables.append(variable(v, "output", rate_of=rate_of))
-    about = "false where the model or the inputs do not hold"
-    if moving:
-        about = (
+        rate_of = first_state + i - half if half <= i < 3 * half else None
+        member = f"model.{v.name}"
+        variables.append(
+            FmiVariable(name(v), member, v.unit, "output", about=v.about, rate_of=rate_of)
+        )
+
+    validity = "false where the model or the inputs do not hold"
+    if _is_crane(block):
+        validity = (
             "false once a joint has left its range, the rope is slack or the load touches the "
             "ground"
         )
-    variables.append(FmiVariable("valid", "valid", "", "output", about=about))
-    names = [variable.name for variable in variables]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise ModelError(
-            f"Two variables of the unit would have the name {quoted(twice[0])}; rename a joint or "
-            "a point of the crane."
-        )
+    variables.append(FmiVariable("valid", "valid", "", "output", about=validity))
+    _check_names([variable.name for variable in variables])
     return variables
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Check that no two variables have the same name.
+
+    Raises:
+        ModelError: If two have.
+    """
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise ModelError(
+            f"Two variables of the unit would have the name {quoted(repeated[0])}; rename a joint "
+            "or a point of the crane."
+        )
 
 
 class _Unit:
     """Files of a unit.
 
+    The sources are the block in C, the interface of the FMI version, the headers of all units, and
+    ``unit.h``, which tells them about this block: its functions and a table of the variables.
+
     Attributes:
         name: Name of the model and of its library.
-        sources: Texts in C by the name of the file.
+        sources: Texts in C, by the name of the file.
     """
 
     def __init__(self, block: FunctionBlock, version: Version) -> None:
-        self._block, self._version = block, version
-        self._moving = "outputs" in block.functions
-        self.name = NAME if self._moving else CONTROLLER_NAME
+        self._block = block
+        self._version = version
+        self._is_crane = _is_crane(block)
+        self.name = NAME if self._is_crane else CONTROLLER_NAME
         self._variables = _variables(block)
         self._interface = f"fmi{version}.c"
-        self.sources = {
-            f"{block.name}.h": c_header(block),
-            f"{block.name}.c": c_source(block),
-            **{name: (_SOURCES / name).read_text() for name in (*_HEADERS, self._interface)},
-        }
+        self._block_source = f"{block.name}.c"
+        self.sources = {f"{block.name}.h": c_header(block), self._block_source: c_source(block)}
+        for name in (*_HEADERS, self._interface):
+            self.sources[name] = (_SOURCES / name).read_text()
+
+        # An importer refuses a library whose token is not that of the description, so that the two
+        # are of one export. Equal units have equal tokens.
         content = repr((self._variables, block.period, self.sources)).encode()
         self._token = f"{{{hashlib.sha256(content).hexdigest()[:32]}}}"
         self.sources["unit.h"] = self._header()
 
     def _header(self) -> str:
-        """Return unit.h for `fmi_unit.h`."""
-        name, variables = self._block.name, self._variables
-        starts = [i for i, variable in enumerate(variables) if variable.fixed]
-        first = starts[-1] + 1 if starts else 0
-        defined = {
+        """Return unit.h, which `fmi_unit.h` includes."""
+        name = self._block.name
+        starts = [i for i, variable in enumerate(self._variables) if variable.fixed]
+        definitions = {
             "TOKEN": f'"{self._token}"',
             "DT": repr(self._block.period),
             "RESET": f"{name}_reset",
@@ -239,23 +317,33 @@ class _Unit:
             "LAST_COUNT": self._block.last,
             "STATES": len(starts),
             "START": starts[0] if starts else 0,
-            "FIRST_STATE": first,
+            # The states follow their start values.
+            "FIRST_STATE": starts[-1] + 1 if starts else 0,
         }
-        if self._moving:
-            defined["OUTPUTS"] = f"{name}_outputs"
+        if self._is_crane:
+            definitions["OUTPUTS"] = f"{name}_outputs"
+
         lines = [f'#include "{name}.h"', ""]
-        lines += [f"#define {key} {value}" for key, value in defined.items()]
+        for key, value in definitions.items():
+            lines.append(f"#define {key} {value}")
         lines += [
             "",
             "typedef struct {",
             f"  {name} model;",
-            f"  double start[{len(starts) or 1}];",
+            f"  double start[{len(starts) or 1}];",  # C has no arrays without elements
+            "  double time;",
+            "  int32_t mode, stale, invalid, valid, sound;",
+            "} Data;",
+            "",
+            "static const struct {",
+            "  const char *name;",
+            "  size_t offset;",
+            "  double start, least, most;",
+            "  bool output, fixed;",
+            "} VARIABLE[] = {",
         ]
-        lines += ["  double time;", "  int32_t mode, stale, invalid, valid, sound;", "} Data;", ""]
-        lines += ["static const struct {", "  const char *name;", "  size_t offset;"]
-        lines += ["  double start, least, most;", "  bool output, fixed;", "} VARIABLE[] = {"]
-        for v in variables:
-            numbers = ", ".join(map(_c, (v.start or 0.0, v.lower, v.upper)))
+        for v in self._variables:
+            numbers = ", ".join([_c(v.start or 0.0), _c(v.lower), _c(v.upper)])
             flags = f"{int(v.causality == 'output')}, {int(v.fixed)}"
             lines.append(f"  {{{_text(v.name)}, offsetof(Data, {v.member}), {numbers}, {flags}}},")
         return "\n".join([*lines, "};", ""])
@@ -270,56 +358,80 @@ class _Unit:
         if self._version == 2:
             root.set("variableNamingConvention", "flat")
             root.set("numberOfEventIndicators", "0")
-        state = "FMUState" if self._version == 3 else "FMUstate"
-        able = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
-        kinds = {"ModelExchange": able} if self._moving and not self._block.arrays else {}
-        if self._version == 3:
-            able = able | {"fixedInternalStepSize": repr(self._block.period)}
-        kinds["CoSimulation"] = able | {"canHandleVariableCommunicationStepSize": "true"}
-        for kind, abilities in kinds.items():
-            entry = add(root, kind, modelIdentifier=self.name, **abilities)
-            if self._version == 2:
-                files = add(entry, "SourceFiles")
-                for name in (self._interface, f"{self._block.name}.c"):
-                    add(files, "File", name=name)
+        self._add_interfaces(root)
+
         units = add(root, "UnitDefinitions")
         for unit in sorted({variable.unit for variable in self._variables} - {""}):
             add(add(units, "Unit", name=unit), "BaseUnit", **_BASE[unit])
-        size = self._block.period * (10 if self._moving else 1)
-        add(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=f"{size!r}")
-        self._list(root)
+        steps = 10 if self._is_crane else 1
+        step_size = repr(self._block.period * steps)
+        add(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=step_size)
+        self._add_variables(root)
+        self._add_structure(root)
         return xml_bytes(root)
 
-    def _list(self, root: ET.Element) -> None:
-        """Add the variables and the structure; indices of FMI 2.0 begin at 1."""
-        new, variables = self._version == 3, self._variables
-        listed, structure = add(root, "ModelVariables"), add(root, "ModelStructure")
-        for reference, variable in enumerate(variables):
-            entries, numbers = self._entries(reference, variable), self._numbers(variable)
+    def _add_interfaces(self, root: ET.Element) -> None:
+        """Add the kinds of simulation that the unit is for, with what it can do there.
+
+        Any crane or controller can be stepped. A crane also gives its derivatives for a solver of
+        the importer, unless it keeps arrays, whose contents have none.
+        """
+        state = "FMUState" if self._version == 3 else "FMUstate"
+        common = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
+        abilities_of = {}
+        if self._is_crane and not self._block.arrays:
+            abilities_of["ModelExchange"] = common
+        stepping = dict(common)
+        if self._version == 3:
+            stepping["fixedInternalStepSize"] = repr(self._block.period)
+        stepping["canHandleVariableCommunicationStepSize"] = "true"
+        abilities_of["CoSimulation"] = stepping
+
+        for kind, abilities in abilities_of.items():
+            entry = add(root, kind, modelIdentifier=self.name, **abilities)
+            if self._version == 2:
+                files = add(entry, "SourceFiles")
+                for name in (self._interface, self._block_source):
+                    add(files, "File", name=name)
+
+    def _add_variables(self, root: ET.Element) -> None:
+        """Add the variables; indices of FMI 2.0 begin at 1, value references of FMI 3.0 at 0."""
+        is_fmi3 = self._version == 3
+        listed = add(root, "ModelVariables")
+        for reference, variable in enumerate(self._variables):
+            entries = self._entries(reference, variable)
+            numbers = self._numbers(variable)
             if variable.rate_of is not None:
-                numbers["derivative"] = str(variable.rate_of + (not new))
-            kind = ("Float64" if new else "Real") if variable.unit else "Boolean"
-            if new:
+                numbers["derivative"] = str(variable.rate_of + (0 if is_fmi3 else 1))
+            if is_fmi3:
+                kind = "Float64" if variable.unit else "Boolean"
                 ET.SubElement(listed, kind, entries | numbers)
             else:
+                kind = "Real" if variable.unit else "Boolean"
                 ET.SubElement(ET.SubElement(listed, "ScalarVariable", entries), kind, numbers)
-        outputs = [i for i, variable in enumerate(variables) if variable.causality == "output"]
-        rates = [i for i, variable in enumerate(variables) if variable.rate_of is not None]
-        derivative = "ContinuousStateDerivative" if new else "Derivative"
-        for name, references in (
-            ("Output", outputs),
-            (derivative, rates),
-            ("InitialUnknown", outputs),
-        ):
-            group = structure if new or not references else add(structure, f"{name}s")
-            for i in references:
-                if new:
-                    add(group, name, valueReference=str(i))
-                else:
+
+    def _add_structure(self, root: ET.Element) -> None:
+        """Add which variables are outputs, derivatives and unknowns of the initialisation."""
+        is_fmi3 = self._version == 3
+        structure = add(root, "ModelStructure")
+        outputs = [
+            i for i, variable in enumerate(self._variables) if variable.causality == "output"
+        ]
+        rates = [i for i, variable in enumerate(self._variables) if variable.rate_of is not None]
+        derivative = "ContinuousStateDerivative" if is_fmi3 else "Derivative"
+        groups = {"Output": outputs, derivative: rates, "InitialUnknown": outputs}
+        for name, references in groups.items():
+            if is_fmi3:
+                for i in references:
+                    add(structure, name, valueReference=str(i))
+            elif references:  # FMI 2.0 allows no list without entries
+                group = add(structure, f"{name}s")
+                for i in references:
                     add(group, "Unknown", index=str(i + 1))
 
     @staticmethod
     def _entries(reference: int, variable: FmiVariable) -> dict[str, str]:
+        """Return the attributes that a variable has in either version and of either type."""
         entries = {
             "name": variable.name,
             "valueReference": str(reference),
@@ -336,20 +448,20 @@ class _Unit:
 
     @staticmethod
     def _numbers(variable: FmiVariable) -> dict[str, str]:
+        """Return the attributes of its type: unit, start and range, as far as they are finite."""
         entries = {"unit": variable.unit} if variable.unit else {}
         numbers = {"start": variable.start, "min": variable.lower, "max": variable.upper}
-        return entries | {
-            name: repr(value)
-            for name, value in numbers.items()
-            if value is not None and np.isfinite(value)
-        }
+        for name, value in numbers.items():
+            if value is not None and np.isfinite(value):
+                entries[name] = repr(value)
+        return entries
 
     def build_description(self) -> bytes:
         """Return the text of buildDescription.xml."""
         root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
         configuration = add(root, "BuildConfiguration", modelIdentifier=self.name)
         files = add(configuration, "SourceFileSet", language="C99")
-        for name in (self._interface, f"{self._block.name}.c"):
+        for name in (self._interface, self._block_source):
             add(files, "SourceFile", name=name)
         return xml_bytes(root)
 
@@ -364,10 +476,12 @@ class _Unit:
             workspace = Path(folder)
             for name, text in self.sources.items():
                 (workspace / name).write_text(text)
+            # Products and sums are not fused, so that all platforms give the same numbers. Only the
+            # functions of FMI are visible.
             options = ["-std=c99", "-shared", "-O2", "-ffp-contract=off", "-fvisibility=hidden"]
             if not platform_name.endswith("windows"):
                 options.append("-fPIC")
-            files = [self._interface, f"{self._block.name}.c", "-o", "library", "-lm"]
+            files = [self._interface, self._block_source, "-o", "library", "-lm"]
             build = subprocess.run(
                 [*compiler, *options, *files],
                 cwd=workspace,
@@ -389,13 +503,16 @@ def _compiler(platform_name: str) -> list[str]:
     Raises:
         CraneError: If there is none.
     """
-    if platform_name == _platform():
-        compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
-        if compiler is not None:
-            return [compiler]
+    is_this_platform = platform_name == _platform()
+    if is_this_platform:
+        for command in _COMPILERS:
+            compiler = shutil.which(command)
+            if compiler is not None:
+                return [compiler]
     if importlib.util.find_spec("ziglang") is not None:
-        return [sys.executable, "-m", "ziglang", "cc", "-target", PLATFORMS[platform_name][1]]
-    if platform_name == _platform():
+        target = PLATFORMS[platform_name].zig_target
+        return [sys.executable, "-m", "ziglang", "cc", "-target", target]
+    if is_this_platform:
         raise CraneError(
             f"A unit is linked by a C compiler, and none of {', '.join(_COMPILERS)} is installed; "
             "on Debian: apt install gcc."
@@ -423,56 +540,84 @@ _BASE = {
     "N.m.s/rad": {"kg": "1", "m": "2", "s": "-1", "rad": "-1"},
     "N.s/m": {"kg": "1", "s": "-1"},
 }
-"""Units in terms of SI base units."""
+"""Units in terms of SI base units, as exponents."""
 
 
 def _c(value: float) -> str:
-    return repr(float(value)) if np.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"
+    """Return a number as an expression of C."""
+    if np.isfinite(value):
+        return repr(float(value))
+    return "INFINITY" if value > 0.0 else "-INFINITY"
 
 
 def _text(name: str) -> str:
-    """Return a name as a string literal of C, whatever characters it has."""
+    """Return a name as a string literal of C, in octal escapes, whatever characters it has."""
     return '"' + "".join(f"\\{byte:03o}" for byte in name.encode()) + '"'
 
 
 def _platform() -> str:
-    """Return the platform's name in FMI.
+    """Return the name of this machine's platform in FMI 3.0.
 
     Raises:
-        CraneError: If units cannot be built for this platform.
+        CraneError: If units cannot be built on it.
     """
-    system, machine = platform.system().lower(), platform.machine()
-    kind = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine.lower(), machine)
-    if system not in ("linux", "darwin") or kind not in ("x86_64", "aarch64"):
-        machine = f"this machine is {system} on {kind}"
-        raise CraneError(f"Units are made on Linux and macOS, x86_64 or aarch64; {machine}.")
-    return f"{kind}-{system}"
+    system = platform.system().lower()
+    machine = platform.machine()
+    # Windows and macOS have other names for the same processors.
+    processor = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine.lower(), machine)
+    if system not in ("linux", "darwin") or processor not in ("x86_64", "aarch64"):
+        raise CraneError(
+            "Units are made on Linux and macOS, x86_64 or aarch64; this machine is "
+            f"{system} on {processor}."
+        )
+    return f"{processor}-{system}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
-    add_option = parser.add_argument
-    text = "what a crane's drives take (default: effort)"
-    add_option("--drive", choices=get_args(Drive), help=text)
-    text = "physics step of a crane [s] (default: 0.0005)"
-    add_option("--dt", type=float, metavar="DT", help=text)
-    add_option("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")
-    add_option("--controller", choices=CONTROLLERS, help="a controller instead of the crane")
-    text = f"all, or some of {', '.join(PLATFORMS)} (extra cross); this machine's by default"
-    add_option("--platform", nargs="+", default=[], metavar="NAME", help=text)
+    parser.add_argument(
+        "--drive", choices=get_args(Drive), help="what a crane's drives take (default: effort)"
+    )
+    parser.add_argument(
+        "--dt", type=float, metavar="DT", help="physics step of a crane [s] (default: 0.0005)"
+    )
+    parser.add_argument("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")
+    parser.add_argument(
+        "--controller", choices=CONTROLLERS, help="a controller instead of the crane"
+    )
+    parser.add_argument(
+        "--platform",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help=f"all, or some of {', '.join(PLATFORMS)} (extra cross); this machine's by default",
+    )
 
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    crane, controller = crane_from_options(options), None
-    drive: Drive = options.drive or "effort"
-    if options.controller is not None:
-        for name in ("drive", "dt"):
-            if getattr(options, name) is not None:
-                raise DataError(f"--{name} has no effect with --controller; leave it out.")
-        drive, make = CONTROLLERS[options.controller]
-        controller = make(crane, 5e-3)
+    crane = crane_from_options(options)
     platforms = [*PLATFORMS] if "all" in options.platform else options.platform
-    dt = 5e-4 if options.dt is None else options.dt
-    unit = {"controller": controller, "version": options.fmi, "platforms": platforms}
-    return export(crane, options.target, drive=drive, dt=dt, **unit)
+    if options.controller is None:
+        return export(
+            crane,
+            options.target,
+            drive=options.drive or "effort",
+            dt=5e-4 if options.dt is None else options.dt,
+            version=options.fmi,
+            platforms=platforms,
+        )
+    for name in ("drive", "dt"):
+        if getattr(options, name) is not None:
+            raise DataError(f"--{name} has no effect with --controller; leave it out.")
+    drive, make = CONTROLLERS[options.controller]
+    controller = make(crane, CONTROL_PERIOD)
+    return export(
+        crane,
+        options.target,
+        drive=drive,
+        controller=controller,
+        control_period=CONTROL_PERIOD,
+        version=options.fmi,
+        platforms=platforms,
+    )

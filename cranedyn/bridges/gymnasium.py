@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.task import DT, INTEGRATOR, Rules, SwingTask
+from cranedyn.bridges.task import DT, INTEGRATOR, EpisodeStart, Rules, SwingTask
 from cranedyn.checks import as_array, short_repr, whole
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
@@ -31,13 +31,18 @@ except ModuleNotFoundError as error:
         "This bridge needs Gymnasium, which is not installed: pip install 'cranedyn[gymnasium]'."
     ) from error
 
-ID, STEPS = "cranedyn/TowerCrane-v0", 400
-"""Name of the environment, and steps of an episode."""
+ID = "cranedyn/TowerCrane-v0"
+"""Name of the environment."""
 
-_FRAME = 0.02
+STEPS = 400
+"""Steps of an episode."""
+
+_FRAME_PERIOD = 0.02
 """Time between rows of a recording [s]."""
 
 Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+"""What a step of many environments returns by the rules of Gymnasium: observations, rewards,
+terminated, truncated, infos."""
 
 
 class TowerCraneVectorEnv(gym.vector.VectorEnv):
@@ -87,9 +92,11 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         except ValueError:
             allowed = "one of " + ", ".join(m.value for m in AutoresetMode)
             raise OutOfRange("autoreset_mode", short_repr(autoreset_mode), allowed) from None
-        self.num_envs, self.render_mode, self._mode = whole("num_envs", num_envs, 1), None, mode
+        self.num_envs = whole("num_envs", num_envs, 1)
+        self.render_mode = None
+        self._mode = mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
-        self._last = whole("max_episode_steps", max_episode_steps, 1)
+        self._max_steps = whole("max_episode_steps", max_episode_steps, 1)
         self.task = _task(crane, self.num_envs, rules, control_period, dt, threads)
         self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -108,13 +115,15 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             UnknownName: If there is no such option.
             OutOfRange: If the seed or an option is not valid.
         """
-        whole_seed, settings = _seed(seed), _options(options, "start", "goal", "reset_mask")
-        mask = np.asarray(settings.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
+        whole_seed = _seed(seed)
+        checked = _options(options, "start", "goal", "reset_mask")
+        all_cranes = np.ones(self.num_envs, dtype=bool)
+        mask = np.asarray(checked.get("reset_mask", all_cranes))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
             raise OutOfRange("reset_mask", short_repr(mask), f"{self.num_envs} of True or False")
-        initial = self.task.check_reset(**settings)
+        initial = self.task.check_reset(checked.get("start"), checked.get("goal"))
         super().reset(seed=whole_seed)
-        self._begin(mask, **initial)
+        self._begin(mask, initial)
         self._begun = True
         return self.task.observe(), {}
 
@@ -130,30 +139,42 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
                 "crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset"
             )
         checked = as_array("actions", actions, (self.num_envs, self.task.layout.m))
-        reward, over, observations = self.task.act(checked.T)
+        result = self.task.act(checked.T)
+        observations = result.observations
+        reward = result.reward
+        terminated = result.over
         self._steps += 1
-        truncated = ~over & (self._steps >= self._last)
+        truncated = ~terminated & (self._steps >= self._max_steps)
         if self._mode is AutoresetMode.NEXT_STEP and self._ended.any():
+            # The step after the end of an episode begins the next one, whatever the action was.
             fresh = self._ended.copy()
             self._begin(fresh)
-            reward[fresh], over[fresh], truncated[fresh] = 0.0, False, False
+            reward[fresh] = 0.0
+            terminated[fresh] = False
+            truncated[fresh] = False
             observations[fresh] = self.task.observe(fresh)
         infos: dict[str, Any] = {
             "distance": self.task.goal_distance,
+            # Gymnasium's mark of the environments to which an entry applies.
             "_distance": np.ones(self.num_envs, dtype=bool),
         }
-        self._ended = over | truncated
+        self._ended = terminated | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
+            # The end is told in the infos, and the observations are those of the next episode.
             ended = self._ended.copy()
-            final = {"final_obs": observations.copy(), "final_info": dict(infos)}
-            infos |= {**final, "_final_obs": ended, "_final_info": ended}
+            infos["final_info"] = dict(infos)
+            infos["_final_info"] = ended
+            infos["final_obs"] = observations.copy()
+            infos["_final_obs"] = ended
             self._begin(ended)
             observations[ended] = self.task.observe(ended)
-        return observations, reward, over, truncated, infos
+        return observations, reward, terminated, truncated, infos
 
-    def _begin(self, mask: np.ndarray, **initial: Any) -> None:
-        self.task.begin(self.np_random, np.flatnonzero(mask), **initial)
-        self._steps[mask], self._ended[mask] = 0, False
+    def _begin(self, mask: np.ndarray, initial: EpisodeStart | None = None) -> None:
+        """Begin episodes of the cranes of a mask, shape (num_envs,)."""
+        self.task.begin(self.np_random, np.flatnonzero(mask), initial)
+        self._steps[mask] = 0
+        self._ended[mask] = False
 
 
 class TowerCraneEnv(gym.Env):
@@ -193,10 +214,13 @@ class TowerCraneEnv(gym.Env):
         if render_mode not in (None, "rrd", "rgb_array"):
             raise OutOfRange("render_mode", short_repr(render_mode), "None, rrd or rgb_array")
         self._folder = Path(folder)
-        self.render_mode, self._dt = render_mode, dt
+        self.render_mode = render_mode
+        self._dt = dt
         self.task = _task(crane, 1, rules, control_period, dt, threads=1)
         self.observation_space, self.action_space = _spaces(self.task)
-        self._episode, self._start = 0, self.task.fleet.cranes[0].start
+        self._episode = 0
+        self._start = self.task.fleet.cranes[0].start
+        # Accelerations of the drives in each step of the episode, shape (m,) each.
         self._accelerations = list[np.ndarray]()
 
     def reset(
@@ -209,11 +233,14 @@ class TowerCraneEnv(gym.Env):
             OutOfRange: If the seed or an option is not valid.
         """
         whole_seed = _seed(seed)
-        initial = self.task.check_reset(**_options(options, "start", "goal"))
+        checked = _options(options, "start", "goal")
+        initial = self.task.check_reset(checked.get("start"), checked.get("goal"))
         super().reset(seed=whole_seed)
-        self.task.begin(self.np_random, np.zeros(1), **initial)
-        self._start = State(*self.task.fleet.z[:, 0].reshape(2, -1).copy())
-        self._episode, self._accelerations = self._episode + 1, []
+        only_crane = np.zeros(1)
+        self.task.begin(self.np_random, only_crane, initial)
+        self._start = self._state()
+        self._episode += 1
+        self._accelerations = []
         return self.task.observe()[0], {"distance": float(self.task.goal_distance[0])}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -226,10 +253,17 @@ class TowerCraneEnv(gym.Env):
             raise OutOfRange("episode", "none", "one that has begun: call reset")
         checked = as_array("action", action, (self.task.layout.m,))
         accelerations = self.task.accelerations(checked[:, None], self.task.fleet.z)[:, 0]
-        reward, over, observations = self.task.act(checked[:, None])
+        result = self.task.act(checked[:, None])
         self._accelerations.append(accelerations)
         info = {"distance": float(self.task.goal_distance[0])}
-        return observations[0], float(reward[0]), bool(over[0]), False, info
+        reward = float(result.reward[0])
+        # The wrapper that `register` asks Gymnasium for truncates episodes.
+        return result.observations[0], reward, bool(result.over[0]), False, info
+
+    def _state(self) -> State:
+        """Return a copy of the state of the crane."""
+        q, v = self.task.fleet.z[:, 0].reshape(2, -1).copy()
+        return State(q, v)
 
     def render(self) -> str | np.ndarray | None:
         """Return a picture of now; or write the episode up to now as a recording for the Rerun
@@ -255,39 +289,50 @@ class TowerCraneEnv(gym.Env):
         return str(record(self._folder / f"episode_{self._episode:04}.rrd", [run], title=title))
 
     def _picture(self) -> np.ndarray:
+        """Return a picture of the crane now from the side, shape (height, width, 3)."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         from cranedyn.recording.sketch import sketch
 
         crane = self.task.crane_of(0)
-        figure = sketch(crane, State(*self.task.fleet.z[:, 0].reshape(2, -1)))
-        side = sketch(crane).axes[0]  # the whole jib, so that each picture has the same scale
-        reach = max(map(abs, side.get_xlim()))
+        figure = sketch(crane, self._state())
+        # The axes of the start, where the jib is seen in its whole length, and as wide on both
+        # sides: so each picture has the same scale.
+        side = sketch(crane).axes[0]
+        reach = max(abs(end) for end in side.get_xlim())
         figure.axes[0].set(xlim=(-reach, reach), ylim=side.get_ylim())
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3]
 
     def _simulated(self) -> Any:
-        """Return the episode by `simulate`, in more rows."""
-        period, done = self.task.fleet.control_period, self._accelerations
+        """Return the episode up to now as a trajectory.
+
+        `simulate` repeats it with the accelerations of each step: its rows are closer than the
+        steps, and it also computes efforts and energies.
+        """
+        period = self.task.fleet.control_period
+        accelerations = self._accelerations
         position = self.task.goal[:, 0].copy()
         goal = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
 
-        def repeated(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-            return done[min(int(t / period + 1e-6), len(done) - 1)]
+        def repeat(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+            step = int(t / period + 1e-6)  # times are rounded
+            return accelerations[min(step, len(accelerations) - 1)]
 
-        crane, force = self.task.crane_of(0), self.task.force_on(0)
-        counts = np.array([period / _FRAME, _FRAME / self._dt])
-        divides = (np.abs(counts - np.round(counts)) < 1e-9).all()
+        # Rows a frame apart, if frames divide the step and physics steps divide the frame.
+        ratios = np.array([period / _FRAME_PERIOD, _FRAME_PERIOD / self._dt])
+        frames_fit = (np.abs(ratios - np.round(ratios)) < 1e-9).all()
+        crane = self.task.crane_of(0)
+        force = self.task.force_on(0)
         return simulate(
             crane,
-            repeated,
+            repeat,
             lambda t: goal,
             start=self._start,
-            duration=len(done) * period,
+            duration=len(accelerations) * period,
             dt=self._dt,
-            control_period=_FRAME if divides else period,
+            control_period=_FRAME_PERIOD if frames_fit else period,
             drive="motion",
             integrator=INTEGRATOR,
             disturbance=constant_force(crane, payload=force) if any(force) else None,
@@ -305,6 +350,14 @@ def _task(
     threads: int | None,
 ) -> SwingTask:
     """Return the task of some cranes.
+
+    Args:
+        crane: The crane, or several; None for the tower crane of this project.
+        count: Number of cranes at once.
+        rules: Arguments of `Rules` by name.
+        period: Time from one action to the next [s].
+        dt: Physics step [s].
+        threads: Number of threads; None for one on each processor.
 
     Raises:
         UnknownName: If there is no rule of a name.
@@ -338,7 +391,12 @@ def _seed(seed: object) -> int | None:
 
 
 def _options(options: Any, *names: str) -> dict[str, Any]:
-    """Check that options are a dictionary with some of these names, and return a copy."""
+    """Check that options are a dictionary with some of these names, and return a copy.
+
+    Raises:
+        OutOfRange: If they are no dictionary.
+        UnknownName: If there is an option of another name.
+    """
     if not isinstance(options, Mapping | None):
         raise OutOfRange("options", short_repr(options), "a dictionary or None")
     for name in options or {}:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import schur
@@ -19,11 +19,17 @@ from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, State
 from cranedyn.model.crane import Crane
 
-_POINTS, _SLOWEST = 1200, 1e-3
-"""Number of frequencies, from the slowest [rad/s] to half of the sampling rate."""
+_FREQUENCY_COUNT = 1200
+"""Number of frequencies, from the lowest to half of the sampling rate."""
 
-_BESIDE = np.concatenate([-np.geomspace(0.2, 1e-5, 60), [0.0], np.geomspace(1e-5, 0.2, 60)])
-"""Relative offsets of further frequencies around each resonance of the open loop."""
+_LOWEST_FREQUENCY = 1e-3
+"""Lowest of these frequencies [rad/s]."""
+
+_RESONANCE_OFFSETS = np.concatenate(
+    [-np.geomspace(0.2, 1e-5, 60), [0.0], np.geomspace(1e-5, 0.2, 60)]
+)
+"""Relative offsets of further frequencies around each resonance of the open loop, whose response
+changes there within little."""
 
 
 class Regulator(NamedTuple):
@@ -100,16 +106,17 @@ def regulator(
             f"The controller {type(controller).__name__} is not affine in the state, so it has no "
             "margins of this kind."
         )
+    # States are the integrals of the drives that have one: in a period each adds the deviation of
+    # its drive times the period.
     integrating = np.flatnonzero(affine.integral_gain)
     count = len(integrating)
-    selection = np.zeros((count, 2 * layout.n))
-    selection[np.arange(count), layout.drives[integrating]] = period
-    by_integral = np.zeros((layout.m, count))
-    by_integral[integrating, np.arange(count)] = affine.integral_gain[integrating]
-    # the error of an instant counts at once
-    return Regulator(
-        np.eye(count), selection, by_integral, affine.gain[-1] + by_integral @ selection
-    )
+    added = np.zeros((count, 2 * layout.n))
+    added[np.arange(count), layout.drives[integrating]] = period
+    integral_gain = np.zeros((layout.m, count))
+    integral_gain[integrating, np.arange(count)] = affine.integral_gain[integrating]
+    # The error of an instant is in the integral that the command of this instant takes.
+    gain = affine.gain[-1] + integral_gain @ added
+    return Regulator(a=np.eye(count), b=added, c=integral_gain, d=gain)
 
 
 def behind_observer(
@@ -117,6 +124,11 @@ def behind_observer(
 ) -> Regulator:
     """Return the same controller fed by the estimate of a filter that measures part of the state
     and knows the commands.
+
+    The estimate is e = p + K (y - p_y) with the prediction p and the measurement y, that is
+    e = (1 - K S) p + K S z with S selecting what is measured. The prediction follows the model with
+    the command u = -(c x + d e): p ← A e + B u = (A - B d) e - B c x. The states of the result are
+    (p, x).
 
     Args:
         law: Controller.
@@ -127,15 +139,19 @@ def behind_observer(
     Raises:
         OutOfRange: If the gain has another shape or is not finite.
     """
-    nz = len(plant.a)
+    size = len(plant.a)
     indices = finite("measured", measured, ("measured",)).astype(int)
-    selected = finite("gain of the filter", gain, (nz, len(indices))) @ np.eye(nz)[indices]
-    unseen, moved = np.eye(nz) - selected, plant.a - plant.b @ law.d
+    selection = np.eye(size)[indices]
+    from_state = finite("gain of the filter", gain, (size, len(indices))) @ selection
+    from_prediction = np.eye(size) - from_state
+    advance = plant.a - plant.b @ law.d
     return Regulator(
-        np.block([[moved @ unseen, -plant.b @ law.c], [law.b @ unseen, law.a]]),
-        np.vstack([moved @ selected, law.b @ selected]),
-        np.hstack([law.d @ unseen, law.c]),
-        law.d @ selected,
+        a=np.block(
+            [[advance @ from_prediction, -plant.b @ law.c], [law.b @ from_prediction, law.a]]
+        ),
+        b=np.vstack([advance @ from_state, law.b @ from_state]),
+        c=np.hstack([law.d @ from_prediction, law.c]),
+        d=law.d @ from_state,
     )
 
 
@@ -150,58 +166,81 @@ def margins(plant: Sampled, law: Regulator) -> Margins:
     Raises:
         OutOfRange: If a matrix of the controller has another shape or is not finite.
     """
-    nz, m = plant.b.shape
+    size, m = plant.b.shape
     k = len(law.a)
-    for name, matrix, shape in zip("abcd", law, ((k, k), (k, nz), (m, k), (m, nz)), strict=True):
-        finite(f"{name} of the controller", matrix, shape)
-    everything = range(m)
-    rates = np.log(np.linalg.eigvals(_closed(plant, law, everything)).astype(complex))
-    rates = rates / plant.period
-    sizes = np.abs(rates)
-    shares = np.divide(-rates.real, sizes, out=np.zeros(len(rates)), where=sizes > 0.0)
-    damping = float(shares.min())
-    growth_rate = float(rates.real.max())
+    finite("a of the controller", law.a, (k, k))
+    finite("b of the controller", law.b, (k, size))
+    finite("c of the controller", law.c, (m, k))
+    finite("d of the controller", law.d, (m, size))
+
+    # An eigenvalue z of the loop over a period T is the mode exp(s t) with s = ln(z)/T.
+    eigenvalues = np.linalg.eigvals(_closed(plant, law, range(m)))
+    modes = np.log(eigenvalues.astype(complex))
+    modes = modes / plant.period
+    sizes = np.abs(modes)
+    # A mode s = 0 has no damping ratio; it counts as 0.
+    ratios = np.divide(-modes.real, sizes, out=np.zeros(len(modes)), where=sizes > 0.0)
+    damping = float(ratios.min())
+    growth_rate = float(modes.real.max())
     if not growth_rate < 0.0:
         return Margins(damping, growth_rate, ())
-    return Margins(damping, growth_rate, tuple(_margin(plant, law, i) for i in everything))
+    return Margins(damping, growth_rate, tuple(_margin(plant, law, i) for i in range(m)))
 
 
 def _closed(plant: Sampled, law: Regulator, drives: range | list[int]) -> np.ndarray:
-    """Return the loop closed at some of the drives, for (z, x)."""
+    """Return the matrix of the loop closed at some of the drives, for the state (z, x)."""
     b = plant.b[:, drives]
     return np.block([[plant.a - b @ law.d[drives], -b @ law.c[drives]], [law.b, law.a]])
 
 
 def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
-    further = [i for i in range(plant.b.shape[1]) if i != drive]
-    a = _closed(plant, law, further)
+    """Return the margins of a drive whose loop is opened at its effort.
+
+    With the open loop L a factor k on the effort is at the limit of stability where 1 + k L = 0:
+    where L is real and negative, with k = -1/L. A delay τ is there where |L| = 1 and the angle
+    ω τ closes the distance to -1.
+    """
+    other_drives = [i for i in range(plant.b.shape[1]) if i != drive]
+    a = _closed(plant, law, other_drives)
     b = np.concatenate([plant.b[:, drive], np.zeros(len(law.a))])[:, None]
     c = np.concatenate([law.d[drive], law.c[drive]])[None]
-    response = _transfer_function(a, b, c)
-    fastest = 0.999 * math.pi / plant.period
-    rings = np.abs(np.log(np.linalg.eigvals(a).astype(complex)).imag) / plant.period
-    resonances = (rings[rings > _SLOWEST][:, None] * (1.0 + _BESIDE)).ravel()
-    grid = np.unique(np.concatenate([np.geomspace(_SLOWEST, fastest, _POINTS), resonances]))
-    grid = grid[grid < fastest]
+    transfer_function = _transfer_function(a, b, c)
+    grid = _frequency_grid(a, plant.period)
 
-    def at(rates: np.ndarray) -> np.ndarray:
-        return response(np.exp(1j * plant.period * rates))
+    def response(frequencies: np.ndarray) -> np.ndarray:
+        """Return L at frequencies [rad/s]."""
+        return transfer_function(np.exp(1j * plant.period * frequencies))
 
-    def zeros(number_of: Callable[[np.ndarray], np.ndarray], where: Any = True) -> np.ndarray:
-        changes = np.diff(np.sign(number_of(on_grid))) * where
-        return np.array(
-            [
-                brentq(lambda rate: number_of(at(np.array([rate])))[0], grid[i], grid[i + 1])
-                for i in np.flatnonzero(changes)
-            ]
-        )
+    on_grid = response(grid)
 
-    on_grid = at(grid)
-    gains = 1.0 / np.abs(at(zeros(lambda values: np.angle(-values), on_grid.real[:-1] <= 0.0)))
+    def zeros(
+        quantity: Callable[[np.ndarray], np.ndarray], intervals: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the frequencies at which a quantity of L is zero, in some intervals of the
+        grid.
+        """
+        changes_sign = np.diff(np.sign(quantity(on_grid))) != 0.0
+        if intervals is not None:
+            changes_sign &= intervals
+        found = []
+        for i in np.flatnonzero(changes_sign):
+            found.append(
+                brentq(
+                    lambda frequency: quantity(response(np.array([frequency])))[0],
+                    grid[i],
+                    grid[i + 1],
+                )
+            )
+        return np.array(found)
+
+    # The angle of -L is zero on the negative axis. It jumps by 2π on the positive one, which would
+    # look like a zero.
+    negative = on_grid.real[:-1] <= 0.0
+    gains = 1.0 / np.abs(response(zeros(lambda values: np.angle(-values), negative)))
     crossings = zeros(lambda values: np.abs(values) - 1.0)
-    delay = np.mod(np.angle(-at(crossings)), 2.0 * math.pi) / crossings
-    # at half of the sampling rate a loop is real, so it may cross there, too
-    end = float(response(np.array([-1.0]))[0].real)
+    delay = np.mod(np.angle(-response(crossings)), 2.0 * math.pi) / crossings
+    # At half of the sampling rate, where z = -1, a loop is real, so it may cross there, too.
+    end = float(transfer_function(np.array([-1.0]))[0].real)
     gains = np.append(gains, [-1.0 / end] if end < 0.0 else [])
     return Margin(
         float(min(gains[gains > 1.0], default=math.inf)),
@@ -210,19 +249,38 @@ def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
     )
 
 
+def _frequency_grid(a: np.ndarray, period: float) -> np.ndarray:
+    """Return frequencies [rad/s] up to half of the sampling rate, closer at each resonance.
+
+    Args:
+        a: Matrix of the open loop over a period.
+        period: Period of the loop [s].
+    """
+    highest = 0.999 * math.pi / period
+    modes = np.log(np.linalg.eigvals(a).astype(complex))
+    natural = np.abs(modes.imag) / period
+    resonances = natural[natural > _LOWEST_FREQUENCY]
+    around_resonances = (resonances[:, None] * (1.0 + _RESONANCE_OFFSETS)).ravel()
+    regular = np.geomspace(_LOWEST_FREQUENCY, highest, _FREQUENCY_COUNT)
+    grid = np.unique(np.concatenate([regular, around_resonances]))
+    return grid[grid < highest]
+
+
 def _transfer_function(
     a: np.ndarray, b: np.ndarray, c: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Return the function c (z - a)⁻¹ b of complex numbers z, shape (k,), for a loop of one input
     and one output; a Schur form of a leaves substitutions.
     """
+    # With a = Q T Q* it is (c Q) (z - T)⁻¹ (Q* b), and T is triangular.
     triangle, basis = schur(a, output="complex")
-    inputs, outputs = (basis.conj().T @ b)[:, 0], (c @ basis)[0]
+    inputs = (basis.conj().T @ b)[:, 0]
+    outputs = (c @ basis)[0]
 
     def response(z: np.ndarray) -> np.ndarray:
         x = np.zeros((len(outputs), len(z)), dtype=complex)
         for i in reversed(range(len(outputs))):
-            # not a product of BLAS, whose threads cost more than so few numbers
+            # Not a product of BLAS, whose threads cost more than so few numbers.
             solved = np.einsum("j,jk->k", triangle[i, i + 1 :], x[i + 1 :])
             x[i] = (inputs[i] + solved) / (z - triangle[i, i])
         return np.einsum("j,jk->k", outputs, x)

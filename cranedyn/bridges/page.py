@@ -54,7 +54,10 @@ from cranedyn.plotting.style import distinct_colours
 from cranedyn.recording.shapes import Shape, rope_line, shapes
 
 TARGET = "FILE"
+"""What the command line calls the target of the export."""
+
 EXAMPLE = "crane.html"
+"""Example of a target, for the help of the command line."""
 
 DRAG = 1.2
 """Drag coefficient of the load as a box."""
@@ -71,11 +74,24 @@ LOAD = (0.95, 0.17, 0.02, 1.0)
 TRIANGLES = 15_000
 """Most triangles of all meshes together, so that a page has less than 1 MB."""
 
+FINEST_CELL = 1e-3
+"""Edge of the smallest cells in which corners of meshes are put together [m]."""
+
+UNBOUNDED = 1e9
+"""Number that stands for infinity in the data of a page, since JSON has none."""
+
 _TEMPLATES = Path(__file__).with_name("templates") / "page"
+"""Folder of the page's HTML, style and scripts."""
 
 
 class Visual(NamedTuple):
-    """A shape, its joint, -1 for the world, and its placement in the joint's frame."""
+    """A shape that moves with a joint.
+
+    Attributes:
+        joint: Index of the joint; -1 for the world.
+        shape: The shape, centred and along the axes.
+        placement: Where it stands in the frame of the joint.
+    """
 
     joint: int
     shape: Shape
@@ -137,8 +153,19 @@ def page_data(
     chart: Falls | None = None,
     meshes: str | Path | None = None,
 ) -> dict[str, Any]:
-    """Return all that the page needs of a crane and its site, for JSON."""
-    layout, drives = crane.layout, converters(crane)
+    """Return all that the page needs of a crane and its site, for JSON.
+
+    Args:
+        crane: The crane.
+        site: Obstacles about it; None for none.
+        chart: Rated loads; None for none.
+        meshes: Folder of its mesh files; None for sticks.
+
+    Raises:
+        MissingRole, DataError, ModelError: As `export`.
+    """
+    layout = crane.layout
+    drives = converters(crane)
     if chart is not None:
         layout.role("slew", "A load chart")
     variants = variations(crane, drives)
@@ -147,95 +174,95 @@ def page_data(
         planned = _exercises(crane, drives, site)
     if site is not None and planned:
         crane = replace(crane, start=planned[0].start)
-    turn, foot = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
-    obstacles = [] if site is None else [solid.moved(turn, foot) for solid in site.solids]
+    rotation, translation = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
+    obstacles = (
+        [] if site is None else [solid.moved(rotation, translation) for solid in site.solids]
+    )
     load = None if site is None else site.load
-    sliders = [*(slider for slider, *_ in variants), *_cable(crane), *_WIND]
     visuals = list(_visuals(crane, load, meshes))
     box = _load_box(crane, load, visuals)
-    wide, deep, tall = np.ptp(box, axis=0).tolist()
+    crane_data = _crane_data(crane, drives)
+    crane_data["load"] = box.tolist()
+    crane_data["shapes"] = list(_shape_data(crane, visuals))
+    sliders = [*(slider for slider, *_ in variants), *_cable_slider(crane), *_WIND]
+    chart_data = None
+    if chart is not None:
+        chart_data = {
+            "least": chart.least,
+            "radii": chart.radii.tolist(),
+            "rated": chart.rated.tolist(),
+        }
     return {
         "title": crane.model.name.replace("_", " ") if site is None else site.name,
-        "crane": _crane_data(crane, drives)
-        | {"load": box.tolist(), "shapes": list(_shape_data(crane, visuals))},
+        "crane": crane_data,
         "assist": assist_data(crane, drives),
         "assistances": assistances(crane),
         "kernel": kernel.result() | {"state": np.concatenate(crane.start).tolist()},
         "sliders": [asdict(slider) for slider in sliders],
-        "chart": chart
-        and {"least": chart.least, "radii": chart.radii.tolist(), "rated": chart.rated.tolist()},
-        "drag": 0.25 * AIR_DENSITY * DRAG * (wide + deep) * tall,
+        "chart": chart_data,
+        "drag": _drag_factor(box),
         "site": None if site is None else {"name": site.name, "solids": _solids_data(obstacles)},
-        "parts": [part for solid in obstacles for part in _parts(solid)],
-        "tasks": list(_tasks(planned, turn, foot)),
+        "parts": _parts_of_all(obstacles),
+        "tasks": list(_tasks(planned, rotation, translation)),
         "colours": distinct_colours([*layout.symbols, "setpoint"]),
         "control_period": PERIOD,
     }
+
+
+def _drag_factor(box: np.ndarray) -> float:
+    """Return the drag of a box over the square of the wind [N s²/m²]: ρ C A/2.
+
+    The load turns on its rope, so its area A is the mean of those of two sides.
+    """
+    wide, deep, tall = np.ptp(box, axis=0).tolist()
+    return 0.25 * AIR_DENSITY * DRAG * (wide + deep) * tall
 
 
 _WIND = (
     Slider("wind_speed", "wind", "m/s", 0.0, 25.0, 0.0),
     Slider("wind_direction", "blows towards", "°", -180.0, 180.0, 0.0),
 )
+"""Sliders of the wind."""
 
 
-def _cable(crane: Crane) -> Iterator[Slider]:
-    """Yield a slider for the length of the cable, if there is a hoist."""
-    if crane.layout.has("hoist"):
-        i = crane.layout.role("hoist", "")
-        ends = float(crane.lower[i]), float(crane.upper[i])
-        yield Slider("cable", "cable", "m", *ends, float(crane.start.q[i]))
+def _cable_slider(crane: Crane) -> list[Slider]:
+    """Return a slider for the length of the cable, none if there is no hoist."""
+    if not crane.layout.has("hoist"):
+        return []
+    i = crane.layout.role("hoist", "")
+    shortest = float(crane.lower[i])
+    longest = float(crane.upper[i])
+    return [Slider("cable", "cable", "m", shortest, longest, float(crane.start.q[i]))]
 
 
 def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
-    layout, model, tree = crane.layout, crane.model, bodies(crane.model)
-    joints, limits = [], usual_limits(drives)
-    for i, joint in enumerate(layout.joints):
-        placement = model.jointPlacements[i + 1]
-        joints.append(
-            {
-                "symbol": joint.symbol,
-                "name": joint.name,
-                "unit": joint.unit,
-                "kind": joint.kind,
-                "parent": int(model.parents[i + 1]) - 1,
-                "axis": tree.axis[i].sum(axis=0).tolist(),
-                "rotation": placement.rotation.ravel().tolist(),
-                "translation": placement.translation.tolist(),
-                "lower": _finite(crane.lower[i]),
-                "upper": _finite(crane.upper[i]),
-                "driven": joint.driven,
-                "role": joint.role,
-            }
-        )
+    """Return what the page needs to know of the crane itself: joints, limits, points and damping.
+
+    Joints are numbered from 0 as the coordinates are, and -1 is the world.
+    """
+    layout = crane.layout
+    limits = usual_limits(drives)
+    # The points along the rope from the pivot down; the payload, which is the first point, last.
     order = [*range(1, len(crane.points)), 0]
     rest = np.zeros(layout.n)
     rest[crane.swings] = crane.rest.angle
-    hoist = crane.winch if layout.drive_of("hoist") is None else layout.drive_of("hoist")
-    rope = None
-    if hoist is not None and crane.springs.rope is None:
-        rope = {"hoist": hoist, "sign": _lengthening(crane, int(layout.drives[hoist]))}
-    friction: list[dict[str, float] | None] = [None] * layout.n
-    if crane.friction is not None:
-        dry = crane.friction
-        for i, effort, width in zip(dry.joints, dry.effort, dry.width, strict=True):
-            friction[i] = {"effort": float(effort), "width": float(width)}
+    points = []
+    for i in order:
+        points.append({"joint": crane.points[i].body, "point": crane.points[i].lever.tolist()})
     return {
-        "joints": joints,
+        "joints": _joints_data(crane),
         "drives": layout.drives.tolist(),
         "rates": list(limits.rates),
         "accelerations": list(limits.accelerations),
         "efforts": [_finite(limit) for limit in crane.effort_limit],
         "start": crane.start.q.tolist(),
-        "points": [
-            {"joint": crane.points[i].body, "point": crane.points[i].lever.tolist()} for i in order
-        ],
+        "points": points,
         "order": order,
         "swings": crane.swings.tolist(),
         "rest": rest.tolist(),
         "damping": crane.damping.tolist(),
-        "friction": friction,
-        "rope": rope,
+        "friction": _friction_data(crane),
+        "rope": _rope_data(crane),
         "lead": semi_implicit_euler.lead * DT,
         "columns": {name: list(columns) for name, columns in layout.columns().items()},
         "record": crane.record,
@@ -245,55 +272,126 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     }
 
 
+def _joints_data(crane: Crane) -> list[dict[str, Any]]:
+    """Return names, places, axes and ranges of the joints."""
+    model = crane.model
+    tree = bodies(model)
+    data = []
+    for i, joint in enumerate(crane.layout.joints):
+        # Joint 0 of Pinocchio is the world.
+        placement = model.jointPlacements[i + 1]
+        data.append(
+            {
+                "symbol": joint.symbol,
+                "name": joint.name,
+                "unit": joint.unit,
+                "kind": joint.kind,
+                "parent": int(model.parents[i + 1]) - 1,
+                # Either the axis of the rotation or that of the translation is zero.
+                "axis": tree.axis[i].sum(axis=0).tolist(),
+                "rotation": placement.rotation.ravel().tolist(),
+                "translation": placement.translation.tolist(),
+                "lower": _finite(crane.lower[i]),
+                "upper": _finite(crane.upper[i]),
+                "driven": joint.driven,
+                "role": joint.role,
+            }
+        )
+    return data
+
+
+def _rope_data(crane: Crane) -> dict[str, Any] | None:
+    """Return the drive whose effort is the force of the rope, and the sense in which it lowers;
+    None if the page cannot tell that force so.
+    """
+    hoist = crane.layout.drive_of("hoist")
+    if hoist is None:
+        hoist = crane.winch
+    if hoist is None or crane.springs.rope is not None:
+        return None
+    return {"hoist": hoist, "sign": _lengthening(crane, int(crane.layout.drives[hoist]))}
+
+
+def _friction_data(crane: Crane) -> list[dict[str, float] | None]:
+    """Return the dry friction of each joint, None where it has none."""
+    data: list[dict[str, float] | None] = [None] * crane.layout.n
+    friction = crane.friction
+    if friction is not None:
+        for i, effort, width in zip(friction.joints, friction.effort, friction.width, strict=True):
+            data[i] = {"effort": float(effort), "width": float(width)}
+    return data
+
+
 def _lengthening(crane: Crane, hoist: int) -> float:
     """Return 1 if the rope grows longer as the coordinate of its drive grows, else -1."""
     q = crane.resting(crane.start.q)
+    # A millimetre on, or back where the drive stands at its end.
     step = 1e-3 if q[hoist] + 1e-3 <= crane.upper[hoist] else -1e-3
     moved = q.copy()
     moved[hoist] += step
-    before, after = (payload_position(crane, state)[2] for state in (q, moved))
+    before = payload_position(crane, q)[2]
+    after = payload_position(crane, moved)[2]
     return 1.0 if (before - after) / step >= 0.0 else -1.0
 
 
 def _finite(number: float) -> float:
-    return float(np.clip(number, -1e9, 1e9))
+    """Return a number as JSON can have it."""
+    return float(np.clip(number, -UNBOUNDED, UNBOUNDED))
 
 
 def _visuals(crane: Crane, load: np.ndarray | None, meshes: str | Path | None) -> Iterator[Visual]:
-    """Yield the visuals of all links; the largest box of the load has the corners that are given,
-    if any are.
+    """Yield the visuals of all links.
+
+    Args:
+        crane: The crane.
+        load: Corners of the load about its centre [m], shape (8, 3), of which the largest box of
+            the load gets its size and place; None for that of the URDF.
+        meshes: Folder of its mesh files; None for sticks.
     """
-    model = crane.model
-    placed = []
-    for link, visuals in shapes(crane.urdf, meshes).items():
-        frame = model.frames[model.getFrameId(link)]
-        for shape in visuals:
-            own = pin.SE3(Rotation.from_euler("xyz", shape.rpy).as_matrix(), np.array(shape.centre))
-            if shape.mesh is not None:
-                shape.mesh.apply_translation(-own.translation)
-            shape = replace(shape, centre=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0))
-            placed.append(Visual(int(frame.parentJoint) - 1, shape, frame.placement * own))
-    boxes = [s for i, s, _ in placed if i == crane.payload.body and s.kind == "box"]
-    largest = max(boxes, key=lambda shape: math.prod(shape.size), default=None)
-    if not any(joint == crane.payload.body for joint, _, _ in placed):
+    payload = crane.payload.body
+    described = _described_visuals(crane, meshes)
+    if not any(visual.joint == payload for visual in described):
         # Nothing of the load is described: a cube stands for it, as in a recording.
-        edges = np.ptp(_load_box(crane, load, []), axis=0).tolist()
-        centre = _load_box(crane, load, []).mean(axis=0)
-        yield Visual(
-            crane.payload.body, Shape("box", tuple(edges), colour=LOAD), pin.SE3(np.eye(3), centre)
-        )
-    for joint, shape, placement in placed:
-        if load is not None and shape is largest:
+        box = _load_box(crane, load, [])
+        edges = np.ptp(box, axis=0).tolist()
+        placement = pin.SE3(np.eye(3), box.mean(axis=0))
+        yield Visual(payload, Shape("box", tuple(edges), colour=LOAD), placement)
+
+    boxes = [v.shape for v in described if v.joint == payload and v.shape.kind == "box"]
+    largest_box = max(boxes, key=lambda shape: math.prod(shape.size), default=None)
+    for visual in described:
+        if load is not None and visual.shape is largest_box:
             centre = crane.payload.lever + (load.min(axis=0) + load.max(axis=0)) / 2.0
+            size = tuple(np.ptp(load, axis=0).tolist())
             placement = pin.SE3(np.eye(3), centre)
-            shape = replace(shape, size=tuple(np.ptp(load, axis=0).tolist()))
-        yield Visual(joint, shape, placement)
+            yield Visual(payload, replace(visual.shape, size=size), placement)
+        else:
+            yield visual
+
+
+def _described_visuals(crane: Crane, meshes: str | Path | None) -> list[Visual]:
+    """Return the visuals that the URDF describes, the placement of each shape taken out of it."""
+    model = crane.model
+    described = []
+    for link, link_shapes in shapes(crane.urdf, meshes).items():
+        frame = model.frames[model.getFrameId(link)]
+        for shape in link_shapes:
+            rotation = Rotation.from_euler("xyz", shape.rpy).as_matrix()
+            in_link = pin.SE3(rotation, np.array(shape.centre))
+            if shape.mesh is not None:
+                # A mesh lies in the frame of the link, and has no turn of its own.
+                shape.mesh.apply_translation(-in_link.translation)
+            centred = replace(shape, centre=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0))
+            joint = int(frame.parentJoint) - 1
+            described.append(Visual(joint, centred, frame.placement * in_link))
+    return described
 
 
 def _shape_data(crane: Crane, visuals: Sequence[Visual]) -> Iterator[dict[str, Any]]:
-    meshes = _surfaces([shape.mesh for _, shape, _ in visuals if shape.kind == "mesh"])
+    """Yield the visuals for JSON, with the surfaces of meshes."""
+    surfaces = _surfaces([v.shape.mesh for v in visuals if v.shape.kind == "mesh"])
     for joint, shape, placement in visuals:
-        surface = next(meshes) if shape.kind == "mesh" else {}
+        surface = next(surfaces) if shape.kind == "mesh" else {}
         yield surface | {
             "joint": joint,
             "kind": shape.kind,
@@ -309,46 +407,66 @@ def _surfaces(meshes: Sequence[Any]) -> Iterator[dict[str, list[float]]]:
     """Yield corners [m] and triangles of meshes: corners are put together in the smallest cells, of
     1, 2, 4 ... mm, with which all meshes have no more than `TRIANGLES`.
     """
-    cell, before = 1e-3, sum(len(mesh.faces) for mesh in meshes)
+    original_count = sum(len(mesh.faces) for mesh in meshes)
+    cell = FINEST_CELL
     while True:
         surfaces = [_clustered(mesh, cell) for mesh in meshes]
         count = sum(len(triangles) for _, triangles in surfaces)
         if count <= TRIANGLES:
             break
         cell *= 2.0
-    if cell > 1e-3:
-        exact = f"exact to {1000 * cell:g} mm"
-        print(f"Meshes: {count} of {before} triangles are drawn, {exact}.", file=sys.stderr)
+    if cell > FINEST_CELL:
+        print(
+            f"Meshes: {count} of {original_count} triangles are drawn, exact to "
+            f"{1000 * cell:g} mm.",
+            file=sys.stderr,
+        )
     for corners, triangles in surfaces:
-        flat = corners.round(4).ravel().tolist(), triangles.ravel().tolist()
-        yield dict(zip(("vertices", "triangles"), flat, strict=True))
+        yield {
+            "vertices": corners.round(4).ravel().tolist(),
+            "triangles": triangles.ravel().tolist(),
+        }
 
 
 def _clustered(mesh: Any, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return corners, shape (n, 3), and triangles, shape (m, 3), with one corner in each cell."""
-    cells, row = np.unique(np.rint(mesh.vertices / cell), axis=0, return_inverse=True)
-    triangles = row.ravel()[mesh.faces]
-    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    """Return corners, shape (n, 3), and triangles, shape (m, 3), with one corner in each cell.
+
+    Triangles that shrink to a line, and all but the first of those with the same corners, go.
+    """
+    cells, cell_of_vertex = np.unique(np.rint(mesh.vertices / cell), axis=0, return_inverse=True)
+    triangles = cell_of_vertex.ravel()[mesh.faces]
+    has_area = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    triangles = triangles[has_area]
     _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
     return cells * cell, triangles[first]
 
 
 def _load_box(crane: Crane, load: np.ndarray | None, visuals: Sequence[Visual]) -> np.ndarray:
-    """Return the corners of the box about the load in the frame of its joint [m], shape (8, 3):
-    three neighbours of the fourth first. Corners of the load about its centre may be given.
+    """Return the corners of the box about the load in the frame of its joint [m], shape (8, 3).
+
+    The first three are the neighbours of the fourth: so the edges are known from the corners.
+
+    Args:
+        crane: The crane.
+        load: Corners of the load about its centre [m], shape (8, 3); None for the box about its
+            visuals.
+        visuals: The visuals; if none is of the load, a cube stands for it.
     """
-    half = UNKNOWN_LOAD / 2.0 * min(1.0, _rope_length(crane) / SHORT_ROPE)
-    low, high = crane.payload.lever - half, crane.payload.lever + half
-    if load is None:
-        points = [
-            shape.hull_points() @ placement.rotation.T + placement.translation
-            for joint, shape, placement in visuals
-            if joint == crane.payload.body
-        ]
-        if points:
-            low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
+    if load is not None:
+        low = crane.payload.lever + load.min(axis=0)
+        high = crane.payload.lever + load.max(axis=0)
     else:
-        low, high = crane.payload.lever + load.min(axis=0), crane.payload.lever + load.max(axis=0)
+        points = []
+        for joint, shape, placement in visuals:
+            if joint == crane.payload.body:
+                points.append(shape.hull_points() @ placement.rotation.T + placement.translation)
+        if points:
+            low = np.vstack(points).min(axis=0)
+            high = np.vstack(points).max(axis=0)
+        else:
+            half = UNKNOWN_LOAD / 2.0 * min(1.0, _rope_length(crane) / SHORT_ROPE)
+            low = crane.payload.lever - half
+            high = crane.payload.lever + half
     neighbours = np.vstack([np.eye(3), np.zeros(3)])
     return low + np.vstack([neighbours, 1.0 - neighbours]) * (high - low)
 
@@ -360,12 +478,16 @@ def _rope_length(crane: Crane) -> float:
 
 
 def _frame(site: Site) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotation and translation [m] from the frame of a site to that of its crane."""
-    turn = Rotation.from_euler("z", -(site.heading + math.pi / 2.0)).as_matrix()
-    return turn, -turn @ site.foot
+    """Return rotation and translation [m] from the frame of a site to that of its crane.
+
+    The jib of a crane points along its own -Y at slew angle 0, and along the heading in the site.
+    """
+    rotation = Rotation.from_euler("z", -(site.heading + math.pi / 2.0)).as_matrix()
+    return rotation, -rotation @ site.foot
 
 
 def _solids_data(solids: Sequence[Solid]) -> list[dict[str, Any]]:
+    """Return the surfaces of obstacles for JSON, corners rounded to a tenth of a millimetre."""
     return [
         {
             "name": solid.name,
@@ -389,46 +511,74 @@ def _exercises(crane: Crane, drives: Converters, site: Site | None) -> list[Exer
 
 
 def _tasks(
-    exercises: Sequence[Exercise], turn: np.ndarray, foot: np.ndarray
+    exercises: Sequence[Exercise], rotation: np.ndarray, translation: np.ndarray
 ) -> Iterator[dict[str, Any]]:
-    """Yield exercises in the frame of the crane."""
+    """Yield exercises for JSON.
+
+    Args:
+        exercises: The exercises, in the frame of the site.
+        rotation: Rotation into the frame of the crane, shape (3, 3).
+        translation: Translation into the frame of the crane [m], shape (3,).
+    """
     for exercise in exercises:
-        solids = [solid.moved(turn, foot) for solid in exercise.solids]
+        solids = [solid.moved(rotation, translation) for solid in exercise.solids]
         goal = exercise.goal
         yield {
             "name": exercise.name,
             "title": exercise.title,
             "text": exercise.text,
             "state": np.concatenate(exercise.start).tolist(),
-            "goal": None if goal is None else (turn @ goal + foot).tolist(),
+            "goal": None if goal is None else (rotation @ goal + translation).tolist(),
             "radius": exercise.radius,
             "swing": SWING,
             "blind": exercise.blind,
-            "parts": [part for solid in solids for part in _parts(solid)] or None,
+            "parts": _parts_of_all(solids) or None,
             "solids": _solids_data(solids) or None,
             "best": None if exercise.best is None else asdict(exercise.best),
         }
 
 
+def _parts_of_all(solids: Sequence[Solid]) -> list[dict[str, Any]]:
+    """Return the convex bodies of all obstacles for JSON."""
+    parts: list[dict[str, Any]] = []
+    for solid in solids:
+        parts += _parts(solid)
+    return parts
+
+
 def _parts(solid: Solid) -> Iterator[dict[str, Any]]:
-    """Yield the convex bodies of an obstacle; of a surface of triangles its convex hull."""
+    """Yield the convex bodies of an obstacle; of a surface of triangles its convex hull.
+
+    The page finds out whether the box of the load hits one by separating axes: normals of faces,
+    and products of the directions of edges. A direction counts once, whichever way it points.
+    """
     for corners in solid.parts or (solid.vertices,):
         hull = ConvexHull(corners)
-        faces = np.unique(np.round(hull.equations, 9), axis=0)
-        edges = [
-            corners[b] - corners[a]
-            for triangle in hull.simplices
-            for a, b in zip(triangle, np.roll(triangle, 1), strict=True)
-        ]
-        directions = np.array([edge / np.linalg.norm(edge) for edge in edges])
-        first = (np.abs(directions) > 1e-9).argmax(axis=1)[:, None]  # that is not zero
-        directions *= np.where(np.take_along_axis(directions, first, axis=1) < 0.0, -1.0, 1.0)
+        # Triangles of one face share its plane n·x + d = 0; rounded, they are one.
+        planes = np.unique(np.round(hull.equations, 9), axis=0)
+        faces = []
+        for *normal, offset in planes.tolist():
+            faces.append([*normal, -offset])
         yield {
             "name": solid.name,
             "corners": corners[hull.vertices].tolist(),
-            "faces": [[*normal, -offset] for *normal, offset in faces.tolist()],
-            "edges": np.unique(directions.round(9), axis=0).tolist(),
+            "faces": faces,
+            "edges": _edge_directions(corners, hull.simplices).tolist(),
         }
+
+
+def _edge_directions(corners: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the directions of all edges of triangles, each once, shape (k, 3)."""
+    edges = []
+    for triangle in triangles:
+        for a, b in zip(triangle, np.roll(triangle, 1), strict=True):
+            edges.append(corners[b] - corners[a])
+    directions = np.array([edge / np.linalg.norm(edge) for edge in edges])
+    # Opposite directions become the same: the first component that is not zero is positive.
+    first = (np.abs(directions) > 1e-9).argmax(axis=1)[:, None]
+    is_negative = np.take_along_axis(directions, first, axis=1) < 0.0
+    directions *= np.where(is_negative, -1.0, 1.0)
+    return np.unique(directions.round(9), axis=0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -444,7 +594,9 @@ def run(options: argparse.Namespace) -> Path:
     site = None if options.site is None else read_site(options.site)
     has_arguments = options.urdf is None or Path(options.urdf).suffix == ".xacro"
     if site is not None and has_arguments:
-        options.values = [*(f"{k}:={v}" for k, v in site.crane.items()), *options.values]
+        # What the command line says itself comes last and holds.
+        of_site = [f"{name}:={value}" for name, value in site.crane.items()]
+        options.values = [*of_site, *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
     crane = crane_from_options(options)
     name_default_rates(crane)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,18 +27,35 @@ from cranedyn.model.layout import Layout
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import LARGE_CRANE, Limits
 
-INTEGRATOR, DT = rk4, 1e-2
-"""Stepping rule, exact to order 4 while accelerations and wind are constant, and its step [s]."""
+INTEGRATOR = rk4
+"""Stepping rule, exact to order 4 while accelerations and wind are constant."""
 
-_AT_ONCE = 4096
-"""Number of cranes up to which threads share the steps only: other work is so short that threads
-would wait for the lock of the interpreter. Arrays of more would not stay in the cache."""
+DT = 1e-2
+"""Its step [s]."""
+
+_MAX_UNDIVIDED_COUNT = 4096
+"""Largest number of cranes for which threads share the steps only.
+
+The rest of the work on so few is so short that threads would wait for the lock of the interpreter.
+With more cranes each thread does all the work on some of them, since the arrays of all would not
+stay in the cache."""
 
 ACTIONS = ("velocity", "acceleration")
+"""Kinds of actions, see `Rules`."""
 
 OBSERVED = (
-    *("gamma_to_go", "x_to_go", "l_to_go", "gamma_dot", "x_dot", "l_dot"),
-    *("phi", "theta", "phi_dot", "theta_dot", "x", "l"),
+    "gamma_to_go",
+    "x_to_go",
+    "l_to_go",
+    "gamma_dot",
+    "x_dot",
+    "l_dot",
+    "phi",
+    "theta",
+    "phi_dot",
+    "theta_dot",
+    "x",
+    "l",
 )
 """Observations: distance of each drive to its goal and its rate, both swings and their rates,
 trolley radius, cable length; SI units."""
@@ -47,17 +64,23 @@ PENALTY = -50.0
 """Reward of a swing beyond the limit, which ends the episode; at a discount of 0.99 a longer one
 cannot cost more."""
 
-_MAX_WIND, _MAX_AREA = 1e3, 1e6
-"""Largest wind [m/s] and drag area [m²]."""
+_MAX_WIND = 1e3
+"""Largest speed of the wind that may be asked for [m/s]."""
 
-_CLOSE = 0.01
-"""Scale of distances in the reward [m]."""
+_MAX_AREA = 1e6
+"""Largest drag area of the payload that may be asked for [m²]."""
 
-_FASTEST = 20.0
+_REWARD_SCALE = 0.01
+"""Scale of distances in the reward [m]: closer to the goal than that, little more is gained."""
+
+_MAX_SWING_RATE = 20.0
 """Bound of swing rates [rad/s]: more than a load on a cable of 10 cm reaches in a fall from 90°."""
 
-_MARGIN = 0.05
+_RANGE_MARGIN = 0.05
 """Margin of drives to the ends of their ranges [rad, m], against round-off."""
+
+_PURPOSE = "The task of moving a load without swing"
+"""What needs the joints of a tower crane, for error messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,25 +125,41 @@ def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> 
         UnknownName: If there is no such number.
         OutOfRange: If a range is none, or a crane cannot have a number of it.
     """
-    ends = {}
+    bounds = {}
     for name, values in ranges.items():
         try:
             low, high = values
         except (TypeError, ValueError):
             raise OutOfRange(f"range of {name}", short_repr(values), "two numbers") from None
-        ends[name] = number(f"range of {name}", low), number(f"range of {name}", high)
+        bounds[name] = (number(f"range of {name}", low), number(f"range of {name}", high))
     rng = np.random.default_rng(whole("seed", seed, 0))
-    indices = range(whole("number of cranes", count, 1))
-    drawn: list[dict[str, Any]] = [
-        {name: float(rng.uniform(*pair)) for name, pair in ends.items()} for _ in indices
-    ]
-    return [load_crane(**values) for values in drawn]
+    cranes = []
+    for _ in range(whole("number of cranes", count, 1)):
+        arguments: dict[str, Any] = {}
+        for name, (low, high) in bounds.items():
+            arguments[name] = float(rng.uniform(low, high))
+        cranes.append(load_crane(**arguments))
+    return cranes
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeStart:
+    """How an episode begins; what is None is drawn at random.
+
+    Attributes:
+        start: State of the crane.
+        goal: Goals of slew [rad], trolley [m] and hoist [m].
+    """
+
+    start: State | None = None
+    goal: Sequence[float] | None = None
 
 
 class SwingTask:
     """Cranes and their goals.
 
     Attributes:
+        rules: The rules.
         goal: Goals of the drives [rad, m, m], shape (3, n).
         goal_distance: Distance of each crane to its goal, see `distance` [m], shape (n,).
         fleet: The cranes.
@@ -139,47 +178,105 @@ class SwingTask:
     ) -> None:
         """Create the cranes, see `Fleet`.
 
+        Args:
+            cranes: The crane, or several, one of which is drawn for each episode.
+            count: Number of cranes at once, n.
+            rules: The rules.
+            period: Time from one action to the next [s].
+            dt: Physics step [s].
+            threads: Number of threads; None for one on each processor.
+
         Raises:
             MissingRole, ModelError: If the cranes are no tower cranes of five joints.
             OutOfRange: If a rule has not one number for each drive, or as `Fleet`.
         """
         self.rules = rules
-        clock: Any = {"dt": dt, "control_period": period, "threads": threads}
-        self.fleet = Fleet(cranes, count, forces=rules.wind > 0.0, integrator=INTEGRATOR, **clock)
-        self.layout = layout = self.fleet.layout
-        self.tower = np.array(layout.tower("The task of moving a load without swing"))
+        self.fleet = Fleet(
+            cranes,
+            count,
+            forces=rules.wind > 0.0,
+            integrator=INTEGRATOR,
+            dt=dt,
+            control_period=period,
+            threads=threads,
+        )
+        self.layout = self.fleet.layout
+        self.tower = np.array(self.layout.tower(_PURPOSE))
         _, self._trolley, *_, self._hoist = self.tower.tolist()
         first = self.fleet.cranes[0]
-        self.goal = np.tile(first.start.q[layout.drives][:, None], count)
-        limits = [rules.limits.for_crane(crane) for crane in self.fleet.cranes]
-        self._rates = np.min([limit.rates for limit in limits], axis=0)[:, None]
-        self._reach = layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
-        low, high = (
-            np.array([getattr(crane, end)[layout.drives] for crane in self.fleet.cranes])
-            for end in ("lower", "upper")
-        )
-        self._range = low.max(axis=0), high.min(axis=0)
-        self._lower = (self._range[0] + _MARGIN)[:, None]
-        self._upper = (self._range[1] - _MARGIN)[:, None]
+        self._gravity = first.gravity
+        self.goal = np.tile(first.start.q[self.layout.drives][:, None], count)
+        self._reach = self.layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
+
+        self._set_ranges()
+        self._set_limits(period)
+        n = self.layout.n
+        passive = self.layout.passive
+        radius_and_length = self.tower[[1, -1]]
+        # Rows of (coordinates, rates) that are observed, after the three distances to go.
+        self._observed_rows = np.concatenate(
+            [n + self.layout.drives, passive, n + passive, radius_and_length]
+        ).tolist()
+        # Index of the crane of each episode, among the different cranes.
+        self._kind = np.zeros(count, dtype=int)
+        self._force = np.zeros((count, 3 * len(self.layout.points)))
+        self.goal_distance = self.distance(self.fleet.z, self.goal)
+
+    def _set_ranges(self) -> None:
+        """Set the ranges of the drives to those that all cranes have.
+
+        Raises:
+            OutOfRange: If there is none.
+        """
+        drives = self.layout.drives
+        lower = np.array([crane.lower[drives] for crane in self.fleet.cranes])
+        upper = np.array([crane.upper[drives] for crane in self.fleet.cranes])
+        self._lowest = lower.max(axis=0)
+        self._highest = upper.min(axis=0)
+        self._lower = (self._lowest + _RANGE_MARGIN)[:, None]
+        self._upper = (self._highest - _RANGE_MARGIN)[:, None]
         if not (self._lower < self._upper).all():
             raise OutOfRange(
                 "ranges of the drives that all cranes have",
-                [end.tolist() for end in self._range],
+                [self._lowest.tolist(), self._highest.tolist()],
                 "wider than 0.1 rad or m",
             )
-        columns = self._rates[:, 0], limits[0].accelerations, self._lower[:, 0], self._upper[:, 0]
-        # Arguments by which compiled code is found: a copy of the task has no functions to copy.
-        self._motion = layout, period, rules.action == "velocity", tuple(zip(*columns, strict=True))
-        n, passive, ends = layout.n, layout.passive, self.tower[[1, -1]]
-        self._observed = np.concatenate([n + layout.drives, passive, n + passive, ends]).tolist()
-        self._gravity, self._kind = first.gravity, np.zeros(count, dtype=int)
-        self._force = np.zeros((count, 3 * len(layout.points)))
-        self.goal_distance = self.distance(self.fleet.z, self.goal)
+
+    def _set_limits(self, period: float) -> None:
+        """Set the limits of the drives: the smallest rates of all cranes.
+
+        Args:
+            period: Time from one action to the next [s].
+        """
+        limits = [self.rules.limits.for_crane(crane) for crane in self.fleet.cranes]
+        self._rates = np.min([limit.rates for limit in limits], axis=0)
+        drive_limits = []
+        for i in range(self.layout.m):
+            drive_limits.append(
+                DriveLimits(
+                    self._rates[i],
+                    limits[0].accelerations[i],
+                    self._lower[i, 0],
+                    self._upper[i, 0],
+                )
+            )
+        # The compiled code itself is found by these arguments: so a task can be copied, which code
+        # cannot.
+        self._acceleration_key = (
+            self.layout,
+            period,
+            self.rules.action == "velocity",
+            tuple(drive_limits),
+        )
 
     def check_reset(
         self, start: State | None = None, goal: Sequence[float] | None = None
-    ) -> dict[str, Any]:
-        """Return start and goal of an episode in the form of `begin`.
+    ) -> EpisodeStart:
+        """Return how an episode begins, for `begin`.
+
+        Args:
+            start: State of the crane; None for a random one.
+            goal: Goals of slew [rad], trolley [m] and hoist [m]; None for random ones.
 
         Raises:
             OutOfRange: If a goal is not in the ranges of the drives, or a start is no state of the
@@ -188,47 +285,78 @@ class SwingTask:
         if start is not None:
             start = self.layout.as_state("start", start)
         if goal is not None:
-            ends = zip(self.layout.for_drives("goal", goal), *self._range, strict=True)
-            goal = [within("goal", value, low, high) for value, low, high in ends]
-        return {"start": start, "goal": goal}
+            goals = self.layout.for_drives("goal", goal)
+            goal = []
+            for value, low, high in zip(goals, self._lowest, self._highest, strict=True):
+                goal.append(within("goal", value, low, high))
+        return EpisodeStart(start, goal)
 
     def begin(
         self,
         rng: np.random.Generator,
         indices: np.ndarray,
-        start: State | None = None,
-        goal: Sequence[float] | None = None,
+        initial: EpisodeStart | None = None,
     ) -> None:
-        """Begin an episode of some cranes, given by their indices, shape (k,): random, or with
-        start and goal as `check_reset` returns them.
+        """Begin an episode of some cranes.
+
+        The numbers of an episode are drawn even where they are given, so that what follows depends
+        on the seed alone.
+
+        Args:
+            rng: Source of the random numbers.
+            indices: Indices of the cranes, shape (k,).
+            initial: Start and goal, as `check_reset` returns them; None for random ones.
         """
-        rows, n, passive = indices.astype(int), len(indices), self.layout.passive
-        low, high = self._lower, self._upper
-        drives = rng.uniform(low, high, (self.layout.m, n))
-        self.goal[:, rows] = rng.uniform(
-            np.maximum(low, drives - self._reach), np.minimum(high, drives + self._reach)
-        )
-        q, v = np.zeros((2, self.layout.n, n))
-        q[self.layout.drives] = drives
-        swing = rng.uniform(0.0, self.rules.swing + 0.0, n)  # -0.0 would be less than 0.0
-        angle, phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))
-        across = np.stack([np.cos(angle), np.sin(angle)]) * swing
-        q[passive] = across * np.cos(phase)
-        v[passive] = across * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist])
-        if start is not None:
-            q, v = (np.repeat(array[:, None], n, axis=1) for array in start)
-        if goal is not None:
-            self.goal[:, rows] = np.array(goal)[:, None]
+        if initial is None:
+            initial = EpisodeStart()
+        rows = indices.astype(int)
+        n = len(indices)
+        state = self._draw_state_and_goal(rng, rows)
+        if initial.start is not None:
+            q, v = initial.start
+            state = State(np.repeat(q[:, None], n, axis=1), np.repeat(v[:, None], n, axis=1))
+        if initial.goal is not None:
+            self.goal[:, rows] = np.array(initial.goal)[:, None]
         self._kind[rows] = rng.integers(len(self.fleet.cranes), size=n)
-        self.fleet.place(rows, State(q.T, v.T), self._kind[rows])
+        self.fleet.place(rows, State(state.q.T, state.v.T), self._kind[rows])
         if self.rules.wind:
-            speed, side = rng.uniform(0.0, self.rules.wind, n), rng.uniform(-np.pi, np.pi, n)
-            wind = speed[:, None] * np.column_stack([np.cos(side), np.sin(side)])
-            # The force is that on a load at rest: its own velocity is neglected.
-            self._force[rows, :2] = drag_force(self.rules.payload_area, wind)
-            self.fleet.push(rows, self._force[rows])
+            self._draw_wind(rng, rows)
+        # A new array, since infos of earlier steps hold the old one.
         self.goal_distance = self.goal_distance.copy()
         self.goal_distance[rows] = self.distance(self.fleet.z[:, rows], self.goal[:, rows])
+
+    def _draw_state_and_goal(self, rng: np.random.Generator, rows: np.ndarray) -> State:
+        """Draw goals of some cranes, and return states that are drawn, shape (coordinates, k) each.
+
+        The load swings by an amplitude A in a random direction and phase: as the swing of a
+        pendulum A cos(ω t), its rate has the amplitude ω A with ω = √(g/l).
+        """
+        n = len(rows)
+        drives = rng.uniform(self._lower, self._upper, (self.layout.m, n))
+        nearest = np.maximum(self._lower, drives - self._reach)
+        farthest = np.minimum(self._upper, drives + self._reach)
+        self.goal[:, rows] = rng.uniform(nearest, farthest)
+
+        q = np.zeros((self.layout.n, n))
+        v = np.zeros((self.layout.n, n))
+        q[self.layout.drives] = drives
+        # A rule of -0.0 would be less than 0.0.
+        amplitude = rng.uniform(0.0, self.rules.swing + 0.0, n)
+        direction, phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))
+        swing = np.stack([np.cos(direction), np.sin(direction)]) * amplitude
+        passive = self.layout.passive
+        q[passive] = swing * np.cos(phase)
+        v[passive] = swing * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist])
+        return State(q, v)
+
+    def _draw_wind(self, rng: np.random.Generator, rows: np.ndarray) -> None:
+        """Draw a steady wind for the episodes of some cranes, and let it push their payloads."""
+        speed = rng.uniform(0.0, self.rules.wind, len(rows))
+        direction = rng.uniform(-np.pi, np.pi, len(rows))
+        wind = speed[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+        # The force is that on a load at rest: its own velocity is neglected.
+        self._force[rows, :2] = drag_force(self.rules.payload_area, wind)
+        self.fleet.push(rows, self._force[rows])
 
     def crane_of(self, index: int) -> Crane:
         """Return the crane of this episode, by its index."""
@@ -240,43 +368,57 @@ class SwingTask:
         """
         return self._force[index, :3].tolist()
 
-    def act(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Apply actions, shape (3, n), for a period.
+    def act(self, action: np.ndarray) -> ActResult:
+        """Apply actions for a period.
 
-        Returns:
-            Rewards, shape (n,), whether the swing went beyond the limit, shape (n,), and the
-            observations, see `observe`.
+        Args:
+            action: Actions from -1 to 1, shape (3, n).
 
         Raises:
             OutOfRange: If an action is no number from -1 to 1.
         """
-        checked, n = finite("action", action, self.goal.shape), self.fleet.count
-        if (beyond := np.abs(checked) > 1.0).any():
-            raise OutOfRange("action", float(checked[beyond][0]), "-1 to 1")
-        reward, over, self.goal_distance = np.empty(n), np.empty(n, dtype=bool), np.empty(n)
-        observations = np.empty((n, len(OBSERVED)), dtype=np.float32)
+        action = finite("action", action, self.goal.shape)
+        n = self.fleet.count
+        too_large = np.abs(action) > 1.0
+        if too_large.any():
+            raise OutOfRange("action", float(action[too_large][0]), "-1 to 1")
+        result = ActResult(
+            np.empty(n), np.empty(n, dtype=bool), np.empty((n, len(OBSERVED)), dtype=np.float32)
+        )
+        self.goal_distance = np.empty(n)
 
-        def work(columns: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
-            goal, now = self.goal[:, columns], self.fleet.z[:, columns]
-            z = advance(self.accelerations(checked[:, columns], now))
-            distance, swing = _distance_code(self.layout, self._gravity)(z, goal)
-            over[columns] = ~(swing < self.rules.swing_limit**2)
-            lost = -self.fleet.control_period * np.log10(1.0 + distance / _CLOSE)
-            reward[columns] = np.where(over[columns], PENALTY, lost)
-            self.goal_distance[columns] = distance
-            self.observation(z, goal, observations[columns])
+        def step(columns: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
+            """Move the cranes of some columns by `advance`, and judge where they come."""
+            accelerations = self.accelerations(action[:, columns], self.fleet.z[:, columns])
+            self._judge(columns, advance(accelerations), result)
 
-        if n <= _AT_ONCE:
-            work(slice(n), self.fleet.step)
+        def step_chunk(i: int) -> None:
+            step(self.fleet.chunks[i], partial(self.fleet.advance, i))
+
+        if n <= _MAX_UNDIVIDED_COUNT:
+            step(slice(n), self.fleet.step)
         else:
-            self.fleet.spread(lambda i: work(self.fleet.chunks[i], partial(self.fleet.advance, i)))
-        return reward, over, observations
+            self.fleet.spread(step_chunk)
+        return result
+
+    def _judge(self, columns: slice, z: np.ndarray, result: ActResult) -> None:
+        """Fill in rewards, ends and observations of the cranes of some columns at states z."""
+        goal = self.goal[:, columns]
+        distance, swing_squared = _distance_code(self.layout, self._gravity)(z, goal)
+        # So written, a swing that is not a number is beyond the limit, too.
+        is_over = ~(swing_squared < self.rules.swing_limit**2)
+        # The logarithm rewards the last centimetres as much as the first metres.
+        reward = -self.fleet.control_period * np.log10(1.0 + distance / _REWARD_SCALE)
+        result.over[columns] = is_over
+        result.reward[columns] = np.where(is_over, PENALTY, reward)
+        self.goal_distance[columns] = distance
+        self.observation(z, goal, result.observations[columns])
 
     def accelerations(self, action: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Return the accelerations of the drives for actions from -1 to 1 at states, shape (3,
         n).
         """
-        return _acceleration_code(*self._motion)(action, z)
+        return _acceleration_code(*self._acceleration_key)(action, z)
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Return how far from its goal each load would come if its drives stopped at once [m]:
@@ -289,10 +431,18 @@ class SwingTask:
         return self.observation(self.fleet.z[:, which], self.goal[:, which])
 
     def observation(self, z: np.ndarray, goal: np.ndarray, out: Any = None) -> np.ndarray:
-        """Return the observations at states with goals, a column each, shape (n, 12), in `out`."""
-        out = np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32) if out is None else out
+        """Return the observations at states with goals, shape (n, 12).
+
+        Args:
+            z: Coordinates and rates, a column for each crane.
+            goal: Goals of the drives, a column for each crane.
+            out: Array for the observations; None for a new one.
+        """
+        if out is None:
+            out = np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32)
         out[:, :3] = (goal - z[self.layout.drives]).T
-        for i, row in enumerate(self._observed, 3):
+        # Row by row, not by an index array, which would copy all of them first.
+        for i, row in enumerate(self._observed_rows, 3):
             out[:, i] = z[row]
         return out
 
@@ -300,51 +450,119 @@ class SwingTask:
         """Return the least and largest observations, in single precision, shape (12,) each; a swing
         may be observed once beyond its limit.
         """
-        first, ends = self.fleet.cranes[0], [self._trolley, self._hoist]
-        width, rates = (first.upper - first.lower)[self.layout.drives], 1.01 * self._rates[:, 0]
-        high = np.concatenate(
-            [width, rates, np.full(2, np.pi), np.full(2, _FASTEST), first.upper[ends]]
-        )
-        low = np.concatenate([-high[:-2], first.lower[ends]])
+        first = self.fleet.cranes[0]
+        radius_and_length = [self._trolley, self._hoist]
+        distances = (first.upper - first.lower)[self.layout.drives]
+        rates = 1.01 * self._rates  # round-off, also that of single precision
+        swings = np.full(2, np.pi)
+        swing_rates = np.full(2, _MAX_SWING_RATE)
+        symmetric = np.concatenate([distances, rates, swings, swing_rates])
+        low = np.concatenate([-symmetric, first.lower[radius_and_length]])
+        high = np.concatenate([symmetric, first.upper[radius_and_length]])
         return low.astype(np.float32), high.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class ActResult:
+    """Result of a period of all n cranes.
+
+    Attributes:
+        reward: Rewards, shape (n,).
+        over: Whether the swing went beyond the limit, which ends an episode, shape (n,).
+        observations: Observations, see `OBSERVED`, in single precision, shape (n, 12).
+    """
+
+    reward: np.ndarray
+    over: np.ndarray
+    observations: np.ndarray
+
+
+class DriveLimits(NamedTuple):
+    """Limits of a drive.
+
+    Attributes:
+        rate: Largest rate [rad/s or m/s].
+        acceleration: Largest acceleration [rad/s² or m/s²].
+        lower: Lower end of its range [rad or m].
+        upper: Upper end of its range [rad or m].
+    """
+
+    rate: float
+    acceleration: float
+    lower: float
+    upper: float
 
 
 @cache
 def _acceleration_code(
-    layout: Layout, period: float, velocity: bool, limits: tuple[tuple[float, ...], ...]
+    layout: Layout, period: float, is_velocity: bool, limits: tuple[DriveLimits, ...]
 ) -> ColumnFunction:
-    """Return the accelerations for actions and states, compiled; limits are rate, acceleration,
-    lower and upper end of each drive.
+    """Return the function from actions and states to accelerations of the drives, compiled.
+
+    Args:
+        layout: Layout of the crane.
+        period: Time from one action to the next [s].
+        is_velocity: Whether actions are shares of the rates, not of the accelerations.
+        limits: Limits of each drive.
     """
 
     def accelerations(value: Callable[[float], Any], numbers: np.ndarray) -> Iterator[Any]:
         action, z = np.split(numbers, [layout.m])
-        drives = zip(action, z[layout.drives], z[layout.n + layout.drives], limits, strict=True)
-        for share, position, rate, (fastest, slope, low, high) in drives:
-            change = slope * period
-            aim = share * fastest - rate if velocity else share * slope * period
-            faster = rate + smaller(larger(aim, -change), change)
-            # w after the period must let a drive stop: w²/(2a) + (w + rate) t/2 = its room.
-            half, used = 0.5 * change, 2.0 * slope * position + change * rate
-            room = half * half + 2.0 * slope * high - used, half * half - 2.0 * slope * low + used
-            up, down = (smaller(square_root(larger(x, 0.0)) - half, fastest) for x in room)
-            yield (smaller(larger(faster, -down), up) - rate) / value(period)
+        positions = z[layout.drives]
+        rates = z[layout.n + layout.drives]
+        for i, limit in enumerate(limits):
+            new_rate = _next_rate(action[i], positions[i], rates[i], limit, period, is_velocity)
+            yield (new_rate - rates[i]) / value(period)
 
     return compile_columns(accelerations, [layout.m, 2 * layout.n], layout.m)
 
 
+def _next_rate(
+    action: Any, position: Any, rate: Any, limit: DriveLimits, period: float, is_velocity: bool
+) -> Any:
+    """Return the rate of a drive after a period, within its limits; for code and for numbers.
+
+    The drive must be able to stop before the end of its range. In a period t it goes from rate v to
+    w, and then brakes with the acceleration a. Up to the end at a distance d that takes
+    w²/(2 a) + (w + v) t/2 <= d, of which the largest w is √((a t/2)² + 2 a d - a t v) - a t/2.
+    For the other end all signs are reversed.
+    """
+    max_change = limit.acceleration * period
+    if is_velocity:
+        change = action * limit.rate - rate
+    else:
+        change = action * limit.acceleration * period
+    wanted = rate + smaller(larger(change, -max_change), max_change)
+
+    half = 0.5 * max_change
+    used = 2.0 * limit.acceleration * position + max_change * rate
+    radicand_up = half * half + 2.0 * limit.acceleration * limit.upper - used
+    radicand_down = half * half - 2.0 * limit.acceleration * limit.lower + used
+    max_up = smaller(square_root(larger(radicand_up, 0.0)) - half, limit.rate)
+    max_down = smaller(square_root(larger(radicand_down, 0.0)) - half, limit.rate)
+    return smaller(larger(wanted, -max_down), max_up)
+
+
 @cache
 def _distance_code(layout: Layout, gravity: float) -> ColumnFunction:
-    """Return distances, see `SwingTask.distance`, and squares of the swing, compiled."""
-    slew, trolley, *_, hoist = layout.tower("The task of moving a load without swing")
+    """Return the function from states and goals to distances, see `SwingTask.distance`, and squares
+    of the swing [rad²], compiled.
+
+    A swing with the angle φ and the rate φ' has the amplitude √(φ² + φ'² l/g), which takes the load
+    l times as far from plumb. The way of the slew counts at the radius of the trolley.
+    """
+    slew, trolley, *_, hoist = layout.tower(_PURPOSE)
 
     def distance(value: Callable[[float], Any], numbers: np.ndarray) -> list[Any]:
         z, goal = np.split(numbers, [2 * layout.n])
-        passive, length = layout.passive, z[hoist]
-        off = goal - z[layout.drives]
-        off[slew] = off[slew] * z[trolley]
-        swing, rate = z[passive] * z[passive], z[layout.n + passive]
-        amplitude = (swing + rate * rate * (length / value(gravity))).sum()
-        return [square_root((off * off).sum()) + length * square_root(amplitude), swing.sum()]
+        length = z[hoist]
+        to_go = goal - z[layout.drives]
+        to_go[slew] = to_go[slew] * z[trolley]
+        angles = z[layout.passive]
+        rates = z[layout.n + layout.passive]
+        angles_squared = angles * angles
+        amplitude_squared = (angles_squared + rates * rates * (length / value(gravity))).sum()
+        load_swing = length * square_root(amplitude_squared)
+        return [square_root((to_go * to_go).sum()) + load_swing, angles_squared.sum()]
 
     return compile_columns(distance, [2 * layout.n, layout.m], 2)

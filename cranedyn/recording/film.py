@@ -21,10 +21,17 @@ from cranedyn.recording.series import joint_label
 from cranedyn.recording.shapes import CONTACT, touching_points
 from cranedyn.recording.sketch import Projection
 
-WIDTH, HEIGHT, RATE = 1280, 720, 30
-"""Size of a film [pixels], and pictures per second."""
+WIDTH = 1280
+"""Width of a film [pixels]."""
+
+HEIGHT = 720
+"""Height of a film [pixels]."""
+
+RATE = 30
+"""Pictures per second of a film."""
 
 _DOTS_PER_INCH = 100
+"""Resolution of the figure, which scales its text."""
 
 
 def check_film(path: str | Path) -> Path:
@@ -68,7 +75,9 @@ def film(
     with atomic_write(path) as draft, av.open(str(draft), "w", format="mp4") as container:
         stream: Any = container.add_stream("libx264", rate=Fraction(RATE))
         stream.options = {"preset": "veryfast"}
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.width = WIDTH
+        stream.height = HEIGHT
+        stream.pix_fmt = "yuv420p"
         stage = _Stage(runs, first, last)
         for i in range(math.floor((last - first) * RATE + 1e-6) + 1):
             picture = av.VideoFrame.from_ndarray(stage.picture(first + i / RATE), format="rgb24")
@@ -83,64 +92,110 @@ class _Stage:
     """A figure whose moving parts alone are drawn again for each picture."""
 
     def __init__(self, runs: Sequence[Run], first: float, last: float) -> None:
-        several = len(runs) > 1
-        turn, rise = np.radians([50.0, 12.0] if several else [20.0, 8.0])
+        """Draw what does not move, and keep it as the background.
+
+        Args:
+            runs: The runs.
+            first: Time at which the film begins [s].
+            last: Time at which it ends [s].
+        """
+        # Several cranes stand beside each other, and are seen better from the side and from above.
+        turn, rise = np.radians([50.0, 12.0] if len(runs) > 1 else [20.0, 8.0])
         self._runs = []
         for run in runs:
-            where: Any = {"offset": run.offset, "heading": run.heading, "meshes": run.meshes}
-            self._runs.append((run, Projection(run.crane, turn=turn, rise=rise, **where)))
+            projection = Projection(
+                run.crane,
+                turn=turn,
+                rise=rise,
+                offset=run.offset,
+                heading=run.heading,
+                meshes=run.meshes,
+            )
+            self._runs.append((run, projection))
         figure, (scene, swing) = panels(
             1, 2, width=WIDTH / _DOTS_PER_INCH, height=HEIGHT / _DOTS_PER_INCH, width_ratios=[5, 4]
         )
         figure.set_dpi(_DOTS_PER_INCH)
-        for (run, _), colour in zip(self._runs, colours(runs), strict=True):
-            for joint in run.crane.layout.joints:
-                if not joint.driven and joint.kind == "revolute":
-                    symbol, label = joint.symbol, joint_label(joint)
-                    swing.plot(
-                        run.trajectory.t,
-                        np.degrees(run.trajectory.coordinates(symbol)),
-                        color=colour if several else COLOURS.get(symbol, colour),
-                        linestyle=LINE_STYLES.get(symbol, "-"),
-                        label=f"{label} · {run.name}" if several else label,
-                    )
+        self._scene = scene
+        self._swing = swing
+        self._plot_swings()
         swing.set(xlabel="t [s]", ylabel="swing [°]", xlim=(first, last if last > first else None))
         figure.legend(*swing.get_legend_handles_labels(), loc="outside lower right", ncols=2)
         scene.set(aspect="equal", xlabel="[m]", ylabel="[m]")
+
+        # What moves is animated: Matplotlib leaves it out of the background.
         self._cranes = PolyCollection([], animated=True)
         scene.add_collection(self._cranes)
-        self._ropes = [
-            scene.plot([], [], "o-", c="#404040", mfc=colour, markevery=[-1], animated=True)[0]
-            for colour in colours(runs)
-        ]
+        self._ropes = []
+        for colour in colours(runs):
+            (rope,) = scene.plot(
+                [], [], "o-", c="#404040", mfc=colour, markevery=[-1], animated=True
+            )
+            self._ropes.append(rope)
         (self._marks,) = scene.plot([], [], "^", color=CONTACT, animated=True)
-        style: Any = {"family": "monospace", "size": 9, "animated": True, "va": "top"}
-        self._text = swing.text(0.02, 0.98, "", transform=swing.transAxes, **style)
+        self._text = swing.text(
+            0.02,
+            0.98,
+            "",
+            transform=swing.transAxes,
+            family="monospace",
+            size=9,
+            animated=True,
+            va="top",
+        )
+        # Room for the text above the curves, a line for each run; the cursor ends below it.
         low, high = swing.get_ylim()
-        swing.set_ylim(low, high + (room := 0.15 + 0.05 * len(runs)) * (high - low))
-        style = {"color": "#404040", "lw": 1.0, "animated": True}
-        self._cursor = swing.axvline(first, ymax=1.0 / (1.0 + room), **style)
-        self._axes, self._canvas = (scene, swing), FigureCanvasAgg(figure)
-        corners = [
-            corner
-            for run, projection in self._runs
-            for q in run.trajectory.q[:: max(1, len(run.trajectory) // 30)]
-            for corner in self._corners(projection, q)
-        ]
-        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-        scene.set(xlim=(low[0] - 2.0, high[0] + 2.0), ylim=(low[1] - 2.0, high[1] + 2.0))
+        room = 0.15 + 0.05 * len(runs)
+        swing.set_ylim(low, high + room * (high - low))
+        self._cursor = swing.axvline(
+            first, ymax=1.0 / (1.0 + room), color="#404040", lw=1.0, animated=True
+        )
+        self._canvas = FigureCanvasAgg(figure)
+        self._set_scene_limits()
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(figure.bbox)
 
+    def _plot_swings(self) -> None:
+        """Plot the angles of the joints that swing, of several runs in the colours of the runs."""
+        several = len(self._runs) > 1
+        run_colours = colours([run for run, _ in self._runs])
+        for (run, _), colour in zip(self._runs, run_colours, strict=True):
+            for joint in run.crane.layout.joints:
+                if joint.driven or joint.kind != "revolute":
+                    continue
+                label = joint_label(joint)
+                self._swing.plot(
+                    run.trajectory.t,
+                    np.degrees(run.trajectory.coordinates(joint.symbol)),
+                    color=colour if several else COLOURS.get(joint.symbol, colour),
+                    linestyle=LINE_STYLES.get(joint.symbol, "-"),
+                    label=f"{label} · {run.name}" if several else label,
+                )
+
+    def _set_scene_limits(self) -> None:
+        """Set the limits of the scene so that the cranes stay in it, with 2 m to spare."""
+        corners = []
+        for run, projection in self._runs:
+            # Some thirty rows show how far a crane goes; to draw all would take long.
+            every = max(1, len(run.trajectory) // 30)
+            for q in run.trajectory.q[::every]:
+                corners += self._corners(projection, q)
+        low = np.min(corners, axis=0)
+        high = np.max(corners, axis=0)
+        self._scene.set(xlim=(low[0] - 2.0, high[0] + 2.0), ylim=(low[1] - 2.0, high[1] + 2.0))
+
     @staticmethod
     def _corners(projection: Projection, q: np.ndarray) -> list[np.ndarray]:
+        """Return the lowest and the highest corner of the rectangle about a crane [m]."""
         corners = [line.corners for line in projection.outlines(q)]
         points = np.concatenate([*corners, projection.rope(q)])
         return [points.min(axis=0), points.max(axis=0)]
 
     def picture(self, t: float) -> np.ndarray:
         """Return the picture at a time [s], red, green, blue, shape (height, width, 3)."""
-        outlines, lines, marks = [], [f"t = {t:.2f} s"], [np.zeros((0, 2))]
+        outlines = []
+        lines = [f"t = {t:.2f} s"]
+        marks = [np.zeros((0, 2))]  # so that there is something to concatenate
         for (run, projection), rope in zip(self._runs, self._ropes, strict=True):
             row = max(0, int(np.searchsorted(run.trajectory.t, t + 1e-9)) - 1)
             q = run.trajectory.q[row]
@@ -155,19 +210,19 @@ class _Stage:
         self._cursor.set_xdata([t, t])
         self._text.set_text("\n".join(lines))
         self._canvas.restore_region(self._background)
-        scene, swing = self._axes
         for artist in (self._cranes, *self._ropes, self._marks):
-            scene.draw_artist(artist)
+            self._scene.draw_artist(artist)
         for artist in (self._cursor, self._text):
-            swing.draw_artist(artist)
+            self._swing.draw_artist(artist)
         return np.ascontiguousarray(np.asarray(self._canvas.buffer_rgba())[..., :3])
 
 
 def _readings(run: Run, q: np.ndarray) -> list[str]:
     """Return the coordinates with their units."""
-    return [
-        f"{joint_label(joint)} {np.degrees(value):.1f}°"
-        if joint.kind == "revolute"
-        else f"{joint_label(joint)} {value:.2f} m"
-        for joint, value in zip(run.crane.layout.joints, q, strict=True)
-    ]
+    readings = []
+    for joint, value in zip(run.crane.layout.joints, q, strict=True):
+        if joint.kind == "revolute":
+            readings.append(f"{joint_label(joint)} {np.degrees(value):.1f}°")
+        else:
+            readings.append(f"{joint_label(joint)} {value:.2f} m")
+    return readings

@@ -29,6 +29,7 @@ from cranedyn.recording.series import (
 )
 
 _FLUSH_SECONDS = 10.0
+"""Longest wait for Rerun to write what it was given [s]."""
 
 
 def check_enabled() -> None:
@@ -72,7 +73,8 @@ def record(
         DataError: If the file cannot be written.
         CraneError: If Rerun is switched off in the environment.
     """
-    path, title = with_ending(path, ".rrd"), utf8(title)
+    path = with_ending(path, ".rrd")
+    title = utf8(title)
     names = [run.name for run in runs]
     if not names or not all(names) or len(set(names)) < len(names):
         raise OutOfRange("names of the runs", names, "one name or more, each different")
@@ -124,7 +126,9 @@ class Live:
             DataError: If the file cannot be written.
             CraneError: If Rerun is switched off in the environment.
         """
-        self._crane, self._name, self._title = crane, name, utf8(title)
+        self._crane = crane
+        self._name = name
+        self._title = utf8(title)
         check_enabled()
         self._recording = rr.RecordingStream("cranedyn-live", send_properties=False)
         self._file = None if file is None else Path(file)
@@ -185,22 +189,13 @@ def describe_runs(runs: Sequence[Run], title: str, text: str) -> str:
     """Return the text beside the scene, in Markdown: title, description, where the model does not
     hold, parameters of the runs, and how to read the scene.
     """
-    violations = "\n".join(
-        f"- {printable(run.name)}, {run.trajectory.t[event.row]:.3f} s: {event.words}"
-        for run in runs
-        if not run.trajectory.valid.all()
-        for event in events(run.crane, run.trajectory)
-    )
-    parameters = [run.trajectory.parameters for run in runs]
-    names = dict.fromkeys(name for table in parameters for name in table)
-    rows = [
-        ["parameter", *(table_cell(run.name) for run in runs)],
-        ["---"] * (len(runs) + 1),
-        *(
-            [table_cell(name), *(table_cell(table.get(name, "")) for table in parameters)]
-            for name in names
-        ),
-    ]
+    violations = []
+    for run in runs:
+        if not run.trajectory.valid.all():
+            for event in events(run.crane, run.trajectory):
+                t = run.trajectory.t[event.row]
+                violations.append(f"- {printable(run.name)}, {t:.3f} s: {event.words}")
+    listed = "\n".join(violations)
     scene = (
         "**How to read the scene.** Dots: the payload in the last "
         f"{PATH_SECONDS:g} s. Wire box and grey line: payload and cable at the setpoint of the "
@@ -213,11 +208,24 @@ def describe_runs(runs: Sequence[Run], title: str, text: str) -> str:
     sections = (
         f"## {title}",
         text,
-        f"**Where the model does not hold:**\n\n{violations}" if violations else "",
-        "\n".join(f"| {' | '.join(row)} |" for row in rows),
+        f"**Where the model does not hold:**\n\n{listed}" if violations else "",
+        _parameter_table(runs),
         scene,
     )
     return "\n\n".join(section for section in sections if section)
+
+
+def _parameter_table(runs: Sequence[Run]) -> str:
+    """Return the parameters of runs as a table in Markdown, a column for each run."""
+    parameters = [run.trajectory.parameters for run in runs]
+    names = dict[str, None]()
+    for table in parameters:
+        names |= dict.fromkeys(table)
+    rows = [["parameter", *(table_cell(run.name) for run in runs)], ["---"] * (len(runs) + 1)]
+    for name in names:
+        values = [table_cell(table.get(name, "")) for table in parameters]
+        rows.append([table_cell(name), *values])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def _log_static(
@@ -240,6 +248,11 @@ def _log_static(
 
 
 def _finite_table(run: Run) -> Table:
+    """Return the recorded columns of a run.
+
+    Raises:
+        OutOfRange: If it has no rows, or a value that is not finite.
+    """
     if not len(run.trajectory):
         raise OutOfRange(f"number of rows of run {quoted(run.name)}", 0, ">= 1")
     columns = series_table(run)

@@ -26,7 +26,7 @@ from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
 from cranedyn.model.urdf import parse_urdf, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
-from cranedyn.recording.run import Run, Scenery, clock, colours, rows_every
+from cranedyn.recording.run import Obstacle, Run, Scenery, clock, colours, rows_every
 from cranedyn.recording.shapes import CONTACT, Shape, rope_line, shapes, touching_points
 
 BACKGROUND = "#E1E8F0"
@@ -35,19 +35,65 @@ BACKGROUND = "#E1E8F0"
 PATH_SECONDS = 4.0
 """Duration of the path of the payload [s]."""
 
-_FRAME_PERIOD, _PATH_PERIOD = 0.04, 0.1
+_FRAME_PERIOD = 0.04
+"""Time between rows of the scene [s]."""
+
+_PATH_PERIOD = 0.1
+"""Time between points of the path of the payload [s]."""
+
 _PATH_POINTS = round(PATH_SECONDS / _PATH_PERIOD)
-_CABLE, _GREY = "#202020", "#8C8C8C"
-_CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS, _CONTACT_RADIUS = 0.05, 0.16, 0.12, 0.2
+"""Points of the path of the payload."""
+
+_CABLE = "#202020"
+"""Colour of the cable."""
+
+_SETPOINT = "#8C8C8C"
+"""Colour of the cable at the setpoint."""
+
+_CABLE_RADIUS = 0.05
+"""Radius of the cable [m]; like the next ones on a crane of 10 m and more, see `drawn_size`."""
+
+_PATH_RADIUS = 0.16
+"""Radius of the newest point of the path [m]."""
+
+_ARROW_RADIUS = 0.12
+"""Radius of the swing arrows [m]."""
+
+_CONTACT_RADIUS = 0.2
+"""Radius of marks where the load touches [m]."""
+
 _ARROWS_BELOW_TROLLEY = 1.5
-_MAX_ARROW, _RESERVED = 5.0, -1.5  # below zero: points on the screen
-_SOLID, _ZONE, _NEAR, _SWEPT = "#B9AE9B", "#CC3311", "#F22B05", "#0072B2"
+"""Distance of the swing arrows below the trolley [m]."""
+
+_ARROW_SCALES = (0.5, 0.2, 0.1, 0.05)
+"""Lengths of arrows for one degree of swing [m/°], the longest that fits is taken."""
+
+_MAX_ARROW = 5.0
+"""Length that arrows should not exceed [m]."""
+
+_RESERVED_RADIUS = -1.5
+"""Radius of the line around what is reserved for a crane; below zero: points on the screen."""
+
+_SOLID_COLOUR = "#B9AE9B"
+"""Colour of obstacles."""
+
+_ZONE_COLOUR = "#CC3311"
+"""Colour of zones to keep out of."""
+
+_NEAR_COLOUR = "#F22B05"
+"""Colour of obstacles and zones while the load is near."""
+
+_SWEPT_COLOUR = "#0072B2"
+"""Colour of the path of the load and of the space that it sweeps."""
+
 _WIREFRAME: Any = "transparentfillmajorwireframe"
-_ARCHETYPES: dict[str, Any] = {
-    "box": rr.Boxes3D,
-    "cylinder": rr.Cylinders3D,
-    "sphere": rr.Ellipsoids3D,
-}
+"""Rerun's name for edges with transparent faces."""
+
+_TANGENTIAL_SWING = "tangential_swing"
+"""Role of the swing across the jib."""
+
+_RADIAL_SWING = "radial_swing"
+"""Role of the swing along the jib."""
 
 
 class Look(NamedTuple):
@@ -69,14 +115,25 @@ class Look(NamedTuple):
 
 def looks(runs: Sequence[Run]) -> list[Look]:
     """Return the appearance of each run."""
-    swings = [np.degrees(run.trajectory.q[:, run.crane.swings]) for run in runs]
-    swing = max(np.abs(angles).max(initial=0.0) for angles in swings)
-    arrow = next((scale for scale in (0.5, 0.2, 0.1) if scale * swing <= _MAX_ARROW), 0.05)
-    arrow *= min(drawn_size(run.crane) for run in runs)
+    arrow = _arrow_scale(runs)
     offsets = [tuple(run.offset) for run in runs]
-    labels = [printable(run.name) if len(runs) > 1 else "" for run in runs]
-    overlaps = [offsets[:i].count(offset) for i, offset in enumerate(offsets)]
-    return [Look(*look, arrow) for look in zip(colours(runs), overlaps, labels, strict=True)]
+    result = []
+    for i, (run, colour) in enumerate(zip(runs, colours(runs), strict=True)):
+        overlaps = offsets[:i].count(offsets[i])
+        label = printable(run.name) if len(runs) > 1 else ""
+        result.append(Look(colour, overlaps, label, arrow))
+    return result
+
+
+def _arrow_scale(runs: Sequence[Run]) -> float:
+    """Return the length of the swing arrows for one degree [m/°], the same for all runs."""
+    swings = [np.degrees(run.trajectory.q[:, run.crane.swings]) for run in runs]
+    largest_swing = max(np.abs(angles).max(initial=0.0) for angles in swings)
+    size = min(drawn_size(run.crane) for run in runs)
+    for scale in _ARROW_SCALES:
+        if scale * largest_swing <= _MAX_ARROW:
+            return scale * size
+    return _ARROW_SCALES[-1] * size
 
 
 def payload_entity(run: Run) -> str:
@@ -84,9 +141,11 @@ def payload_entity(run: Run) -> str:
     link = _payload_link(run.crane)
     link_shapes = shapes(run.crane.urdf, run.meshes)[link]
     body = _largest(link_shapes)
+    if body.kind != "mesh":
+        return run.entity("scene", link, body.kind)
+    # Each mesh is an entity of its own, see `Scene._log_shapes`.
     meshes = [shape for shape in link_shapes if shape.kind == "mesh"]
-    number = [str(meshes.index(body))] if body.kind == "mesh" else []
-    return run.entity("scene", link, body.kind, *number)
+    return run.entity("scene", link, "mesh", str(meshes.index(body)))
 
 
 def drawn_size(crane: Crane) -> float:
@@ -99,47 +158,98 @@ class Scene:
 
     def __init__(self, recording: rr.RecordingStream, run: Run, look: Look) -> None:
         """Log links, styles and scenery."""
-        self._recording, self._run, self._look, self._crane = recording, run, look, run.crane
+        self._recording = recording
+        self._run = run
+        self._look = look
+        self._crane = run.crane
         self._tree = _urdf_tree(run)
         self._ground = run.frame(self._tree.root_link().name)
         self._size = drawn_size(run.crane)
-        self._has_arrows = run.crane.layout.has("trolley", "radial_swing", "tangential_swing")
+        self._has_arrows = run.crane.layout.has("trolley", _RADIAL_SWING, _TANGENTIAL_SWING)
         self._log_links()
         self._log_styles()
         if run.scenery is not None:
             self._log_scenery(run.scenery, float(run.trajectory.t[0]))
 
     def move(self, trajectory: Trajectory, t_start: float = -math.inf) -> None:
-        """Log the rows from a time on [s], 25 a second; the path also shows earlier rows."""
-        crane, rows = self._crane, rows_every(trajectory.t, _FRAME_PERIOD)
+        """Log the rows from a time on, 25 a second; the path also shows earlier rows.
+
+        Args:
+            trajectory: The trajectory, with the rows before that time that the path shows.
+            t_start: Time of the first row to log [s].
+        """
+        crane = self._crane
+        rows = rows_every(trajectory.t, _FRAME_PERIOD)
         rows = rows[trajectory.t[rows] >= t_start]
-        t, q = trajectory.t[rows], trajectory.q[rows]
-        for joint, values in zip(crane.layout.joints, q.T, strict=True):
-            urdf_joint = self._tree.get_joint_by_name(joint.name)
-            assert urdf_joint is not None
-            moves = np.append(True, np.diff(values) != 0)
-            columns = urdf_joint.compute_transform_columns(values[moves].tolist(), clamp=False)
-            self._send(t[moves], columns, "joints", joint.name)
+        t = trajectory.t[rows]
+        q = trajectory.q[rows]
+        self._move_joints(t, q)
         self._send(t, rr.LineStrips3D.columns(strips=rope_line(crane, q)), "scene", "cable")
         if trajectory.phase is not None:
             touching = [touching_points(crane, trajectory, int(row)) for row in rows]
-            marks = rr.Points3D.columns(positions=np.concatenate([np.zeros((0, 3)), *touching]))
-            self._send(t, marks.partition([*map(len, touching)]), "scene", "contact")
+            # Without an empty array there would be nothing to concatenate if there are no rows.
+            positions = np.concatenate([np.zeros((0, 3)), *touching])
+            counts = [len(points) for points in touching]
+            marks = rr.Points3D.columns(positions=positions).partition(counts)
+            self._send(t, marks, "scene", "contact")
         self._move_path(trajectory, t_start)
         self._move_setpoint(t, trajectory.setpoint[rows])
         if self._has_arrows:
             self._move_arrows(t, q)
 
+    def _move_joints(self, t: np.ndarray, q: np.ndarray) -> None:
+        """Log the transforms of the joints, only where they change."""
+        for joint, values in zip(self._crane.layout.joints, q.T, strict=True):
+            urdf_joint = self._tree.get_joint_by_name(joint.name)
+            assert urdf_joint is not None
+            changes = np.append(True, np.diff(values) != 0)
+            # Joints may stand beyond their limits, and are drawn where they are.
+            columns = urdf_joint.compute_transform_columns(values[changes].tolist(), clamp=False)
+            self._send(t[changes], columns, "joints", joint.name)
+
     def _log(self, frame: str, body: rr.AsComponents, *parts: str) -> None:
+        """Log what does not change in a frame, as an entity of the scene."""
         entity = self._run.entity("scene", *parts)
         self._recording.log(entity, rr.CoordinateFrame(frame), body, static=True)
 
     def _send(self, t: np.ndarray, columns: Any, *parts: str) -> None:
+        """Log columns with a row at each of the times [s]."""
         self._recording.send_columns(self._run.entity(*parts), clock(t), columns)
 
     def _log_links(self) -> None:
         """Log the fixed joints and the shapes of all links, those of the payload in its colour."""
-        run, look, log = self._run, self._look, self._recording.log
+        run = self._run
+        self._log_fixed_joints()
+        payload = _payload_link(self._crane)
+        by_link = shapes(self._crane.urdf, run.meshes)
+        body = _largest(by_link[payload])
+        if not by_link[payload]:
+            by_link[payload] = [body]
+        # Cranes that overlap are told apart by their payloads and paths.
+        alpha = 0.25 if self._look.overlaps else 1.0
+        for link, link_shapes in by_link.items():
+            painted = []
+            for shape in link_shapes:
+                red, green, blue, opacity = shape.colour
+                colour: tuple[float, ...] = (red, green, blue, alpha * opacity)
+                if link == payload:
+                    colour = shape.colour
+                    if shape.colour == body.colour:
+                        colour = (*np.divide(rgb(self._look.colour), 255), 1.0)
+                painted.append(replace(shape, colour=colour))
+            self._log_shapes(painted, run.frame(link), link)
+
+        # The payload at the setpoint, a mesh as its bounding box.
+        kind = "box" if body.mesh else body.kind
+        outline = replace(body, kind=kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5))
+        self._log_shapes([outline], run.frame("setpoint"), "setpoint", fill_mode=_WIREFRAME)
+        if self._look.label:
+            self._log_label(run.frame(payload))
+
+    def _log_fixed_joints(self) -> None:
+        """Log where the crane stands, and the joints of its URDF that do not move."""
+        run = self._run
+        log = self._recording.log
         foot = rr.Transform3D(
             translation=run.offset,
             rotation=rr.RotationAxisAngle([0.0, 0.0, 1.0], radians=run.heading),
@@ -152,38 +262,27 @@ class Scene:
             if joint.name not in moving:
                 fixed = joint.compute_transform(0.0, clamp=False)
                 log(run.entity("joints", joint.name), fixed, static=True)
-        payload = _payload_link(self._crane)
-        by_link = shapes(self._crane.urdf, run.meshes)
-        body = _largest(by_link[payload])
-        by_link[payload] = by_link[payload] or [body]
-        colour = (*np.divide(rgb(look.colour), 255), 1.0)
-        alpha = 0.25 if look.overlaps else 1.0
-        for link, link_shapes in by_link.items():
-            painted = []
-            for shape in link_shapes:
-                paint = (*shape.colour[:3], alpha * shape.colour[3])
-                if link == payload:
-                    paint = colour if shape.colour == body.colour else shape.colour
-                painted.append(replace(shape, colour=paint))
-            self._log_shapes(painted, run.frame(link), link)
-        kind = "box" if body.mesh else body.kind
-        outline = replace(body, kind=kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5))
-        self._log_shapes([outline], run.frame("setpoint"), "setpoint", fill_mode=_WIREFRAME)
-        if look.label:
-            label = rr.Points3D(
-                [[0.0, 0.0, -self._size * (1.5 + 2.6 * look.overlaps)]],
-                radii=0.0,
-                labels=[look.label],
-                colors=rgb(mixed(look.colour, "#FFFFFF", 0.5)),
-                show_labels=True,
-            )
-            self._log(run.frame(payload), label, "label")
+
+    def _log_label(self, payload_frame: str) -> None:
+        """Log the name of the run below the payload; labels of cranes that overlap stand below each
+        other.
+        """
+        height = -self._size * (1.5 + 2.6 * self._look.overlaps)
+        label = rr.Points3D(
+            [[0.0, 0.0, height]],
+            radii=0.0,
+            labels=[self._look.label],
+            colors=rgb(mixed(self._look.colour, "#FFFFFF", 0.5)),
+            show_labels=True,
+        )
+        self._log(payload_frame, label, "label")
 
     def _log_shapes(
         self, link_shapes: Sequence[Shape], frame: str, *parts: str, fill_mode: Any = "solid"
     ) -> None:
         """Log shapes in a frame, those of one kind as one entity, but each mesh as its own."""
-        for i, shape in enumerate(shape for shape in link_shapes if shape.mesh is not None):
+        meshes = [shape for shape in link_shapes if shape.mesh is not None]
+        for i, shape in enumerate(meshes):
             mesh = rr.Mesh3D(
                 vertex_positions=shape.mesh.vertices,
                 triangle_indices=shape.mesh.faces,
@@ -191,30 +290,21 @@ class Scene:
                 albedo_factor=[round(255 * c) for c in shape.colour],
             )
             self._log(frame, mesh, *parts, "mesh", str(i))
-        for kind in dict.fromkeys(shape.kind for shape in link_shapes if shape.mesh is None):
+        kinds = dict.fromkeys(shape.kind for shape in link_shapes if shape.mesh is None)
+        for kind in kinds:
             group = [shape for shape in link_shapes if shape.kind == kind]
-            size = np.array([shape.size for shape in group])
-            edges = {
-                "box": {"sizes": size},
-                "cylinder": {"radii": size[:, 0], "lengths": size[:, -1]},
-                "sphere": {"radii": size[:, 0]},
-            }
-            body = _ARCHETYPES[kind](
-                **edges[kind],
-                centers=np.array([shape.centre for shape in group]),
-                quaternions=Rotation.from_euler("xyz", [shape.rpy for shape in group]).as_quat(),
-                colors=np.array([shape.colour for shape in group]),
-                fill_mode=fill_mode,
-            )
-            self._log(frame, body, *parts, kind)
+            self._log(frame, _archetype(group, fill_mode), *parts, kind)
 
     def _log_styles(self) -> None:
         """Log frames, colours and radii of the cables, the path and the swing arrows."""
-        size, age = self._size, np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
+        size = self._size
+        age = np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
         fading = [rgb(mixed(self._look.colour, BACKGROUND, share)) for share in age]
         path = rr.Points3D.from_fields(colors=fading, radii=size * _PATH_RADIUS * (1.0 - age))
         cable = rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=size * _CABLE_RADIUS)
-        setpoint = rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=size * _CABLE_RADIUS / 2)
+        setpoint = rr.LineStrips3D.from_fields(
+            colors=rgb(_SETPOINT), radii=size * _CABLE_RADIUS / 2
+        )
         self._log(self._ground, cable, "cable")
         self._log(self._ground, path, "path")
         contact = rr.Points3D.from_fields(colors=rgb(CONTACT), radii=size * _CONTACT_RADIUS)
@@ -234,7 +324,9 @@ class Scene:
         rows = rows_every(trajectory.t, _PATH_PERIOD)
         payload = rope_line(self._crane, trajectory.q[rows])[:, -1]
         new = np.flatnonzero(trajectory.t[rows] >= t_start)
-        past = payload[np.clip(new[:, None] - np.arange(_PATH_POINTS), 0, None)]
+        # For each new row the indices of the rows before it; before the first there is none.
+        back = np.clip(new[:, None] - np.arange(_PATH_POINTS), 0, None)
+        past = payload[back]
         columns = rr.Points3D.columns(positions=past.reshape(-1, 3))
         lengths = np.full(len(new), _PATH_POINTS)
         self._send(trajectory.t[rows][new], columns.partition(lengths), "scene", "path")
@@ -242,7 +334,8 @@ class Scene:
     def _move_setpoint(self, t: np.ndarray, setpoint: np.ndarray) -> None:
         """Log the payload at rest at the setpoint of the drives, only where that changes."""
         changes = np.append(True, np.any(np.diff(setpoint, axis=0) != 0, axis=1))
-        crane, n = self._crane, int(np.count_nonzero(changes))
+        crane = self._crane
+        n = int(np.count_nonzero(changes))
         q = np.tile(crane.start.q, (n, 1))
         q[:, crane.layout.drives] = setpoint[changes]
         cable = rope_line(crane, q)
@@ -260,35 +353,32 @@ class Scene:
 
     def _move_arrows(self, t: np.ndarray, q: np.ndarray) -> None:
         """Log two arrows from the trolley to where the load hangs, along the jib and across it."""
-        roles = ("radial_swing", "tangential_swing")
+        roles = (_RADIAL_SWING, _TANGENTIAL_SWING)
         swings = [self._crane.layout.role(role, "The arrows") for role in roles]
         phi, theta = self._look.arrow * np.degrees(q[:, swings]).T
+        # A positive swing is a load that lags: behind a trolley that moves out along -Y, and behind
+        # a jib that turns towards +X.
         vectors = np.zeros((len(t), 2, 3))
-        vectors[:, 0, 1], vectors[:, 1, 0] = phi, -theta
+        vectors[:, 0, 1] = phi
+        vectors[:, 1, 0] = -theta
         columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3))
         self._send(t, columns.partition(np.full(len(t), 2)), "scene", "swing")
 
     def _log_scenery(self, scenery: Scenery, t_start: float) -> None:
-        """Log obstacles, red while the load is near, the path of the load and the swept space."""
+        """Log obstacles, the path of the load, what is reserved for the crane, and the swept space.
+
+        Args:
+            scenery: The scenery.
+            t_start: Time at which the run begins [s].
+        """
         for i, obstacle in enumerate(scenery.obstacles):
-            corners = obstacle.vertices[obstacle.triangles]
-            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-            mesh = rr.Mesh3D.from_fields(
-                vertex_positions=corners.reshape(-1, 3),
-                vertex_normals=np.repeat(normals, 3, axis=0),
-            )
-            self._log(self._ground, mesh, "site", str(i))
-            colour, alpha = (_ZONE, 60) if obstacle.zone else (_SOLID, 255)
-            times = np.array([t_start, *obstacle.near])
-            rgba = [[*rgb(_NEAR if k % 2 else colour), alpha] for k in range(len(times))]
-            columns = rr.Mesh3D.columns(albedo_factor=rgba)
-            self._send(times, columns, "scene", "site", str(i))
-        path = rr.LineStrips3D([scenery.path], colors=rgb(_SWEPT), radii=0.06)
+            self._log_obstacle(obstacle, str(i), t_start)
+        path = rr.LineStrips3D([scenery.path], colors=rgb(_SWEPT_COLOUR), radii=0.06)
         self._log(self._ground, path, "planned")
         if scenery.reserved is not None:
             times, lines = scenery.reserved
-            style = rr.LineStrips3D.from_fields(colors=rgb(self._look.colour), radii=_RESERVED)
+            colour = rgb(self._look.colour)
+            style = rr.LineStrips3D.from_fields(colors=colour, radii=_RESERVED_RADIUS)
             self._log(self._ground, style, "reserved")
             self._send(times, rr.LineStrips3D.columns(strips=lines), "scene", "reserved")
         if scenery.swept:
@@ -296,10 +386,70 @@ class Scene:
                 centers=scenery.swept["centres"],
                 sizes=scenery.swept["sizes"],
                 quaternions=Rotation.from_euler("z", scenery.swept["yaw"][:, None]).as_quat(),
-                colors=[*rgb(_SWEPT), 25],
+                colors=[*rgb(_SWEPT_COLOUR), 25],
                 fill_mode=_WIREFRAME,
             )
             self._log(self._ground, boxes, "swept")
+
+    def _log_obstacle(self, obstacle: Obstacle, name: str, t_start: float) -> None:
+        """Log an obstacle, red while the load is near.
+
+        Args:
+            obstacle: The obstacle.
+            name: Name of its entity.
+            t_start: Time at which the run begins [s].
+        """
+        # Each triangle has corners of its own, all with its normal: so edges are drawn sharp.
+        corners = obstacle.vertices[obstacle.triangles]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        mesh = rr.Mesh3D.from_fields(
+            vertex_positions=corners.reshape(-1, 3), vertex_normals=np.repeat(normals, 3, axis=0)
+        )
+        self._log(self._ground, mesh, "site", name)
+
+        usual_colour = _ZONE_COLOUR if obstacle.zone else _SOLID_COLOUR
+        alpha = 60 if obstacle.zone else 255
+        times = np.array([t_start, *obstacle.near])
+        rgba = []
+        for k in range(len(times)):
+            # The load is far at the start; then it comes near and leaves in turn.
+            is_near = k % 2 == 1
+            rgba.append([*rgb(_NEAR_COLOUR if is_near else usual_colour), alpha])
+        columns = rr.Mesh3D.columns(albedo_factor=rgba)
+        self._send(times, columns, "scene", "site", name)
+
+
+def _archetype(group: Sequence[Shape], fill_mode: Any) -> rr.AsComponents:
+    """Return shapes of one kind, "box", "cylinder" or "sphere", as one entity of Rerun."""
+    size = np.array([shape.size for shape in group])
+    centers = np.array([shape.centre for shape in group])
+    quaternions = Rotation.from_euler("xyz", [shape.rpy for shape in group]).as_quat()
+    colors = np.array([shape.colour for shape in group])
+    if group[0].kind == "box":
+        return rr.Boxes3D(
+            sizes=size,
+            centers=centers,
+            quaternions=quaternions,
+            colors=colors,
+            fill_mode=fill_mode,
+        )
+    if group[0].kind == "cylinder":
+        return rr.Cylinders3D(
+            radii=size[:, 0],
+            lengths=size[:, 1],
+            centers=centers,
+            quaternions=quaternions,
+            colors=colors,
+            fill_mode=fill_mode,
+        )
+    return rr.Ellipsoids3D(
+        radii=size[:, 0],
+        centers=centers,
+        quaternions=quaternions,
+        colors=colors,
+        fill_mode=fill_mode,
+    )
 
 
 def _urdf_tree(run: Run) -> UrdfTree:
@@ -318,6 +468,7 @@ def _child_link(crane: Crane, index: int) -> str:
 
 
 def _payload_link(crane: Crane) -> str:
+    """Return the link of the payload."""
     return _child_link(crane, crane.payload.body)
 
 

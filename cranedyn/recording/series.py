@@ -28,12 +28,20 @@ READOUT = "readout"
 GAPS = "gaps"
 """Entity of distances between cranes, and of contacts."""
 
-_PERIOD, _READOUT_PERIOD, _JUMP = 0.02, 0.1, 0.01
-"""Time between rows, and between tables of coordinates, that are recorded [s], and the share of its
-limit by which an effort changes between two rows that are recorded in any case."""
+_PERIOD = 0.02
+"""Time between rows that are recorded [s]."""
 
-_LEGEND, _TICKS = 0.4, 9
-"""Width of a legend over that of the curves, and most ticks of an axis that Rerun numbers."""
+_READOUT_PERIOD = 0.1
+"""Time between tables of coordinates that are recorded [s]."""
+
+_JUMP = 0.01
+"""Share of its limit by which an effort changes between two rows that are recorded in any case."""
+
+_LEGEND_WIDTH = 0.4
+"""Width of a legend over that of the curves."""
+
+_MAX_TICKS = 9
+"""Most ticks of an axis that Rerun numbers."""
 
 _RADIANS = re.compile(r"_rad(?=$|_s$)")  # the unit at the end only: a joint may be called radial
 
@@ -42,7 +50,13 @@ Table = dict[str, np.ndarray]
 
 
 class Curve(NamedTuple):
-    """One curve of a plot: its label, the quantity that gives its colour, and its column."""
+    """One curve of a plot.
+
+    Attributes:
+        label: Its label.
+        quantity: Quantity that gives its colour: a symbol, or such as "setpoint" or "limit".
+        column: Its column in the table, see `series_table`.
+    """
 
     label: str
     quantity: str
@@ -50,7 +64,13 @@ class Curve(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """A plot: title with unit, least span of its axis in that unit, curves, the last on top."""
+    """A plot.
+
+    Attributes:
+        title: Title with unit.
+        least_span: Least span of its axis, in that unit.
+        curves: Its curves, the last on top.
+    """
 
     title: str
     least_span: float
@@ -58,8 +78,13 @@ class Plot(NamedTuple):
 
 
 _TITLES = {"gamma": "Slew", "x": "Trolley", "l": "Cable"}
+"""Titles of plots of coordinates, by symbol; the symbol for others."""
+
 _SWINGS = {"phi": "φ radial", "theta": "θ tangential"}
+"""Labels of swings, by symbol."""
+
 _DRIVES = {"gamma": "slew", "x": "trolley", "l": "hoist"}
+"""Names of drives, by the symbol of the coordinate; the symbol for others."""
 
 
 def plots(layout: Layout) -> dict[str, Plot]:
@@ -70,33 +95,59 @@ def plots(layout: Layout) -> dict[str, Plot]:
     """
     by_name: dict[str, Plot] = {}
     for joint in layout.driven:
-        unit, suffix, least_span = _unit(joint)
-        setpoint = Curve("setpoint", "setpoint", f"{joint.symbol}_setpoint_{suffix}")
-        position = Curve(joint_label(joint), joint.symbol, f"{joint.symbol}_{suffix}")
-        title = f"{_TITLES.get(joint.symbol, joint.symbol)} [{unit}]"
-        by_name[joint.symbol] = Plot(title, least_span, (setpoint, position))
+        by_name[joint.symbol] = _position_plot(joint)
     passive = [joint for joint in reversed(layout.joints) if not joint.driven]
+    all_joints = [*layout.driven, *passive]
     for name, joints, kind in (
         ("swing", passive, "revolute"),
         ("stretch", passive, "prismatic"),
-        ("speeds", [*layout.driven, *passive], "prismatic"),
-        ("angular speeds", [*layout.driven, *passive], "revolute"),
+        ("speeds", all_joints, "prismatic"),
+        ("angular speeds", all_joints, "revolute"),
     ):
-        if same_unit := [joint for joint in joints if joint.kind == kind]:
+        same_unit = [joint for joint in joints if joint.kind == kind]
+        if same_unit:
             by_name[name] = _joint_plot(name, same_unit)
-    work = []
     for joint in layout.driven:
-        column, drive = joint.effort_column, _DRIVES.get(joint.symbol, joint.symbol)
-        kind = "torque" if joint.kind == "revolute" else "force"
-        limits = [Curve("limit", "limit", f"{column}_{end}") for end in ("lower", "upper")]
-        effort = Curve(f"{column[0]}_{joint_label(joint)}", joint.symbol, column)
-        title = f"{drive[:1].upper()}{drive[1:]} {kind} [{joint.effort_unit}]"
-        by_name[joint.effort_name] = Plot(title, 20.0, (*limits, effort))
-        work.append(Curve(f"work of {drive}", joint.symbol, f"W_{joint.symbol}_J"))
-    energy = [("dissipated",) * 2, ("unexplained",) * 2, ("gained", "energy")]
-    curves = [Curve(label, quantity, f"{quantity}_J") for label, quantity in energy]
-    by_name["energy"] = Plot("Energy [J]", 20.0, (*work, *curves))
+        by_name[joint.effort_name] = _effort_plot(joint)
+    by_name["energy"] = _energy_plot(layout)
     return by_name
+
+
+def _position_plot(joint: Joint) -> Plot:
+    """Return the plot of a drive: its setpoint and its position."""
+    unit, suffix, least_span = _unit(joint)
+    setpoint = Curve("setpoint", "setpoint", f"{joint.symbol}_setpoint_{suffix}")
+    position = Curve(joint_label(joint), joint.symbol, f"{joint.symbol}_{suffix}")
+    title = f"{_TITLES.get(joint.symbol, joint.symbol)} [{unit}]"
+    return Plot(title, least_span, (setpoint, position))
+
+
+def _effort_plot(joint: Joint) -> Plot:
+    """Return the plot of the effort of a drive, with its limits."""
+    column = joint.effort_column
+    drive = _drive_name(joint)
+    kind = "torque" if joint.kind == "revolute" else "force"
+    lower = Curve("limit", "limit", f"{column}_lower")
+    upper = Curve("limit", "limit", f"{column}_upper")
+    effort = Curve(f"{column[0]}_{joint_label(joint)}", joint.symbol, column)
+    title = f"{drive[:1].upper()}{drive[1:]} {kind} [{joint.effort_unit}]"
+    return Plot(title, 20.0, (lower, upper, effort))
+
+
+def _energy_plot(layout: Layout) -> Plot:
+    """Return the plot of the energy: work of the drives, losses, and what the crane has gained."""
+    curves = []
+    for joint in layout.driven:
+        curves.append(Curve(f"work of {_drive_name(joint)}", joint.symbol, f"W_{joint.symbol}_J"))
+    curves.append(Curve("dissipated", "dissipated", "dissipated_J"))
+    curves.append(Curve("unexplained", "unexplained", "unexplained_J"))
+    curves.append(Curve("gained", "energy", "energy_J"))
+    return Plot("Energy [J]", 20.0, tuple(curves))
+
+
+def _drive_name(joint: Joint) -> str:
+    """Return the name of a drive, such as hoist."""
+    return _DRIVES.get(joint.symbol, joint.symbol)
 
 
 def _unit(joint: Joint) -> tuple[str, str, float]:
@@ -112,15 +163,16 @@ def joint_label(joint: Joint) -> str:
 def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:
     """Return a plot of the coordinates of joints with one unit, or of their rates."""
     unit, suffix, least_span = _unit(joints[0])
-    if "speeds" not in name:
-        curves = [
-            Curve(_SWINGS.get(j.symbol, j.symbol), j.symbol, f"{j.symbol}_{suffix}") for j in joints
-        ]
-        return Plot(f"{name.capitalize()} [{unit}]", least_span, tuple(curves))
-    curves = [
-        Curve(f"d{joint_label(j)}/dt", j.symbol, f"{j.symbol}_dot_{suffix}_s") for j in joints
-    ]
-    return Plot(f"Speed [{unit}/s]", least_span, tuple(curves))
+    curves = []
+    if "speeds" in name:
+        for joint in joints:
+            column = f"{joint.symbol}_dot_{suffix}_s"
+            curves.append(Curve(f"d{joint_label(joint)}/dt", joint.symbol, column))
+        return Plot(f"Speed [{unit}/s]", least_span, tuple(curves))
+    for joint in joints:
+        label = _SWINGS.get(joint.symbol, joint.symbol)
+        curves.append(Curve(label, joint.symbol, f"{joint.symbol}_{suffix}"))
+    return Plot(f"{name.capitalize()} [{unit}]", least_span, tuple(curves))
 
 
 def series_table(run: Run, start_energy: float | None = None) -> Table:
@@ -130,16 +182,21 @@ def series_table(run: Run, start_energy: float | None = None) -> Table:
         run: The run.
         start_energy: Energy at the start [J], where the trajectory continues earlier pieces.
     """
-    trajectory, names = run.trajectory, run.trajectory.columns
+    trajectory = run.trajectory
+    names = trajectory.columns
     keys = ["q", "v", "setpoint", "effort", "work", "dissipated"]
     if trajectory.force.any() or trajectory.outside.any():
         keys += ["force", "outside"]
     columns: Table = {}
-    for name in (name for key in keys for name in names[key]):
-        degrees = _RADIANS.sub("_deg", name)
-        columns[degrees] = trajectory[name] if degrees == name else np.degrees(trajectory[name])
+    for key in keys:
+        for name in names[key]:
+            name_in_degrees = _RADIANS.sub("_deg", name)
+            is_angle = name_in_degrees != name
+            values = trajectory[name]
+            columns[name_in_degrees] = np.degrees(values) if is_angle else values
     start = trajectory.energy[0] if start_energy is None else start_energy
-    columns |= {"energy_J": trajectory.energy - start, "unexplained_J": trajectory.ledger - start}
+    columns["energy_J"] = trajectory.energy - start
+    columns["unexplained_J"] = trajectory.ledger - start
     for name, limit in zip(names["effort"], run.crane.effort_limit, strict=True):
         columns[f"{name}_lower"] = np.full(len(trajectory), -limit)
         columns[f"{name}_upper"] = np.full(len(trajectory), limit)
@@ -152,6 +209,7 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     """
     t = run.trajectory.t
     jumps = np.abs(np.diff(run.trajectory.effort, axis=0)) > _JUMP * run.crane.effort_limit
+    # Both the row before a jump and the one after it, so that the jump is drawn upright.
     rows_of_jumps = np.flatnonzero(jumps.any(axis=1))
     instants = np.unique(np.concatenate([rows_every(t, _PERIOD), rows_of_jumps, rows_of_jumps + 1]))
     arrays = [arrow().array(values[instants].astype(np.float32)) for values in columns.values()]
@@ -173,29 +231,55 @@ def log_gaps(
         recording.log(entity, line, static=True)
         recording.send_columns(entity, clock(t), rr.Scalars.columns(scalars=values))
     if len(contacts):
-        entity, zeros = f"{GAPS}/contacts", rr.Scalars.columns(scalars=np.zeros(len(contacts)))
+        entity = f"{GAPS}/contacts"
+        zeros = rr.Scalars.columns(scalars=np.zeros(len(contacts)))
         recording.log(entity, rr.SeriesPoints(colors=[242, 43, 5], marker_sizes=6.0), static=True)
         recording.send_columns(entity, clock(np.array(contacts)), zeros)
 
 
 def log_readout(recording: rr.RecordingStream, runs: Sequence[Run]) -> None:
     """Log the coordinates of all runs as one table in Markdown, ten times a second."""
-    joints = {joint.symbol: joint for run in runs for joint in run.crane.layout.joints}
-    heads = ["", *(f"{joint_label(joint)} [{_unit(joint)[0]}]" for joint in joints.values())]
-    times = [run.trajectory.t for run in runs]
-    first, last = min(t[0] for t in times), max(t[-1] for t in times)
-    instants = np.append(np.arange(first, last, _READOUT_PERIOD), last)
-    texts = [f"{_row(heads)}\n{_row(['---', *['---:'] * len(joints)])}"] * len(instants)
+    joints: dict[str, Joint] = {}
     for run in runs:
-        rows = np.clip(np.searchsorted(run.trajectory.t, instants + 1e-9) - 1, 0, None)
-        layout, q = run.crane.layout, run.trajectory.q[rows]
-        values = np.where([joint.kind == "revolute" for joint in layout.joints], np.degrees(q), q)
-        for i, row in enumerate(values):
-            readings = dict(zip(layout.symbols, (f"{value:.2f}" for value in row), strict=True))
-            cells = [table_cell(run.name), *(readings.get(symbol, "-") for symbol in joints)]
-            texts[i] += f"\n{_row(cells)}"
+        for joint in run.crane.layout.joints:
+            joints[joint.symbol] = joint
+    titles = [""]
+    for joint in joints.values():
+        unit, _, _ = _unit(joint)
+        titles.append(f"{joint_label(joint)} [{unit}]")
+    head = f"{_row(titles)}\n{_row(['---', *['---:'] * len(joints)])}"
+
+    first = min(run.trajectory.t[0] for run in runs)
+    last = max(run.trajectory.t[-1] for run in runs)
+    instants = np.append(np.arange(first, last, _READOUT_PERIOD), last)
+    texts = [head] * len(instants)
+    for run in runs:
+        for i, row in enumerate(_readout_rows(run, list(joints), instants)):
+            texts[i] += f"\n{row}"
     columns = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
     recording.send_columns(READOUT, clock(instants), columns)
+
+
+def _readout_rows(run: Run, symbols: Sequence[str], instants: np.ndarray) -> list[str]:
+    """Return the row of a run in the table of coordinates at instants [s].
+
+    Args:
+        run: The run.
+        symbols: Coordinates in the table, some of which the crane may lack.
+        instants: The instants; the last row at or before each counts.
+    """
+    rows = np.clip(np.searchsorted(run.trajectory.t, instants + 1e-9) - 1, 0, None)
+    layout = run.crane.layout
+    q = run.trajectory.q[rows]
+    is_angle = [joint.kind == "revolute" for joint in layout.joints]
+    values = np.where(is_angle, np.degrees(q), q)
+    lines = []
+    for row in values:
+        texts = [f"{value:.2f}" for value in row]
+        readings = dict(zip(layout.symbols, texts, strict=True))
+        cells = [readings.get(symbol, "-") for symbol in symbols]
+        lines.append(_row([table_cell(run.name), *cells]))
+    return lines
 
 
 def table_cell(value: float | str) -> str:
@@ -204,6 +288,7 @@ def table_cell(value: float | str) -> str:
 
 
 def _row(cells: Sequence[str]) -> str:
+    """Return a row of a table in Markdown."""
     return f"| {' | '.join(cells)} |"
 
 
@@ -221,23 +306,23 @@ def time_series_view(
         tables: Their tables; empty while the run goes on, and the axes find their own ranges.
         title: Title of the view; empty for that of the plot.
     """
-    by_run = [plots(run.crane.layout).get(name) for run in runs]
+    plot_of_run = [plots(run.crane.layout).get(name) for run in runs]
     several = len(runs) > 1 and not title
-    overrides: dict[Any, Any] = {
-        run.entity("numbers"): [
-            _line(curve, run.name if several else "", colour, run.crane.layout)
-            for curve in run_plot.curves
-        ]
-        for run, run_plot, colour in zip(runs, by_run, colours(runs), strict=True)
-        if run_plot is not None
-    }
-    first = next(run_plot for run_plot in by_run if run_plot is not None)
-    curves = [
-        columns[curve.column]
-        for run_plot, columns in zip(by_run, tables, strict=False)
-        for curve in (run_plot.curves if run_plot else ())
-        if curve.quantity != "limit"
-    ]
+    overrides: dict[Any, Any] = {}
+    for run, run_plot, colour in zip(runs, plot_of_run, colours(runs), strict=True):
+        if run_plot is not None:
+            label = run.name if several else ""
+            layout = run.crane.layout
+            lines = [_line(curve, label, colour, layout) for curve in run_plot.curves]
+            overrides[run.entity("numbers")] = lines
+    first = next(run_plot for run_plot in plot_of_run if run_plot is not None)
+
+    curves = []
+    # There are no tables while the run goes on.
+    for run_plot, columns in zip(plot_of_run, tables, strict=False):
+        if run_plot is not None:
+            shown = [curve for curve in run_plot.curves if curve.quantity != "limit"]
+            curves += [columns[curve.column] for curve in shown]
     return rrb.TimeSeriesView(
         name=title or first.title,
         origin="/",
@@ -256,8 +341,10 @@ def _line(curve: Curve, run: str, run_colour: str, layout: Layout) -> rrb.visual
     """
     colours_of_joints = distinct_colours(layout.symbols)
     colour = colours_of_joints.get(curve.quantity) or colour_of(curve.quantity)
-    colour, width = colour.replace("#000000", "#9A9A9A"), 1.5
+    # Black would not be seen in a dark viewer.
+    colour = colour.replace("#000000", "#9A9A9A")
     if run:
+        # What accompanies the curves of a run is tinted, with this share of another colour.
         shares = {"limit": 0.7, "setpoint": 0.7, "theta": 0.55}
         tint = "#FFFFFF" if curve.quantity == "theta" else colour
         colour = mixed(run_colour, tint, shares.get(curve.quantity, 0.0))
@@ -272,7 +359,7 @@ def _line(curve: Curve, run: str, run_colour: str, layout: Layout) -> rrb.visual
     return rr.SeriesLines(
         colors=[rgb(colour)],
         names=[f"{curve.label.split()[0]} · {run}" if run else curve.label],
-        widths=[width],
+        widths=[1.5],
         aggregation_policy=policy,
     ).visualizer(mappings=[source])
 
@@ -283,7 +370,7 @@ def time_range(runs: Sequence[Run]) -> rr.TimeRange:
     """
     first = min(run.trajectory.t[0] for run in runs)
     last = max(run.trajectory.t[-1] for run in runs)
-    last += _LEGEND * (last - first)
+    last += _LEGEND_WIDTH * (last - first)
     boundary = rrb.TimeRangeBoundary.absolute
     return rr.TimeRange(start=boundary(seconds=float(first)), end=boundary(seconds=float(last)))
 
@@ -294,17 +381,28 @@ def _axis_range(curves: Sequence[np.ndarray], least_span: float) -> tuple[float,
     Limits of drives do not count; one appears when an effort comes near it. Rerun numbers powers of
     ten that are some 20 pixels apart; the range reaches two of them.
     """
-    low, high = float(min(v.min() for v in curves)), float(max(v.max() for v in curves))
+    low = float(min(values.min() for values in curves))
+    high = float(max(values.max() for values in curves))
     span = max(high - low, least_span)
     step = 10.0 ** np.floor(np.log10(span))
-    below, above = step * np.floor(low / step), step * np.ceil(high / step)
-    low = below if low - below < 0.2 * span else low
-    high = above if above - high < 0.2 * span else high
-    tick = 10.0 ** np.ceil(np.log10(max(high - low, least_span) / _TICKS))
-    first, last = np.ceil(low / tick), np.floor(high / tick)
+    round_below = step * np.floor(low / step)
+    round_above = step * np.ceil(high / step)
+    if low - round_below < 0.2 * span:
+        low = round_below
+    if round_above - high < 0.2 * span:
+        high = round_above
+
+    # Multiples of the tick from `first` to `last` are in the range; it grows until there are two.
+    tick = 10.0 ** np.ceil(np.log10(max(high - low, least_span) / _MAX_TICKS))
+    first = np.ceil(low / tick)
+    last = np.floor(high / tick)
     while last - first < 1:
-        upwards = tick * (last + 1) - high <= low - tick * (first - 1)
-        first, last = (first, last + 1) if upwards else (first - 1, last)
-        low, high = min(low, tick * first), max(high, tick * last)
+        is_nearer_above = tick * (last + 1) - high <= low - tick * (first - 1)
+        if is_nearer_above:
+            last += 1
+        else:
+            first -= 1
+        low = min(low, tick * first)
+        high = max(high, tick * last)
     margin = max(0.05 * span, (least_span - (high - low)) / 2)
     return low - margin, high + margin

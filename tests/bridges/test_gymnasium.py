@@ -148,7 +148,7 @@ def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> No
 def test_what_is_shared_among_threads_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for at_once in (0, 10_000):
-        monkeypatch.setattr("cranedyn.bridges.task._AT_ONCE", at_once)
+        monkeypatch.setattr("cranedyn.bridges.task._MAX_UNDIVIDED_COUNT", at_once)
         env = many(600, threads=2, wind=5.0)
         env.reset(seed=3)
         found.append(rollout(env, 20))

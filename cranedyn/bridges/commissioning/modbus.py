@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from cranedyn.bridges.commissioning.words import ProcessImage
+from collections.abc import Mapping, Sequence
+
+from cranedyn.bridges.commissioning.words import ProcessImage, Word
 from cranedyn.errors import CraneError
 
 try:
@@ -14,6 +16,10 @@ except ModuleNotFoundError as error:
     ) from error
 
 
+READ_INPUT_REGISTERS = 4
+"""Code of the function by which Modbus reads input registers."""
+
+
 async def serve_modbus(image: ProcessImage, host: str, port: int) -> ModbusTcpServer:
     """Return a server of commands as holding registers and readings as input registers, which runs
     until its `shutdown`.
@@ -21,34 +27,55 @@ async def serve_modbus(image: ProcessImage, host: str, port: int) -> ModbusTcpSe
     Raises:
         CraneError: If it cannot listen at this address.
     """
-    tables = [[word for word in image.words if word.command is kind] for kind in (True, False)]
+    commands = [word for word in image.words if word.command]
+    readings = [word for word in image.words if not word.command]
 
     async def access(
         code: int, first: int, address: int, count: int, registers: list[int], values: object
     ) -> None:
         """Take what is written; fill the registers before they are read."""
         if isinstance(values, list):
-            words = tables[0][address : address + count]
-            half = {word.name: 0x8000 * (word.kind == "INT16") for word in words}
-            pairs = zip(half.items(), values, strict=True)
-            image.commands.update({name: (v + h) % 0x10000 - h for (name, h), v in pairs})
-            return
-        numbers = image.readings if code == 4 else image.commands.copy()
-        registers[:] = [
-            numbers[word.name] >> 16 * high & 0xFFFF
-            for word in tables[code == 4]
-            for high in reversed(range(word.size))
-        ]
+            _take(image, commands[address : address + count], values)
+        elif code == READ_INPUT_REGISTERS:
+            registers[:] = _registers(readings, image.readings)
+        else:
+            registers[:] = _registers(commands, image.commands.copy())
 
-    holding, inputs = (
-        [SimData(0, count=sum(word.size for word in words), datatype=DataType.REGISTERS)]
-        for words in tables
-    )
+    # pymodbus wants blocks of bits, too, of which a crane has none.
     bits = [SimData(0, values=False, datatype=DataType.BITS)]
-    device = SimDevice(0, simdata=(bits, bits, holding, inputs), action=access)
+    device = SimDevice(0, simdata=(bits, bits, _block(commands), _block(readings)), action=access)
     server = ModbusTcpServer(device, address=(host, port))
     try:
         await server.serve_forever(background=True)
     except (RuntimeError, OSError) as error:
         raise CraneError(f"Modbus cannot listen at {host}:{port}; is the port taken?") from error
     return server
+
+
+def _block(words: Sequence[Word]) -> list[SimData]:
+    """Return a block of as many registers as words take."""
+    count = sum(word.size for word in words)
+    return [SimData(0, count=count, datatype=DataType.REGISTERS)]
+
+
+def _take(image: ProcessImage, words: Sequence[Word], values: Sequence[int]) -> None:
+    """Write the values of registers, 0 to 65535, into commands of an image, all at once.
+
+    Each command takes one register. A signed one has its negative numbers in the upper half.
+    """
+    commands = {}
+    for word, value in zip(words, values, strict=True):
+        half = 0x8000 if word.kind == "INT16" else 0
+        commands[word.name] = (value + half) % 0x10000 - half
+    image.commands.update(commands)
+
+
+def _registers(words: Sequence[Word], numbers: Mapping[str, int]) -> list[int]:
+    """Return the registers of words, the high one of a long word first."""
+    registers = []
+    for word in words:
+        number = numbers[word.name]
+        if word.size == 2:
+            registers.append(number >> 16 & 0xFFFF)
+        registers.append(number & 0xFFFF)
+    return registers

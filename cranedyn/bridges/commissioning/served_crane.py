@@ -25,23 +25,40 @@ from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import RunRecord
 from cranedyn.simulation.stepper import check_bounded, initial_state
 
-DT, PERIOD = 5e-4, 5e-3
-"""Physics step and cycle of the plant [s]."""
+DT = 5e-4
+"""Physics step of the plant [s]."""
 
-CHECKING, AREA = 20, 4.0
-"""Cycles between checks that the model holds; drag coefficient times area of the load [m²]."""
+PERIOD = 5e-3
+"""Cycle of the plant [s]."""
 
-MARGIN, GROUND = 0.05, 0.5
-"""Distance that stays to the ends of the ranges [rad or m]; height of the load at which lowering
-ends [m], since the served crane has no contact with the ground."""
+CHECKING = 20
+"""Cycles between checks that the model holds."""
 
-JUMP, TOLERANCE = 1000, 100
-"""Jump of an encoder, and deviation from the speed of its drive in a cycle that is a fault
-[counts]."""
+AREA = 4.0
+"""Drag coefficient times area of the load [m²]."""
 
-SLIP, MOVING, STOPPED = 0.05, 0.02, 0.01
-"""Speed of a slipping brake, speed that is a fault with a closed brake, and speed at which a brake
-closes, as shares of the largest rate."""
+MARGIN = 0.05
+"""Distance that stays to the ends of the ranges [rad or m]."""
+
+GROUND = 0.5
+"""Height of the load at which lowering ends [m], since the served crane has no contact with the
+ground."""
+
+JUMP = 1000
+"""Jump of an encoder that is injected [counts]."""
+
+TOLERANCE = 100
+"""Deviation of an encoder from the speed of its drive in a cycle that is a fault [counts]."""
+
+SLIP = 0.05
+"""Speed of a slipping brake, as a share of the largest rate."""
+
+MOVING = 0.02
+"""Speed that is a fault with a closed brake, as a share of the largest rate."""
+
+STOPPED = 0.01
+"""Speed at which a brake closes, and deviation with which a drive is at speed, as shares of the
+largest rate."""
 
 
 class ServedCrane:
@@ -76,30 +93,46 @@ class ServedCrane:
                 crane.
         """
         self._drive = converters(crane)
-        clock, rule = clocks(duration, DT, PERIOD), semi_implicit_euler
-        setting = Setting.of(crane, clock, self._drive, forces=True, buffers=False, integrator=rule)
-        self.crane, self.state = crane, initial_state(crane, start)
+        clock = clocks(duration, DT, PERIOD)
+        setting = Setting.of(
+            crane, clock, self._drive, forces=True, buffers=False, integrator=semi_implicit_euler
+        )
+        self.crane = crane
+        self.state = initial_state(crane, start)
         if self.state.v.any():
             raise OutOfRange("rates of the start", self.state.v.tolist(), "0", "/s")
-        self.fault, self.cycles, self.events = 0, 0, list[tuple[float, str]]()
+        self.fault = 0
+        self.cycles = 0
+        self.events = list[tuple[float, str]]()
         self.image = w.ProcessImage(w.word_map(crane, self._drive))
         self._log = Log(setting, "stop", 0.0, setting.clocks.periods + 1)
         self._record = RunRecord(setting, "compiled", "stop", self)
-        layout = self._layout = crane.layout
-        self._hoist, self._symbols = layout.drive_of("hoist"), [j.symbol for j in layout.driven]
+
+        self._layout = layout = crane.layout
+        self._hoist = layout.drive_of("hoist")
+        self._symbols = [joint.symbol for joint in layout.driven]
         self._counts = np.array([w.COUNT[joint.unit] for joint in layout.driven])
+        # Time until a drive brakes with the acceleration of its ramp.
         self._lag = self._drive.lags + self._drive.delay + ROUNDING
         holding = holding_effort(crane, self.state.q)
+        # Sense in which gravity moves each drive; 0 where it does not.
         self._gravity = -np.sign(holding.round(6))
-        self._command, self._running = np.zeros(layout.m), np.zeros(layout.m, dtype=bool)
-        self._closed, self._ends = ~self._running, np.zeros((2, layout.m), dtype=bool)
-        self._encoder = self.state.q[layout.drives] / self._counts
-        self._setpoint = self.state.q[layout.drives].copy()
-        self._last, self._resetting, self._heard = self.image.commands.copy(), False, 0.0
+
+        drive_positions = self.state.q[layout.drives]
+        self._command = np.zeros(layout.m)
+        self._running = np.zeros(layout.m, dtype=bool)
+        self._closed = ~self._running
+        # Whether each drive is at its lower and at its upper end.
+        self._at_end = np.zeros((2, layout.m), dtype=bool)
+        self._encoder = drive_positions / self._counts
+        self._setpoint = drive_positions.copy()
+        self._last_commands = self.image.commands.copy()
+        self._resetting = False
+        self._heard = 0.0
         self._impossible = set[str]()
-        self._publish(self._last, holding)
+        self._publish(self._last_commands, holding)
         self._engine = load_engine("compiled")(setting, self.state)
-        # compiles what the first cycle shall not wait for
+        # This compiles what the first cycle shall not wait for.
         self._engine.advance(self._command, np.zeros((len(layout.points), 3)))
         self._engine.reset(self.state)
 
@@ -115,12 +148,14 @@ class ServedCrane:
             RunError: If the model ceases to hold, or the crane moves beyond all bounds.
         """
         check_bounded(self._layout, self.t, self.state)
-        commands, impossible = self.image.accepted(self._last)
+        commands, impossible = self.image.accepted(self._last_commands)
+        # Said once, when it begins.
         for name in sorted(set(impossible) - self._impossible):
             self.events.append((self.t, f"{name} is no number of its type; the last command holds"))
         self._impossible = set(impossible)
         if commands["inject"] & w.MESSAGES_LOST:
-            commands = {**self._last, "inject": commands["inject"]}
+            # What is injected still arrives, or it could not be ended.
+            commands = {**self._last_commands, "inject": commands["inject"]}
         self._switch(commands)
         self._command = self._limited(commands)
         self._setpoint += PERIOD * self._command
@@ -142,78 +177,152 @@ class ServedCrane:
     def _switch(self, commands: dict[str, int]) -> None:
         """Enable and stop the drives, close the brakes, and reset a fault."""
         control = self._column(commands, "control")
-        enabled, resetting = control & w.ENABLE > 0, bool((control & w.RESET).any())
-        if commands["heartbeat"] != self._last["heartbeat"] or not enabled.any():
+        enabled = control & w.ENABLE > 0
+        resetting = bool((control & w.RESET).any())
+        heartbeat_changed = commands["heartbeat"] != self._last_commands["heartbeat"]
+        if heartbeat_changed or not enabled.any():
             self._heard = self.t
         if self.t - self._heard > w.TIMEOUT:
             self._trip(w.WATCHDOG)
         if self.fault and resetting and not self._resetting and not enabled.any():
             self.fault = 0
             self.events.append((self.t, "fault reset"))
-        self._last, self._resetting = commands, resetting
+        self._last_commands = commands
+        self._resetting = resetting
         self._running = enabled & (self.fault == 0)
         still = np.abs(self.state.v[self._layout.drives]) < STOPPED * self._drive.rates
         self._closed = ~self._running & (self._closed | still)
 
     def _limited(self, commands: Mapping[str, int]) -> np.ndarray:
-        """Return the rates that the converters are commanded, shape (m,)."""
-        rates, v = self._drive.rates, self.state.v[self._layout.drives]
-        share = np.clip(self._column(commands, "speed") / STEPS, -1.0, 1.0)
-        ramp = 1e-3 * self._column(commands, "ramp") * (self.fault == 0)
-        step = np.full_like(rates, np.inf)
-        np.divide(PERIOD * rates, ramp, out=step, where=ramp > 0.0)
-        change = np.where(self._running, share * rates, 0.0) - self._command
-        command = self._command + np.clip(change, -step, step)
-        slipping = self._column(commands, "inject") & w.BRAKE_SLIP > 0
-        slipping &= self._closed & (self.fault != w.BRAKE)  # then the converter holds the load
-        command[slipping] = (SLIP * self._gravity * rates)[slipping]
-        room = self._room() - MARGIN - np.maximum([-v, v], 0.0) * self._lag
-        # Half of the acceleration of the ramps is left for their rounding.
+        """Return the rates that the converters are commanded [rad/s or m/s], shape (m,)."""
+        command = self._ramped(commands)
+        slips = self._column(commands, "inject") & w.BRAKE_SLIP > 0
+        slips &= self._closed
+        # A crane that has seen its brake slip is held by the converter.
+        slips &= self.fault != w.BRAKE
+        command[slips] = (SLIP * self._gravity * self._drive.rates)[slips]
+
+        v = self.state.v[self._layout.drives]
+        travel_before_braking = np.maximum([-v, v], 0.0) * self._lag
+        room = self._room() - MARGIN - travel_before_braking
+        # A drive stops from the rate √(2 b d) in the distance d, with b half of the acceleration of
+        # the ramps: the other half is left for their rounding.
         bound = np.sqrt(self._drive.accelerations * np.maximum(room, 0.0))
-        self._ends = bound < STOPPED * rates
+        self._at_end = bound < STOPPED * self._drive.rates
         return np.clip(command, -bound[0], bound[1])
 
+    def _ramped(self, commands: Mapping[str, int]) -> np.ndarray:
+        """Return the commands led to the speeds that are commanded by the ramp words, shape (m,).
+
+        A drive that does not run is led to zero. At a fault ramp words do not count: the ramps of
+        the converters are the steepest.
+        """
+        rates = self._drive.rates
+        share = np.clip(self._column(commands, "speed") / STEPS, -1.0, 1.0)
+        ramp_time = 1e-3 * self._column(commands, "ramp")
+        if self.fault:
+            ramp_time = np.zeros_like(ramp_time)
+        largest_step = np.full_like(rates, np.inf)
+        np.divide(PERIOD * rates, ramp_time, out=largest_step, where=ramp_time > 0.0)
+        change = np.where(self._running, share * rates, 0.0) - self._command
+        return self._command + np.clip(change, -largest_step, largest_step)
+
     def _room(self) -> np.ndarray:
-        """Return the way of the drives to their lower and upper ends [rad or m], shape (2, m)."""
-        q, drives = self.state.q, self._layout.drives
-        room = np.array([q - self.crane.lower, self.crane.upper - q])[:, drives]
+        """Return the distance of the drives from their lower and upper ends [rad or m], shape (2,
+        m). That of the hoist also ends above the ground.
+        """
+        q = self.state.q
+        room = np.array([q - self.crane.lower, self.crane.upper - q])[:, self._layout.drives]
         if self._hoist is not None:
-            lowering = int(self._gravity[self._hoist] > 0.0), self._hoist
+            # Gravity lowers towards the upper end of a rope, and to the lower end of a height.
+            end = int(self._gravity[self._hoist] > 0.0)
             height = float(point_positions(self.crane, q)[0, 2]) - GROUND
-            room[lowering] = min(room[lowering], height)
+            room[end, self._hoist] = min(room[end, self._hoist], height)
         return room
 
     def _publish(self, commands: Mapping[str, int], effort: np.ndarray) -> None:
-        """Read the sensors, stop where they show a fault, and publish their readings."""
-        (q, v), crane, layout, rates = self.state, self.crane, self._layout, self._drive.rates
-        speed, inject = v[layout.drives], self._column(commands, "inject")
-        jumped = JUMP * (inject & w.ENCODER_JUMP > 0)
-        encoder = np.round(q[layout.drives] / self._counts) + jumped
-        off = np.abs(encoder - self._encoder - PERIOD * speed / self._counts) > TOLERANCE
-        self._encoder = encoder
-        slipping = self._closed & (np.abs(speed) > MOVING * rates)
-        for code, wrong in ((w.ENCODER, off), (w.BRAKE, slipping)):
-            for drive in np.flatnonzero(wrong):
-                self._trip(code, self._symbols[drive])
-        if lost := bool(commands["inject"] & w.ROPE_SENSOR_LOST):
+        """Read the sensors, stop where they show a fault, and publish their readings.
+
+        Args:
+            commands: Commands of this cycle.
+            effort: Efforts of the drives [N m or N], shape (m,).
+        """
+        speed = self.state.v[self._layout.drives]
+        self._read_encoders(self._column(commands, "inject"), speed)
+        slipping = self._closed & (np.abs(speed) > MOVING * self._drive.rates)
+        self._trip_drives(w.BRAKE, slipping)
+        rope_sensor_lost = bool(commands["inject"] & w.ROPE_SENSOR_LOST)
+        if rope_sensor_lost:
             self._trip(w.ROPE_SENSOR)
-        angles = zip(crane.swings.tolist(), crane.swing_angles(q) / w.ANGLE, strict=True)
-        rope = {f"{layout.symbols[i]}.angle": angle for i, angle in angles}
-        if self._hoist is not None:
-            force = float(effort[self._hoist])
-            tension = tension_from_hoist_force(layout, JointForces.of(crane), q, v, force)
-            rope["load"] = tension / crane.gravity
-        at_speed = self._running & (np.abs(speed - self._command) < STOPPED * rates)
-        bits = [not self.fault, self._running, self.fault > 0, at_speed, self._closed, *self._ends]
-        status = np.sum([np.broadcast_to(bit, layout.m) << i for i, bit in enumerate(bits)], axis=0)
-        readings = {"cycle": self.cycles & 0xFFFF, "fault": self.fault}
-        readings["wind_speed"] = commands["wind"]
-        readings |= {name: w.INVALID if lost else round(value) for name, value in rope.items()}
+
+        readings = {
+            "cycle": self.cycles & 0xFFFF,
+            "fault": self.fault,
+            "wind_speed": commands["wind"],
+        }
+        for name, value in self._rope_readings(effort).items():
+            readings[name] = w.INVALID if rope_sensor_lost else round(value)
+        status = self._status(speed)
         for i, symbol in enumerate(self._symbols):
             readings[f"{symbol}.status"] = int(status[i])
-            readings[f"{symbol}.actual_speed"] = round(speed[i] / rates[i] * STEPS)
-            readings[f"{symbol}.encoder"] = int(encoder[i])
+            readings[f"{symbol}.actual_speed"] = round(speed[i] / self._drive.rates[i] * STEPS)
+            readings[f"{symbol}.encoder"] = int(self._encoder[i])
         self.image.readings = readings
+
+    def _read_encoders(self, inject: np.ndarray, speed: np.ndarray) -> None:
+        """Read the encoders, and stop where one does not fit the speed of its drive.
+
+        Args:
+            inject: Inject words of the drives, shape (m,).
+            speed: Rates of the drives [rad/s or m/s], shape (m,).
+        """
+        position = self.state.q[self._layout.drives]
+        jump = np.where(inject & w.ENCODER_JUMP > 0, JUMP, 0)
+        encoder = np.round(position / self._counts) + jump
+        moved = encoder - self._encoder
+        is_wrong = np.abs(moved - PERIOD * speed / self._counts) > TOLERANCE
+        self._encoder = encoder
+        self._trip_drives(w.ENCODER, is_wrong)
+
+    def _rope_readings(self, effort: np.ndarray) -> dict[str, float]:
+        """Return what the sensors of the rope read, by name: angles and load [counts].
+
+        Args:
+            effort: Efforts of the drives [N m or N], shape (m,).
+        """
+        q, v = self.state
+        layout = self._layout
+        readings = {}
+        angles = self.crane.swing_angles(q) / w.ANGLE
+        for i, angle in zip(self.crane.swings.tolist(), angles, strict=True):
+            readings[f"{layout.symbols[i]}.angle"] = angle
+        if self._hoist is not None:
+            force = float(effort[self._hoist])
+            tension = tension_from_hoist_force(layout, JointForces.of(self.crane), q, v, force)
+            readings["load"] = tension / self.crane.gravity
+        return readings
+
+    def _status(self, speed: np.ndarray) -> np.ndarray:
+        """Return the status words of the drives, shape (m,), for their rates [rad/s or m/s]."""
+        is_at_speed = np.abs(speed - self._command) < STOPPED * self._drive.rates
+        bits = {
+            "ready": not self.fault,
+            "running": self._running,
+            "fault": self.fault > 0,
+            "at speed": self._running & is_at_speed,
+            "brake closed": self._closed,
+            "lower end": self._at_end[0],
+            "upper end": self._at_end[1],
+        }
+        status = np.zeros(self._layout.m, dtype=int)
+        for i, name in enumerate(w.STATUS):
+            status |= np.where(bits[name], 1 << i, 0)
+        return status
+
+    def _trip_drives(self, code: int, is_wrong: np.ndarray) -> None:
+        """Stop all drives where a fault is at one of them, shape (m,)."""
+        for drive in np.flatnonzero(is_wrong):
+            self._trip(code, self._symbols[drive])
 
     def _trip(self, code: int, drive: str = "") -> None:
         """Stop all drives by a fault; the first one stays."""

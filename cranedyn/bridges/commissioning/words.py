@@ -14,18 +14,42 @@ from cranedyn.bridges.target import new_file
 from cranedyn.dynamics.converters import STEPS, Converters
 from cranedyn.model.crane import Crane
 
-COUNT, ANGLE, WIND = {"rad": 1e-5, "m": 1e-4}, 1e-4, 1e-2
-"""Resolution of encoders [rad or m], of rope angles [rad] and of wind speeds [m/s]."""
+COUNT = {"rad": 1e-5, "m": 1e-4}
+"""Resolution of encoders, by the unit of the drive [rad or m]."""
 
-TIMEOUT, INVALID = 0.5, -32768
-"""Time without a new heartbeat after which an enabled crane stops [s]; reading of a lost sensor."""
+ANGLE = 1e-4
+"""Resolution of rope angles [rad]."""
 
-ENABLE, RESET = 1, 2
-ROPE_SENSOR_LOST, MESSAGES_LOST = 1, 2
-ENCODER_JUMP, BRAKE_SLIP = 1, 2
-"""Bits of a control word, of the inject word of the crane, and of that of a drive."""
+WIND = 1e-2
+"""Resolution of wind speeds [m/s]."""
+
+TIMEOUT = 0.5
+"""Time without a new heartbeat after which an enabled crane stops [s]."""
+
+INVALID = -32768
+"""Reading of a lost sensor."""
+
+ENABLE = 1
+"""Bit of the control word of a drive that enables it."""
+
+RESET = 2
+"""Bit of the control word of a drive that resets a fault."""
+
+ROPE_SENSOR_LOST = 1
+"""Bit of the inject word of the crane that makes load cell and rope angles fail."""
+
+MESSAGES_LOST = 2
+"""Bit of the inject word of the crane that keeps all other commands from arriving."""
+
+ENCODER_JUMP = 1
+"""Bit of the inject word of a drive that makes its encoder jump."""
+
+BRAKE_SLIP = 2
+"""Bit of the inject word of a drive that makes its closed brake slip."""
 
 STATUS = ("ready", "running", "fault", "at speed", "brake closed", "lower end", "upper end")
+"""Bits of the status word of a drive, from bit 0."""
+
 FAULTS = (
     "no fault",
     f"watchdog: no new heartbeat for {TIMEOUT:g} s",
@@ -33,8 +57,19 @@ FAULTS = (
     "rope sensor: its reading is not valid",
     "brake: the drive moves with its brake closed",
 )
-WATCHDOG, ENCODER, ROPE_SENSOR, BRAKE = range(1, len(FAULTS))
-"""Bits of a status word, and faults by code."""
+"""Faults of the crane, by their code."""
+
+WATCHDOG = 1
+"""Code of the fault of a crane without heartbeat."""
+
+ENCODER = 2
+"""Code of the fault of an encoder."""
+
+ROPE_SENSOR = 3
+"""Code of the fault of load cell and rope angles."""
+
+BRAKE = 4
+"""Code of the fault of a brake."""
 
 TABLE = f"""
 crane heartbeat    command UINT16 1      -    changes every {TIMEOUT:g} s if a drive is enabled
@@ -54,6 +89,9 @@ drive actual_speed reading INT16  rate   rate speed
 drive encoder      reading INT32  count  unit position
 """
 """Owner, name, direction, type, scale, unit and meaning; `word_map` reads it for a crane."""
+
+NO_JOINT = -1
+"""Stands for the crane itself among its joints."""
 
 
 class Word(NamedTuple):
@@ -93,24 +131,46 @@ _RANGES = {"UINT16": (0, 2**16 - 1), "INT16": (-(2**15), 2**15 - 1), "INT32": (-
 
 
 def word_map(crane: Crane, converters: Converters) -> tuple[Word, ...]:
-    """Return the words of a crane; 16384 counts are the largest rate of a drive."""
-    layout, words, free = crane.layout, list[Word](), {True: 0, False: 0}
-    rates = dict(zip(layout.drives.tolist(), (converters.rates / STEPS).tolist(), strict=True))
-    owners = {"crane": [-1], "drive": [*rates], "swing": crane.swings.tolist()}
-    owners["hoist"] = [-1] if layout.drive_of("hoist") is not None else []
+    """Return the words of a crane.
+
+    Rows of `TABLE` that follow each other and have one owner repeat for each joint that is such an
+    owner: for each drive, or for each joint that swings. Addresses count up in this order, commands
+    and readings each from 0. 16384 counts are the largest rate of a drive.
+    """
+    layout = crane.layout
+    drives = layout.drives.tolist()
+    rate_counts = (converters.rates / STEPS).tolist()
+    rate_count_of = dict(zip(drives, rate_counts, strict=True))
+    the_crane = [NO_JOINT]
+    joints_of = {
+        "crane": the_crane,
+        "drive": drives,
+        "swing": crane.swings.tolist(),
+        "hoist": the_crane if layout.drive_of("hoist") is not None else [],
+    }
     rows = [row.split(None, 6) for row in TABLE.strip().splitlines()]
+    words = list[Word]()
+    next_address = {"command": 0, "reading": 0}
     for owner, group in groupby(rows, key=lambda row: row[0]):
         entries = list(group)
-        for joint in owners[owner]:
-            symbol = "" if joint < 0 else f"{layout.symbols[joint]}."
-            unit_of = layout.units[joint]
-            scales = {"rate": rates.get(joint), "count": COUNT[unit_of]}
-            units = {"rate": f"{unit_of}/s", "unit": unit_of, "-": ""}
+        for joint in joints_of[owner]:
+            prefix = "" if joint == NO_JOINT else f"{layout.symbols[joint]}."
+            # Scales and units of a drive stand in the table by these names.
+            unit_of_joint = layout.units[joint]
+            scales = {"rate": rate_count_of.get(joint), "count": COUNT[unit_of_joint]}
+            units = {"rate": f"{unit_of_joint}/s", "unit": unit_of_joint, "-": ""}
             for _, name, direction, kind, scale, unit, meaning in entries:
-                command, value = direction == "command", float(scales.get(scale) or scale)
-                about = value, units.get(unit, unit), meaning
-                words.append(Word(symbol + name, command, kind, free[command], *about))
-                free[command] += words[-1].size
+                word = Word(
+                    name=prefix + name,
+                    command=direction == "command",
+                    kind=kind,
+                    address=next_address[direction],
+                    scale=float(scales.get(scale) or scale),
+                    unit=units.get(unit, unit),
+                    meaning=meaning,
+                )
+                words.append(word)
+                next_address[direction] += word.size
     return tuple(words)
 
 
@@ -125,9 +185,19 @@ def write_map(file: Path, words: Sequence[Word]) -> Path:
         writer = csv.writer(stream)
         writer.writerow(heading.split())
         for word in words:
-            direction, table = ("command", "holding") if word.command else ("reading", "input")
-            node = (word.name, direction, word.kind, f"ns=2;s={word.name}", table, word.address)
-            writer.writerow([*node, f"{word.scale:g}", word.unit, word.meaning])
+            writer.writerow(
+                [
+                    word.name,
+                    "command" if word.command else "reading",
+                    word.kind,
+                    f"ns=2;s={word.name}",
+                    "holding" if word.command else "input",
+                    word.address,
+                    f"{word.scale:g}",
+                    word.unit,
+                    word.meaning,
+                ]
+            )
     return file
 
 
@@ -155,10 +225,9 @@ class ProcessImage:
             last: Commands of the last cycle.
         """
         commands = self.commands.copy()
-        impossible = [
-            word.name
-            for word in self.words
-            if word.command and not word.holds(commands.get(word.name))
-        ]
-        commands.update((name, last[name]) for name in impossible)
+        impossible = []
+        for word in self.words:
+            if word.command and not word.holds(commands.get(word.name)):
+                impossible.append(word.name)
+                commands[word.name] = last[word.name]
         return commands, impossible
