@@ -34,7 +34,7 @@ from cranedyn.lifting.page import STATEMENT
 from cranedyn.lifting.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from cranedyn.model.load import load_crane
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.perturbed import DRAG_COEFFICIENT, Perturbed, Spread, _silhouette
+from cranedyn.planning.perturbed import DRAG_COEFFICIENT, Perturbed, Spread, _largest_silhouette
 from cranedyn.planning.site import Arm, Base
 from cranedyn.planning.site_file import read_site
 from cranedyn.verdict import Check, Verdict
@@ -394,7 +394,7 @@ def test_the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn(
 def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
     found = wind_limit(certificate(), CHART, count=4, dt=1e-3)
     assert (np.diff(found.speeds) > 0.0).all()
-    crane, area = lift().crane, DRAG_COEFFICIENT * _silhouette(lift().clearance.bodies.load)
+    crane, area = lift().crane, DRAG_COEFFICIENT * _largest_silhouette(lift().clearance.bodies.load)
     planned = float(lift().clearance.tilt(certificate().run.q).max())
 
     def lean(speed: float) -> float:
