@@ -383,7 +383,7 @@ def test_the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn(
         found["utilisation"][:] = found["swing"][:] = 0.0
 
     monkeypatch.setattr(wind_limit_module, "simulate_perturbed", by_hand)
-    monkeypatch.setattr(wind_limit_module, "_note", note)
+    monkeypatch.setattr(wind_limit_module, "_enter_values", note)
     found = wind_limit(certificate(), CHART, seed=seed)
     assert found.interval() == (11.0, 12.0) and found.binding == "clearance"
     assert found.lifts == sum(len(drawn["gust_m_s"]) for drawn in blown)
