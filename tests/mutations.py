@@ -500,8 +500,8 @@ cranedyn/references/shaped.py
 cranedyn/planning/joystick.py
 * a drive that slows down obeys the joystick's next push besides
 ? control::an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits
-- speed += lasts
-+ speed = 0.0 if not target else lasts
+- return speed + change
++ return change if target else 0.0
 cranedyn/disturbances/wind.py
 * turbulence is on straight lines between its values
 ? wind::turbulence_has_its_intensity_at_every_time_however_long_the_step
@@ -1351,12 +1351,12 @@ cranedyn/planning/perturbed.py
 + kinds = np.stack([drawn["load"], drawn["load"]])
 * perturbed lifts jump from row to row
 ? lift::a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it
-- margin - np.abs(moved[i] - moved[i, k]) - step[i]
-+ margin - np.abs(moved[i] - moved[i, k])
+- margin - np.abs(moved - moved[k]) - step
++ margin - np.abs(moved - moved[k])
 * a distance measured in one row holds in all
 ? lift::rows_beside_a_measured_one_are_bounded_by_the_way_to_them
-- margin - np.abs(moved[i] - moved[i, k])
-+ margin - 0.0 * np.abs(moved[i] - moved[i, k])
+- margin - np.abs(moved - moved[k])
++ margin - 0.0 * np.abs(moved - moved[k])
 * a load that hangs in the wind leans against it
 ? lift::the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_side
 - start[:, joints.tangential_swing] = -np.arctan2(

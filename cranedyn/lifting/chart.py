@@ -29,11 +29,23 @@ GRAVITY = (1e-3, 1e3)
 """Least and largest gravity that a chart is read for [m/s²]: that of a moon, and of a star; beyond
 them a utilisation would be without a meaning."""
 
-WARNING, CUT_OUT = 0.9, 1.0
-"""Utilisations at which a load moment limiter warns, and at which it stops what makes it worse."""
+WARNING = 0.9
+"""Utilisation at which a load moment limiter warns."""
 
-_MOST, _FARTHEST, _LOADS = 1000, 1e4, (1e-3, 1e9)
-"""Most points, farthest radius [m], least and largest load [kg] of a chart."""
+CUT_OUT = 1.0
+"""Utilisation at which a load moment limiter stops what makes it worse."""
+
+_MAX_POINTS = 1000
+"""Largest number of points of a reeving, and of reevings of a chart."""
+
+_MAX_RADIUS = 1e4
+"""Largest radius of a chart [m]."""
+
+_MIN_LOAD = 1e-3
+"""Least rated load of a chart [kg]."""
+
+_MAX_LOAD = 1e9
+"""Largest rated load of a chart [kg]."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +78,10 @@ class Reeving:
         Sheaves resist hoisting, a rate below 0, and hold back in lowering; at rest all falls pull
         alike. Raises `OutOfRange` if a number is not finite.
         """
-        tension, rate = finite("tension", tension, ("rows",)), finite("rate", rate, ("rows",))
+        tension = finite("tension", tension, ("rows",))
+        rate = finite("rate", rate, ("rows",))
         hoisting = theory.reeving_efficiency(self.falls, self.efficiency)
+        # In lowering the load drives the sheaves, each of which passes on 1/η of its pull.
         lowering = theory.reeving_efficiency(self.falls, 1.0 / self.efficiency)
         share = np.where(rate < 0.0, hoisting, np.where(rate > 0.0, lowering, 1.0))
         return tension / (self.falls * share)
@@ -126,16 +140,16 @@ class Falls:
             raise Misshapen("number of loads", numbers, "one load for each radius")
         object.__setattr__(self, "radii", radii)
         object.__setattr__(self, "rated", rated)
-        if not 1 <= len(radii) <= _MOST:
-            raise OutOfRange("radii", f"{len(radii)} points", f"1 to {_MOST}")
+        if not 1 <= len(radii) <= _MAX_POINTS:
+            raise OutOfRange("radii", f"{len(radii)} points", f"1 to {_MAX_POINTS}")
         least = number("smallest radius", self.least, "m", f"0 to {radii[0]:g}")
         object.__setattr__(self, "least", least)
         for i in np.flatnonzero(np.diff(radii) <= 0.0).tolist():
             order = f"{radii[i + 1]:g} m after {radii[i]:g} m"
             raise OutOfRange("radius of a point", order, "more than the one before")
         for radius, load in zip(radii, rated, strict=True):
-            within("radius of a point", float(radius), 0.0, _FARTHEST, "m")
-            within(f"load at {radius:g} m", float(load), *_LOADS, "kg")
+            within("radius of a point", float(radius), 0.0, _MAX_RADIUS, "m")
+            within(f"load at {radius:g} m", float(load), _MIN_LOAD, _MAX_LOAD, "kg")
         for i in np.flatnonzero(np.diff(rated) > 0.0).tolist():
             raise OutOfRange(
                 f"load at {radii[i + 1]:g} m",
@@ -152,14 +166,18 @@ class Falls:
         radius = np.asarray(radius, dtype=float)
         outside = ~((radius >= self.least) & (radius <= self.radii[-1]))
         if outside.any():
-            name, worst = f"radius on {self.count} falls", f"{radius[outside].flat[0]:.6g}"
+            name = f"radius on {self.count} falls"
+            worst = f"{radius[outside].flat[0]:.6g}"
             allowed = f"{self.least:g} to {self.radii[-1]:g}, where the chart is"
             raise OutOfRange(name, worst, allowed, "m")
+        # Between two points the moment is a straight line, and the load falls from one to the next.
+        # So it is never more than at the point before, but for rounding.
         moment = np.interp(radius, self.radii, self.radii * self.rated)
-        before = self.rated[np.maximum(np.searchsorted(self.radii, radius, "right") - 1, 0)]
-        first = radius <= self.radii[0]
-        falling = np.minimum(moment / np.where(first, 1.0, radius), before)
-        return np.where(first, self.rated[0], falling)
+        point_before = np.maximum(np.searchsorted(self.radii, radius, "right") - 1, 0)
+        up_to_first = radius <= self.radii[0]
+        divisor = np.where(up_to_first, 1.0, radius)  # the radius may be zero there
+        between = np.minimum(moment / divisor, self.rated[point_before])
+        return np.where(up_to_first, self.rated[0], between)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,6 +261,7 @@ def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
     used = finite("utilisation", used, t.shape)
     intervals = []
     for kind, limit in (("warning", WARNING), ("cut-out", CUT_OUT)):
+        # Rows at which the utilisation passes the limit, in turn upwards and downwards.
         edges = np.flatnonzero(np.diff(used >= limit, prepend=False, append=False))
         for first, end in edges.reshape(-1, 2).tolist():
             ends = float(t[min(end, len(t) - 1)])
@@ -273,8 +292,9 @@ def read_chart(path: str | Path) -> Chart:
         if name not in top.values:
             top.fail(name, "it is missing.")
     entries = top.tables("falls", ("count", "radii", "loads", "least"), lines)
-    if not 1 <= len(entries) <= _MOST:
-        top.fail("falls", f"there are {len(entries)}; allowed are 1 to {_MOST} tables [[falls]].")
+    if not 1 <= len(entries) <= _MAX_POINTS:
+        allowed = f"allowed are 1 to {_MAX_POINTS} tables [[falls]]."
+        top.fail("falls", f"there are {len(entries)}; {allowed}")
     reevings: list[Falls] = []
     for entry in entries:
         reeving = _falls(entry)
@@ -286,6 +306,11 @@ def read_chart(path: str | Path) -> Chart:
 
 
 def _falls(entry: SiteTable) -> Falls:
+    """Return the rated loads of a table [[falls]].
+
+    Raises:
+        DataError: If a field is missing, or no value of a chart, with its line and field.
+    """
     for name in ("count", "radii", "loads"):
         if name not in entry.values:
             entry.fail(name, "it is missing.")
@@ -293,11 +318,18 @@ def _falls(entry: SiteTable) -> Falls:
     try:
         return Falls(values["count"], values["radii"], values["loads"], values.get("least", 0.0))
     except OutOfRange as error:
-        beginnings = {
-            "number of falls": "count",
-            "number of loads": "loads",
-            "load": "loads",
-            "smallest radius": "least",
-        }
-        fields = [field for words, field in beginnings.items() if error.name.startswith(words)]
-        entry.fail(fields[0] if fields else "radii", error)
+        entry.fail(_field_of(error), error)
+
+
+def _field_of(error: OutOfRange) -> str:
+    """Return the field of a table [[falls]] that an error of `Falls` is about."""
+    fields = {
+        "number of falls": "count",
+        "number of loads": "loads",
+        "load": "loads",
+        "smallest radius": "least",
+    }
+    for beginning, field in fields.items():
+        if error.name.startswith(beginning):
+            return field
+    return "radii"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 from cranedyn.checks import check_choice, number, within
 
@@ -34,16 +34,27 @@ class Hoisting(NamedTuple):
     least: float
 
 
-_HOISTING = Hoisting(0.17, 1.05), Hoisting(0.34, 1.10), Hoisting(0.51, 1.15), Hoisting(0.68, 1.20)
-HOISTING = MappingProxyType(dict(zip(get_args(HoistingClass), _HOISTING, strict=True)))
-"""EN 1991-3, Table 2.5 (second hand)."""
+_HOISTING: dict[HoistingClass, Hoisting] = {
+    "HC1": Hoisting(0.17, 1.05),
+    "HC2": Hoisting(0.34, 1.10),
+    "HC3": Hoisting(0.51, 1.15),
+    "HC4": Hoisting(0.68, 1.20),
+}
+HOISTING = MappingProxyType(_HOISTING)
+"""Numbers of each hoisting class: EN 1991-3, Table 2.5 (second hand)."""
 
-SLOW_RELEASE, RAPID_RELEASE = 0.5, 1.0
-"""β3 of grabs, and of magnets: EN 1991-3, Table 2.4 (second hand)."""
+SLOW_RELEASE = 0.5
+"""β3 of a load that is let go slowly, as by grabs: EN 1991-3, Table 2.4 (second hand)."""
 
-BUFFER_SHARE, BUFFER_MOST = 0.7, 5.0
-"""Share of its speed at which a crane meets its buffers, and largest deceleration there [m/s²];
-2.5 where it meets them often: FEM 1.001 (second hand)."""
+RAPID_RELEASE = 1.0
+"""β3 of a load that is let go at once, as by magnets: EN 1991-3, Table 2.4 (second hand)."""
+
+BUFFER_SHARE = 0.7
+"""Share of its speed at which a crane meets its buffers: FEM 1.001 (second hand)."""
+
+BUFFER_MOST = 5.0
+"""Largest deceleration of a crane by its buffers [m/s²]; 2.5 where it meets them often: FEM 1.001
+(second hand)."""
 
 
 def phi_1(a: float = 0.1) -> tuple[float, float]:
@@ -89,7 +100,13 @@ def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
     check_choice("drive", drive, DriveClass)
     largest = number("largest hoisting speed", largest, "m/s", ">= 0")
     creep = within("creep speed", creep, 0.0, largest, "m/s")
-    return {"HD1": largest, "HD4": largest / 2.0, "HD5": 0.0}.get(drive, creep)
+    if drive == "HD1":
+        return largest
+    if drive == "HD4":
+        return largest / 2.0
+    if drive == "HD5":
+        return 0.0
+    return creep
 
 
 def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
@@ -147,7 +164,8 @@ def stopping(speed: float, deceleration: float) -> tuple[float, float]:
         speed: [rad/s] or [m/s].
         deceleration: [rad/s²] or [m/s²].
     """
-    v, a = number("speed", speed, "/s"), number("deceleration", deceleration, "/s²", "> 0")
+    v = number("speed", speed, "/s")
+    a = number("deceleration", deceleration, "/s²", "> 0")
     return v * v / (2.0 * a), abs(v) / a
 
 
@@ -156,5 +174,5 @@ def buffer_stroke(speed: float, deceleration: float = BUFFER_MOST) -> float:
     deceleration [m/s²]: (0.7 v)²/(2a) [m]. FEM 1.001 (second hand).
     """
     checked_deceleration = within("deceleration", deceleration, 1e-3, BUFFER_MOST, "m/s²")
-    met = BUFFER_SHARE * number("speed", speed, "m/s")
-    return met * met / (2.0 * checked_deceleration)
+    impact_speed = BUFFER_SHARE * number("speed", speed, "m/s")
+    return impact_speed * impact_speed / (2.0 * checked_deceleration)

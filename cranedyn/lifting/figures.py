@@ -29,9 +29,14 @@ if TYPE_CHECKING:
 _STATIONS = 60
 """Points along the jib at which its moment is drawn."""
 
-_SHOWN, _SPACED, _SCALE = 5, 1.5, 8.0
-"""Obstacles drawn in clearance over time, distance between drawn envelopes and scale of the
-clearance [m]."""
+_MAX_OBSTACLES = 5
+"""Number of obstacles, the nearest, that are drawn in clearance over time."""
+
+_BOX_SPACING = 1.5
+"""Distance along the path between boxes around the load in a recording [m]."""
+
+_CLEARANCE_SCALE = 8.0
+"""Largest clearance on the axis of clearance over time [m]."""
 
 _FAILED = 1e3
 """Share of a limit from which on a gust is not drawn, since lifts failed in it."""
@@ -79,7 +84,8 @@ def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
 
 def draw_loads(analysis: LiftAnalysis) -> Figure:
     """Draw utilisation, load moment and the rope's angles over time."""
-    figure, (used, moment, lead) = panels(3, height=1.9, sharex=True)
+    figure, axes = panels(3, height=1.9, sharex=True)
+    used, moment, lead = axes
     t = analysis.loads.t
     if analysis.utilisation is not None:
         used.plot(t, 100.0 * analysis.utilisation, color=COLOURS["x"])
@@ -100,7 +106,8 @@ def draw_loads(analysis: LiftAnalysis) -> Figure:
 def draw_chart(analysis: LiftAnalysis) -> Figure:
     """Draw the rated load over the radius with the pull of the load, and the moment of the jib."""
     figure, (rated, jib) = panels(1, 2, height=3.4, width=11.0)
-    for reeving in () if analysis.chart is None else analysis.chart.reevings:
+    reevings = () if analysis.chart is None else analysis.chart.reevings
+    for reeving in reevings:
         radius = np.linspace(max(reeving.least, 0.5), reeving.radii[-1], 200)
         style = "-" if reeving.count == analysis.inputs.falls else ":"
         label = f"{reeving.count} falls"
@@ -145,7 +152,8 @@ def site_views(certificate: Certificate) -> Figure:
     point, and the reach of the crane.
     """
     lift = certificate.lift
-    site, clearance = lift.clearance.site, lift.clearance
+    clearance = lift.clearance
+    site = clearance.site
     path = site.to_site(clearance.point(lift.timed.places))
     nearest_row = np.searchsorted(certificate.run.t, certificate.nearest_t)
     nearest_place = certificate.run.q[nearest_row][clearance.drive_joints]
@@ -180,14 +188,12 @@ def clearance_over_time(certificate: Certificate) -> Figure:
     site = certificate.lift.clearance.site
     figure, (clear, swing) = panels(2, height=2.6, sharex=True)
     zones = {solid.name for solid in site.solids if solid.zone}
-    names = sorted(
-        (name for name in certificate.distances if name not in zones),
-        key=lambda name: certificate.distances[name].min().item(),
-    )
-    for i, name in enumerate(names[:_SHOWN]):
+    names = [name for name in certificate.distances if name not in zones]
+    names.sort(key=lambda name: certificate.distances[name].min().item())
+    for i, name in enumerate(names[:_MAX_OBSTACLES]):
         clear.plot(certificate.t, certificate.distances[name], color=run_colour(i), label=name)
     clear.axhline(site.distance, color="#000000", linestyle="--", linewidth=1.0, label="required")
-    clear.set(ylabel="clearance [m]", ylim=(0.0, _SCALE))
+    clear.set(ylabel="clearance [m]", ylim=(0.0, _CLEARANCE_SCALE))
     clear.legend(loc="upper right", ncols=2, fontsize=9)
     run = certificate.run
     swing.plot(run.t, 1e3 * run["phi_rad"], color=COLOURS["phi"], label="φ radial")
@@ -204,29 +210,36 @@ def scenery(certificate: Certificate, *, begins: float = 0.0) -> Scenery:
     """Return the obstacles of a site for a recording, marked while they are nearer than the
     required distance and twice the envelope, in a run in which the lift begins at a time [s].
     """
-    lift, clearance = certificate.lift, certificate.lift.clearance
+    lift = certificate.lift
+    clearance = lift.clearance
     mark = clearance.site.distance + 2.0 * clearance.envelope(float(lift.ends[:, 2].mean()))
     obstacles = []
     for solid in clearance.solids:
-        spells = () if solid.zone else _spells(certificate, solid.name, mark)
-        shape = solid.name, solid.vertices, solid.triangles, solid.zone
-        obstacles.append(Obstacle(*shape, [begins + t for t in spells]))
-    return Scenery(obstacles, clearance.point(lift.timed.places[::5]), _swept(lift))
+        times: list[float] = []
+        if not solid.zone:  # no distance is required of a zone
+            times = _times_near(certificate, solid.name, mark)
+        marked = [begins + t for t in times]
+        obstacle = Obstacle(solid.name, solid.vertices, solid.triangles, solid.zone, marked)
+        obstacles.append(obstacle)
+    return Scenery(obstacles, clearance.point(lift.timed.places[::5]), _swept_boxes(lift))
 
 
-def _spells(certificate: Certificate, name: str, mark: float) -> list[float]:
-    """Return the times at which an obstacle comes near and leaves, in turn [s]."""
+def _times_near(certificate: Certificate, name: str, mark: float) -> list[float]:
+    """Return the times at which an obstacle comes nearer than a distance [m] and leaves, in turn
+    [s].
+    """
     near = certificate.distances[name] < mark
     turns = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
     return certificate.t[np.minimum(turns, len(certificate.t) - 1)].tolist()
 
 
-def _swept(lift: Lift) -> dict[str, np.ndarray]:
-    """Return boxes around the load with its envelope, some metres apart."""
-    clearance, drive_positions = lift.clearance, lift.timed.places
+def _swept_boxes(lift: Lift) -> dict[str, np.ndarray]:
+    """Return boxes around the load with its envelope, `_BOX_SPACING` apart along its path."""
+    clearance = lift.clearance
+    drive_positions = lift.timed.places
     points = clearance.point(drive_positions)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    rows = np.unique(np.searchsorted(arc, np.arange(0.0, arc[-1], _SPACED)))
+    rows = np.unique(np.searchsorted(arc, np.arange(0.0, arc[-1], _BOX_SPACING)))
     load = clearance.bodies.load
     envelope = np.array([clearance.envelope(length) for length in drive_positions[rows, 2]])
     return {
@@ -237,10 +250,13 @@ def _swept(lift: Lift) -> dict[str, np.ndarray]:
 
 
 def solid_outlines(solid: Solid, i: int, j: int) -> PolyCollection:
-    """Draw a solid along an axis."""
+    """Return the outlines of a solid as seen along an axis, with the coordinates i and j to the
+    right and upwards: those of its convex parts, or of its triangles if it has none.
+    """
     faces = solid.parts or tuple(solid.vertices[triangle] for triangle in solid.triangles)
     shapes = []
     for corners in faces:
+        # Faces seen from the side are lines, of which there is no convex hull.
         flat = np.unique(np.round(corners[:, [i, j]], 6), axis=0)
         if len(flat) > 2 and np.linalg.matrix_rank(flat - flat[0], tol=1e-5) == 2:
             shapes.append(flat[ConvexHull(flat).vertices])

@@ -27,9 +27,13 @@ from cranedyn.model.crane import Crane
 from cranedyn.planning.site import Arm, Base
 
 _UP = np.array([0.0, 0.0, 1.0])
+"""Direction against gravity in the world."""
+
 _PRINCIPAL = ("load_moment_Nm", "rope_N", "off_lead_rad", "side_lead_rad")
-_BELOW = 1e-9
-"""Horizontal part of an axis below which it points nowhere in the plan."""
+"""Columns that a figure shows by default."""
+
+_MIN_HORIZONTAL_PART = 1e-9
+"""Horizontal part of a unit axis up to which it points nowhere in plan."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,27 +142,32 @@ def loads_of_rows(
     Raises:
         OutOfRange: If an array has another shape, or a number or a load is not finite.
     """
-    shape = np.shape(q)[:-1]
-    n, m, points = crane.layout.n, crane.layout.m, len(crane.points)
-    q, v, effort = _flat("q", q, n), _flat("v", v, n), _flat("effort", effort, m)
-    outside = None if force is None else _flat("force", force, 3 * points)
-    moving = Moving.of(crane, q, v, effort, outside, buffers=buffers)
     layout = crane.layout
+    shape = np.shape(q)[:-1]
+    q = _as_rows("q", q, layout.n)
+    v = _as_rows("v", v, layout.n)
+    effort = _as_rows("effort", effort, layout.m)
+    if force is not None:
+        force = _as_rows("force", force, 3 * len(crane.points))
+    moving = Moving.of(crane, q, v, effort, force, buffers=buffers)
+
     columns: dict[str, np.ndarray] = {}
-    weight = crane.gravity * sum(arm.mass for arm in arms)
-    turning = crane.gravity * sum(arm.mass * arm.centre for arm in arms)
+    arm_weight = crane.gravity * sum(arm.mass for arm in arms)
+    arm_moment = crane.gravity * sum(arm.mass * arm.centre for arm in arms)
     if layout.has("hoist"):
         columns |= _of_rope(crane, moving, effort, buffers)
     if layout.has("slew", "trolley", "hoist"):
-        columns |= _of_ring(crane, moving, columns["pull_N"], weight, turning)
+        columns |= _of_ring(crane, moving, columns["pull_N"], arm_weight, arm_moment)
     foot = moving.through_ground()
     if arms:
-        outward, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
-        moment = foot.moment + np.cross(outward, -_UP) * turning
-        foot = foot._replace(force=foot.force - _UP * weight, moment=moment)
-    still = 0.0 if base is None else base.mass * crane.gravity
+        trolley = layout.role("trolley", "A jib that weighs where it lies")
+        outward, _ = _jib_directions(moving, trolley)
+        # A weight W at r along the jib turns the foot by r × (-W up).
+        moment = foot.moment + np.cross(outward, -_UP) * arm_moment
+        foot = foot._replace(force=foot.force - _UP * arm_weight, moment=moment)
+    base_weight = 0.0 if base is None else base.mass * crane.gravity
     columns |= {
-        "foot_vertical_N": -foot.force[:, 2] + still,
+        "foot_vertical_N": -foot.force[:, 2] + base_weight,
         "foot_x_Nm": foot.moment[:, 0],
         "foot_y_Nm": foot.moment[:, 1],
         "overturning_Nm": np.hypot(foot.moment[:, 0], foot.moment[:, 1]),
@@ -192,7 +201,9 @@ def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
     finite("moment on the foot", foot.moment, ("rows", 3), unit="N m")
     vertical = -foot.force[:, 2] + base.mass * gravity
     signs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]  # of x and y
-    m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
+    m_x = foot.moment[:, 0]
+    m_y = foot.moment[:, 1]
+    # x = ±b/2 over b² is ±1/(2 b).
     tilting = [(m_y * x - m_x * y) / (2.0 * base.spacing) for x, y in signs]
     corners = np.stack([vertical / 4.0 + force for force in tilting], axis=1)
     return finite("force of a corner", corners, ("rows", 4), unit="N")
@@ -221,9 +232,10 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
     trolley = crane.layout.role("trolley", "The moment along the jib")
     buffers = run.parameters.get("validity") == "buffers"
     moving = Moving.of(crane, run.q, run.v, run.effort, run.force, buffers=buffers)
-    _, aside = _plan(moving, trolley)
+    _, aside = _jib_directions(moving, trolley)
     root = moving.through(trolley)
-    tilting, down = _along(root.moment, aside), -root.force[:, 2]
+    tilting = _along(root.moment, aside)
+    down = -root.force[:, 2]
     ahead = run.q[:, trolley, None] - stations
     moment = np.where(ahead >= 0.0, tilting[:, None] + down[:, None] * ahead, 0.0)
     return finite("moment of the jib", moment, ("rows", "stations"), unit="N m")
@@ -236,9 +248,10 @@ def hanging_mass(crane: Crane) -> float:
         MissingRole: If no joint is a hoist.
     """
     hoist = crane.layout.role("hoist", "The mass that hangs")
-    below, parents = {hoist}, [parent - 1 for parent in crane.model.parents[1:]]
-    for i, parent in enumerate(parents):
-        if parent in below:
+    # Pinocchio counts the world as joint 0, and parents come before their children.
+    below = {hoist}
+    for i, parent in enumerate(crane.model.parents[1:]):
+        if parent - 1 in below:
             below.add(i)
     return float(sum(crane.model.inertias[i + 1].mass for i in below))
 
@@ -246,24 +259,31 @@ def hanging_mass(crane: Crane) -> float:
 def _of_rope(
     crane: Crane, moving: Moving, effort: np.ndarray, buffers: bool
 ) -> dict[str, np.ndarray]:
-    layout, weight = crane.layout, hanging_mass(crane) * crane.gravity
+    """Return the loads of the rope: tension, pull, margins from slack and from the hoist's largest
+    force, and, with a trolley, its angles from plumb and its side force.
+    """
+    layout = crane.layout
+    weight = hanging_mass(crane) * crane.gravity
     joint = layout.role("hoist", "The rope")
     pull = moving.through(joint).force
     hoist = hoisting(crane, effort)
     hoist = hoist + (cable_buffers(crane, moving.q, moving.v) if buffers else 0.0)
-    slack = crane.springs.rope
-    if slack is not None and slack.inextensible:
-        tension = _along(moving.through(slack.stretch).force, moving.axis(slack.stretch))
+    rope_spring = crane.springs.rope
+    if rope_spring is not None and rope_spring.inextensible:
+        # No law gives the tension of a rope that cannot stretch: it is a constraint force.
+        stretch = rope_spring.stretch
+        tension = _along(moving.through(stretch).force, moving.axis(stretch))
     else:
         tension = np.broadcast_to(
             tension_from_hoist_force(layout, JointForces.of(crane), moving.q.T, moving.v.T, hoist),
             len(hoist),
         )
     columns = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
-    if (drive := layout.drive_of("hoist")) is not None:
+    drive = layout.drive_of("hoist")
+    if drive is not None:
         columns["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
     if layout.has("trolley"):
-        outward, aside = _plan(moving, layout.role("trolley", "The plane of the jib"))
+        outward, aside = _jib_directions(moving, layout.role("trolley", "The plane of the jib"))
         rope = moving.axis(joint)
         columns["off_lead_rad"] = np.arctan2(_along(rope, outward), -rope[:, 2])
         columns["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
@@ -272,38 +292,54 @@ def _of_rope(
 
 
 def _of_ring(
-    crane: Crane, moving: Moving, pull: np.ndarray, weight: float, turning: float
+    crane: Crane, moving: Moving, pull: np.ndarray, arm_weight: float, arm_moment: float
 ) -> dict[str, np.ndarray]:
-    """Return the loads of the slewing ring, with the weight of the arms and its moment about it."""
-    slew, trolley = (crane.layout.role(name, "The slewing ring") for name in ("slew", "trolley"))
-    outward, aside = _plan(moving, trolley)
+    """Return the loads of the slewing ring.
+
+    Args:
+        crane: The crane.
+        moving: Its states.
+        pull: Pull of what hangs [N], shape (rows,).
+        arm_weight: Weight of jib and counter-jib that the model does not know [N].
+        arm_moment: Its moment about the slew axis, jib down positive [N m].
+    """
+    slew = crane.layout.role("slew", "The slewing ring")
+    trolley = crane.layout.role("trolley", "The slewing ring")
+    outward, aside = _jib_directions(moving, trolley)
     ring = moving.through(slew)
     radius = _along(moving.origin(trolley) - ring.point, outward)
     return {
         "radius_m": radius,
         "load_moment_Nm": pull * radius,
-        "ring_vertical_N": -ring.force[:, 2] + weight,
-        "ring_tilting_Nm": _along(ring.moment, aside) + turning,
+        "ring_vertical_N": -ring.force[:, 2] + arm_weight,
+        "ring_tilting_Nm": _along(ring.moment, aside) + arm_moment,
         "ring_lateral_Nm": _along(ring.moment, outward),
         "ring_torsion_Nm": ring.moment[:, 2],
     }
 
 
-def _plan(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
+def _jib_directions(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
     """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of
     positive slew, both level, shape (rows, 3).
     """
     outward = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
-    size = np.linalg.norm(outward, axis=1)
-    if not (size > _BELOW).all():
-        raise OutOfRange("horizontal part of the trolley's axis", float(size.min()), "> 0")
-    outward = outward / size[:, None]
+    length = np.linalg.norm(outward, axis=1)
+    if not (length > _MIN_HORIZONTAL_PART).all():
+        raise OutOfRange("horizontal part of the trolley's axis", float(length.min()), "> 0")
+    outward = outward / length[:, None]
     return outward, np.cross(_UP, outward)
 
 
 def _along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Return the parts of vectors along unit vectors, shape (rows,), of shape (rows, 3) each."""
     return np.einsum("ij,ij->i", vector, direction)
 
 
-def _flat(name: str, table: np.ndarray, wide: int) -> np.ndarray:
-    return finite(name, table, (wide,), ("rows", wide), ("cranes", "rows", wide)).reshape(-1, wide)
+def _as_rows(name: str, table: np.ndarray, width: int) -> np.ndarray:
+    """Return a checked table of one row, rows, or rows of many cranes, as rows, shape (k, width).
+
+    Raises:
+        OutOfRange: If it has another shape, or a number is not finite.
+    """
+    shapes = (width,), ("rows", width), ("cranes", "rows", width)
+    return finite(name, table, *shapes).reshape(-1, width)

@@ -20,7 +20,10 @@ CREEP = 0.1
 """Creep speed of a hoist over its largest; ours."""
 
 _SECOND = "second hand"
+"""Said of what a standard demands: nobody here has read the standard itself."""
+
 _MODEL = "docs/concepts/lifting.md"
+"""Page that derives the formulas of the loads."""
 
 
 class Table(NamedTuple):
@@ -40,11 +43,12 @@ class Table(NamedTuple):
 
     def cells(self) -> list[list[str]]:
         """Return the rows as text."""
-        forms = [form for _, form in self.columns]
-        return [
-            ["-" if value is None else format(value, form) for value, form in pairs]
-            for pairs in (zip(row, forms, strict=True) for row in self.rows)
-        ]
+        formats = [form for _, form in self.columns]
+        cells = []
+        for row in self.rows:
+            pairs = zip(row, formats, strict=True)
+            cells.append(["-" if value is None else format(value, form) for value, form in pairs])
+        return cells
 
 
 def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
@@ -60,24 +64,27 @@ def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
 
 
 def _lift(analysis: LiftAnalysis) -> Table:
-    lift, run = analysis.certificate.lift, analysis.run
-    site, crane = analysis.site, analysis.crane
+    """Return what is lifted, by which crane, from where to where and how fast."""
+    lift = analysis.certificate.lift
+    site = analysis.site
     size = np.ptp(lift.clearance.bodies.load, axis=0)
     ends = site.to_site(lift.clearance.point(lift.ends))
-    radius, length = analysis.loads["radius_m"], run["l_m"]
+    radius = analysis.loads["radius_m"]
+    length = analysis.run["l_m"]
+    slew_rate, trolley_rate, hoist_rate = lift.limits.rates
     rows: list[Row] = [
         ["site", site.name, "the site's file"],
         ["from, to [m]", " to ".join(_point(end) for end in ends), "the site's file"],
         ["begins and ends", _begins_and_ends(analysis), "the site's file"],
         ["gross load", _gross(analysis), "the site's file"],
         ["its size [m]", " x ".join(f"{side:.1f}" for side in size), "the site's file"],
-        ["crane", crane.model.name, "its URDF"],
+        ["crane", analysis.crane.model.name, "its URDF"],
         *_chart_rows(analysis),
         ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
         ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
         ["time of the lift", f"{lift.timed.motion.arrival:.0f} s", "the plan"],
-        ["slew, at most", f"{lift.limits.rates[0] * 30.0 / math.pi:.2f} rpm", "the drives"],
-        ["trolley, hoist, at most", "{1:.2f}, {2:.2f} m/s".format(*lift.limits.rates), "the same"],
+        ["slew, at most", f"{slew_rate * 30.0 / math.pi:.2f} rpm", "the drives"],
+        ["trolley, hoist, at most", f"{trolley_rate:.2f}, {hoist_rate:.2f} m/s", "the same"],
         ["required distance", f"{site.distance:g} m", "the site's file"],
     ]
     return Table("The lift", [("", ""), ("value", ""), ("from", "")], rows)
@@ -92,6 +99,7 @@ def _begins_and_ends(analysis: LiftAnalysis) -> str:
 
 
 def _chart_rows(analysis: LiftAnalysis) -> list[Row]:
+    """Return the rows about the chart."""
     chart = analysis.chart
     if chart is None:
         return [["chart", "none of this crane was entered", None]]
@@ -104,9 +112,10 @@ def _chart_rows(analysis: LiftAnalysis) -> list[Row]:
 
 def _assumptions(analysis: LiftAnalysis) -> Table:
     """Return what the judgement rests on, with where each value is from."""
-    rows: list[Row] = [
-        [a.name, a.value, a.origin.value, a.field or None] for a in analysis.inputs.assumptions
-    ]
+    rows: list[Row] = []
+    for assumption in analysis.inputs.assumptions:
+        field = assumption.field or None
+        rows.append([assumption.name, assumption.value, assumption.origin.value, field])
     columns = [("", ""), ("value", ""), ("from", ""), ("field or option", "")]
     note = "The result holds as long as these do. A default is a value that nobody entered."
     return Table("What the result rests on", columns, rows, note)
@@ -114,7 +123,8 @@ def _assumptions(analysis: LiftAnalysis) -> Table:
 
 def _gross(analysis: LiftAnalysis) -> str:
     """Return the mass that hangs as the sum that it is."""
-    gross, rigging = hanging_mass(analysis.crane) / 1e3, analysis.site.rigging
+    gross = hanging_mass(analysis.crane) / 1e3
+    rigging = analysis.site.rigging
     terms = {"load": gross - sum(rigging.values()) / 1e3}
     terms |= {name: mass / 1e3 for name, mass in rigging.items()}
     weighed = " + ".join(f"{name} {mass:.2f} t" for name, mass in terms.items())
@@ -127,7 +137,8 @@ def _point(point: np.ndarray) -> str:
 
 def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
     """Return the extremes of the loads and their times."""
-    carried, t = analysis.loads, analysis.loads.t
+    carried = analysis.loads
+    t = carried.t
     rows: list[Row] = []
 
     def add(name: str, values: np.ndarray, scale: float, unit: str, limit: str = "-") -> None:
@@ -139,17 +150,17 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
     of_chart = "-" if analysis.chart is None else "the chart"
     add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", of_chart)
     add("rope", carried["rope_N"], 1e-3, "kN")
-    lead = [np.degrees(carried[f"{side}_lead_rad"]) for side in ("off", "side")]
     assert analysis.requirements.swing is not None  # see `cranedyn.lifting.judged_inputs`
     allowed = f"{math.degrees(analysis.requirements.swing):g}"
-    add("off-lead", lead[0], 1.0, "°", allowed)
-    add("side-lead", lead[1], 1.0, "°", allowed)
+    add("off-lead", np.degrees(carried["off_lead_rad"]), 1.0, "°", allowed)
+    add("side-lead", np.degrees(carried["side_lead_rad"]), 1.0, "°", allowed)
     add("side force", carried["side_force_percent"], 1.0, "% of the weight")
     add("slewing ring, tilting", carried["ring_tilting_Nm"], 1e-3, "kN m")
     add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
     add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
     add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
-    base, note = analysis.site.base, f"Formulas: {_MODEL}.{source_note}"
+    base = analysis.site.base
+    note = f"Formulas: {_MODEL}.{source_note}"
     if base is not None:
         corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
         permitted = "-" if base.permitted is None else f"{base.permitted / 1e3:g}"

@@ -53,8 +53,14 @@ def recurrence_factor(years: float) -> float:
     quantile of 1 - 1/years of Gumbel's law, see `SCATTER`.
     """
     years = within("years of recurrence", years, 2.0, 1000.0)
-    quantile, reference = (1.0 - SCATTER * math.log(-math.log1p(-1.0 / y)) for y in (years, 50.0))
-    return quantile / reference
+    return _gumbel_quantile(years) / _gumbel_quantile(50.0)
+
+
+def _gumbel_quantile(years: float) -> float:
+    """Return the wind speed that is exceeded once in so many years, over the location of Gumbel's
+    law: 1 - s ln(-ln(1 - 1/years)) with its scale s, see `SCATTER`.
+    """
+    return 1.0 - SCATTER * math.log(-math.log1p(-1.0 / years))
 
 
 def out_of_service_speed(height: float, reference: float, years: float = 50) -> float:

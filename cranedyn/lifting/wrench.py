@@ -39,7 +39,8 @@ class Moving:
 
     Attributes:
         tree: Its bodies.
-        q, v: Coordinates and rates, shape (rows, n) each.
+        q: Coordinates [rad or m], shape (rows, n).
+        v: Their rates, shape (rows, n).
         frames: Frame of each joint in that of its parent.
         transmitted: Force and torque on the body of each joint, in the frame of the joint.
     """
@@ -75,39 +76,49 @@ class Moving:
         crane_plant = plant(topology, numbers(crane).tolist(), "effort", buffers)
         outside = None if force is None or not np.any(force) else rows(force)
         caused = crane_plant.answer(rows(q), rows(v), rows(effort), outside)[0]
-        external = [] if outside is None else list(outside.reshape(-1, 3))
-        points = zip(topology.bodies, crane_plant.levers, external, strict=outside is not None)
-        tree = numeric_bodies(crane)  # that of the plant counts masses with their parents
-        forces = [ExternalForce(*values) for values in points]
+        # The tree of the plant counts masses that move together with their parents. What passes
+        # through a joint is that of the masses beyond it, so that it needs each where it is.
+        tree = numeric_bodies(crane)
+        forces: list[ExternalForce] = []
+        if outside is not None:
+            points = zip(topology.bodies, crane_plant.levers, outside.reshape(-1, 3), strict=True)
+            forces = [
+                ExternalForce(body, lever, point_force) for body, lever, point_force in points
+            ]
         frames = rigid_body.frames(tree, rows(q))
         transmitted = rigid_body.transmitted(tree, frames, rows(v), caused, forces)
         return cls(tree, q, v, frames, transmitted)
 
     def through(self, joint: int) -> Wrench:
         """Return the wrench through a joint, by its index among the coordinates."""
-        force, moment = (
-            -self._filled(self._turned(joint, vector)) for vector in self.transmitted[joint]
-        )
+        # Transmitted is what the side of the ground does to the body; the reaction is the wrench.
+        force_on_body, torque_on_body = self.transmitted[joint]
+        force = -self._filled(self._turned(joint, force_on_body))
+        moment = -self._filled(self._turned(joint, torque_on_body))
         return Wrench(force, moment, self.origin(joint))
 
     def through_ground(self) -> Wrench:
         """Return the wrench through the ground, about the world's origin."""
-        wrenches = [self.through(i) for i, parent in enumerate(self.tree.parents) if parent < 0]
+        on_ground = [i for i, parent in enumerate(self.tree.parents) if parent < 0]
+        wrenches = [self.through(joint) for joint in on_ground]
         moments = [wrench.moment + np.cross(wrench.point, wrench.force) for wrench in wrenches]
         force = np.sum([wrench.force for wrench in wrenches], axis=0)
-        return Wrench(force, np.sum(moments, axis=0), np.zeros_like(force))
+        moment = np.sum(moments, axis=0)
+        return Wrench(force, moment, np.zeros_like(force))
 
     def axis(self, joint: int) -> np.ndarray:
         """Return the positive direction of a joint in the world, shape (rows, 3)."""
+        # A joint slides along an axis or turns about one; the other of the two is zero.
         along, about = self.tree.axis[joint]
         return self._filled(self._turned(joint, along + about))
 
     def origin(self, joint: int) -> np.ndarray:
         """Return the origin of a joint's frame in the world [m], shape (rows, 3)."""
-        zero = array([0.0] * 3)
-        still = array([0.0] * len(self.tree))
-        ((point, _),) = rigid_body.point_motions(self.tree, self.frames, still, joint, [zero])
-        return self._filled(point)
+        origin = array([0.0] * 3)
+        at_rest = array([0.0] * len(self.tree))
+        motions = rigid_body.point_motions(self.tree, self.frames, at_rest, joint, [origin])
+        ((position, _),) = motions
+        return self._filled(position)
 
     def _turned(self, body: int, vector: np.ndarray) -> np.ndarray:
         """Return a vector of the frame of a joint in the world, shape (3,)."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -72,11 +73,14 @@ GOAL_TOLERANCE = 0.01
 MAX_FINAL_SPEED = 1e-3
 """Largest speed of the load at the end of a lift [m/s]."""
 
-_DRUM = 5.0
+_DRUM_MASS_RATIO = 5.0
 """Mass of hoist drum and motor at the rope over that of the load, for a crane that gives none."""
 
-_DAMPED = 0.99
+_MAX_DAMPING_RATIO = 0.99
 """Largest damping ratio of the bounce that the bound of the pull counts on."""
+
+_RANGE_TOLERANCE = 1e-9
+"""Distance by which drives may leave their ranges by rounding [rad or m]."""
 
 
 def ground_of(
@@ -96,17 +100,24 @@ def ground_of(
             farther from all places is left out; None for none.
         properties: Friction, restitution and sink, see `Ground`.
     """
-
-    def near(vertices: np.ndarray) -> bool:
-        if within is None:
-            return True
-        centres, reach = within
-        low, high = vertices.min(axis=0)[:2] - reach, vertices.max(axis=0)[:2] + reach
-        return bool(((low < centres[:, :2]) & (centres[:, :2] < high)).all(axis=1).any())
-
-    solids = (solid for solid in site.seen_by_crane() if not solid.zone)
-    hulls = [Hull(part.tolist()) for solid in solids for part in solid.parts if near(part)]
+    hulls = []
+    for solid in site.seen_by_crane():
+        if solid.zone:
+            continue
+        for part in solid.parts:
+            if within is None or _is_near(part, *within):
+                hulls.append(Hull(part.tolist()))
     return Ground(points, tuple(hulls), height=site.ground - float(site.foot[2]), **properties)
+
+
+def _is_near(vertices: np.ndarray, places: np.ndarray, distance: float) -> bool:
+    """Return whether the rectangle around vertices, widened by a distance [m], has one of the
+    places in it, all seen in plan.
+    """
+    low = vertices.min(axis=0)[:2] - distance
+    high = vertices.max(axis=0)[:2] + distance
+    inside = (low < places[:, :2]) & (places[:, :2] < high)
+    return bool(inside.all(axis=1).any())
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +153,10 @@ class GroundLift:
         tension = float(JointForces.of(self.crane).tension(*state))
         hangs = tension > HANGING_TENSION_RATIO * weight
         effort = np.array(self.controller(t, self.seen(state, hangs=hangs), self.motion(t)))
-        effort += 0.0 if hangs else (weight - tension) * self.crane.layout.along("l")
+        if not hangs:
+            # The controller holds the whole weight, by a negative effort of the hoist. What the
+            # rope does not carry is taken off.
+            effort += (weight - tension) * self.crane.layout.along("l")
         return effort
 
     def seen(self, state: State, *, hangs: bool = True) -> State:
@@ -150,13 +164,21 @@ class GroundLift:
 
         The load's angles are those of rope and sling by their lengths. Shape (n,) or (n, rows).
         """
-        at, lug = self.crane.layout.at, _lug(self.crane)
-        swing, sling = at("phi", "theta"), at("sling_radial", "sling_tangential")
+        at = self.crane.layout.at
+        lug = _lug(self.crane)
+        # A load on a rope l and a sling s, with the angles φ and φ + σ, is at the same place to
+        # first order as one on a rope l + s with the angle φ + s/(l + s) σ.
         share = lug / (state.q[at("l")] + lug)
-        q, v = (
-            np.concatenate([z[at("gamma", "x")], hangs * (z[swing] + share * z[sling]), z[at("l")]])
-            for z in state
-        )
+        seen = []
+        for coordinates in state:
+            swing = coordinates[at("phi", "theta")]
+            sling = coordinates[at("sling_radial", "sling_tangential")]
+            angles = swing + share * sling if hangs else np.zeros_like(swing)
+            seen.append(
+                np.concatenate([coordinates[at("gamma", "x")], angles, coordinates[at("l")]])
+            )
+        q, v = seen
+        # The cable of the plan ends at the centre of the load, that of the simulation at its lug.
         q[self.motion.drives[2]] += lug
         return State(q, v)
 
@@ -190,45 +212,96 @@ def from_ground(
         NoWay: If the load would stand on or in a mesh that is not convex, or is no box.
         ModelError: If joints or links of the crane have names of those of a rope that stretches.
     """
-    clearance, planned = lift.clearance, lift.timed.motion
+    clearance = lift.clearance
+    planned = lift.timed.motion
     number("EA of the rope", rope_stiffness, "N", "> 0")
     fastest = float(lift.limits.rates[lift.crane.layout.drive("l")])
     creep = within("creep speed", creep, LEAST_HOIST_SPEED, fastest, "m/s")
     sink_rate = within("sink rate", sink_rate, LEAST_HOIST_SPEED, fastest, "m/s")
     _refuse_unless_a_box(clearance.bodies.load)
     crane, sides = _on_rope(clearance, rope_stiffness)
-    ends = clearance.point(lift.ends), clearance.bodies.spread + clearance.site.distance
-    ground = ground_of(clearance.site, box_corners(*sides), within=ends)
+    near_ends = clearance.point(lift.ends), clearance.bodies.spread + clearance.site.distance
+    ground = ground_of(clearance.site, box_corners(*sides), within=near_ends)
 
-    def lowered(place: int, speed: float) -> np.ndarray:
-        """Return q, v and a of a set-down and a pause after it, shape (3, rows, 5)."""
-        ramp = max(1.0, speed / HOIST_ACCELERATION)
-        stands = _standing(crane, ground, planned(planned.arrival * -place).position)
-        travel = SLACK + float(stands.q[crane.layout.index("rope_stretch")])
-        duration = planned.period * math.ceil((travel / speed + ramp) / planned.period)
-        t = np.arange(0.0, duration + PAUSE, planned.period)
-        rows = np.zeros((3, len(t), planned.q.shape[1]))
-        rows[0] = planned.q[place]
-        for order in range(3):
-            rows[order, :, planned.drives[2]] += travel * cruise(t, duration, ramp, order)
-        return rows
-
-    pieces: dict[str, np.ndarray] = {}
+    phases: dict[str, _Rows] = {}
     if stands[0]:
-        signs = np.array([1.0, -1.0, 1.0])[:, None, None]  # of q, v and a backward in time
-        raised = lowered(0, creep)[:, ::-1] * signs
-        pause = np.repeat(raised[:, -1:], round(PAUSE / planned.period), axis=1)
-        pieces |= {"lift-off": raised, "pause": pause}
-    pieces["motion"] = np.stack([planned.q, planned.v, planned.a])
+        standing_state = _standing(crane, ground, planned(0.0).position)
+        # A lift-off is a set-down backward in time.
+        raised = _set_down(crane, planned, standing_state, 0, creep).backward()
+        phases["lift-off"] = raised
+        phases["pause"] = raised.last_repeated(round(PAUSE / planned.period))
+    phases["motion"] = _Rows(planned.q, planned.v, planned.a)
     if stands[1]:
-        pieces["set-down"] = lowered(-1, sink_rate)
-    begins = planned.period * np.cumsum([0, *(rows.shape[1] for rows in pieces.values())])
-    q, v, a = np.concatenate([*pieces.values()], axis=1)
-    motion = Motion(planned.period, q, v, a, planned.drives)
-    phases = dict(zip(pieces, begins.tolist(), strict=False))
-    made = GroundLift(lift, crane, ground, motion, lqr(lift.crane, motion), phases)
-    _refuse_meshes(made, stands)
-    return made
+        standing_state = _standing(crane, ground, planned(planned.arrival).position)
+        phases["set-down"] = _set_down(crane, planned, standing_state, -1, sink_rate)
+
+    begins = {}
+    row = 0
+    for name, rows in phases.items():
+        begins[name] = planned.period * row
+        row += len(rows.q)
+    motion = Motion(
+        planned.period,
+        np.concatenate([rows.q for rows in phases.values()]),
+        np.concatenate([rows.v for rows in phases.values()]),
+        np.concatenate([rows.a for rows in phases.values()]),
+        planned.drives,
+    )
+    ground_lift = GroundLift(lift, crane, ground, motion, lqr(lift.crane, motion), begins)
+    _refuse_meshes(ground_lift, stands)
+    return ground_lift
+
+
+class _Rows(NamedTuple):
+    """A part of a motion, a row for each period.
+
+    Attributes:
+        q: Coordinates, shape (rows, n).
+        v: Their rates, shape (rows, n).
+        a: Their accelerations, shape (rows, n).
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+    def backward(self) -> _Rows:
+        """Return the motion backward in time, in which rates have the other sign."""
+        return _Rows(self.q[::-1], -self.v[::-1], self.a[::-1])
+
+    def last_repeated(self, count: int) -> _Rows:
+        """Return the last row, repeated."""
+        return _Rows(*(np.repeat(table[-1:], count, axis=0) for table in self))
+
+
+def _set_down(
+    crane: Crane, planned: Motion, standing_state: State, row: int, speed: float
+) -> _Rows:
+    """Return the set-down from a row of the planned motion, and a pause after it.
+
+    The hoist pays out what the standing load needs until its rope hangs slack by `SLACK`.
+
+    Args:
+        crane: The crane with a rope that stretches.
+        planned: The planned motion.
+        standing_state: State of that crane in which the load stands below this row.
+        row: The row: 0 or -1.
+        speed: Speed of the hoist between its ramps [m/s].
+    """
+    hoist = planned.drives[2]
+    ramp = max(1.0, speed / HOIST_ACCELERATION)
+    travel = SLACK + float(standing_state.q[crane.layout.index("rope_stretch")])
+    # At the speed but for two ramps, each of which costs half of its time: travel / speed + ramp.
+    duration = planned.period * math.ceil((travel / speed + ramp) / planned.period)
+    t = np.arange(0.0, duration + PAUSE, planned.period)
+    q = np.zeros((len(t), planned.q.shape[1]))
+    v = np.zeros_like(q)
+    a = np.zeros_like(q)
+    q[:] = planned.q[row]
+    q[:, hoist] += travel * cruise(t, duration, ramp, 0)
+    v[:, hoist] += travel * cruise(t, duration, ramp, 1)
+    a[:, hoist] += travel * cruise(t, duration, ramp, 2)
+    return _Rows(q, v, a)
 
 
 def _refuse_unless_a_box(load: np.ndarray) -> None:
@@ -251,11 +324,14 @@ def _refuse_meshes(lift: GroundLift, stands: tuple[bool, bool]) -> None:
     Raises:
         NoWay: With the name of the mesh.
     """
-    ends = zip(("start", "goal"), stands, (0.0, lift.lift.timed.motion.arrival), strict=True)
-    for name, is_standing, t in ends:
-        if not is_standing:
-            continue
-        drives = lift.lift.timed.motion(t).position
+    planned = lift.lift.timed.motion
+    times = {}
+    if stands[0]:
+        times["start"] = 0.0
+    if stands[1]:
+        times["goal"] = planned.arrival
+    for name, t in times.items():
+        drives = planned(t).position
         corners = load_corners(lift, _standing(lift.crane, lift.ground, drives).q)
         for mesh in meshes_at(lift.lift.clearance.site, corners):
             raise NoWay(
@@ -270,17 +346,28 @@ def certify_ground_lift(
 ) -> tuple[Trajectory, list[Check]]:
     """Simulate a lift from the ground or to it, and check each phase.
 
+    Args:
+        lift: The lift.
+        engine: Engine of the simulation.
+
+    Returns:
+        The run, and the checks of its phases.
+
     Raises:
         RunError: If the simulation breaks off.
     """
-    crane, motion = lift.crane, lift.motion
+    crane = lift.crane
+    motion = lift.motion
     drives = motion(0.0).position
-    hangs = State(crane.hanging(_below(crane, drives).q), np.zeros(crane.layout.n))
+    if "lift-off" in lift.phases:
+        start = _standing(crane, lift.ground, drives)
+    else:
+        start = State(crane.hanging(_below(crane, drives).q), np.zeros(crane.layout.n))
     run = simulate(
         crane,
         lift.command,
         lift.setpoint,
-        start=_standing(crane, lift.ground, drives) if "lift-off" in lift.phases else hangs,
+        start=start,
         duration=motion.arrival,
         control_period=motion.period,
         engine=engine,
@@ -319,8 +406,8 @@ class _Phases:
     @classmethod
     def of(cls, lift: GroundLift, run: Trajectory) -> _Phases:
         """Return the phases of a run."""
-        crane, period = lift.crane, lift.motion.period
-        begins = {name: round(t / period) for name, t in lift.phases.items()}
+        crane = lift.crane
+        begins = {name: round(t / lift.motion.period) for name, t in lift.phases.items()}
         seen = lift.seen(State(run.q.T, run.v.T)).q.T
         weight = crane.payload_mass * crane.gravity
         return cls(
@@ -334,7 +421,8 @@ class _Phases:
 
 def _lift_off_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check:
     """Check that the rope pulls no more than the closed form, and the load swings little then."""
-    pull, moving = phases.pull, phases.moving
+    pull = phases.pull
+    moving = phases.moving
     allowed = lift.lift.clearance.site.swing
     carries = pull[:moving] >= 1.0
     if not carries.any():
@@ -357,7 +445,8 @@ def _motion_check(lift: GroundLift, phases: _Phases) -> Check:
     """Check that the load swings no more than allowed and the rope stays taut."""
     rows = slice(phases.moving, phases.down)
     allowed = lift.lift.clearance.site.swing
-    largest, least_pull = phases.swing[rows].max(), phases.pull[rows].min()
+    largest = phases.swing[rows].max()
+    least_pull = phases.pull[rows].min()
     return Check(
         f"Motion: the load swings {1e3 * largest:.1f} mrad at most, {1e3 * allowed:.1f} allowed; "
         f"the rope pulls {least_pull:.3f} of the weight at least.",
@@ -376,7 +465,9 @@ def _range_check(lift: GroundLift) -> Check:
     positions = lift.motion.q[:, lift.motion.drives]
     longest = float(positions[:, crane.layout.drive("l")].max())
     allowed = float(crane.upper[drives][crane.layout.drive("l")])
-    inside = (positions >= crane.lower[drives] - 1e-9) & (positions <= crane.upper[drives] + 1e-9)
+    lowest = crane.lower[drives] - _RANGE_TOLERANCE
+    highest = crane.upper[drives] + _RANGE_TOLERANCE
+    inside = (positions >= lowest) & (positions <= highest)
     return Check(
         f"The cable is {longest:.2f} m long at most, {allowed:.2f} m there are; the drives "
         f"{'stay in' if inside.all() else 'leave'} their ranges.",
@@ -386,7 +477,9 @@ def _range_check(lift: GroundLift) -> Check:
 
 def _set_down_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check:
     """Check that the load is set down gently, at its goal, and stands there below a slack rope."""
-    crane, clearance, down = lift.crane, lift.lift.clearance, phases.down
+    crane = lift.crane
+    clearance = lift.lift.clearance
+    down = phases.down
     slackened = np.flatnonzero(phases.pull[down:] < HANGING_TENSION_RATIO)
     if not len(slackened):
         return Check("Set-down: the load does not touch what is below it.", False)
@@ -403,51 +496,67 @@ def _set_down_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check
     )
 
 
+class _Hanging(NamedTuple):
+    """Where all that hangs is in a run.
+
+    Attributes:
+        q: Coordinates of the crane of the plan, whose load is where the rope has it, shape (rows,
+            n).
+        aside: Largest distance of a point that hangs from its place at these coordinates [m], shape
+            (rows,).
+    """
+
+    q: np.ndarray
+    aside: np.ndarray
+
+
+class _Stretch(NamedTuple):
+    """A stretch of a run with the supports that a load stands on in it.
+
+    Attributes:
+        rows: Its rows.
+        support: The supports, from which no distance is required.
+    """
+
+    rows: slice
+    support: Support
+
+
 def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list[Check]:
     """Check that all that hangs keeps its distance from everything, in all phases, but for the
     surfaces that the load stands on before and after the motion; that it does not sink into these;
     and that nothing is left out.
-
-    The load is where the rope has it. Where it turns in its sling, it is off its seen attitude by
-    the angles of the sling and, with its centre, by their share in the seen swing.
     """
-    clearance, layout, lug = lift.lift.clearance, lift.crane.layout, _lug(lift.crane)
-    q, hoist = phases.seen.copy(), lift.motion.drives[2]
-    assert lift.crane.springs.rope is not None
-    q[:, hoist] += run.q[:, lift.crane.springs.rope.stretch]
-    turned = np.abs(run.q[:, layout.at("sling_radial", "sling_tangential")]).sum(axis=1)
-    radius = clearance.bodies.below + float(np.linalg.norm(clearance.bodies.hook[1]))
-    aside = (3.0 * lug + 2.0 * radius) * turned
-    moving, down = phases.moving, phases.down
+    clearance = lift.lift.clearance
+    q, aside = _where_it_hangs(lift, run, phases)
+    stretches = [_Stretch(slice(phases.moving, phases.down + 1), NO_SUPPORT)]
     stands: list[tuple[str, Support, np.ndarray]] = []
-    parts = [(slice(moving, down + 1), NO_SUPPORT)]
-    for name, row, rows in (
-        ("start", 0, slice(moving + 1)),
-        ("goal", -1, slice(down, None)),
-    ):
-        if ("lift-off" if name == "start" else "set-down") not in lift.phases:
-            continue
-        support = support_of(clearance, load_corners(lift, run.q[row]))
-        lowest = np.array([load_corners(lift, state)[:, 2].min() for state in run.q[rows]])
-        stands.append((name, support, lowest))
-        parts.append((rows, support))
+    for name, stretch in _stretches_on_supports(lift, run, phases):
+        corners = [load_corners(lift, state) for state in run.q[stretch.rows]]
+        lowest = np.array([corner[:, 2].min() for corner in corners])
+        stands.append((name, stretch.support, lowest))
+        stretches.append(stretch)
 
-    least, unproven = [], []
-    standing_result = standing_parts(clearance)
+    nearest_of_stretches = []
+    unproven = []
     covered: Pairs | None = None
-    for rows, support in parts:
+    for rows, support in stretches:
         beside = clearance.without(support.parts)
-        least.append(beside.nearest(q[rows][beside.nearest_row(q[rows])]))
+        nearest_of_stretches.append(beside.nearest(q[rows][beside.nearest_row(q[rows])]))
         failing = unproven_row(beside, q[rows], lift.motion.period, envelope=aside[rows])
-        unproven += [] if failing is None else [float(run.t[rows][failing])]
+        if failing is not None:
+            unproven.append(float(run.t[rows][failing]))
         pairs = hanging_pairs(beside) | support.pairs
+        # A pair counts as compared if it is in every stretch.
         covered = pairs if covered is None else covered & pairs
-    nearest, proof = min(least), "proven between all instants"
+    assert covered is not None  # there is always a motion
+    nearest = min(nearest_of_stretches)
+    proof = "proven between all instants"
     if unproven:
         proof = f"not proven at t = {unproven[0]:.2f} s"
-    slews = q[:, lift.motion.drives[0]]
-    turns_freely = lift.lift.slews.low <= slews.min() and slews.max() <= lift.lift.slews.high
-    assert covered is not None  # there is always a motion
+
+    standing_result = standing_parts(clearance)
+    compared = covered | slewing_pairs(clearance) | standing_result.pairs
     return [
         Check(
             "Above its supports nothing that hangs comes nearer to another obstacle than "
@@ -456,15 +565,54 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
             bool(not unproven and nearest.distance >= clearance.site.distance),
         ),
         contact_check(stands),
-        Check(
-            "Slewing: the jib stays in the angles that are proven free."
-            if turns_freely
-            else "Slewing: the jib leaves the angles that are proven free.",
-            bool(turns_freely),
-        ),
+        _slewing_check(lift, q),
         standing_check(standing_result),
-        coverage_check(clearance.site, covered | slewing_pairs(clearance) | standing_result.pairs),
+        coverage_check(clearance.site, compared),
     ]
+
+
+def _where_it_hangs(lift: GroundLift, run: Trajectory, phases: _Phases) -> _Hanging:
+    """Return where all that hangs is in a run.
+
+    The load is where the rope has it. Where it turns in its sling, it is off its seen attitude by
+    the angles of the sling and, with its centre, by their share in the seen swing.
+    """
+    clearance = lift.lift.clearance
+    lug = _lug(lift.crane)
+    rope = lift.crane.springs.rope
+    assert rope is not None  # see `_on_rope`
+    q = phases.seen.copy()
+    q[:, lift.motion.drives[2]] += run.q[:, rope.stretch]
+    sling = lift.crane.layout.at("sling_radial", "sling_tangential")
+    turned = np.abs(run.q[:, sling]).sum(axis=1)
+    radius = clearance.bodies.below + float(np.linalg.norm(clearance.bodies.hook[1]))
+    return _Hanging(q, aside=(3.0 * lug + 2.0 * radius) * turned)
+
+
+def _stretches_on_supports(
+    lift: GroundLift, run: Trajectory, phases: _Phases
+) -> Iterator[tuple[str, _Stretch]]:
+    """Yield the stretches before and after the motion in which the load stands, lifts off or is set
+    down: "start" or "goal" with the stretch.
+    """
+    clearance = lift.lift.clearance
+    if "lift-off" in lift.phases:
+        support = support_of(clearance, load_corners(lift, run.q[0]))
+        yield "start", _Stretch(slice(phases.moving + 1), support)
+    if "set-down" in lift.phases:
+        support = support_of(clearance, load_corners(lift, run.q[-1]))
+        yield "goal", _Stretch(slice(phases.down, None), support)
+
+
+def _slewing_check(lift: GroundLift, q: np.ndarray) -> Check:
+    """Check that the jib slews in the angles that are proven free, at coordinates of the crane of
+    the plan, shape (rows, n).
+    """
+    slews = q[:, lift.motion.drives[0]]
+    free = lift.lift.slews
+    if free.low <= slews.min() and slews.max() <= free.high:
+        return Check("Slewing: the jib stays in the angles that are proven free.", True)
+    return Check("Slewing: the jib leaves the angles that are proven free.", False)
 
 
 def load_corners(lift: GroundLift, q: np.ndarray) -> np.ndarray:
@@ -482,43 +630,99 @@ def _on_rope(clearance: Clearance, rope_stiffness: float) -> tuple[Crane, list[f
     """Return the crane with its load, a box, on a lug below a rope that stretches and reaches the
     ground; and the sides of the box [m], shape (3,).
 
-    Rope and sling have the names that they have in the crane of this project.
+    The joint of the hoist gets a new link, from which the rope, the lug, the sling and at last the
+    load hang. Rope and sling have the names that they have in the crane of this project.
+
+    Args:
+        clearance: Crane and site of the plan.
+        rope_stiffness: EA of a fall of the rope [N].
+
+    Raises:
+        ModelError: If joints or links of the crane have the names of those of a rope.
     """
-    crane, site, model = clearance.crane, clearance.site, clearance.crane.model
-    robot, hoist = ET.fromstring(crane.urdf), clearance.joints.hoist
-    data = model.createData()
-    pin.forwardKinematics(model, data, np.zeros(model.nq))
-    hook = data.oMi[hoist + 1].rotation
+    crane = clearance.crane
+    hoist = clearance.joints.hoist
+    robot = ET.fromstring(crane.urdf)
+    hook = _hook_rotation(crane, hoist)
     sides = np.ptp(clearance.bodies.load @ hook.T, axis=0).tolist()
-    old = {frame.name for frame in model.frames if frame.parentJoint == hoist + 1}
-    for link in robot.iterfind("link"):
-        if link.get("name") in old and (inertial := link.find("inertial")) is not None:
-            link.remove(inertial)
     arguments = {
         "falls": 1.0,
-        "drum_inertia": model.armature[hoist] or _DRUM * crane.payload_mass,
+        "drum_inertia": crane.model.armature[hoist] or _DRUM_MASS_RATIO * crane.payload_mass,
         **crane.record.get("arguments", {}),
     }
-    joint = next(j for j in robot.iterfind("joint") if j.get("name") == model.names[hoist + 1])
-    child, limit, dynamics = (joint.find(tag) for tag in ("child", "limit", "dynamics"))
-    assert child is not None and limit is not None  # see check_urdf
-    dynamics = ET.SubElement(joint, "dynamics") if dynamics is None else dynamics
-    dynamics.set("armature", repr(float(arguments["drum_inertia"])))
-    lowest = clearance.height - site.ground + float(site.foot[2])
-    limit.set("upper", repr(max(lowest, float(crane.upper[hoist]))))
-    load, lug = child.get("link", ""), pin.SE3(np.eye(3), np.array([0.0, 0.0, sides[2] / 2.0]))
-    child.set("link", "rope_link")
+    _remove_inertia_of_load(robot, crane, hoist)
+    # Cable length with which the load touches the ground below the foot of the crane.
+    to_ground = clearance.height - clearance.site.ground + float(clearance.site.foot[2])
+    load = _hang_rope_on_hoist(robot, crane, hoist, float(arguments["drum_inertia"]), to_ground)
+
+    # Falls carry the load in parallel.
     ea = float(arguments["falls"]) * rope_stiffness
     robot.extend(ET.fromstring(_ROPE.format(ea=ea, damping=ROPE_DAMPING, load=load)))
-    stretch, at_load = robot.findall("joint")[-4], robot.findall("joint")[-1]
+    joints = robot.findall("joint")
+    stretch = joints[-4]
+    load_joint = joints[-1]
+    lug = pin.SE3(np.eye(3), np.array([0.0, 0.0, sides[2] / 2.0]))
+    # The axes of rope and sling are those of the world, as in the crane of this project. The turn
+    # of the hook is taken back before them, and made again after them for the shapes of the load.
     set_placement(stretch, pin.SE3(hook.T, np.zeros(3)))
-    set_placement(at_load, lug.inverse() * pin.SE3(hook, np.zeros(3)))
+    set_placement(load_joint, lug.inverse() * pin.SE3(hook, np.zeros(3)))
     box = pin.Inertia.FromBox(crane.payload_mass, *sides)
     robot.findall("link")[-1].append(inertial_element(lug.actInv(box)))
+
     record = {**crane.record, "payload": "sling_tangential_joint"}
     record.pop("arguments", None)
     record["urdf"] = ET.tostring(robot, encoding="unicode")
     return load_crane(from_record={"crane": record}), sides
+
+
+def _hook_rotation(crane: Crane, hoist: int) -> np.ndarray:
+    """Return the attitude of the frame of the hoist joint in the world with all coordinates at
+    zero, shape (3, 3).
+    """
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, np.zeros(crane.model.nq))
+    return data.oMi[hoist + 1].rotation
+
+
+def _remove_inertia_of_load(robot: ET.Element, crane: Crane, hoist: int) -> None:
+    """Remove mass and inertia of all links that move with the hoist joint from a URDF: they are
+    those of the load, which gets them as a box on its sling.
+    """
+    moved_links = {frame.name for frame in crane.model.frames if frame.parentJoint == hoist + 1}
+    for link in robot.iterfind("link"):
+        inertial = link.find("inertial")
+        if link.get("name") in moved_links and inertial is not None:
+            link.remove(inertial)
+
+
+def _hang_rope_on_hoist(
+    robot: ET.Element, crane: Crane, hoist: int, drum_inertia: float, cable_length: float
+) -> str:
+    """Let the hoist joint of a URDF carry the link of the rope instead of the load.
+
+    Args:
+        robot: The URDF.
+        crane: Its crane.
+        hoist: Index of the hoist joint among the coordinates.
+        drum_inertia: Mass of drum and motor at the rope [kg].
+        cable_length: Length that the cable must reach [m].
+
+    Returns:
+        Name of the link that the joint carried.
+    """
+    name = crane.model.names[hoist + 1]
+    joint = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
+    child = joint.find("child")
+    limit = joint.find("limit")
+    dynamics = joint.find("dynamics")
+    assert child is not None and limit is not None  # see check_urdf
+    if dynamics is None:
+        dynamics = ET.SubElement(joint, "dynamics")
+    dynamics.set("armature", repr(drum_inertia))
+    limit.set("upper", repr(max(cable_length, float(crane.upper[hoist]))))
+    load = child.get("link", "")
+    child.set("link", "rope_link")
+    return load
 
 
 _ROPE = """<robot>
@@ -550,16 +754,29 @@ def _largest_pull(crane: Crane, motion: Motion, rows: slice) -> float:
     """Return an upper bound of the tension over the weight in rows that begin where the load leaves
     the ground, for a hoist that follows its motion and small strains.
 
-    With D = T/m - g - a and the rate w at which the rope would stretch, w' = -D and D' = ω² w -
-    2 ζ ω D - a'. So D is that of a load picked up at a constant speed, and |a| at first and the
-    change of a, which D² + ω² w² cannot amplify, at most.
+    Let T be the tension, m the mass of the load, and a the hoisting acceleration, upwards positive.
+    With D = T/m - g - a and the rate w at which the rope would stretch,
+
+        w' = -D,    D' = ω² w - 2 ζ ω D - a'.
+
+    Without a' that is a load picked up at a constant speed, whose largest D has a closed form
+    (`theory.pickup_factor`). The energy D² + ω² w² changes by -4 ζ ω D² - 2 D a', so that its root
+    grows by |a'| at most: by |a| at first, and then by the change of a. The rope gets shorter and
+    so stiffer, which amplifies D by the root of the ratio of the lengths at most.
+
+    Args:
+        crane: The crane with a rope that stretches.
+        motion: Motion of the crane of the plan.
+        rows: Its rows.
     """
-    rope, mass, hoist = crane.springs.rope, crane.payload_mass, motion.drives[2]
+    rope = crane.springs.rope
     assert rope is not None
-    a, lug = -motion.a[rows, hoist], _lug(crane)
-    lengths = motion.q[rows, hoist] - lug
+    mass = crane.payload_mass
+    hoist = motion.drives[2]
+    a = -motion.a[rows, hoist]
+    lengths = motion.q[rows, hoist] - _lug(crane)
     omega = theory.rope_bounce(float(rope.stiffness), float(lengths.min()), mass)
-    damping_ratio = min(ROPE_DAMPING / (2.0 * mass * omega), _DAMPED)
+    damping_ratio = min(ROPE_DAMPING / (2.0 * mass * omega), _MAX_DAMPING_RATIO)
     picked_up = theory.pickup_factor(
         -float(motion.v[rows, hoist][0]), omega, crane.gravity, damping_ratio
     )

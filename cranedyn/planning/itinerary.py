@@ -29,7 +29,8 @@ class Leg:
     """
 
     def __init__(self, name: str, **targets: float) -> None:
-        self.name, self.targets = name, targets
+        self.name = name
+        self.targets = targets
 
 
 def leg_target(crane: Crane, leg: Leg, origin: np.ndarray) -> np.ndarray:
@@ -95,8 +96,11 @@ class Timetable(Tabulating):
     def stage(self, t: float) -> tuple[Stage, float]:
         """Return the stage under way at a time [s], and the time at which its cycle began [s]."""
         cycle = t // self.duration * self.duration
-        under_way = (stage for stage in self.stages if t - cycle < stage.end)
-        return next(under_way, self.stages[-1]), cycle
+        for stage in self.stages:
+            if t - cycle < stage.end:
+                return stage, cycle
+        # By rounding a time may lie behind the last stage of its cycle.
+        return self.stages[-1], cycle
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,22 +114,47 @@ class Itinerary(Timetable):
     rates: np.ndarray
 
     @cached_property
-    def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Origins and targets, shape (k, m), begins and ends [s], shape (k,), of the stages."""
-        _, origins, targets, begins, _, ends = zip(*self.stages, strict=True)
-        return np.array(origins), np.array(targets), np.array(begins), np.array(ends)
+    def _tables(self) -> _StageTables:
+        """The stages as tables."""
+        return _StageTables(
+            origins=np.array([stage.origin for stage in self.stages]),
+            targets=np.array([stage.target for stage in self.stages]),
+            begins=np.array([stage.begin for stage in self.stages]),
+            ends=np.array([stage.end for stage in self.stages]),
+        )
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Return setpoints at many times [s], shape (n, m) each."""
-        origins, targets, begins, ends = self._columns
+        """Return setpoints at many times [s], shape (n, m) each. Accelerations are zero: the rates
+        jump.
+        """
+        tables = self._tables
         cycle_times = times - times // self.duration * self.duration
-        under_way = np.minimum(np.searchsorted(ends, cycle_times, side="right"), len(ends) - 1)
-        origin = origins[under_way]
-        path = targets[under_way] - origin
-        travelled = np.outer(cycle_times - begins[under_way], self.rates)
-        sign, length = np.sign(path), np.abs(path)
-        position = origin + sign * np.minimum(travelled, length)
-        return Setpoint(position, sign * self.rates * (travelled < length), np.zeros_like(path))
+        stage = np.searchsorted(tables.ends, cycle_times, side="right")
+        stage = np.minimum(stage, len(tables.ends) - 1)  # as in `stage`
+        origin = tables.origins[stage]
+        way = tables.targets[stage] - origin
+        length = np.abs(way)
+        direction = np.sign(way)
+        travelled = np.outer(cycle_times - tables.begins[stage], self.rates)
+        position = origin + direction * np.minimum(travelled, length)
+        velocity = direction * self.rates * (travelled < length)
+        return Setpoint(position, velocity, np.zeros_like(way))
+
+
+class _StageTables(NamedTuple):
+    """Stages as tables, a row for each.
+
+    Attributes:
+        origins: Where the drives come from, shape (k, m).
+        targets: Where they go, shape (k, m).
+        begins: When they leave [s], shape (k,).
+        ends: When the next leg begins [s], shape (k,).
+    """
+
+    origins: np.ndarray
+    targets: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,14 +192,17 @@ def itinerary(
     limits = np.minimum(crane.layout.for_drives("rate", rates, "/s", "> 0"), crane.rate_limit)
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
-    position, t = start.q[crane.layout.drives], 0.0
+    position = start.q[crane.layout.drives]
+    t = 0.0
     for leg in legs:
         target = leg_target(crane, leg, position)
-        with np.errstate(over="ignore"):
-            lasts = float(np.max(np.abs(target - position) / limits))
-        arrival = t + number(f"time that leg {quoted(leg.name)} takes at these rates", lasts, "s")
+        with np.errstate(over="ignore"):  # an infinite time is refused by the next line
+            duration = float(np.max(np.abs(target - position) / limits))
+        number(f"time that leg {quoted(leg.name)} takes at these rates", duration, "s")
+        arrival = t + duration
         stages.append(Stage(leg, position, target, t, arrival, arrival + dwell))
-        position, t = target, arrival + dwell
+        position = target
+        t = arrival + dwell
     _check_cycle(stages)
     return Itinerary(tuple(stages), limits)
 
@@ -191,33 +223,65 @@ def tour(
             tour that does not end where it began.
     """
     number("dwell", dwell, "s", ">= 0")
+    drives = crane.layout.drives
+    symbols = [joint.symbol for joint in crane.layout.driven]
     stages: list[Stage] = []
-    samples: list[np.ndarray] = []
-    state, row, drives = crane.start, 0, crane.layout.drives
+    motions: list[Motion] = []
+    state = crane.start
+    row = 0
     for leg in legs:
         target = leg_target(crane, leg, state.q[drives])
-        symbols = (joint.symbol for joint in crane.layout.driven)
         goal = crane.state(**dict(zip(symbols, target.tolist(), strict=True)))
         motion = plan(state, goal)
         motion.check_fits("motion that was planned", crane.layout)
-        still = intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0
-        standing = np.stack([goal.q, goal.v, goal.v])[:, None]
-        moving = np.stack([motion.q, motion.v, motion.a])[:, :-1]
-        samples += [moving, np.repeat(standing, still, axis=1)]
-        arrived = row + len(motion.q) - 1
-        times = [motion.period * k for k in (row, arrived, arrived + still)]
-        stages.append(Stage(leg, state.q[drives], goal.q[drives], *times))
-        state, row = goal, arrived + still
+        dwell_rows = intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0
+        motions.append(_dwelling(motion, goal, dwell_rows))
+
+        arrival_row = row + len(motion.q) - 1
+        end_row = arrival_row + dwell_rows
+        stages.append(
+            Stage(
+                leg,
+                origin=state.q[drives],
+                target=goal.q[drives],
+                begin=motion.period * row,
+                arrival=motion.period * arrival_row,
+                end=motion.period * end_row,
+            )
+        )
+        state = goal
+        row = end_row
     _check_cycle(stages)
-    q, v, a = np.concatenate([*samples, standing], axis=1)
-    return Tour(tuple(stages), Motion(motion.period, q, v, a, drives))
+    # The last row of a leg is the first of the next. Only the last leg keeps its own.
+    at_rest = np.zeros((1, crane.layout.n))
+    cycle = Motion(
+        motions[-1].period,
+        np.concatenate([*(motion.q[:-1] for motion in motions), state.q[None]]),
+        np.concatenate([*(motion.v[:-1] for motion in motions), at_rest]),
+        np.concatenate([*(motion.a[:-1] for motion in motions), at_rest]),
+        drives,
+    )
+    return Tour(tuple(stages), cycle)
+
+
+def _dwelling(motion: Motion, goal: State, count: int) -> Motion:
+    """Return a motion whose last row is its goal, at rest, followed by a count of such rows."""
+    at_rest = np.zeros((count + 1, len(goal.q)))
+    return Motion(
+        motion.period,
+        np.concatenate([motion.q[:-1], np.tile(goal.q, (count + 1, 1))]),
+        np.concatenate([motion.v[:-1], at_rest]),
+        np.concatenate([motion.a[:-1], at_rest]),
+        motion.drives,
+    )
 
 
 def _check_cycle(stages: Sequence[Stage]) -> None:
     """Check that stages take time and lead back to where they began."""
     if not stages or stages[-1].end == 0.0:
         raise OutOfRange("tour", "empty", "one leg at least that moves or dwells")
-    first, last = stages[0].origin, stages[-1].target
+    first = stages[0].origin
+    last = stages[-1].target
     if not np.allclose(last, first):
         allowed = f"where it began, {first.tolist()}"
         raise OutOfRange("end of the tour", last.tolist(), allowed, "rad or m")

@@ -15,9 +15,9 @@ from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating
 
-_TOUCH = 1e-9
-"""By how much one push may begin before the last one ends and still follow it: what sums of times
-round off [s]."""
+_ROUNDING = 1e-9
+"""Time by which one push may begin before the last one ends and still follow it [s]: the rounding
+error of sums of times."""
 
 
 class JoystickPulse(NamedTuple):
@@ -26,8 +26,8 @@ class JoystickPulse(NamedTuple):
     Attributes:
         drive: Symbol of its coordinate, such as "x".
         rate: Velocity asked for, with sign [rad/s or m/s].
-        at: From when [s].
-        hold: For how long [s].
+        at: Time at which it begins [s].
+        hold: Time for which it lasts [s].
     """
 
     drive: str
@@ -42,9 +42,9 @@ class Operator(Tabulating):
 
     Attributes:
         start: Positions of the drives before all [rad or m], shape (m,).
-        begins: When each acceleration sets in [s], shape (k,).
-        lasts: How long it lasts [s], shape (k,).
-        accelerations: Of the drives [rad/s² or m/s²], shape (k, m).
+        begins: Times at which the accelerations set in [s], shape (k,).
+        lasts: Times for which they last [s], shape (k,).
+        accelerations: Accelerations of the drives [rad/s² or m/s²], shape (k, m).
     """
 
     start: np.ndarray
@@ -54,10 +54,13 @@ class Operator(Tabulating):
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
+        # An acceleration a that lasts τ adds, at a time s after it sets in and with r = min(s, τ),
+        # a r to the velocity and a (r²/2 + r (s - r)) = a r (s - r/2) to the position.
         since = np.maximum(times[:, None] - self.begins, 0.0)
-        rising, accelerating = np.minimum(since, self.lasts), (since > 0.0) & (since < self.lasts)
-        terms = np.array([rising * (since - rising / 2.0), rising, accelerating])
-        displacement, velocity, acceleration = (terms[..., None] * self.accelerations).sum(axis=2)
+        rising = np.minimum(since, self.lasts)
+        accelerating = (since > 0.0) & (since < self.lasts)
+        shares = np.array([rising * (since - rising / 2.0), rising, accelerating])
+        displacement, velocity, acceleration = (shares[..., None] * self.accelerations).sum(axis=2)
         return Setpoint(self.start + displacement, velocity, acceleration)
 
 
@@ -84,41 +87,72 @@ def joystick(
     """
     start = crane.layout.as_state("start", start)
     limits = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
-    ramps: list[tuple[float, float, np.ndarray]] = []
+    begins: list[float] = []
+    lasts: list[float] = []
+    signed: list[np.ndarray] = []
     for drive in dict.fromkeys(pulse.drive for pulse in pulses):
         axis = crane.layout.along(drive)
-        limit, fastest = float(axis @ limits), float(crane.rate_limit[axis > 0.0][0])
-        mine = [_checked(pulse, fastest) for pulse in pulses if pulse.drive == drive]
-        ramps += [
-            (begin, lasts, math.copysign(limit, lasts) * axis)
-            for begin, lasts in _ramps(mine, limit)
-        ]
-    begins, lasts, signed = (np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3))
-    signed = signed.reshape(-1, crane.layout.m)
-    return Operator(start.q[crane.layout.drives], begins, np.abs(lasts), signed)
+        limit = float(axis @ limits)
+        largest_rate = float(crane.rate_limit[axis > 0.0][0])
+        of_drive = [_checked(pulse, largest_rate) for pulse in pulses if pulse.drive == drive]
+        for ramp in _ramps(of_drive, limit):
+            begins.append(ramp.begin)
+            lasts.append(abs(ramp.speed_change))
+            signed.append(math.copysign(limit, ramp.speed_change) * axis)
+    return Operator(
+        start.q[crane.layout.drives],
+        np.array(begins, dtype=float),
+        np.array(lasts, dtype=float),
+        np.array(signed, dtype=float).reshape(-1, crane.layout.m),
+    )
 
 
-def _ramps(pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, float]]:
-    """Return when a drive accelerates at its limit and for how long [s], negative where it
-    accelerates the other way.
+class _Ramp(NamedTuple):
+    """A time in which a drive accelerates at its limit.
+
+    Attributes:
+        begin: When it begins [s].
+        speed_change: Change of the velocity over the limit of the acceleration [s], negative where
+            the drive accelerates backwards. Its magnitude is the length of the ramp.
     """
-    mine = sorted(pulses, key=lambda pulse: pulse.at)
-    ramps, speed = [], 0.0  # the speed counted in seconds of acceleration
-    for pulse, following in zip(mine, [*(pulse.at for pulse in mine[1:]), math.inf], strict=True):
+
+    begin: float
+    speed_change: float
+
+
+def _ramps(pulses: Sequence[JoystickPulse], limit: float) -> list[_Ramp]:
+    """Return the ramps of a drive with a limit of its acceleration [rad/s² or m/s²].
+
+    Raises:
+        OutOfRange: If two pulses overlap.
+    """
+    in_order = sorted(pulses, key=lambda pulse: pulse.at)
+    next_begins = [*(pulse.at for pulse in in_order[1:]), math.inf]
+    ramps: list[_Ramp] = []
+    speed = 0.0  # over the limit of the acceleration, so that it is a time [s]
+
+    def approach(target: float, begin: float, available: float) -> float:
+        """Add the ramp towards a speed in the time that there is; return the speed reached."""
+        lasts = min(abs(target - speed), max(available, 0.0))
+        change = math.copysign(lasts, target - speed)
+        ramps.append(_Ramp(begin, change))
+        return speed + change
+
+    for pulse, next_begin in zip(in_order, next_begins, strict=True):
         end = pulse.at + pulse.hold
-        if following < end - _TOUCH:
+        if next_begin < end - _ROUNDING:
             allowed = f"{end:g} or later, when the one before it ends"
-            raise OutOfRange(f"start of a push of {pulse.drive}", following, allowed, "s")
-        held, let_go = (pulse.at, pulse.hold, pulse.rate / limit), (end, following - end, 0.0)
-        for begin, until, target in (held, let_go):
-            lasts = math.copysign(min(abs(target - speed), max(until, 0.0)), target - speed)
-            ramps.append((begin, lasts))
-            speed += lasts
+            raise OutOfRange(f"start of a push of {pulse.drive}", next_begin, allowed, "s")
+        speed = approach(pulse.rate / limit, pulse.at, pulse.hold)
+        # Let go, the drive slows down until the next push takes it on from there.
+        speed = approach(0.0, end, next_begin - end)
     return ramps
 
 
-def _checked(pulse: JoystickPulse, fastest: float) -> JoystickPulse:
+def _checked(pulse: JoystickPulse, largest_rate: float) -> JoystickPulse:
+    """Return a pulse whose numbers are checked, of a drive with a largest rate."""
     rate = number(f"rate of a push of {pulse.drive}", pulse.rate)
-    within(f"rate of a push of {pulse.drive}", rate, -fastest, fastest, "rad/s or m/s")
+    within(f"rate of a push of {pulse.drive}", rate, -largest_rate, largest_rate, "rad/s or m/s")
     begin = number("start of a push", pulse.at, "s")
-    return JoystickPulse(pulse.drive, rate, begin, number("hold of a push", pulse.hold, "s", "> 0"))
+    hold = number("hold of a push", pulse.hold, "s", "> 0")
+    return JoystickPulse(pulse.drive, rate, begin, hold)

@@ -22,13 +22,14 @@ INTERVAL = 0.5
 
 def in_least_time(lift: Lift) -> Lift:
     """Return a lift with the motion of least time near its planned one, with which the search
-    begins; proven as that is.
+    begins. The new motion is proven as the planned one is.
 
     Raises:
         Unproven: If no motion found is proven.
         CraneError: If IPOPT does not converge, or the extra `optimal` is not installed.
     """
-    clearance, planned = lift.clearance, lift.timed
+    clearance = lift.clearance
+    planned = lift.timed
     motion = optimal(
         lift.crane,
         *lift.states(),
@@ -39,8 +40,10 @@ def in_least_time(lift: Lift) -> Lift:
         clearance=clearance,
         begin=planned.motion,
     )
-    t = motion.period * np.arange(len(motion.q))
-    steps = np.linspace(0.0, motion.arrival, max(2, round(motion.arrival / STEP) + 1))
-    drive_positions = interpolate_columns(steps, t, motion.q[:, clearance.drive_joints])
+    # Places of the drives at equal steps of about `STEP`, as a timed path has them.
+    row_times = motion.period * np.arange(len(motion.q))
+    count = max(2, round(motion.arrival / STEP) + 1)
+    times = np.linspace(0.0, motion.arrival, count)
+    drive_positions = interpolate_columns(times, row_times, motion.q[:, clearance.drive_joints])
     shares = limit_shares(clearance, motion, lift.limits)
     return replace(lift, timed=TimedMotion(drive_positions, motion, planned.bound, shares))

@@ -11,7 +11,6 @@ import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -42,29 +41,39 @@ from cranedyn.planning.transcription import CollocationPlan
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 
-_LEAST_SWING = 0.03
-"""Weight of the cost where the duration is given: so little that a move does not last longer."""
+_LEAST_SWING_WEIGHT = 0.03
+"""Weight of the cost where the duration is given, as `Preference.longer`: so little that a move
+does not last longer than that."""
 
-_INTERVAL = 0.25
+_MAX_INTERVAL = 0.25
 """Longest interval of constant jerk [s], if none is given."""
 
-_SHARE = 0.25
+_MAX_PERIOD_SHARE = 0.25
 """Longest interval as a share of the shortest period of the passive joints."""
 
-_ALONE = threading.Lock()
+_CASADI_LOCK = threading.Lock()
 """Held while CasADi works: its reference counts are not safe for threads."""
 
-_MOST, _RAMPS = 10_000, (1e-3, 3600.0)
-"""Most intervals of a motion, and shortest and longest ramp other than none [s]."""
+_MAX_INTERVALS = 10_000
+"""Largest number of intervals of a motion."""
+
+_MIN_RAMP = 1e-3
+"""Shortest ramp other than none [s]."""
+
+_MAX_RAMP = 3600.0
+"""Longest ramp [s]."""
 
 _MARGINS = (0.02, 0.1, 0.3)
 """Margins at the points of a plan [m] for its motion between them, tried until it is proven."""
 
-_NEAR = 1e-6
+_END_TOLERANCE = 1e-6
 """Largest distance of the ends of a first motion from start and goal [rad or m]."""
 
-_TURNED = 1e-3
+_SLEW_MARGIN = 1e-3
 """Margin to the ends of the free slew angles [rad]: more than the jib turns between two rows."""
+
+_ROUNDING = 1e-9
+"""Share of a period by which a duration may exceed a whole number of periods by rounding."""
 
 
 def optimal(
@@ -141,7 +150,8 @@ def optimal(
         Unproven: If a motion past obstacles is not proven.
         CraneError: If IPOPT does not converge.
     """
-    swing, period = number("swing", swing, "rad", "> 0"), number("period", period, "s", "> 0")
+    swing = number("swing", swing, "rad", "> 0")
+    period = number("period", period, "s", "> 0")
     crane.require_independent_joints("Planning a move of least time")
     if swing >= math.pi / 2:
         raise OutOfRange("swing", swing, "above 0 and below π/2", "rad")
@@ -149,35 +159,59 @@ def optimal(
     whole("iterations", iterations, 1)
     start = crane.layout.as_state("start", start)
     goal = crane.layout.as_state("goal", goal)
-    drives = _moving(crane, start, goal, still, clearance is not None)
+    drives = _moving_drives(crane, start, goal, still, clearance is not None)
     limits = limits.for_crane(crane)
-    rate, acceleration = np.asarray(limits.rates), np.asarray(limits.accelerations)
+    rate = np.asarray(limits.rates)
+    acceleration = np.asarray(limits.accelerations)
     _check_ends(crane, start, goal, rate, swing)
     jerk = None
     if number("ramp", ramp, "s", ">= 0") > 0.0:
-        jerk = (acceleration / within("ramp", ramp, *_RAMPS, "s"))[drives]
+        ramp = within("ramp", ramp, _MIN_RAMP, _MAX_RAMP, "s")
+        jerk = (acceleration / ramp)[drives]
     if duration is not None:
-        preference = replace(preference, longer=_LEAST_SWING)
-    kept = rate[drives], acceleration[drives], jerk
-    move = Move(crane, start, goal, drives, *kept, swing, preference)
+        preference = replace(preference, longer=_LEAST_SWING_WEIGHT)
+    move = Move(
+        crane=crane,
+        start=start,
+        goal=goal,
+        drives=drives,
+        rate=rate[drives],
+        acceleration=acceleration[drives],
+        jerk=jerk,
+        swing=swing,
+        preference=preference,
+    )
     if clearance is not None:
         move = _among_obstacles(move, clearance)
-    shortest_duration = 0.0 if duration is None else number("duration", duration, "s", "> 0")
-    first = _first_plan(move, shortest_duration, ramp, interval, period, begin)
-    search = _Search(move, clearance, {"tolerance": tolerance, "iterations": iterations})
-    with _ALONE:
-        plan = search.best(first, shortest_duration)
-        if duration is not None and plan.durations.sum() > duration + SOON:
-            shortest = math.ceil(100.0 * plan.durations.sum()) / 100.0
-            raise OutOfRange(
-                "duration", duration, f"at least {shortest:.2f} s to keep all limits", "s"
-            )
+    shortest = 0.0 if duration is None else number("duration", duration, "s", "> 0")
+    first = _first_plan(move, shortest, ramp, interval, period, begin)
+
+    search = _Search(move, clearance, tolerance, iterations)
+    with _CASADI_LOCK:
+        plan = search.best(first, shortest)
+        if duration is not None:
+            _check_duration(duration, plan)
         if goal.v.any():
-            plan = search.lasting(plan, period * math.ceil(plan.durations.sum() / period - 1e-9))
+            # Rows come once a period, and the last must be in motion as the goal is.
+            periods_needed = math.ceil(plan.durations.sum() / period - _ROUNDING)
+            plan = search.lasting(plan, period * periods_needed)
     motion = DriveTrajectory(move, plan).motion(period)
     if clearance is not None:
         _check_rows(clearance, move, motion)
     return motion
+
+
+def _check_duration(duration: float, plan: CollocationPlan) -> None:
+    """Refuse a duration [s] that the fastest plan exceeds.
+
+    Raises:
+        OutOfRange: With the duration of that plan, rounded up to hundredths of a second.
+    """
+    needed = plan.durations.sum()
+    if needed > duration + SOON:
+        rounded_up = math.ceil(100.0 * needed) / 100.0
+        allowed = f"at least {rounded_up:.2f} s to keep all limits"
+        raise OutOfRange("duration", duration, allowed, "s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,36 +221,53 @@ class _Search:
     Attributes:
         move: The move.
         clearance: Crane and site; None for no obstacles.
-        options: Options of the optimiser.
+        tolerance: Relative error at which the optimiser ends.
+        iterations: Most iterations of the optimiser.
     """
 
     move: Move
     clearance: Clearance | None
-    options: dict[str, Any]
+    tolerance: float
+    iterations: int
 
     def best(self, first: CollocationPlan, shortest: float) -> CollocationPlan:
-        """Return the best plan near a first one, of no less than a duration [s]."""
-        move = self.move
-        if not (is_at_rest(move.crane, move.start) and is_at_rest(move.crane, move.goal)):
+        """Return the plan of least cost near a first one.
+
+        Args:
+            first: The plan with which the search begins.
+            shortest: Least duration of the plan [s].
+
+        Raises:
+            Unsolved: If the optimiser does not converge.
+            Unproven: If there are obstacles, and no plan is proven.
+        """
+        shortest_interval = shortest / len(first.durations)
+        crane = self.move.crane
+        if not (is_at_rest(crane, self.move.start) and is_at_rest(crane, self.move.goal)):
             # Such a first plan is so far from a motion that the optimiser would give up time first.
-            interval = max(shortest / len(first.durations), 0.7 * float(first.durations[0]))
-            first = self._solved(first, interval, 2.0 * interval)
-            inside = 1.001 * interval < first.durations[0] < 1.999 * interval
-            if inside and self.clearance is None:
+            # So a plan of about the same duration is sought before the best one.
+            least = max(shortest_interval, 0.7 * float(first.durations[0]))
+            first = self._solved(first, least, 2.0 * least)
+            # Where neither bound of the duration is active, this is the best plan already.
+            between_bounds = 1.001 * least < first.durations[0] < 1.999 * least
+            if between_bounds and self.clearance is None:
                 return first
         if self.clearance is None:
-            return self._solved(first, shortest / len(first.durations))
-        failed: CraneError | None = None
+            return self._solved(first, shortest_interval)
+
+        failure: CraneError | None = None
         for margin in _MARGINS:
             try:
-                return self._proven(first, shortest / len(first.durations), margin=margin)
+                return self._proven(first, shortest_interval, margin=margin)
             except (transcription.Unsolved, Unproven) as error:
-                failed = error
-        assert failed is not None
-        raise failed
+                failure = error
+        assert failure is not None
+        raise failure
 
     def lasting(self, plan: CollocationPlan, duration: float) -> CollocationPlan:
-        """Return the plan of least cost near one that lasts a duration [s]."""
+        """Return the plan of least cost near one that lasts a duration [s], which differs from its
+        own by less than a period.
+        """
         interval = duration / len(plan.durations)
         plan = plan._replace(durations=np.full_like(plan.durations, interval))
         return self._proven(plan, interval, interval, margin=_MARGINS[0] / 2.0)
@@ -224,29 +275,47 @@ class _Search:
     def _proven(
         self, plan: CollocationPlan, shortest: float, longest: float = math.inf, *, margin: float
     ) -> CollocationPlan:
-        """Return a solved plan, proven to touch no obstacle."""
+        """Return a solved plan as `_solved`, proven to touch no obstacle.
+
+        Raises:
+            Unproven: If it is not proven.
+        """
         plan = self._solved(plan, shortest, longest, margin)
         if self.clearance is not None:
-            drives = DriveTrajectory(self.move, plan)
-            t = unproven_parameter(self.clearance, drives, 0.0, drives.duration)
+            trajectory = DriveTrajectory(self.move, plan)
+            t = unproven_parameter(self.clearance, trajectory, 0.0, trajectory.duration)
             if t is not None:
-                margin = self.clearance.swing_margin(drives.at(t))
+                margin = self.clearance.swing_margin(trajectory.at(t))
                 raise Unproven(t, f"the clearance margin is {margin:.3f} m")
         return plan
 
     def _solved(
         self, plan: CollocationPlan, shortest: float, longest: float = math.inf, margin: float = 0.0
     ) -> CollocationPlan:
+        """Return the plan of least cost near one.
+
+        Args:
+            plan: The plan with which the search begins.
+            shortest: Least duration of an interval [s].
+            longest: Largest duration of an interval [s].
+            margin: Distance to obstacles at the points of the plan, beyond what a proof needs [m].
+
+        Raises:
+            Unsolved: If the optimiser does not converge.
+        """
         spaces = None
         if self.clearance is not None:
+            # Planes between crane and obstacles, about the places of the plan.
             spaces = half_spaces(self.clearance, self.move.drives_of(plan.states[1:]), margin)
         return transcription.solve(
             problem(self.move, spaces),
             plan,
+            # With one duration allowed the bounds make all intervals equal.
             equal=shortest < longest,
             shortest=shortest,
             longest=longest,
-            **self.options,
+            tolerance=self.tolerance,
+            iterations=self.iterations,
         )
 
 
@@ -258,48 +327,85 @@ def _first_plan(
     period: float,
     begin: Motion | None,
 ) -> CollocationPlan:
-    """Return the plan with which the search begins."""
+    """Return the plan with which the search begins.
+
+    Args:
+        move: The move.
+        shortest: Least duration of the motion [s].
+        ramp: As of `optimal`.
+        interval: As of `optimal`.
+        period: As of `optimal`.
+        begin: As of `optimal`.
+
+    Raises:
+        OutOfRange: If the motion to begin with does not lead from start to goal, or there would be
+            too many intervals or rows.
+    """
     if begin is not None:
-        begin.check_fits("begin", move.crane.layout)
-        drives = move.crane.layout.drives
-        for row, end in ((begin.q[0], move.start), (begin.q[-1], move.goal)):
-            if len(begin.q) < 2 or np.abs(row - end.q)[drives].max() > _NEAR:
-                raise OutOfRange("begin", "a motion between other places", "one from start to goal")
-    slowest, fastest = periods(move)
-    longest = min(ramp / 2.0, _INTERVAL) if move.jerk is not None else _INTERVAL
-    if interval is not None:
-        longest = number("interval", interval, "s", "> 0")
-    longest = min(longest, _SHARE * fastest)
-    enough = estimated_duration(move, slowest) + ramp if begin is None else begin.arrival
-    duration = max(shortest, enough)
+        _check_begin(begin, move)
+    slowest_period, fastest_period = periods(move)
+    longest_interval = min(
+        _longest_interval(move, ramp, interval), _MAX_PERIOD_SHARE * fastest_period
+    )
+    if begin is None:
+        # A ramp adds to a trapezoid of the rates the time in which its acceleration sets in.
+        estimate = estimated_duration(move, slowest_period) + ramp
+    else:
+        estimate = begin.arrival
+    duration = max(shortest, estimate)
     intervals("duration", duration, period)
-    if duration / longest > _MOST:
+    if duration / longest_interval > _MAX_INTERVALS:
         limit = (
-            f"{_MOST * longest:g} or less with intervals of {longest:g} s: half the ramp at most"
+            f"{_MAX_INTERVALS * longest_interval:g} or less with intervals of "
+            f"{longest_interval:g} s: half the ramp at most"
         )
         raise OutOfRange("duration", duration, limit, "s")
-    count = math.ceil(duration / longest)
+    count = math.ceil(duration / longest_interval)
     if begin is not None:
         return plan_of_motion(move, begin, count)
     return straight_plan(move, duration, count)
 
 
+def _longest_interval(move: Move, ramp: float, interval: float | None) -> float:
+    """Return the longest interval of constant jerk [s], or acceleration without a ramp: a given
+    one, or half of the ramp but no more than `_MAX_INTERVAL`.
+    """
+    if interval is not None:
+        return number("interval", interval, "s", "> 0")
+    if not move.has_ramp:
+        return _MAX_INTERVAL
+    return min(ramp / 2.0, _MAX_INTERVAL)
+
+
+def _check_begin(begin: Motion, move: Move) -> None:
+    """Refuse a motion to begin with whose drives do not go from start to goal."""
+    begin.check_fits("begin", move.crane.layout)
+    drives = move.crane.layout.drives
+    for row, end in ((begin.q[0], move.start), (begin.q[-1], move.goal)):
+        distance = np.abs(row - end.q)[drives].max()
+        if len(begin.q) < 2 or distance > _END_TOLERANCE:
+            raise OutOfRange("begin", "a motion between other places", "one from start to goal")
+
+
 def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing: float) -> None:
+    """Refuse a start and goal that a move cannot have.
+
+    Args:
+        crane: The crane.
+        start: First state.
+        goal: Last state.
+        rate: Limits of the rates of all drives [rad/s or m/s], shape (m,).
+        swing: Largest size of each swing [rad].
+
+    Raises:
+        OutOfRange: If a state is out of the ranges, limits or bounds or, at rest, not balanced;
+            both are the same; or the hoist cannot hold the load.
+    """
     layout = crane.layout
-    for end, state in (("start", start), ("goal", goal)):
-        rate_limit = np.full(layout.n, np.inf)
-        rate_limit[layout.drives] = rate
-        moves = bool(state.v.any() or crane.swing_angles(state.q).any())
-        hanging = crane.hanging(state.q)
-        for i, joint in enumerate(layout.joints):
-            name, unit = f"{joint.symbol} at the {end}", joint.unit
-            within(name, state.q[i], crane.lower[i], crane.upper[i], unit)
-            if i in crane.swings:
-                within(name, state.q[i], hanging[i] - swing, hanging[i] + swing, unit)
-            if not (joint.driven or moves) and abs(state.q[i] - hanging[i]) > PLUMB:
-                raise OutOfRange(name, state.q[i], f"{hanging[i]:g}: it hangs at rest", unit)
-            rate_name, limit = f"{joint.symbol}_dot at the {end}", rate_limit[i]
-            within(rate_name, state.v[i], -limit, limit, f"{unit}/s")
+    rate_limit = np.full(layout.n, np.inf)
+    rate_limit[layout.drives] = rate
+    _check_end(crane, "start", start, rate_limit, swing)
+    _check_end(crane, "goal", goal, rate_limit, swing)
     if np.array_equal(start.q, goal.q) and np.array_equal(start.v, goal.v):
         raise OutOfRange("goal", "the start itself", "another place")
     hoist = layout.drive_of("hoist")
@@ -308,17 +414,58 @@ def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing
         number("share of the hoist's effort limit that holds the load", holding, "", "0 to 1")
 
 
-def _moving(
+def _check_end(crane: Crane, end: str, state: State, rate_limit: np.ndarray, swing: float) -> None:
+    """Refuse a state that is out of ranges, limits or bounds, or does not hang in balance at rest.
+
+    Args:
+        crane: The crane.
+        end: "start" or "goal", for the error.
+        state: The state.
+        rate_limit: Limits of the rates of all joints [rad/s or m/s], shape (n,).
+        swing: Largest size of each swing [rad].
+    """
+    # A load that moves or swings need not be balanced.
+    moves = bool(state.v.any() or crane.swing_angles(state.q).any())
+    hanging = crane.hanging(state.q)
+    for i, joint in enumerate(crane.layout.joints):
+        name = f"{joint.symbol} at the {end}"
+        position = state.q[i]
+        within(name, position, crane.lower[i], crane.upper[i], joint.unit)
+        if i in crane.swings:
+            within(name, position, hanging[i] - swing, hanging[i] + swing, joint.unit)
+        if not (joint.driven or moves) and abs(position - hanging[i]) > PLUMB:
+            raise OutOfRange(name, position, f"{hanging[i]:g}: it hangs at rest", joint.unit)
+        rate_name = f"{joint.symbol}_dot at the {end}"
+        within(rate_name, state.v[i], -rate_limit[i], rate_limit[i], f"{joint.unit}/s")
+
+
+def _moving_drives(
     crane: Crane, start: State, goal: State, still: Sequence[str] | None, obstacles: bool
 ) -> np.ndarray:
-    """Return the indices of the drives that move."""
-    layout, drives = crane.layout, crane.layout.drives
-    goes = (goal.q != start.q)[drives] | (goal.v != 0.0)[drives] | (start.v != 0.0)[drives]
+    """Return the indices of the drives that move, among the drives.
+
+    Args:
+        crane: The crane.
+        start: First state.
+        goal: Last state.
+        still: As of `optimal`.
+        obstacles: Whether there are obstacles; any drive may then have to move.
+
+    Raises:
+        OutOfRange: If a drive shall stand still that has a way to go, or a rate.
+        UnknownName: If a drive that shall stand still is none.
+    """
+    layout = crane.layout
+    differs = (goal.q != start.q) | (goal.v != 0.0) | (start.v != 0.0)
+    has_to_move = differs[layout.drives]
     if still is None:
+        if obstacles:
+            return np.arange(layout.m)
+        # Slewing drives the load outward, against which a trolley can help.
         helps = [joint.role == "trolley" and layout.has("slew") for joint in layout.driven]
-        return np.flatnonzero(goes | helps | [obstacles])
+        return np.flatnonzero(has_to_move | helps)
     for name in still:
-        if goes[layout.drive(name)]:
+        if has_to_move[layout.drive(name)]:
             raise OutOfRange("still", name, "drives that have no way to go")
     return np.array([i for i, joint in enumerate(layout.driven) if joint.symbol not in still])
 
@@ -326,21 +473,32 @@ def _moving(
 def _among_obstacles(move: Move, clearance: Clearance) -> Move:
     """Return a move among obstacles: the jib in the slew angles that are free about the start, the
     rope within the swing of the site.
+
+    Raises:
+        OutOfRange: If start or goal is too close to an obstacle, the rope leans too far there, or
+            the jib is not free to slew to the goal.
     """
-    crane, joints, drive_joints = move.crane, clearance.joints, clearance.drive_joints
     for end, state in (("start", move.start), ("goal", move.goal)):
-        margin = clearance.swing_margin(state.q[drive_joints])
+        margin = clearance.swing_margin(state.q[clearance.drive_joints])
         number(f"clearance margin at the {end}", margin - CLOSE, "m", ">= 0")
         tilt = float(clearance.tilt(state.q))
         within(f"tilt of the rope at the {end}", tilt, 0.0, clearance.site.swing, "rad")
-    slew, hoist = joints.slew, joints.hoist
-    slews = slew_range(
-        clearance, float(move.start.q[slew]), float(crane.lower[slew]), float(crane.upper[slew])
-    )
+
+    slew = clearance.joints.slew
+    hoist = clearance.joints.hoist
+    lower_limit = float(move.crane.lower[slew])
+    upper_limit = float(move.crane.upper[slew])
+    slews = slew_range(clearance, float(move.start.q[slew]), lower_limit, upper_limit)
+
     lower, upper = move.ranges
     lower[hoist] = max(lower[hoist], clearance.shortest_cable)
-    lower[slew], upper[slew] = slews.low + _TURNED * bool(slews.below), slews.high
-    upper[slew] -= _TURNED * bool(slews.above)
+    lower[slew] = slews.low
+    upper[slew] = slews.high
+    # The jib keeps away from an obstacle; the end of the joint's own range needs no margin.
+    if slews.below:
+        lower[slew] += _SLEW_MARGIN
+    if slews.above:
+        upper[slew] -= _SLEW_MARGIN
     within("gamma at the goal", move.goal.q[slew], lower[slew], upper[slew], "rad")
     return replace(move, tilt=clearance.site.swing, given_ranges=np.array([lower, upper]))
 
@@ -348,13 +506,18 @@ def _among_obstacles(move: Move, clearance: Clearance) -> Move:
 def _check_rows(clearance: Clearance, move: Move, motion: Motion) -> None:
     """Check that the rows of a motion keep the angles of rope and jib, as the plan does at its
     points.
+
+    Raises:
+        Unproven: If they do not.
     """
-    tilt, slew = clearance.tilt(motion.q), clearance.joints.slew
+    tilt = clearance.tilt(motion.q)
     if tilt.max() > clearance.site.swing:
         k = int(tilt.argmax())
         raise Unproven(k * motion.period, f"the rope leans by {tilt[k]:.4f} rad")
+    slew = clearance.joints.slew
     low, high = move.ranges[:, slew]
     slews = motion.q[:, slew]
-    off = (slews < low - _TURNED / 2.0) | (slews > high + _TURNED / 2.0)
-    if off.any():
-        raise Unproven(int(off.argmax()) * motion.period, "the jib leaves the free slew angles")
+    # Half of the margin is left for the motion between the rows.
+    leaves = (slews < low - _SLEW_MARGIN / 2.0) | (slews > high + _SLEW_MARGIN / 2.0)
+    if leaves.any():
+        raise Unproven(int(leaves.argmax()) * motion.period, "the jib leaves the free slew angles")

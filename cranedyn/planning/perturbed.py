@@ -30,14 +30,21 @@ from cranedyn.planning.lift import Lift
 CONFIDENCE = 0.95
 """Confidence of the interval of a probability."""
 
-_RECORDED = 0.1
+_RECORDING_INTERVAL = 0.1
 """Time between rows that are kept [s]."""
 
 DRAG_COEFFICIENT = 1.2
 """Drag coefficient of the box around a load."""
 
-_LEVELS = 13
-"""Number of masses of the load."""
+_LOAD_LEVELS = 13
+"""Number of different masses of the load. Lifts of the same mass are simulated at once."""
+
+_CHUNK_SIZE = 300
+"""Largest number of lifts that are simulated at once."""
+
+_NUMBERS_PER_LIFT = 12
+"""Numbers for each lift that `perturb` holds in memory: those drawn, the results, and room for
+those on the way."""
 
 
 @dataclass(frozen=True)
@@ -143,11 +150,13 @@ def perturb(
             into memory.
     """
     whole("number of lifts", count, 1)
-    check_fits_memory("number of lifts", short_repr(count), 12 * count)
-    lift, rng = certificate.lift, np.random.default_rng(whole("seed", seed, 0))
-    loads = np.sort(rng.integers(0, _LEVELS, count))
+    check_fits_memory("number of lifts", short_repr(count), _NUMBERS_PER_LIFT * count)
+    lift = certificate.lift
+    rng = np.random.default_rng(whole("seed", seed, 0))
+    # The order of these calls decides which numbers are drawn from a seed.
+    levels = np.sort(rng.integers(0, _LOAD_LEVELS, count))
     drawn = {
-        "load": 1.0 + spread.load * np.linspace(-1.0, 1.0, _LEVELS)[loads],
+        "load": 1.0 + spread.load * np.linspace(-1.0, 1.0, _LOAD_LEVELS)[levels],
         "cable_m": rng.uniform(-spread.cable, spread.cable, count),
         "wind_m_s": rng.uniform(0.0, spread.wind, count),
         "gust_m_s": rng.uniform(0.0, spread.gust, count),
@@ -156,10 +165,12 @@ def perturb(
         "direction_rad": rng.uniform(-math.pi, math.pi, count),
         "late_s": rng.choice(spread.late, count),
     }
-    distance, swing = np.empty(count), np.empty(count)
+    least = np.empty(count)
+    swing = np.empty(count)
     for chunk in simulate_perturbed(certificate, drawn, dt=dt, threads=threads):
-        distance[chunk.rows], swing[chunk.rows] = chunk.least, chunk.batch.residual_swing
-    return Perturbed(distance, lift.clearance.site.distance, drawn, swing)
+        least[chunk.rows] = chunk.least
+        swing[chunk.rows] = chunk.batch.residual_swing
+    return Perturbed(least, lift.clearance.site.distance, drawn, swing)
 
 
 class PerturbedBatch(NamedTuple):
@@ -171,7 +182,7 @@ class PerturbedBatch(NamedTuple):
         batch: The simulated lifts, a row each tenth of a second.
         force: Force of the wind on the points of the crane from each of these rows to the next [N],
             shape (k, rows, 3 points).
-        least: As of `Perturbed`, shape (k,).
+        least: Lower bounds of the least distance [m], as `Perturbed.least`, shape (k,).
     """
 
     rows: np.ndarray
@@ -196,170 +207,282 @@ def simulate_perturbed(
         dt: Physics step [s].
         threads: Number of threads; by default one for each processor.
     """
-    lift, nominal = certificate.lift, controller_of(certificate.lift, dt=dt)
-    cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
-    planned = certificate.run.q[:: _every(lift)]
+    lift = certificate.lift
+    nominal = controller_of(lift, dt=dt)
+    cranes = {}
+    for load in np.unique(drawn["load"]).tolist():
+        cranes[load] = _crane_with_load(lift.crane, load)
+    planned = certificate.run.q[:: _periods_per_row(lift)]
     margins = np.array([lift.clearance.margin(q) for q in planned])
-    workers, chunks = worker_count("threads", threads), _chunks(drawn)
-    running = deque[Future[tuple[Batch, np.ndarray]]]()
+    workers = worker_count("threads", threads)
+
+    def finished(chunk: np.ndarray, simulation: Future[_ChunkResult]) -> PerturbedBatch:
+        batch, force = simulation.result()
+        least = _least_distances(lift.clearance, planned, margins, batch)
+        crane = cranes[float(drawn["load"][chunk[0]])]
+        return PerturbedBatch(chunk, crane, batch, force, least)
+
+    # Distances are measured here while the threads simulate the next chunks. No more than one chunk
+    # beyond their number is submitted at a time, so that few results wait in memory.
+    running = deque[tuple[np.ndarray, Future[_ChunkResult]]]()
     with ThreadPoolExecutor(workers) as pool:
-        for i in range(len(chunks) + workers):
-            if i < len(chunks):
-                values = {name: column[chunks[i]] for name, column in drawn.items()}
-                running.append(pool.submit(_batch, lift, nominal, values, cranes, dt))
-            if i >= workers:
-                chunk, (batch, force) = chunks[i - workers], running.popleft().result()
-                distances = _least(lift.clearance, planned, margins, batch)
-                crane = cranes[float(drawn["load"][chunk[0]])]
-                yield PerturbedBatch(chunk, crane, batch, force, distances)
+        for chunk in _chunks(drawn):
+            values = {name: column[chunk] for name, column in drawn.items()}
+            simulation = pool.submit(_simulate_chunk, lift, nominal, values, cranes, dt)
+            running.append((chunk, simulation))
+            if len(running) > workers:
+                yield finished(*running.popleft())
+        while running:
+            yield finished(*running.popleft())
 
 
-def _chunks(drawn: dict[str, np.ndarray], largest: int = 300) -> list[np.ndarray]:
-    """Return the indices of lifts of the same load and delay, which share a controller, at most so
-    many at once.
+def _chunks(drawn: dict[str, np.ndarray]) -> list[np.ndarray]:
+    """Return the indices of lifts that are simulated at once: of the same load and delay, so that
+    they share a controller, and at most `_CHUNK_SIZE`.
     """
     kinds = np.stack([drawn["load"], drawn["late_s"]])
-    alike = np.unique(kinds, axis=1, return_inverse=True)[1].ravel()
-    groups = [np.flatnonzero(alike == kind) for kind in range(alike.max() + 1)]
-    return [rows for group in groups for rows in np.array_split(group, -(-len(group) // largest))]
+    _, kind_of_lift = np.unique(kinds, axis=1, return_inverse=True)
+    kind_of_lift = kind_of_lift.ravel()
+    chunks = []
+    for kind in range(kind_of_lift.max() + 1):
+        lifts = np.flatnonzero(kind_of_lift == kind)
+        chunks += np.array_split(lifts, math.ceil(len(lifts) / _CHUNK_SIZE))
+    return chunks
 
 
-def _crane(crane: Crane, load: float) -> Crane:
-    """Return the crane with a multiple of the mass of its load."""
+def _crane_with_load(crane: Crane, load: float) -> Crane:
+    """Return the crane with a multiple of the mass of its load, whose size and inertia about its
+    centre stay as they are.
+    """
     if load == 1.0:
         return crane
-    model, joint = crane.model.copy(), crane.payload.body + 1
+    model = crane.model.copy()
+    joint = crane.payload.body + 1
     inertia = model.inertias[joint]
     inertia.mass = load * inertia.mass
     model.inertias[joint] = inertia
     return replace(crane, model=model)
 
 
-def late(controller: HoistIntegral, seconds: float) -> Tracking:
-    """Return the tracking controller of a lift with sensors that are late.
+def with_sensor_delay(controller: HoistIntegral, delay: float) -> Tracking:
+    """Return the tracking controller of a lift whose sensors are late by a delay [s].
 
     What it reads at a time t is the state at t less the delay. Where the lift goes as planned, that
     is as if its setpoint were ahead by the delay.
     """
     table = controller.tracking
     rows = np.arange(len(table.setpoint))
-    setpoint = interpolate_columns(rows + seconds / table.period, rows, table.setpoint)
+    setpoint = interpolate_columns(rows + delay / table.period, rows, table.setpoint)
     return replace(table, setpoint=setpoint)
 
 
-def _batch(
+def _simulate_chunk(
     lift: Lift,
     nominal: HoistIntegral,
     drawn: dict[str, np.ndarray],
     cranes: dict[float, Crane],
     dt: float,
-) -> tuple[Batch, np.ndarray]:
-    """Simulate lifts of one load; return also the forces of the wind in the rows that are kept."""
-    crane, motion, load = lift.crane, lift.timed.motion, float(drawn["load"][0])
-    # All batches share one compiled code if the last lift is simulated again with another load.
-    added = next((crane for level, crane in cranes.items() if level != load), cranes[load])
-    drawn = {name: np.append(values, values[-1]) for name, values in drawn.items()}
-    count, lighter = len(drawn["load"]), (1.0 - load) * crane.payload_mass * crane.gravity
-    integral = lighter / nominal.integral_gain
-    controllers = {
-        delay: replace(nominal, tracking=late(nominal, delay), integral=integral)
-        for delay in np.unique(drawn["late_s"]).tolist()
-    }
-    force = _forces(lift, drawn)
-    start = np.tile(lift.states()[0].q, (count, 1))
-    offset = np.zeros((count, 2 * crane.layout.n))
+) -> _ChunkResult:
+    """Simulate lifts of one load.
+
+    Args:
+        lift: The lift.
+        nominal: Its controller.
+        drawn: Perturbations by the names of `Perturbed.drawn`, shape (k,) each.
+        cranes: Crane of each load.
+        dt: Physics step [s].
+    """
+    crane = lift.crane
+    motion = lift.timed.motion
+    load = float(drawn["load"][0])
     hoist = lift.clearance.joints.hoist
+
+    # Code is compiled for the numbers that differ in a batch. All batches share one if the mass of
+    # the load always differs: the last lift is simulated again with another load, and left out of
+    # the results.
+    drawn = {name: np.append(values, values[-1]) for name, values in drawn.items()}
+    count = len(drawn["load"])
+    other_loads = [other for other in cranes if other != load]
+    other_crane = cranes[other_loads[0]] if other_loads else cranes[load]
+
+    # The load has hung there for a while: the integral holds what its weight differs by.
+    missing_weight = (1.0 - load) * crane.payload_mass * crane.gravity
+    integral = missing_weight / nominal.integral_gain
+    controllers = {}
+    for delay in np.unique(drawn["late_s"]).tolist():
+        tracking = with_sensor_delay(nominal, delay)
+        controllers[delay] = replace(nominal, tracking=tracking, integral=integral)
+
+    # The cable is longer than planned, and measured as planned.
+    force = _wind_forces(lift, drawn)
+    start = np.tile(lift.states()[0].q, (count, 1))
     start[:, hoist] += drawn["cable_m"]
-    offset[:, hoist] = -drawn["cable_m"]
-    _hang(start, force[:, 0, :3], cranes[load], lift.clearance.joints)
+    sensor_offset = np.zeros((count, 2 * crane.layout.n))
+    sensor_offset[:, hoist] = -drawn["cable_m"]
+    _hang_in_wind(start, force[:, 0, :3], cranes[load], lift.clearance.joints)
+
     batch = simulate_batch(
-        [*[cranes[load]] * (count - 1), added],
+        [*[cranes[load]] * (count - 1), other_crane],
         [controllers[delay] for delay in drawn["late_s"].tolist()],
         motion,
         start=State(start, np.zeros_like(start)),
-        duration=motion.period * _periods(lift),
+        duration=motion.period * _period_count(lift),
         dt=dt,
         control_period=motion.period,
         force=force,
-        force_interval=_every(lift),
-        sensor_offset=offset,
+        force_interval=_periods_per_row(lift),
+        sensor_offset=sensor_offset,
         residual_from=motion.arrival,
-        record=_every(lift),
+        record=_periods_per_row(lift),
         threads=1,
     )
-    names = ("peak_swing", "residual_swing", "largest_effort", "valid_until")
-    batch = replace(batch, **{name: getattr(batch, name)[:-1] for name in names})
-    return batch, force[:-1]
+    batch = replace(
+        batch,
+        peak_swing=batch.peak_swing[:-1],
+        residual_swing=batch.residual_swing[:-1],
+        largest_effort=batch.largest_effort[:-1],
+        valid_until=batch.valid_until[:-1],
+    )
+    return _ChunkResult(batch, force[:-1])
 
 
-def _periods(lift: Lift) -> int:
-    """Return the number of control periods that a lift is watched."""
+class _ChunkResult(NamedTuple):
+    """Simulated lifts of one chunk.
+
+    Attributes:
+        batch: The simulated lifts.
+        force: Force of the wind as of `PerturbedBatch`.
+    """
+
+    batch: Batch
+    force: np.ndarray
+
+
+def _period_count(lift: Lift) -> int:
+    """Return the number of control periods for which a lift is simulated."""
     motion = lift.timed.motion
     return round(motion.arrival / motion.period) + math.ceil(AFTER / motion.period)
 
 
-def _every(lift: Lift) -> int:
+def _periods_per_row(lift: Lift) -> int:
     """Return the number of control periods between rows that are kept."""
-    return max(1, round(_RECORDED / lift.timed.motion.period))
+    return max(1, round(_RECORDING_INTERVAL / lift.timed.motion.period))
 
 
-def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) -> None:
-    """Set loads, shape (n, coordinates), where forces of the wind in the world [N], shape (n, 3),
-    hold them, their pivots unmoved.
+def _hang_in_wind(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) -> None:
+    """Set the swing angles of loads so that wind and weight balance, their pivots unmoved.
+
+    The rope points along the sum of weight W and force F. Its radial angle turns first, so that it
+    takes the outward part F_o against W, and its tangential angle takes the part F_t along the
+    direction of positive slew against √(W² + F_o²).
+
+    Args:
+        start: Coordinates, shape (k, n); the swing angles are overwritten.
+        force: Forces of the wind in the world [N], shape (k, 3).
+        crane: The crane with the load.
+        joints: Its joints.
     """
-    gamma, weight = start[:, joints.slew], crane.payload_mass * crane.gravity
+    gamma = start[:, joints.slew]
+    weight = crane.payload_mass * crane.gravity
+    # At a slew of zero the jib points along -Y, and positive slew moves it towards +X.
     outward = force[:, 0] * np.sin(gamma) - force[:, 1] * np.cos(gamma)
-    along = force[:, 0] * np.cos(gamma) + force[:, 1] * np.sin(gamma)
+    tangential = force[:, 0] * np.cos(gamma) + force[:, 1] * np.sin(gamma)
     start[:, joints.radial_swing] = -np.arctan2(outward, weight)
-    start[:, joints.tangential_swing] = -np.arctan2(along, np.hypot(weight, outward))
+    start[:, joints.tangential_swing] = -np.arctan2(tangential, np.hypot(weight, outward))
 
 
-def _forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:
+def _wind_forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:
     """Return the drag of the wind on the load, which moves as planned, in the middle between rows
-    that are kept [N], shape (n, rows, 3 points).
+    that are kept [N], shape (k, rows, 3 points).
     """
-    rows = np.arange(0, _periods(lift) + 1, _every(lift))
-    times = lift.timed.motion.period * (rows + _every(lift) / 2.0)
-    area = DRAG_COEFFICIENT * _silhouette(lift.clearance.bodies.load)
+    motion = lift.timed.motion
+    rows = np.arange(0, _period_count(lift) + 1, _periods_per_row(lift))
+    times = motion.period * (rows + _periods_per_row(lift) / 2.0)
+
     points = lift.clearance.point(lift.timed.places)
-    step = lift.timed.motion.arrival / (len(points) - 1)
-    load_rates = np.gradient(points, step, axis=0)
-    load_rates = interpolate_columns(times, step * np.arange(len(points)), load_rates)
-    load_rates[times > step * (len(points) - 1)] = 0.0
-    names = ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")
-    steady, rise, start, duration, direction = (drawn[name][:, None] for name in names)
-    speed = (steady + rise * gust_shape(times, start, duration))[..., None]
-    along = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+    step = motion.arrival / (len(points) - 1)
+    point_times = step * np.arange(len(points))
+    load_velocity = interpolate_columns(times, point_times, np.gradient(points, step, axis=0))
+    load_velocity[times > step * (len(points) - 1)] = 0.0
+
+    # One row for each lift, to be combined with one column for each time.
+    steady = drawn["wind_m_s"][:, None]
+    rise = drawn["gust_m_s"][:, None]
+    begin = drawn["gust_at_s"][:, None]
+    duration = drawn["gust_lasts_s"][:, None]
+    direction = drawn["direction_rad"][:, None]
+    speed = (steady + rise * gust_shape(times, begin, duration))[..., None]
+    unit_vector = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+
+    area = DRAG_COEFFICIENT * _largest_silhouette(lift.clearance.bodies.load)
+    # Of the points of a crane the payload is the first.
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
-    force[..., :2] = drag_force(area, speed * along - load_rates[:, :2])
+    force[..., :2] = drag_force(area, speed * unit_vector - load_velocity[:, :2])
     return force
 
 
-def _silhouette(corners: np.ndarray) -> float:
-    """Return the largest area that the box around a load shows to a horizontal wind [m²]."""
+def _largest_silhouette(corners: np.ndarray) -> float:
+    """Return the largest area that the box around a load shows to a horizontal wind [m²]: that of
+    its vertical section through opposite edges.
+    """
     length, width, height = np.ptp(corners, axis=0)
     return float(math.hypot(length, width) * height)
 
 
-def _least(
+def _least_distances(
     clearance: Clearance, planned: np.ndarray, margins: np.ndarray, batch: Batch
 ) -> np.ndarray:
-    """Return a lower bound of the least distance in each lift [m], shape (n,).
+    """Return a lower bound of the least distance in each lift [m], shape (k,); NaN for a lift that
+    failed.
 
-    Where a lift differs from planned coordinates, shape (rows, n), by less than their margins [m],
-    shape (rows,), that difference gives the bound. Elsewhere distances are measured in the recorded
-    rows, less the way between these, and bound those of the rows around by the way to them.
+    Where a lift differs from planned coordinates by less than their margins, that difference gives
+    the bound. Elsewhere distances are measured in the recorded rows, less the way between these,
+    and bound those of the rows around by the way to them.
+
+    Args:
+        clearance: Crane and site.
+        planned: Planned coordinates in the recorded rows, shape (rows, n).
+        margins: Their margins [m], shape (rows,).
+        batch: The lifts.
     """
-    between = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
-    moved = np.pad(np.cumsum(2.0 * between, axis=1), ((0, 0), (1, 0)))
-    step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))
-    at_least = margins - clearance.displacement(planned, batch.q) - step
+    # Nothing that hangs moves farther between two rows than this. So at every instant it is no
+    # farther than half of it from where it is in one of them.
+    way = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :])
+    half_way = way / 2.0
+    half_way_before = np.pad(half_way, ((0, 0), (1, 0)))
+    half_way_after = np.pad(half_way, ((0, 0), (0, 1)))
+    step = np.maximum(half_way_before, half_way_after)
+    moved = np.pad(np.cumsum(2.0 * half_way, axis=1), ((0, 0), (1, 0)))
+
+    by_plan = margins - clearance.displacement(planned, batch.q) - step
+    held = np.isfinite(by_plan).all(axis=1) & ~np.isfinite(batch.valid_until)
     distances = np.full(len(batch.q), np.nan)
-    for i in np.flatnonzero(np.isfinite(at_least).all(axis=1) & ~np.isfinite(batch.valid_until)):
-        bounds, measured = at_least[i], set[int]()
-        while (k := int(np.argmin(bounds))) not in measured and bounds[k] < 0.0:
-            margin = clearance.margin(batch.q[i, k])
-            bounds = np.maximum(bounds, margin - np.abs(moved[i] - moved[i, k]) - step[i])
-            measured.add(k)
-        distances[i] = bounds[k] + clearance.site.distance
+    for i in np.flatnonzero(held):
+        least_margin = _least_margin(clearance, batch.q[i], by_plan[i], moved[i], step[i])
+        distances[i] = least_margin + clearance.site.distance
     return distances
+
+
+def _least_margin(
+    clearance: Clearance, q: np.ndarray, bounds: np.ndarray, moved: np.ndarray, step: np.ndarray
+) -> float:
+    """Return a lower bound of the least margin in a lift [m], exact where it is negative.
+
+    The row with the lowest bound is measured until that bound is not negative, or is that of a row
+    that was measured.
+
+    Args:
+        clearance: Crane and site.
+        q: Coordinates, shape (rows, n).
+        bounds: Lower bounds of the margin about each row [m], shape (rows,).
+        moved: Way of what hangs up to each row [m], shape (rows,).
+        step: Way about each row that it stands for [m], shape (rows,).
+    """
+    measured = set[int]()
+    while True:
+        k = int(np.argmin(bounds))
+        if k in measured or not bounds[k] < 0.0:
+            return float(bounds[k])
+        margin = clearance.margin(q[k])
+        bounds = np.maximum(bounds, margin - np.abs(moved - moved[k]) - step)
+        measured.add(k)

@@ -34,7 +34,7 @@ from cranedyn.lifting.page import STATEMENT
 from cranedyn.lifting.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from cranedyn.model.load import load_crane
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.perturbed import DRAG_COEFFICIENT, Perturbed, Spread, _silhouette
+from cranedyn.planning.perturbed import DRAG_COEFFICIENT, Perturbed, Spread, _largest_silhouette
 from cranedyn.planning.site import Arm, Base
 from cranedyn.planning.site_file import read_site
 from cranedyn.verdict import Check, Verdict
@@ -383,7 +383,7 @@ def test_the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn(
         found["utilisation"][:] = found["swing"][:] = 0.0
 
     monkeypatch.setattr(wind_limit_module, "simulate_perturbed", by_hand)
-    monkeypatch.setattr(wind_limit_module, "_note", note)
+    monkeypatch.setattr(wind_limit_module, "_enter_values", note)
     found = wind_limit(certificate(), CHART, seed=seed)
     assert found.interval() == (11.0, 12.0) and found.binding == "clearance"
     assert found.lifts == sum(len(drawn["gust_m_s"]) for drawn in blown)
@@ -394,7 +394,7 @@ def test_the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn(
 def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
     found = wind_limit(certificate(), CHART, count=4, dt=1e-3)
     assert (np.diff(found.speeds) > 0.0).all()
-    crane, area = lift().crane, DRAG_COEFFICIENT * _silhouette(lift().clearance.bodies.load)
+    crane, area = lift().crane, DRAG_COEFFICIENT * _largest_silhouette(lift().clearance.bodies.load)
     planned = float(lift().clearance.tilt(certificate().run.q).max())
 
     def lean(speed: float) -> float:

@@ -19,7 +19,7 @@ from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifting import wind_limit as wind_limit_module
 from cranedyn.lifting.chart import Chart, Falls
-from cranedyn.lifting.wind_limit import _FAILED, WindLimit, _limits, _note, wind_limit
+from cranedyn.lifting.wind_limit import _FAILED, WindLimit, _enter_values, _limits, wind_limit
 from cranedyn.model.crane import Crane
 from tests.helpers import crane
 from tests.lifting.test_loads import pinocchio_wrench
@@ -56,7 +56,7 @@ def lifts(of: Crane, *states: list[State], **changes: Any) -> Any:
 def noted(perturbed: Any, count: int, falls: int | None = None) -> dict[str, np.ndarray]:
     """The values of so many lifts, of which those of `perturbed` are entered."""
     values = {name: np.full(count, -1.0) for name in NAMES}
-    _note(values, perturbed, CHART, falls)
+    _enter_values(values, perturbed, CHART, falls)
     return values
 
 
@@ -195,7 +195,7 @@ def test_gusts_are_drawn_over_the_whole_lift_from_every_side_and_limits_are_the_
         values["clearance"][:], values["utilisation"][:], values["swing"][:] = 0.7, 0.5, 0.01
 
     monkeypatch.setattr(wind_limit_module, "simulate_perturbed", simulated)
-    monkeypatch.setattr(wind_limit_module, "_note", note)
+    monkeypatch.setattr(wind_limit_module, "_enter_values", note)
     planned = SimpleNamespace(
         clearance=SimpleNamespace(site=SimpleNamespace(distance=0.65)),
         timed=SimpleNamespace(motion=SimpleNamespace(arrival=40.0)),

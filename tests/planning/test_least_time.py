@@ -249,9 +249,9 @@ def test_an_interruption_of_the_optimiser_is_one_and_no_failure(
         iterations.append(1)
         if len(iterations) == 3:
             os.kill(os.getpid(), signal.SIGINT)
-        return [int(self.arrived())]
+        return [int(self.signal_arrived())]
 
-    monkeypatch.setattr(transcription._Stop, "eval", interrupted)
+    monkeypatch.setattr(transcription._StopOnSignal, "eval", interrupted)
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
         hoisted(5.0)

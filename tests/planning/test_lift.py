@@ -28,14 +28,14 @@ from cranedyn.planning.lift import RESERVE, NoWay, _candidates, _is_proven, cran
 from cranedyn.planning.perturbed import (
     Perturbed,
     Spread,
-    _batch,
     _chunks,
-    _crane,
-    _hang,
-    _least,
-    _silhouette,
-    late,
+    _crane_with_load,
+    _hang_in_wind,
+    _largest_silhouette,
+    _least_distances,
+    _simulate_chunk,
     perturb,
+    with_sensor_delay,
 )
 from cranedyn.planning.proof import Line, unproven_parameter, unproven_row
 from cranedyn.planning.site_file import SITES, read_site
@@ -342,7 +342,7 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     are really late.
     """
     made, load, cable, delay = lift(), 1.3, 0.4, 4
-    heavy, motion = _crane(crane(), load), made.timed.motion
+    heavy, motion = _crane_with_load(crane(), load), made.timed.motion
     control = controller_of(lift(), dt=1e-3)
     weight = (load - 1.0) * crane().payload_mass * crane().gravity
     remembered = replace(control, integral=-weight / control.integral_gain)
@@ -364,7 +364,7 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     off = []
     for seconds in (delay * motion.period, 0.0):
         late_by = {"late_s": np.array([seconds])}
-        batch, _ = _batch(made, control, drawn | late_by, {load: heavy}, 1e-3)
+        batch, _ = _simulate_chunk(made, control, drawn | late_by, {load: heavy}, 1e-3)
         rows = np.searchsorted(run.t, batch.t - 1e-9)
         off.append(float(made.clearance.displacement(batch.q[0], run.q[rows]).max()))
     # half a kilogram force of still air's drag, and what the delay does to what was not planned
@@ -388,7 +388,7 @@ def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> Non
     rooms = np.array([asked.margin(row) for row in q[0]])
     assert rooms.min() > 0.5
     batch = SimpleNamespace(q=q, valid_until=np.array([math.inf]))
-    (least,) = _least(asked, q[0], rooms, batch)  # type: ignore[arg-type]
+    (least,) = _least_distances(asked, q[0], rooms, batch)  # type: ignore[arg-type]
     assert least <= 0.0
 
 
@@ -399,7 +399,7 @@ def test_rows_beside_a_measured_one_are_bounded_by_the_way_to_them() -> None:
     steps = np.maximum(np.append(0.0, half), np.append(half, 0.0))
     least = min(asked.margin(row) - step for row, step in zip(q, steps, strict=True))
     batch = SimpleNamespace(q=q[None], valid_until=np.array([math.inf]))
-    (bound,) = _least(asked, q, np.full(len(q), -9.0), batch)  # type: ignore[arg-type]
+    (bound,) = _least_distances(asked, q, np.full(len(q), -9.0), batch)  # type: ignore[arg-type]
     assert least < 0.0
     assert bound == pytest.approx(least + asked.site.distance, abs=1e-9)
 
@@ -421,7 +421,7 @@ def test_the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_sid
     start[1, 0] = -2.0
     force = np.array([[300.0, 0.0, 0.0], [120.0, 500.0, 0.0]])
     plumb = [payload_position(crane(), q) for q in start]
-    _hang(start, force, crane(), lift().clearance.joints)
+    _hang_in_wind(start, force, crane(), lift().clearance.joints)
     off = np.array([payload_position(crane(), q) for q in start]) - plumb
     lean = np.linalg.norm(force, axis=1) / (crane().payload_mass * crane().gravity)
     length = float(start[0, 4])
@@ -429,14 +429,14 @@ def test_the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_sid
         np.testing.assert_allclose(
             shift[:2], length * math.sin(angle) * push[:2] / np.linalg.norm(push), rtol=1e-9
         )
-    assert _silhouette(corners(2.0, 3.0, 4.0)) == pytest.approx(4.0 * math.sqrt(13.0))
+    assert _largest_silhouette(corners(2.0, 3.0, 4.0)) == pytest.approx(4.0 * math.sqrt(13.0))
 
 
 def test_late_sensors_see_what_was_planned_a_while_ago() -> None:
     nominal = controller_of(lift())
-    table, ahead = nominal.tracking.setpoint, late(nominal, 0.010).setpoint
+    table, ahead = nominal.tracking.setpoint, with_sensor_delay(nominal, 0.010).setpoint
     np.testing.assert_allclose(ahead[:-2], table[2:], atol=1e-12)
-    np.testing.assert_allclose(late(nominal, 0.0).setpoint, table)
+    np.testing.assert_allclose(with_sensor_delay(nominal, 0.0).setpoint, table)
 
 
 def test_a_lift_that_failed_counts_as_one_that_came_too_near() -> None:
