@@ -761,16 +761,16 @@ cranedyn/compiled/batch.py
 + assert loop
 * a row of forces holds for one control instant whatever its interval
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
-- "force_interval": force_interval
-+ "force_interval": 1
+- force_interval=force_interval,
++ force_interval=1,
 * cranes of a batch have each other's numbers
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
-- group_lanes([varied[crane_index]], lanes)
-+ group_lanes([varied[crane_index[::-1]]], lanes)
+- group_lanes([compiled.varied[compiled.index]], lanes)
++ group_lanes([compiled.varied[compiled.index[::-1]]], lanes)
 * a swing of a batch counts as residual a row late
 ? batch::the_summary_is_that_of_the_recorded_rows
-- math.ceil(periods - 1e-6)
-+ math.ceil(periods - 1e-6) + 1
+- math.ceil(periods - _ROUNDING)
++ math.ceil(periods - _ROUNDING) + 1
 cranedyn/compiled/inputs.py
 * drives that hold where they start all hold where the first one does
 ? batch::a_hold_controller_keeps_its_places_as_any_other_controller
