@@ -684,27 +684,27 @@ cranedyn/plant/rigid_body.py
 cranedyn/compiled/kernel.py
 * an angle that turned too far for a series keeps what the series gave
 ? turned_angles::long_steps_that_turn_far_are_those_of_pinocchio
-- self._keep_angle(i, turn.refine(pairs[i]))
-+ self._keep_angle(i, pairs[i])
+- self._set_angle(i, turn.refine(rotated[i]))
++ self._set_angle(i, rotated[i])
 * the effort up to an instant counts the wind from it on
 ? compiled::both_engines_record_the_same
 - return self._get("pushed")
 + return self._forces(instant)
 * a compiled loop logs efforts a period late
 ? compiled::a_run_of_many_blocks_is_the_same
-- acts, energy = [*command, *effort, *before],
-+ acts, energy = [*command, *before, *effort],
+- acts = [*values.command, *values.effort, *values.before]
++ acts = [*values.command, *values.before, *values.effort]
 * a compiled loop dissipates at the end of a period alone
 ? compiled::a_run_of_many_blocks_is_the_same
 - loss = (self._get("power") + power) / 2.0 *
 + loss = power *
 * a compiled loop counts the work of the effort before a period
 ? compiled::a_run_of_many_blocks_is_the_same
-- work = (self._get("acted") + before) / 2.0 *
-+ work = before *
+- work = (self._get("acted") + values.before) / 2.0 *
++ work = values.before *
 * a compiled loop does not say that the model has ceased to hold
 ? compiled::a_hoist_that_pushes_the_rope_ends_both_runs
-- code.chosen(holds, 0.0, 1.0), 2.0)
+- code.chosen(values.holds, 0.0, 1.0), 2.0)
 + 0.0, 2.0)
 * compiled code begins a piece of a control period with control again
 ? compiled_binding::a_run_in_pieces_is_the_same_to_the_bit
