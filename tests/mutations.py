@@ -208,8 +208,8 @@ cranedyn/dynamics/drives.py
 cranedyn/compiled/step.py
 * a lane whose slack rope becomes taut goes on falling
 ? slack::a_load_falls_freely_until_the_rope_catches_it_and_then_hangs[compiled]
-- loose_end.q[rope.stretch] < 0.0
-+ loose_end.q[rope.stretch] < 9.0
+- loose_end.q[stretch] < 0.0
++ loose_end.q[stretch] < 9.0
 * the change of a rope is found by halves only once
 ? slack::both_engines_go_through_the_same_phases[motion-inextensible]
 - _TRIES = 10
@@ -739,8 +739,8 @@ cranedyn/compiled/step.py
 + works=after.works
 * compiled RK4 gives way to small steps too late
 ? compiled::both_engines_record_the_same
-- for q in (before.q, smooth.q)
-+ for q in (before.q,)
+- for q in (before.q, smooth.q):
++ for q in (before.q,):
 cranedyn/compiled/engine.py
 * a stepping rule that looks at numbers becomes code all the same
 ? compiled::a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name
