@@ -208,8 +208,8 @@ cranedyn/dynamics/drives.py
 cranedyn/compiled/step.py
 * a lane whose slack rope becomes taut goes on falling
 ? slack::a_load_falls_freely_until_the_rope_catches_it_and_then_hangs[compiled]
-- loose_end.q[rope.stretch] < 0.0
-+ loose_end.q[rope.stretch] < 9.0
+- loose_end.q[stretch] < 0.0
++ loose_end.q[stretch] < 9.0
 * the change of a rope is found by halves only once
 ? slack::both_engines_go_through_the_same_phases[motion-inextensible]
 - _TRIES = 10
@@ -684,27 +684,27 @@ cranedyn/plant/rigid_body.py
 cranedyn/compiled/kernel.py
 * an angle that turned too far for a series keeps what the series gave
 ? turned_angles::long_steps_that_turn_far_are_those_of_pinocchio
-- self._keep_angle(i, turn.refine(pairs[i]))
-+ self._keep_angle(i, pairs[i])
+- self._set_angle(i, turn.refine(rotated[i]))
++ self._set_angle(i, rotated[i])
 * the effort up to an instant counts the wind from it on
 ? compiled::both_engines_record_the_same
 - return self._get("pushed")
 + return self._forces(instant)
 * a compiled loop logs efforts a period late
 ? compiled::a_run_of_many_blocks_is_the_same
-- acts, energy = [*command, *effort, *before],
-+ acts, energy = [*command, *before, *effort],
+- acts = [*values.command, *values.effort, *values.before]
++ acts = [*values.command, *values.before, *values.effort]
 * a compiled loop dissipates at the end of a period alone
 ? compiled::a_run_of_many_blocks_is_the_same
 - loss = (self._get("power") + power) / 2.0 *
 + loss = power *
 * a compiled loop counts the work of the effort before a period
 ? compiled::a_run_of_many_blocks_is_the_same
-- work = (self._get("acted") + before) / 2.0 *
-+ work = before *
+- work = (self._get("acted") + values.before) / 2.0 *
++ work = values.before *
 * a compiled loop does not say that the model has ceased to hold
 ? compiled::a_hoist_that_pushes_the_rope_ends_both_runs
-- code.chosen(holds, 0.0, 1.0), 2.0)
+- code.chosen(values.holds, 0.0, 1.0), 2.0)
 + 0.0, 2.0)
 * compiled code begins a piece of a control period with control again
 ? compiled_binding::a_run_in_pieces_is_the_same_to_the_bit
@@ -739,8 +739,8 @@ cranedyn/compiled/step.py
 + works=after.works
 * compiled RK4 gives way to small steps too late
 ? compiled::both_engines_record_the_same
-- for q in (before.q, smooth.q)
-+ for q in (before.q,)
+- for q in (before.q, smooth.q):
++ for q in (before.q,):
 cranedyn/compiled/engine.py
 * a stepping rule that looks at numbers becomes code all the same
 ? compiled::a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name
@@ -761,16 +761,16 @@ cranedyn/compiled/batch.py
 + assert loop
 * a row of forces holds for one control instant whatever its interval
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
-- "force_interval": force_interval
-+ "force_interval": 1
+- force_interval=force_interval,
++ force_interval=1,
 * cranes of a batch have each other's numbers
 ? batch::each_crane_of_a_batch_does_what_it_does_alone
-- group_lanes([varied[crane_index]], lanes)
-+ group_lanes([varied[crane_index[::-1]]], lanes)
+- group_lanes([compiled.varied[compiled.index]], lanes)
++ group_lanes([compiled.varied[compiled.index[::-1]]], lanes)
 * a swing of a batch counts as residual a row late
 ? batch::the_summary_is_that_of_the_recorded_rows
-- math.ceil(periods - 1e-6)
-+ math.ceil(periods - 1e-6) + 1
+- math.ceil(periods - _ROUNDING)
++ math.ceil(periods - _ROUNDING) + 1
 cranedyn/compiled/inputs.py
 * drives that hold where they start all hold where the first one does
 ? batch::a_hold_controller_keeps_its_places_as_any_other_controller

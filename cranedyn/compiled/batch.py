@@ -1,4 +1,8 @@
-"""Simulation of many cranes at once, one in each lane of the processor's vectors."""
+"""Simulation of many cranes at once, one in each lane of the processor's vectors.
+
+A *group* is the cranes that run together: 8 in the lanes of the vectors of a processor, or 32
+threads of a GPU. Arrays of the loop have the group as first axis and the lane as last.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -17,13 +21,13 @@ from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import cuda, inputs
 from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import Receding
-from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import group_lanes, ungroup_lanes
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
-from cranedyn.dynamics.contact import Ground
+from cranedyn.dynamics.contact import Contacts, Ground
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.drives import GroundForces
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -32,9 +36,14 @@ from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.plant.cranes import Cranes
 
-_LANES, _CHUNKS = 8, 8
-"""Cranes in a group; chunks of groups for each thread, so that threads end at about the same time.
-"""
+_LANES = 8
+"""Cranes in a group on the processor."""
+
+_CHUNKS_PER_THREAD = 8
+"""Chunks of groups for each thread, so that threads end at about the same time."""
+
+_ROUNDING = 1e-6
+"""Rounding error of a number of control periods: a time this little after an instant is at it."""
 
 Device = Literal["cpu", "cuda"]
 """Where a batch runs."""
@@ -87,8 +96,12 @@ class Batch:
     failures: np.ndarray
     refusals: np.ndarray
 
-    q, v, command = _recorded("q"), _recorded("v"), _recorded("command")
-    effort, before, energy = _recorded("effort"), _recorded("before"), _recorded("energy")
+    q = _recorded("q")
+    v = _recorded("v")
+    command = _recorded("command")
+    effort = _recorded("effort")
+    before = _recorded("before")
+    energy = _recorded("energy")
 
     def __repr__(self) -> str:
         """Return how many cranes and rows there are, and where the model ceased to hold."""
@@ -173,121 +186,304 @@ def simulate_batch(
     clock = clocks(duration, dt, control_period)
     check_choice("drive", drive, Drive)
     check_choice("device", device, Device)
-    if device == "cuda":
-        if threads is not None:
-            raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
-        cuda.check_available()
-    lanes = WARP if device == "cuda" else _LANES
-    if buffers and drive != "effort":
-        raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
-    if force is None and force_interval != 1:
-        raise OutOfRange("force_interval", force_interval, "1 where there is no force")
+    _check_together(device, threads, drive, buffers, force, force_interval)
     check_rule(integrator)
     number("time at the start", t_start, "s", "-1e9 to 1e9")
-    after = _instant(residual_from, t_start, clock)
-    interval = min(whole("record", record, 0), clock.periods + 1)
+    residual_instant = _instant(residual_from, t_start, clock)
+    log_interval = min(whole("record", record, 0), clock.periods + 1)
+    log_rows = clock.periods // log_interval + 1 if log_interval else 0
     workers = worker_count("threads", threads)
+    on_gpu = device == "cuda"
+    lanes = WARP if on_gpu else _LANES
+
     if start is None:
         start = crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
     cranes = inputs.crane_count(
         crane=crane, controller=controller, reference=reference, start=start, converter=converters
     )
-    rows = clock.periods // interval + 1 if interval else 0
-    crane_index, distinct = inputs.distinct_objects(crane, cranes)
-    layout = inputs.common_layout(distinct)
-    response, delay_steps = inputs.converter_response(distinct[0], drive, converters, clock)
-    contacts = None if ground is None else ground.contacts(distinct[0])
-    sizes = BufferLayout.of(layout, delay_steps, contacts)
+    models = _models(crane, cranes, drive, converters, clock, ground)
+    sizes = models.sizes
     delays, reading_count = inputs.sensor_delays(sensor_delay, cranes)
-    used = inputs.required_numbers(sizes, cranes, rows, clock.periods, reading_count * sizes.z)
+    used = inputs.required_numbers(
+        sizes, cranes, log_rows, clock.periods, extra=reading_count * sizes.z
+    )
     state = inputs.start_states(start, cranes, sizes.n)
     times = t_start + control_period * np.arange(clock.periods + 1)
+
     forces = inputs.force_table(force, cranes, sizes)
     offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
     control = inputs.control_tables(
-        distinct[0], controller, reference, state, read_only(times), used
+        models.distinct[0], controller, reference, state, read_only(times), used
     )
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
-    if (control.predictive is not None or contacts is not None) and device == "cuda":
+    predictive = control.predictive
+    if on_gpu and (predictive is not None or models.contacts is not None):
         allowed = "cpu where the controller is a predictive one or the load may touch the ground"
         raise OutOfRange("device", device, allowed)
+
     recipe = Recipe(
-        lanes,
-        drive,
-        integrator,
-        buffers,
+        lanes=lanes,
+        drive=drive,
+        integrator=integrator,
+        buffers=buffers,
         integral=control.integrates,
         offset=len(offsets) > 0,
         forces=force is not None,
         shared=tuple(table.shared for table in tables),
-        log=rows > 0,
+        log=log_rows > 0,
         summary=True,
-        delay_steps=delay_steps,
-        programme=None if control.predictive is None else control.predictive.programme,
+        delay_steps=models.delay_steps,
+        programme=None if predictive is None else predictive.programme,
         delayed=reading_count > 0,
-        threads=device == "cuda",
-        contacts=contacts,
+        threads=on_gpu,
+        contacts=models.contacts,
     )
-    anchors = []
-    if contacts is not None:
-        loads = [GroundForces(distinct[i], contacts) for i in range(len(distinct))]
-        starts = zip(crane_index.tolist(), state.q, state.v, strict=True)
-        anchors = [np.array([loads[i].anchors_at(State(q, v)).T.ravel() for i, q, v in starts])]
-    if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
+    compiled = _compile(models, recipe, cranes)
+    needed = used + 2 * cranes * compiled.code.source.varied
+    inputs.check_fits_memory("number of cranes", str(cranes), needed)
+
+    memory = _allocate(models, compiled, state, control.integrals, log_rows)
+    if reading_count:
+        memory.delay = group_lanes([delays[:, None]], lanes, np.int64)
+        memory.readings = np.zeros((memory.groups, reading_count * sizes.z, lanes))
+    if predictive is not None:
+        memory.horizon, memory.workspace = _horizon(
+            predictive, drive, t_start, clock, memory.groups, used
+        )
+    if not all(recipe.shared):
+        starts = [table.starts[:, None] for table in tables]
+        memory.starts = group_lanes(starts, lanes, np.int64)
+    loop = Loop(
+        compiled.code,
+        clock,
+        tables,
+        last=clock.periods + 1,
+        end=clock.periods,
+        force_interval=force_interval,
+        log_interval=max(log_interval, 1),
+        residual_from=residual_instant,
+        reading_count=reading_count,
+        state=memory.state,
+        numbers=memory.numbers,
+        starts=memory.starts,
+        delay=memory.delay,
+        readings=memory.readings,
+        summary=memory.summary,
+        log=memory.log,
+        horizon=memory.horizon,
+        workspace=memory.workspace,
+    )
+    if on_gpu:
+        cuda.run(loop, compiled.code, compiled.cranes, compiled.varied, models.response)
+    else:
+        run_in_threads(loop, workers)
+    # Frees the memory of the tables before results are copied, so that both never stand in memory
+    # together.
+    del loop, control, tables, forces, offsets
+    return _results(memory, sizes, predictive, times, control_period, log_interval, log_rows)
+
+
+def _check_together(
+    device: Device,
+    threads: int | None,
+    drive: Drive,
+    buffers: bool,
+    force: np.ndarray | None,
+    force_interval: int,
+) -> None:
+    """Check arguments of `simulate_batch` that must fit each other.
+
+    Raises:
+        OutOfRange: If they do not.
+        CraneError: If the device is "cuda" and there is no GPU.
+    """
+    if device == "cuda":
+        if threads is not None:
+            raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
+        cuda.check_available()
+    if buffers and drive != "effort":
+        raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
+    if force is None and force_interval != 1:
+        raise OutOfRange("force_interval", force_interval, "1 where there is no force")
+
+
+def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
+    """Return the first control instant at or after a time within the run [s]; the last for None."""
+    if t is None:
+        return clock.periods
+    end = t_start + clock.periods * clock.period
+    periods = (within("residual_from", t, t_start, end, "s") - t_start) / clock.period
+    return min(clock.periods, math.ceil(periods - _ROUNDING))
+
+
+# --- cranes and their code ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Models:
+    """Cranes of a batch, and what all of them have in common.
+
+    Attributes:
+        distinct: The distinct cranes.
+        index: Index of each crane's model among them, shape (cranes,).
+        response: Parameters of the frequency converters, one row for all cranes or one for each;
+            None for drives without converters.
+        delay_steps: Delay of the converters [control periods]; None for drives without converters.
+        contacts: Contacts of the loads with the ground; None without ground.
+        sizes: Layout of the buffers of each crane.
+    """
+
+    distinct: Sequence[Crane] | Cranes
+    index: np.ndarray
+    response: np.ndarray | None
+    delay_steps: int | None
+    contacts: Contacts | None
+    sizes: BufferLayout
+
+
+def _models(
+    crane: Crane | Cranes | Sequence[Crane],
+    cranes: int,
+    drive: Drive,
+    converters: Converters | Sequence[Converters] | None,
+    clock: Clocks,
+    ground: Ground | None,
+) -> _Models:
+    """Return the cranes of a batch; see `simulate_batch` for the arguments, of which cranes is the
+    number of all.
+    """
+    index, distinct = inputs.distinct_objects(crane, cranes)
+    layout = inputs.common_layout(distinct)
+    response, delay_steps = inputs.converter_response(distinct[0], drive, converters, clock)
+    contacts = None if ground is None else ground.contacts(distinct[0])
+    sizes = BufferLayout.of(layout, delay_steps, contacts)
+    return _Models(distinct, index, response, delay_steps, contacts, sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class _CompiledCranes:
+    """Code of the cranes of a batch.
+
+    Attributes:
+        code: The code, the same for all of them.
+        cranes: Cranes to which the varied numbers belong.
+        varied: Crane parameters in which these differ, shape (cranes to which they belong, varied).
+        index: Row of each crane of the batch in them, shape (cranes,).
+    """
+
+    code: Kernel
+    cranes: Sequence[Crane] | Cranes
+    varied: np.ndarray
+    index: np.ndarray
+
+
+def _compile(models: _Models, recipe: Recipe, cranes: int) -> _CompiledCranes:
+    """Compile the code of so many cranes."""
+    distinct = models.distinct
+    crane_index = models.index
+    if models.response is not None and len(models.response) > 1:
+        # Converters of each crane's own: its parameters are those of its model and its converters,
+        # so that no two cranes share a row.
         if not isinstance(distinct, Cranes):
             distinct = [distinct[i] for i in crane_index.tolist()]
         crane_index = np.arange(cranes)
-    code, varied = compile_kernel(distinct, recipe, response)
-    needed = used + 2 * cranes * code.source.varied
-    inputs.check_fits_memory("number of cranes", str(cranes), needed)
-    nothing = np.broadcast_to(0.0, (cranes, sizes.m + 2))  # last command, work of contacts
-    converter_memory = inputs.converter_memory(sizes, state.v[:, layout.drives])
-    first_state = [state.q, state.v, control.integrals, nothing, *anchors, *converter_memory]
+    code, varied = compile_kernel(distinct, recipe, models.response)
+    return _CompiledCranes(code, distinct, varied, crane_index)
+
+
+# --- memory ---------------------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class _Memory:
+    """Arrays that the loop of a batch reads and writes, see `Loop`; None for those it has not.
+
+    Attributes:
+        cranes: Number of cranes; the last one fills the last group.
+        state: State of each crane.
+        numbers: Crane parameters that differ between the lanes.
+        summary: Summary of the run.
+        log: Rows of the log.
+        delay: Delays of the sensors.
+        readings: Readings of delayed sensors.
+        horizon: Memory of a predictive controller.
+        workspace: Its path and the memory of its optimisations.
+        starts: First row of each lane's part of each table.
+    """
+
+    cranes: int
+    state: np.ndarray
+    numbers: np.ndarray
+    summary: np.ndarray
+    log: np.ndarray
+    delay: np.ndarray | None = None
+    readings: np.ndarray | None = None
+    horizon: np.ndarray | None = None
+    workspace: np.ndarray | None = None
+    starts: np.ndarray | None = None
+
+    @property
+    def groups(self) -> int:
+        """Number of groups."""
+        return len(self.state)
+
+
+def _allocate(
+    models: _Models,
+    compiled: _CompiledCranes,
+    start: State,
+    integrals: np.ndarray,
+    log_rows: int,
+) -> _Memory:
+    """Return the memory of a loop before the first control instant.
+
+    Args:
+        models: The cranes.
+        compiled: Their code.
+        start: Coordinates and rates at the start, shape (cranes, n) each.
+        integrals: Integrals of the controllers at the start, shape (cranes, m).
+        log_rows: Rows to record of each crane.
+    """
+    sizes = models.sizes
+    lanes = compiled.code.source.recipe.lanes
+    cranes = len(start.q)
+
+    # The sections of `BufferLayout.state`, in their order.
+    last_command_and_work = np.broadcast_to(0.0, (cranes, sizes.m + 2))
+    drives = models.distinct[0].layout.drives
+    first_state = [start.q, start.v, integrals, last_command_and_work]
+    if models.contacts is not None:
+        first_state.append(_anchors(models, models.contacts, start))
+    first_state += inputs.converter_memory(sizes, start.v[:, drives])
+
+    # The sections of `BufferLayout.summary`: squares of swings, the first invalid row, efforts.
     first_summary = np.array([0.0, 0.0, math.inf, *[0.0] * sizes.m])
-    memory: dict[str, Any] = {
-        "state": group_lanes(first_state, lanes),
-        "numbers": group_lanes([varied[crane_index]], lanes),
-        "summary": group_lanes([np.broadcast_to(first_summary, (cranes, sizes.m + 3))], lanes),
-    }
-    memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), lanes))
-    if reading_count:
-        memory["delay"] = group_lanes([delays[:, None]], lanes, np.int64)
-        memory["readings"] = np.zeros((len(memory["state"]), reading_count * sizes.z, lanes))
-    if control.predictive is not None:
-        groups = len(memory["state"])
-        memory |= _horizon(control.predictive, drive, t_start, clock, groups, used)
-    if not all(recipe.shared):
-        memory["starts"] = group_lanes([table.starts[:, None] for table in tables], lanes, np.int64)
-    counts: Any = {"force_interval": force_interval, "log_interval": max(interval, 1)}
-    counts |= {"residual_from": after, "reading_count": reading_count, "end": clock.periods}
-    loop = Loop(code, clock, tables, last=clock.periods + 1, **counts, **memory)
-    if device == "cuda":
-        cuda.run(loop, code, distinct, varied, response)
-    else:
-        run_in_threads(loop, workers)
-    predictive = control.predictive
-    del loop, control, tables, forces, offsets  # frees their memory before results are copied
-    state_at, kept_at = slices(sizes.state), slices(sizes.summary)
-    end = ungroup_lanes(memory["state"][:, : sizes.z], cranes)
-    summary = ungroup_lanes(memory["summary"], cranes)
-    first_invalid = summary[:, kept_at["invalid"]][:, 0]
-    return Batch(
-        end=State(end[:, state_at["q"]], end[:, state_at["v"]]),
-        peak_swing=np.sqrt(summary[:, kept_at["peak"]][:, 0]),
-        residual_swing=np.sqrt(summary[:, kept_at["residual"]][:, 0]),
-        largest_effort=summary[:, kept_at["effort"]],
-        valid_until=t_start + control_period * first_invalid,
-        t=times[:: max(interval, 1)][:rows],
-        log=memory["log"].reshape(len(memory["log"]), rows, size(sizes.row), lanes),
-        columns=slices(sizes.row),
-        **_marks(predictive, memory, cranes),
+    state = group_lanes(first_state, lanes)
+    summary = np.broadcast_to(first_summary, (cranes, len(first_summary)))
+    return _Memory(
+        cranes=cranes,
+        state=state,
+        numbers=group_lanes([compiled.varied[compiled.index]], lanes),
+        summary=group_lanes([summary], lanes),
+        log=np.empty((len(state), log_rows * size(sizes.row), lanes)),
     )
+
+
+def _anchors(models: _Models, contacts: Contacts, start: State) -> np.ndarray:
+    """Return the anchors of the points that touch the ground at the start, shape (cranes, 3
+    points).
+    """
+    grounds = [GroundForces(models.distinct[i], contacts) for i in range(len(models.distinct))]
+    anchors = []
+    for i, q, v in zip(models.index.tolist(), start.q, start.v, strict=True):
+        anchors.append(grounds[i].anchors_at(State(q, v)).T.ravel())
+    return np.array(anchors)
 
 
 def _horizon(
     predictive: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, used: int
-) -> dict[str, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the memory of a predictive controller for groups of lanes, shape (groups, doubles),
     and its workspace, after checking that they fit beside the numbers that are used.
 
@@ -301,29 +497,10 @@ def _horizon(
     end = predictive.programme.offsets(_LANES).path
     needed = used + groups * end + len(memory)
     inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", needed)
-    return {"horizon": np.tile(memory[:end], (groups, 1)), "workspace": memory[end:]}
+    return np.tile(memory[:end], (groups, 1)), memory[end:]
 
 
-def _marks(
-    predictive: Receding | None, memory: dict[str, np.ndarray], cranes: int
-) -> dict[str, np.ndarray]:
-    """Return the numbers of failed optimisations and of refused readings by crane."""
-    if predictive is None:
-        return dict.fromkeys(("failures", "refusals"), np.zeros(cranes, dtype=int))
-    horizon = memory["horizon"]
-    marks = [mark for group in horizon for mark in predictive.marks_by_lane(group, _LANES)]
-    refusals = np.concatenate([predictive.refusals(group, _LANES) for group in horizon])
-    failures = np.array([mark.failures for mark in marks[:cranes]], dtype=int)
-    return {"failures": failures, "refusals": refusals[:cranes]}
-
-
-def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
-    """Return the first control instant at or after a time within the run [s]; the last for None."""
-    if t is None:
-        return clock.periods
-    end = t_start + clock.periods * clock.period
-    periods = (within("residual_from", t, t_start, end, "s") - t_start) / clock.period
-    return min(clock.periods, math.ceil(periods - 1e-6))
+# --- runs and results -----------------------------------------------------------------------------
 
 
 def run_in_threads(loop: Loop, threads: int) -> None:
@@ -333,15 +510,76 @@ def run_in_threads(loop: Loop, threads: int) -> None:
     groups = len(loop)
     workers = min(threads, groups)
     if workers == 1:
-        return loop.run_groups(range(groups))
-    share = max(1, groups // (workers * _CHUNKS))
-    ended = threading.Event()
+        loop.run_groups(range(groups))
+        return
+    chunk = max(1, groups // (workers * _CHUNKS_PER_THREAD))
+    interrupted = threading.Event()
 
-    def work(first: int) -> None:
-        loop.run_groups(range(first, min(first + share, groups)), ended.is_set)
+    def run_chunk(first: int) -> None:
+        loop.run_groups(range(first, min(first + chunk, groups)), interrupted.is_set)
 
     with ThreadPoolExecutor(workers) as pool:
         try:
-            list(pool.map(work, range(0, groups, share)))
+            list(pool.map(run_chunk, range(0, groups, chunk)))
         finally:
-            ended.set()
+            interrupted.set()
+
+
+def _results(
+    memory: _Memory,
+    sizes: BufferLayout,
+    predictive: Receding | None,
+    times: np.ndarray,
+    period: float,
+    log_interval: int,
+    log_rows: int,
+) -> Batch:
+    """Return the results of a batch from its memory after the run.
+
+    Args:
+        memory: The memory.
+        sizes: Layout of the buffers of each crane.
+        predictive: The predictive controller of all cranes; None for others.
+        times: Control instants [s].
+        period: Time between them [s].
+        log_interval: Control instants from one recorded row to the next; 0 for no record.
+        log_rows: Recorded rows of each crane.
+    """
+    cranes = memory.cranes
+    state_columns = slices(sizes.state)
+    end = ungroup_lanes(memory.state[:, : sizes.z], cranes)
+    summary_columns = slices(sizes.summary)
+    summary = ungroup_lanes(memory.summary, cranes)
+    first_invalid = summary[:, summary_columns["invalid"]][:, 0]
+    failures, refusals = _optimisation_counts(predictive, memory.horizon, cranes)
+    groups, _, lanes = memory.log.shape
+    return Batch(
+        end=State(end[:, state_columns["q"]], end[:, state_columns["v"]]),
+        # Code compares squares, which saves it the roots.
+        peak_swing=np.sqrt(summary[:, summary_columns["peak"]][:, 0]),
+        residual_swing=np.sqrt(summary[:, summary_columns["residual"]][:, 0]),
+        largest_effort=summary[:, summary_columns["effort"]],
+        valid_until=times[0] + period * first_invalid,
+        t=times[:: max(log_interval, 1)][:log_rows],
+        log=memory.log.reshape(groups, log_rows, size(sizes.row), lanes),
+        columns=slices(sizes.row),
+        failures=failures,
+        refusals=refusals,
+    )
+
+
+def _optimisation_counts(
+    predictive: Receding | None, horizon: np.ndarray | None, cranes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of failed optimisations and of refused readings, shape (cranes,) each;
+    zeros without a predictive controller.
+    """
+    if predictive is None or horizon is None:
+        zeros = np.zeros(cranes, dtype=int)
+        return zeros, zeros
+    failures = []
+    refusals = []
+    for group in horizon:
+        failures += [marks.failures for marks in predictive.marks_by_lane(group, _LANES)]
+        refusals.append(predictive.refusals(group, _LANES))
+    return np.array(failures[:cranes], dtype=int), np.concatenate(refusals)[:cranes]

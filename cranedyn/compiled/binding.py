@@ -1,8 +1,10 @@
 """Binding of compiled code to arrays: the only module that passes addresses to it.
 
-Shapes, types and counts are checked once, when a function is bound to its arrays. Numbers must be
-finite, except for the state, which may diverge. Long runs are called in pieces, between which
-Python handles Ctrl-C.
+Compiled code trusts the addresses and counts that it is given, so one wrong shape would read or
+write beside an array. Shapes, types and counts are therefore checked here, once, when a function is
+bound to its arrays. Numbers must be finite, except for the state, which may diverge.
+
+Python handles Ctrl-C only between two calls. Long runs are called in pieces for that reason.
 """
 
 from __future__ import annotations
@@ -10,40 +12,46 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from cranedyn.checks import number, whole
-from cranedyn.compiled.layout import SLOTS, TURNS, size
+from cranedyn.compiled.layout import SLOTS, TURNS, BufferLayout, size
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks
     from cranedyn.compiled.horizon.memory import Programme
-    from cranedyn.compiled.kernel import Kernel
+    from cranedyn.compiled.kernel import Kernel, Recipe
     from cranedyn.compiled.machine import Machine
     from cranedyn.compiled.tables import RowTable
 
-_PIECE = 100_000
+_MAX_STEPS_PER_CALL = 100_000
 """Physics steps, or rows, of one call, after which Python handles Ctrl-C: some tenths of a second
 for eight cranes at once."""
 
-_INSTANT = 4
-"""Cost of control and log at an instant, in steps."""
+_INSTANT_COST = 4
+"""Time that control and log take at a control instant, in physics steps."""
 
-_WRITTEN = frozenset(("state", "readings", "summary", "log", "horizon"))
-"""Arrays that code writes to."""
+_STAGE_COST = 4
+"""Longest time that one stage of an optimisation of one crane takes, in physics steps: some
+microseconds."""
 
-_PIECE_SLOTS = [SLOTS[name] for name in ("first", "last", "steps", "resumed")]
+COLUMN_LANES = (8, 1)
+"""Columns that a function of columns handles at once: groups of eight, then the rest one by one."""
 
-_TIME_SLOTS = [SLOTS[name] for name in ("dt", "period")]
+_BYTES_PER_DOUBLE = 8
 
-COLUMN_LANES = 8, 1
-"""Columns of a group, and of those that fill none."""
+_DOUBLES_PER_CACHE_LINE = 8
 
-_STAGE = 4
-"""Largest cost of a stage of an optimisation of one crane, in steps: some microseconds."""
+_WRITTEN_ARRAYS = frozenset(("state", "readings", "summary", "log", "horizon"))
+"""Arrays that the code of a loop writes to."""
+
+_INTEGER_ARRAYS = frozenset(("delay", "starts"))
+"""Arrays of a loop that hold whole numbers, all others being of doubles."""
+
+_NO_SHARED_NUMBERS = np.empty(0)
 
 
 def _address(
@@ -57,121 +65,163 @@ def _address(
     """Return the address of an array after checking its type, shape and memory order.
 
     Raises:
-        Misshapen: If it is anything else.
+        Misshapen: If the array is anything else, or is written to and read-only.
     """
     if isinstance(array, np.ndarray):
         flags = array.flags
         stored = flags.c_contiguous and flags.aligned and (flags.writeable or not written)
         if stored and array.shape == shape and array.dtype == kind:
-            return array.__array_interface__["data"][0]  # quicker than `array.ctypes`
-        ending = "" if flags.c_contiguous else ", not contiguous"
-        description = f"an array of {array.dtype.name} of shape {array.shape}{ending}"
+            # Takes less time than `array.ctypes.data`, which makes an object of ctypes first.
+            return array.__array_interface__["data"][0]
+        order = "" if flags.c_contiguous else ", not contiguous"
+        given = f"an array of {array.dtype.name} of shape {array.shape}{order}"
     else:
-        description = type(array).__name__
-    ending = ", that can be written to" if written else ""
-    allowed = f"an array of {kind.__name__} of shape {shape}, contiguous{ending}"
-    raise Misshapen(name, description, allowed)
+        given = type(array).__name__
+    access = ", that can be written to" if written else ""
+    allowed = f"an array of {kind.__name__} of shape {shape}, contiguous{access}"
+    raise Misshapen(name, given, allowed)
 
 
-def _check_finite(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
-    """Check that every number is finite, or only not NaN.
+def _check_finite(name: str, array: np.ndarray, *, allow_infinite: bool = False) -> None:
+    """Check that no number of an array is NaN and, unless it is allowed, that none is infinite.
 
     Raises:
-        OutOfRange: If not.
+        OutOfRange: If one is.
     """
-    wrong = np.isnan(array) if infinite else ~np.isfinite(array)
+    wrong = np.isnan(array) if allow_infinite else ~np.isfinite(array)
     if wrong.any():
-        raise OutOfRange(name, float(array[wrong][0]), "a number" if infinite else "finite")
+        allowed = "a number" if allow_infinite else "finite"
+        raise OutOfRange(name, float(array[wrong][0]), allowed)
+
+
+def _refuse_to_copy() -> NoReturn:
+    """Refuse to copy or pickle bound code, since the addresses would still be those of the original
+    memory.
+    """
+    raise CraneError("Code that is bound to memory cannot be copied.")
 
 
 def aligned_copy(numbers: np.ndarray) -> np.ndarray:
-    """Return a copy of doubles that begins where a line of the cache begins."""
-    space = np.empty(len(numbers) + 8)
-    copy = space[-space.ctypes.data // 8 % 8 :][: len(numbers)]
+    """Return a copy of doubles, shape (n,), that begins where a line of the cache begins, so that
+    no vector of its first numbers crosses the end of a line.
+    """
+    space = np.empty(len(numbers) + _DOUBLES_PER_CACHE_LINE)
+    place = space.ctypes.data // _BYTES_PER_DOUBLE
+    to_next_line = -place % _DOUBLES_PER_CACHE_LINE
+    copy = space[to_next_line : to_next_line + len(numbers)]
     copy[:] = numbers
     return copy
 
 
 class RowFunction:
-    """Compiled function that maps each row of numbers, and numbers that rows share, to a row of
+    """Compiled function that maps each row of numbers, and numbers that all rows share, to a row of
     results.
     """
 
     def __init__(
         self, machine: Machine, name: str, width_in: int, width_out: int, shared: int = 0
     ) -> None:
-        """Bind a function of a module by its name, with the numbers that it reads and writes for
-        each row, and those that rows share.
-        """
-        self._machine, self._run = machine, machine.function(name, 4)
-        self._given, self._answered, self._shared = width_in, width_out, shared
+        """Bind a function of a module.
 
-    def __call__(self, rows: np.ndarray, shared: np.ndarray = np.empty(0)) -> np.ndarray:  # noqa: B008
+        Args:
+            machine: The module.
+            name: Name of the function.
+            width_in: How many numbers the function reads of each row.
+            width_out: How many results the function writes for each row.
+            shared: How many numbers all rows share.
+        """
+        self._machine = machine
+        self._run = machine.function(name, 4)
+        self._width_in = width_in
+        self._width_out = width_out
+        self._shared_count = shared
+
+    def __call__(self, rows: np.ndarray, shared: np.ndarray = _NO_SHARED_NUMBERS) -> np.ndarray:
         """Return the results for rows, shape (n, width_in), in rows, shape (n, width_out).
 
         Raises:
             Misshapen: If the rows or the shared numbers are of another length, or no contiguous
                 doubles.
         """
-        answers, count = np.empty((len(rows), self._answered)), np.empty(1, dtype=np.int64)
-        common = _address("shared", shared, (self._shared,))
-        for first in range(0, len(rows), _PIECE):
-            row_chunk, answer_chunk = (array[first : first + _PIECE] for array in (rows, answers))
+        results = np.empty((len(rows), self._width_out))
+        count = np.empty(1, dtype=np.int64)
+        shared_address = _address("shared", shared, (self._shared_count,))
+        for first in range(0, len(rows), _MAX_STEPS_PER_CALL):
+            row_chunk = rows[first : first + _MAX_STEPS_PER_CALL]
+            result_chunk = results[first : first + _MAX_STEPS_PER_CALL]
             count[0] = len(row_chunk)
             self._run(
-                _address("rows", row_chunk, (len(row_chunk), self._given)),
+                _address("rows", row_chunk, (len(row_chunk), self._width_in)),
                 count.ctypes.data,
-                _address("answers", answer_chunk, (len(row_chunk), self._answered)),
-                common,
+                _address("answers", result_chunk, (len(row_chunk), self._width_out)),
+                shared_address,
             )
-        return answers
+        return results
 
     def bind_row(self) -> tuple[np.ndarray, np.ndarray, Callable[[], None]]:
-        """Return memory of a row and its results, and a function that computes these quickly."""
-        row, answers = np.zeros(self._given), np.zeros(self._answered)
-        arrays = row, np.ones(1, dtype=np.int64), answers, np.zeros(self._shared)
+        """Return memory of one row and of its results, and a function that computes these without
+        any check, for callers to whom microseconds matter. Shared numbers are zero.
+        """
+        row = np.zeros(self._width_in)
+        results = np.zeros(self._width_out)
+        arrays = (row, np.ones(1, dtype=np.int64), results, np.zeros(self._shared_count))
         run = partial(self._run, *(array.ctypes.data for array in arrays))
-        run.kept = self._machine, arrays  # type: ignore[attr-defined]  # by no address
-        return row, answers, run
+        # An address keeps no array alive: the function itself has to.
+        run.kept = (self._machine, arrays)  # type: ignore[attr-defined]
+        return row, results, run
 
 
 class ColumnFunction:
     """Compiled function that maps columns of numbers to columns of results."""
 
     def __init__(self, machine: Machine, widths: Sequence[int]) -> None:
-        """Bind the functions of a module, with the rows of each array, the results last."""
+        """Bind the functions of a module, one for each of `COLUMN_LANES`.
+
+        Args:
+            machine: The module.
+            widths: Number of rows of each array that it reads, and last that of the results.
+        """
+        self._machine = machine
         self._runs = [machine.function(f"columns_{lanes}", 1) for lanes in COLUMN_LANES]
-        self._machine, self._widths = machine, widths
+        self._widths = widths
 
     def __call__(self, *blocks: np.ndarray) -> np.ndarray:
-        """Return the results for arrays with a column each, shape (width, n).
+        """Return the results, shape (width, n), for arrays of n columns each, shape (width, n).
 
         Raises:
             Misshapen: If an array has another shape or is not of doubles.
         """
         count = blocks[0].shape[1]
-        arrays = [*map(np.ascontiguousarray, blocks), np.empty((self._widths[-1], count))]
-        pairs = zip(arrays, self._widths, strict=True)
-        starts = [(_address("columns", a, (width, count)), width) for a, width in pairs]
-        rows = [start + 8 * count * i for start, width in starts for i in range(width)]
+        results = np.empty((self._widths[-1], count))
+        arrays = [*map(np.ascontiguousarray, blocks), results]
+        row_addresses = []
+        for array, width in zip(arrays, self._widths, strict=True):
+            start = _address("columns", array, (width, count))
+            for i in range(width):
+                row_addresses.append(start + _BYTES_PER_DOUBLE * count * i)
         done = 0
         for lanes, run in zip(COLUMN_LANES, self._runs, strict=True):
             if done < count:
-                call = np.array([done // lanes, count // lanes, *rows])
+                call = np.array([done // lanes, count // lanes, *row_addresses])
                 run(call.__array_interface__["data"][0])
                 done = count // lanes * lanes
-        return arrays[-1]
+        return results
 
 
 def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Return the accelerations by the code of a crane at one state in each lane, shape (n, lanes).
+    """Return the accelerations that the code of a crane computes at one state in each lane.
 
     Args:
         code: The code.
-        query: q, v, command and force, see `BufferLayout.query`, shape (numbers, lanes).
-        numbers: The varied numbers, shape (varied, lanes).
+        query: Coordinates, rates, command and force, see `BufferLayout.query`, shape (numbers,
+            lanes).
+        numbers: Crane parameters that differ between the lanes, shape (varied, lanes).
+
+    Returns:
+        Accelerations of all joints [rad/s² or m/s²], shape (n, lanes).
     """
-    source, lanes = code.source, code.source.recipe.lanes
+    source = code.source
+    lanes = source.recipe.lanes
     result = np.empty((source.sizes.n, lanes))
     code.machine.function("answer", 3)(
         _address("given", query, (size(source.sizes.query), lanes)),
@@ -188,47 +238,84 @@ class Instant:
         """Check the memory and bind the function to it.
 
         Raises:
-            Misshapen: If it is of another size, or no contiguous doubles.
+            Misshapen: If the memory is of another size, or no contiguous doubles.
         """
-        layout, size = programme.topology.layout, programme.offsets(1).size
-        self._numbers = 2 * layout.n + layout.m
-        self._given, self._command = np.zeros(self._numbers + 2), np.zeros(layout.m)
-        self._counts = self._given[self._numbers :].view(np.int64)
-        self._run, self._kept = machine.function("instant", 3), (machine, memory)
+        layout = programme.topology.layout
+        # Coordinates, rates and setpoint, and behind them two whole numbers.
+        self._number_count = 2 * layout.n + layout.m
+        self._query = np.zeros(self._number_count + 2)
+        self._row_and_due = self._query[self._number_count :].view(np.int64)
+        self._command = np.zeros(layout.m)
+        self._run = machine.function("instant", 3)
         self._addresses = (
-            _address("memory", memory, (size,), written=True),
-            self._given.ctypes.data,
+            _address("memory", memory, (programme.offsets(1).size,), written=True),
+            self._query.ctypes.data,
             self._command.ctypes.data,
         )
+        self._kept = (machine, memory)  # which no address keeps alive
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be copied: the addresses would still be those of the original memory."""
-        raise CraneError("Code that is bound to memory cannot be copied.")
+        """Refuse to be copied."""
+        _refuse_to_copy()
 
     def __call__(self, numbers: np.ndarray, row: int, due: bool) -> np.ndarray:
-        """Return the command for coordinates, rates and a setpoint of the drives, all in a row; row
-        is that of the path, due says whether to optimise.
+        """Return the command of the drives, shape (m,).
+
+        Args:
+            numbers: Coordinates, rates and setpoint of the drives, one after another, shape (2 n +
+                m,).
+            row: Present row of the path.
+            due: Whether to optimise.
 
         Raises:
             Misshapen: If there are more or fewer numbers.
             OutOfRange: If one is not finite.
         """
-        if numbers.shape != (self._numbers,):
-            raise Misshapen("state and setpoint", f"{numbers.size} numbers", f"{self._numbers}")
+        if numbers.shape != (self._number_count,):
+            given = f"{numbers.size} numbers"
+            raise Misshapen("state and setpoint", given, f"{self._number_count}")
         _check_finite("state and setpoint", numbers)
-        self._given[: self._numbers] = numbers
-        self._counts[:] = whole("row", row, 0), due
+        self._query[: self._number_count] = numbers
+        self._row_and_due[:] = whole("row", row, 0), due
         self._run(*self._addresses)
         return self._command.copy()
 
 
-class _Bound(NamedTuple):
-    """Array, its address, the distance from group to group [byte], and whether code writes it."""
+class _BoundArray(NamedTuple):
+    """Array whose address is passed to the code of a loop.
+
+    Attributes:
+        array: The array.
+        address: Address of the memory of the first group.
+        stride: Distance from the memory of a group to that of the next [byte]; 0 for a table, which
+            all groups share.
+        written: Whether the code writes to it.
+    """
 
     array: np.ndarray
     address: int
     stride: int
     written: bool
+
+
+class _Piece(NamedTuple):
+    """Part of a run that is done in one call; its fields are slots of the call.
+
+    Attributes:
+        first: First control instant.
+        last: Control instant after the last.
+        steps: Physics steps from one of its instants to the next.
+        resumed: Whether the control of the first instant has already run.
+    """
+
+    first: int
+    last: int
+    steps: int
+    resumed: bool
+
+
+_PIECE_SLOTS = [SLOTS[name] for name in _Piece._fields]
+"""Slots of a call that differ from piece to piece."""
 
 
 class Loop:
@@ -247,10 +334,20 @@ class Loop:
         log_interval: int = 1,
         residual_from: int = 0,
         reading_count: int = 0,
+        state: np.ndarray,
+        numbers: np.ndarray | None = None,
+        starts: np.ndarray | None = None,
+        delay: np.ndarray | None = None,
+        readings: np.ndarray | None = None,
+        summary: np.ndarray | None = None,
+        log: np.ndarray | None = None,
+        horizon: np.ndarray | None = None,
         workspace: np.ndarray | None = None,
-        **memory: np.ndarray,
     ) -> None:
         """Check all arrays and counts, and bind the loop to them.
+
+        The arrays have the group as first axis and, except for `horizon`, the lane as last; each
+        may be None where the code does not use it.
 
         Args:
             code: The code.
@@ -261,140 +358,228 @@ class Loop:
             end: Instant that no steps follow.
             first: First control instant.
             force_interval: Control instants from one row of the forces to the next.
-            log_interval: The same of the log.
+            log_interval: Control instants from one row of the log to the next.
             residual_from: Instant from which swing counts as residual.
             reading_count: Number of readings stored for delayed sensors.
+            state: State of the cranes, see `BufferLayout.state`.
+            numbers: Crane parameters that differ between the lanes.
+            starts: First row of each lane's part of each table, whole numbers.
+            delay: Delay of the sensors [control periods], whole numbers.
+            readings: Memory of the readings of delayed sensors.
+            summary: Summary of the run, see `BufferLayout.summary`.
+            log: Rows of the log, see `BufferLayout.row`.
+            horizon: Memory of a predictive controller, shape (groups, doubles).
             workspace: Path and memory of optimisations for several lanes, of which each call of
                 `run_groups` has a copy; for one lane they stand in the memory of the controller.
-            memory: Arrays with the group as first axis: state, numbers, starts of the tables, delay
-                and readings of sensors, summary, log, as far as the code has them.
 
         Raises:
             OutOfRange: If an array has another type or shape, or a number is not finite.
         """
-        recipe, lanes, sizes = code.source.recipe, code.source.recipe.lanes, code.sizes
-        self._instant = _INSTANT
-        if (programme := recipe.programme) is not None:
-            self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
+        recipe = code.source.recipe
+        self._machine = code.machine
+        self._run = code.machine.function("run", 1)
+        self._groups = len(state)
+        self._lanes = recipe.lanes
+        self._workspace = workspace
+        self._arrays = dict[str, _BoundArray]()
+
         self._first = whole("first", first, 0)
-        self._last, self._end = whole("control instants", last, first + 1), whole("end", end, 0)
+        self._last = whole("control instants", last, first + 1)
+        self._end = whole("end", end, 0)
         self._steps = whole("steps", clock.steps, 1)
         substeps = whole("small steps", clock.substeps, 1)
-        self._weight = substeps if recipe.buffers and recipe.integrator.smooth else 1
-        self._machine, self._groups, self._lanes = code.machine, len(memory["state"]), lanes
-        self._run = code.machine.function("run", 1)
+        self._instant_cost = _instant_cost(recipe)
+        # Where a buffer acts, small steps replace each step of a rule for smooth motions.
+        self._step_cost = substeps if recipe.buffers and recipe.integrator.smooth else 1
+
+        # The arguments of the code, eight bytes each, see `cranedyn.compiled.layout.CALL`.
         self._call = np.zeros(len(SLOTS), dtype=np.int64)
-        self._arrays = dict[str, _Bound]()
-        counts = {
-            "end": end,
-            "substeps": substeps,
-            "force_interval": whole("force_interval", force_interval, 1),
-            "log_interval": whole("log_interval", log_interval, 1),
-            "residual_from": whole("residual_from", residual_from, 0),
-            "reading_count": whole("reading_count", reading_count, int(recipe.delayed)),
+        self._call[SLOTS["end"]] = end
+        self._call[SLOTS["substeps"]] = substeps
+        self._call[SLOTS["force_interval"]] = whole("force_interval", force_interval, 1)
+        self._call[SLOTS["log_interval"]] = whole("log_interval", log_interval, 1)
+        self._call[SLOTS["residual_from"]] = whole("residual_from", residual_from, 0)
+        fewest_readings = 1 if recipe.delayed else 0
+        self._call[SLOTS["reading_count"]] = whole("reading_count", reading_count, fewest_readings)
+        times = self._call.view(np.float64)
+        times[SLOTS["dt"]] = number("dt", clock.dt, "s", "> 0")
+        times[SLOTS["period"]] = number("period", clock.period, "s", "> 0")
+
+        memory = {
+            "state": state,
+            "numbers": numbers,
+            "readings": readings,
+            "summary": summary,
+            "log": log,
+            "delay": delay,
+            "horizon": horizon,
+            "starts": starts,
         }
-        self._call[[SLOTS[name] for name in counts]] = [*counts.values()]
-        times = number("dt", clock.dt, "s", "> 0"), number("period", clock.period, "s", "> 0")
-        self._call.view(np.float64)[_TIME_SLOTS] = times
-        horizon, self._workspace = 0, workspace
-        if programme is not None:
-            offsets = programme.offsets(lanes)
-            horizon = offsets.size if lanes == 1 else offsets.path
-        if horizon and lanes > 1:
-            address = _address("workspace", workspace, (offsets.size - horizon,), written=True)
-            self._call[SLOTS["workspace"]] = address
-        row_interval = 1 if recipe.ledger else log_interval
-        row_width = ((self._last - 1) // row_interval + 1) * size(sizes.row)
-        shapes: dict[str, tuple[int, ...]] = {
-            "state": (size(sizes.state), lanes),
-            "numbers": (code.source.varied, lanes),
-            "readings": (reading_count * sizes.z * recipe.delayed, lanes),
-            "summary": (size(sizes.summary) * recipe.summary, lanes),
-            "log": (row_width * recipe.log, lanes),
-            "delay": (int(recipe.delayed), lanes),
-            "horizon": (horizon,),
-            "starts": (0 if all(recipe.shared) else len(recipe.shared), lanes),
-        }
+        shapes = self._memory_shapes(code, log_interval, reading_count)
+        self._bind_workspace(recipe)
         for name, shape in shapes.items():
             if shape[0]:
                 self._bind(name, memory[name], (self._groups, *shape))
-        if code.source.varied:
-            _check_finite("numbers", memory["numbers"], infinite=True)
-        if recipe.delayed:
-            first, final = int(memory["delay"].min()), int(memory["delay"].max())
-            if first < 0 or final >= reading_count:
-                allowed = f"0 to {reading_count - 1}"
-                raise OutOfRange("delay", f"{first} to {final}", allowed, "control periods")
-        columns = {
-            "gain_table": sizes.gain_table,
-            "setpoint_table": sizes.setpoint_table,
-            "force": sizes.force,
-            "offset": sizes.offset,
-        }
-        bound_tables = zip(columns.items(), tables, recipe.shared, strict=False)
-        for i, ((name, sections), table, shared) in enumerate(bound_tables):
-            starts = None if shared else memory["starts"][:, i]
-            self._bind_table(name, table, size(sections), starts)
+        if numbers is not None and code.source.varied:
+            # Among them are the ranges of joints, which may be infinite.
+            _check_finite("numbers", numbers, allow_infinite=True)
+        if delay is not None and recipe.delayed:
+            _check_delays(delay, reading_count)
+        self._bind_tables(code.sizes, tables, recipe.shared, starts)
 
-    def _bind(self, name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
-        written = name in _WRITTEN
-        kind = np.int64 if name in ("delay", "starts") else np.float64
+    def _memory_shapes(
+        self, code: Kernel, log_interval: int, reading_count: int
+    ) -> dict[str, tuple[int, ...]]:
+        """Return the shape of the memory of one group by its name; the first number is 0 where the
+        code has no such memory.
+        """
+        recipe = code.source.recipe
+        sizes = code.sizes
+        lanes = recipe.lanes
+        readings = reading_count * sizes.z if recipe.delayed else 0
+        summary = size(sizes.summary) if recipe.summary else 0
+        # A log with an energy ledger has a row at each instant, whatever the interval.
+        row_interval = 1 if recipe.ledger else log_interval
+        row_count = (self._last - 1) // row_interval + 1 if recipe.log else 0
+        horizon = 0
+        if recipe.programme is not None:
+            offsets = recipe.programme.offsets(lanes)
+            horizon = offsets.size if lanes == 1 else offsets.path
+        return {
+            "state": (size(sizes.state), lanes),
+            "numbers": (code.source.varied, lanes),
+            "readings": (readings, lanes),
+            "summary": (summary, lanes),
+            "log": (row_count * size(sizes.row), lanes),
+            "delay": (1 if recipe.delayed else 0, lanes),
+            "horizon": (horizon,),
+            "starts": (0 if all(recipe.shared) else len(recipe.shared), lanes),
+        }
+
+    def _bind_workspace(self, recipe: Recipe) -> None:
+        """Bind the workspace of a predictive controller of several lanes."""
+        if recipe.programme is None or recipe.lanes == 1:
+            return
+        offsets = recipe.programme.offsets(recipe.lanes)
+        shape = (offsets.size - offsets.path,)
+        address = _address("workspace", self._workspace, shape, written=True)
+        self._call[SLOTS["workspace"]] = address
+
+    def _bind(self, name: str, array: Any, shape: tuple[int, ...]) -> None:
+        """Bind an array that has a part for each group."""
+        written = name in _WRITTEN_ARRAYS
+        kind = np.int64 if name in _INTEGER_ARRAYS else np.float64
         address = _address(name, array, shape, kind, written=written)
-        self._arrays[name] = _Bound(array, address, array.strides[0], written)
+        self._arrays[name] = _BoundArray(array, address, array.strides[0], written)
+
+    def _bind_tables(
+        self,
+        sizes: BufferLayout,
+        tables: Sequence[RowTable],
+        shared: Sequence[bool],
+        starts: np.ndarray | None,
+    ) -> None:
+        """Bind the tables, in the order of `Recipe.shared`.
+
+        Args:
+            sizes: Layout of the buffers.
+            tables: The tables; the last may be missing.
+            shared: Whether all lanes share each table.
+            starts: First row of each lane's part of each table.
+        """
+        widths = {
+            "gain_table": size(sizes.gain_table),
+            "setpoint_table": size(sizes.setpoint_table),
+            "force": size(sizes.force),
+            "offset": size(sizes.offset),
+        }
+        named_tables = zip(widths, tables, strict=False)
+        for i, ((name, table), is_shared) in enumerate(zip(named_tables, shared, strict=False)):
+            starts_of_table = None if is_shared or starts is None else starts[:, i]
+            self._bind_table(name, table, widths[name], starts_of_table)
 
     def _bind_table(
         self, name: str, table: RowTable, columns: int, starts: np.ndarray | None
     ) -> None:
-        total, length = len(table.rows), whole(f"rows of {name}", table.length, 1)
-        first, final = (0, 0) if starts is None else (int(starts.min()), int(starts.max()))
+        """Bind a table after checking that every lane finds all its rows in it.
+
+        Args:
+            name: Name of the table.
+            table: The table.
+            columns: Number of columns that it must have.
+            starts: First row of each lane's part; None where all lanes share the table.
+        """
+        total = len(table.rows)
+        length = whole(f"rows of {name}", table.length, 1)
+        first = 0 if starts is None else int(starts.min())
+        final = 0 if starts is None else int(starts.max())
         if first < 0 or final + length > total:
             given = f"one of {total} rows, read from {first} to {final + length}"
             raise Misshapen(f"rows of {name}", given, "to read what is in it")
         address = _address(f"rows of {name}", table.rows, (total, columns))
-        self._arrays[name] = _Bound(table.rows, address, 0, False)
+        self._arrays[name] = _BoundArray(table.rows, address, 0, False)
         self._call[SLOTS[f"{name}_rows"]] = length
-        # Limits of a gain table may be infinite.
-        _check_finite(f"rows of {name}", table.rows, infinite=name == "gain_table")
+        # Limits of the integrals in a gain table may be infinite.
+        _check_finite(f"rows of {name}", table.rows, allow_infinite=name == "gain_table")
 
-    __reduce__ = Instant.__reduce__
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be copied."""
+        _refuse_to_copy()
 
     def __len__(self) -> int:
         """Return the number of groups."""
         return self._groups
 
-    def _pieces(self, piece: int) -> Iterator[tuple[int, int, int, bool]]:
-        """Yield pieces of about so many steps: first instant, instant after the last, steps of
-        each, and whether the control of the first instant has already run.
-        """
-        together = piece // (self._steps * self._weight + self._instant)
-        if together:
-            for first in range(self._first, self._last, together):
-                yield first, min(first + together, self._last), self._steps, False
+    def _pieces(self, max_steps: int) -> Iterator[_Piece]:
+        """Yield pieces of the run that take about as long as so many physics steps."""
+        periods = max_steps // (self._steps * self._step_cost + self._instant_cost)
+        if periods:
+            for first in range(self._first, self._last, periods):
+                yield _Piece(first, min(first + periods, self._last), self._steps, False)
             return
-        together = TURNS * max(1, piece // (TURNS * self._weight))
+
+        # One control period alone takes longer, and is divided. Code computes sines and cosines
+        # afresh after every `TURNS` steps and at the end of a call; a division elsewhere would
+        # change the last bits of the motion.
+        steps_together = TURNS * max(1, max_steps // (TURNS * self._step_cost))
         for instant in range(self._first, self._last):
-            for done in range(0, self._steps if instant < self._end else 1, together):
-                yield instant, instant + 1, min(together, self._steps - done), done > 0
+            steps = (
+                self._steps if instant < self._end else 1
+            )  # where none follow, a call all the same
+            for done in range(0, steps, steps_together):
+                count = min(steps_together, self._steps - done)
+                yield _Piece(instant, instant + 1, count, resumed=done > 0)
 
     def run_groups(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
-        """Run some groups, one after another, until stopped between two pieces."""
+        """Run some groups, one after another.
+
+        Args:
+            groups: Indices of the groups.
+            stopped: Says between two pieces whether to leave off; by default never.
+
+        Raises:
+            OutOfRange: If there is no such group.
+        """
         call = self._call.copy()
         address = call.ctypes.data
         if self._workspace is not None:
+            # Threads run at the same time, and each needs a workspace of its own.
             workspace = aligned_copy(self._workspace)
             call[SLOTS["workspace"]] = workspace.ctypes.data
         for group in groups:
             if not 0 <= group < self._groups:
                 raise OutOfRange("group", group, f"0 to {self._groups - 1}")
             self._point_to(call, group)
-            for piece in self._pieces(_PIECE):
+            for piece in self._pieces(_MAX_STEPS_PER_CALL):
                 if stopped():
                     return
                 call[_PIECE_SLOTS] = piece
                 self._run(address)
 
     def _point_to(self, call: np.ndarray, group: int | np.ndarray) -> None:
-        """Set the addresses of a call, or of calls in rows, to the memory of a group."""
+        """Set the addresses of a call to the memory of a group, or those of calls in rows to the
+        memory of a group each.
+        """
         for name, bound in self._arrays.items():
             call[..., SLOTS[name]] = bound.address + group * bound.stride
 
@@ -402,14 +587,15 @@ class Loop:
         self, upload: Callable[[np.ndarray, bool], int], strides: Sequence[str], max_steps: int
     ) -> Iterator[np.ndarray]:
         """Yield the arguments of one call for each piece of the run, for a device with its own
-        memory.
+        memory. The call of a piece runs all groups.
 
         Args:
-            upload: Puts an array into that memory and answers its address there; it is told whether
-                the code writes to it.
-            strides: Whose strides, from group to group, stand behind the slots of each call
-                [numbers].
-            max_steps: Steps of all cranes together in a piece, or those of one control instant.
+            upload: Copies an array to that memory and returns its address there; the second
+                argument says whether the code writes to the array.
+            strides: Names of the arrays whose strides, from group to group, stand behind the slots
+                of each call [numbers].
+            max_steps: Steps of all cranes together in a piece, unless those of one control instant
+                are more.
         """
         call = np.concatenate([self._call, np.zeros(len(strides), dtype=np.int64)])
         for name, bound in self._arrays.items():
@@ -417,42 +603,49 @@ class Loop:
             if bound.stride:
                 call[len(SLOTS) + strides.index(name)] = bound.stride // bound.array.itemsize
         cranes = self._groups * self._lanes
-        for piece in self._pieces(min(_PIECE, max(1, max_steps // cranes))):
+        steps_of_each = max(1, max_steps // cranes)
+        for piece in self._pieces(min(_MAX_STEPS_PER_CALL, steps_of_each)):
             call[_PIECE_SLOTS] = piece
             yield call
 
     def bind_calls(self) -> tuple[Callable[[], None], Callable[[], None]]:
-        """Return functions of one group that run all, which with one piece has the least overhead,
-        and the control of the first instant alone.
+        """Return two functions of the first group: one runs the whole loop, which has the least
+        overhead where it is one piece, and the other only the control of the first instant.
         """
-        piece, *later = islice(self._pieces(_PIECE), 2)
+        first_piece, *more_pieces = islice(self._pieces(_MAX_STEPS_PER_CALL), 2)
         calls = np.repeat(self._call[None], 2, axis=0)
         self._point_to(calls, 0)
-        calls[:, _PIECE_SLOTS] = piece
-        calls[1, SLOTS["end"]] = self._first
-        run, control = (partial(self._run, call.ctypes.data) for call in calls)
-        control.kept = run.kept = self, calls  # type: ignore[attr-defined]  # by no address
-        return partial(self.run_groups, [0]) if later else run, control
+        calls[:, _PIECE_SLOTS] = first_piece
+        calls[1, SLOTS["end"]] = self._first  # so that no steps follow the control
+        run = partial(self._run, calls[0].ctypes.data)
+        control = partial(self._run, calls[1].ctypes.data)
+        # An address keeps no array alive: the functions themselves have to.
+        run.kept = (self, calls)  # type: ignore[attr-defined]
+        control.kept = (self, calls)  # type: ignore[attr-defined]
+        if more_pieces:
+            return partial(self.run_groups, [0]), control
+        return run, control
 
     def step_function(self) -> Callable[[int, int], None]:
-        """Return a function that advances a range of groups by one control period under the
-        commands in their states.
+        """Return a function that advances the groups from a first to the one before a last by one
+        control period, under the commands in their states.
 
         One call handles many groups and takes some tenths of a second at most.
 
         Raises:
             OutOfRange: If a period has too many steps for that.
         """
-        groups_per_call = _PIECE // (self._steps * self._weight)
+        groups_per_call = _MAX_STEPS_PER_CALL // (self._steps * self._step_cost)
         if not groups_per_call:
-            allowed = f"{_PIECE // self._weight} or less"
+            allowed = f"{_MAX_STEPS_PER_CALL // self._step_cost} or less"
             raise OutOfRange("steps in a control period", self._steps, allowed)
         run = self._machine.function("several", 2)
         calls = np.repeat(self._call[None], self._groups, axis=0)
         self._point_to(calls, np.arange(self._groups))
-        calls[:, _PIECE_SLOTS] = 0, 1, self._steps, 1
+        # The commands stand in the states already: the code is told that control has run.
+        calls[:, _PIECE_SLOTS] = _Piece(0, 1, self._steps, resumed=True)
 
-        def over(first: int, last: int) -> None:
+        def step_groups(first: int, last: int) -> None:
             if not 0 <= first <= last <= self._groups:
                 raise OutOfRange("groups", f"{first} to {last}", f"0 to {self._groups}")
             for begin in range(first, last, groups_per_call):
@@ -460,4 +653,26 @@ class Loop:
                 count = np.array([len(chunk)])
                 run(chunk.ctypes.data, count.ctypes.data)
 
-        return over
+        return step_groups
+
+
+def _instant_cost(recipe: Recipe) -> int:
+    """Return the time that a control instant takes on average, in physics steps, rounded up."""
+    programme = recipe.programme
+    if programme is None:
+        return _INSTANT_COST
+    optimisation = _STAGE_COST * programme.stages * recipe.lanes
+    return _INSTANT_COST - (-optimisation // programme.ratio)
+
+
+def _check_delays(delay: np.ndarray, reading_count: int) -> None:
+    """Check that readings are stored for the delays of all sensors [control periods].
+
+    Raises:
+        OutOfRange: If not.
+    """
+    shortest = int(delay.min())
+    longest = int(delay.max())
+    if shortest < 0 or longest >= reading_count:
+        allowed = f"0 to {reading_count - 1}"
+        raise OutOfRange("delay", f"{shortest} to {longest}", allowed, "control periods")

@@ -30,12 +30,20 @@ from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import DirectDrive, State
+from cranedyn.interfaces import DirectDrive, Drive, State
 from cranedyn.model.crane import Crane
 
-_LANES, _SHARE, _MOST = 8, 1500, 512
-"""Cranes in a group; fewest steps of groups for which a thread is worth its start; most groups of a
-chunk, whose numbers stay in a processor's cache."""
+_LANES = 8
+"""Cranes in a group, one in each lane of the processor's vectors."""
+
+_MIN_STEPS_PER_THREAD = 1500
+"""Fewest steps of groups in a control period for which a thread is worth its start."""
+
+_MAX_GROUPS_PER_CHUNK = 512
+"""Most groups of a chunk, so that its numbers stay in a processor's cache."""
+
+_NUMBERS_BESIDES = 10
+"""Numbers of each crane reckoned with besides its state, its parameters and its force."""
 
 
 class Fleet:
@@ -84,67 +92,113 @@ class Fleet:
                 would not fit into 4 GB, or there is no code for the stepping rule.
             ModelError: If the code does not agree with Pinocchio.
         """
-        kind, converters = ("velocity", drive) if isinstance(drive, Converters) else (drive, None)
-        if converters is None:
-            check_choice("drive", kind, DirectDrive)
+        kind: Drive = "velocity"
+        converters = None
+        if isinstance(drive, Converters):
+            converters = drive
+        else:
+            check_choice("drive", drive, DirectDrive)
+            kind = drive
         check_rule(integrator)
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
         self.layout = common_layout(self.cranes)
         self._clock = clocks(control_period, dt, control_period)
-        numbers, delay_steps = converter_response(self.cranes[0], kind, converters, self._clock)
-        self._sizes = sizes = BufferLayout.of(self.layout, delay_steps)
+        response, delay_steps = converter_response(self.cranes[0], kind, converters, self._clock)
+        self._sizes = BufferLayout.of(self.layout, delay_steps)
         self.count = whole("number of cranes", count, 1)
-        self.control_period, self.drive = control_period, kind
+        self.control_period = control_period
+        self.drive = kind
         workers = worker_count("threads", threads)
-        options: Any = {"forces": forces, "shared": (True, True, not forces)}
-        self._recipe = Recipe(_LANES, kind, integrator, delay_steps=delay_steps, **options)
-        self._converters = converters, numbers
-        code, self._own = compile_kernel(self.cranes, self._recipe, numbers)
-        groups, varied = -(-self.count // _LANES), code.source.varied
-        numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + 10
-        check_fits_memory("number of cranes", str(count), groups * _LANES * numbers_of_each)
+        self._recipe = Recipe(
+            lanes=_LANES,
+            drive=kind,
+            integrator=integrator,
+            forces=forces,
+            shared=(True, True, not forces),
+            delay_steps=delay_steps,
+        )
+        self._converters = converters
+        self._response = response
+        code, self._parameters = compile_kernel(self.cranes, self._recipe, response)
+        self._forces_act = forces
+        self._allocate(code.source.varied)
+        self._divide(workers)
+        self._bind(code)
+        self._effort_limit = np.full((self._sizes.m, self.count), np.inf)
+
+        # The lanes that are left in the last group have a crane each, too: they run like the rest.
+        q, v = self.cranes[0].start
+        every_lane = np.arange(len(self._state) * _LANES)
+        self._put(every_lane, State(q[None], v[None]), np.zeros(1, dtype=int))
+
+    def _allocate(self, varied: int) -> None:
+        """Allocate the memory of all cranes, each with so many parameters that may differ.
+
+        Raises:
+            OutOfRange: If it would not fit into 4 GB.
+        """
+        sizes = self._sizes
+        groups = -(-self.count // _LANES)
+        numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + _NUMBERS_BESIDES
+        needed = groups * _LANES * numbers_of_each
+        check_fits_memory("number of cranes", str(self.count), needed)
         self._state = np.zeros((groups, size(sizes.state), _LANES))
         self._numbers = np.zeros((groups, varied, _LANES))
-        self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
-        self._pushed, self._at = forces, slices(sizes.state)
-        worthwhile = groups * self._clock.steps // _SHARE
-        count_of_parts = max(min(workers, worthwhile), -(-groups // _MOST), 1)
-        groups_of = np.linspace(0, groups, count_of_parts + 1).astype(int)
-        ends = np.minimum(_LANES * groups_of, self.count).tolist()
-        self.chunks = [slice(first, last) for first, last in pairwise(ends)]
-        self._workers = min(workers, count_of_parts)
+        force_rows = groups * _LANES if self._forces_act else 1
+        self._force = np.zeros((force_rows, size(sizes.force)))
         self._z = np.empty((sizes.z, groups, _LANES))
-        self._bind(code)
-        self._limit = np.full((sizes.m, self.count), np.inf)
-        start = State(*(rows[None] for rows in self.cranes[0].start))
-        self._put(np.arange(groups * _LANES), start, np.zeros(1, dtype=int))
+        self._columns = slices(sizes.state)
+
+    def _divide(self, workers: int) -> None:
+        """Divide the groups into chunks for so many threads at most."""
+        groups = len(self._state)
+        worthwhile_threads = groups * self._clock.steps // _MIN_STEPS_PER_THREAD
+        fewest_chunks = -(-groups // _MAX_GROUPS_PER_CHUNK)
+        chunk_count = max(min(workers, worthwhile_threads), fewest_chunks, 1)
+        group_ends = np.linspace(0, groups, chunk_count + 1).astype(int)
+        crane_ends = np.minimum(_LANES * group_ends, self.count).tolist()
+        self.chunks = [slice(first, last) for first, last in pairwise(crane_ends)]
+        self._workers = min(workers, chunk_count)
 
     def _bind(self, code: Kernel) -> None:
         """Bind code to the memory and create a view of it."""
         groups = len(self._state)
-        memory: dict[str, Any] = {"state": self._state, "numbers": self._numbers}
-        table = single_table(self._force)
-        if self._pushed:
-            table = RowTable(self._force, 1, np.arange(groups * _LANES))
-            memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
-            memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
-        tables = (*map(single_table, command_tables(self._sizes)), table)
-        loop = Loop(code, self._clock, tables, last=1, end=1, **memory)
-        self._steps = loop.step_function()
+        force_table = single_table(self._force)
+        starts = None
+        if self._forces_act:
+            # A row of the forces for each lane; all lanes share the other two tables.
+            first_rows = np.arange(groups * _LANES)
+            force_table = RowTable(self._force, 1, first_rows)
+            starts = np.zeros((groups, 3, _LANES), dtype=np.int64)
+            starts[:, 2] = first_rows.reshape(groups, _LANES)
+        gain_rows, setpoint_rows = command_tables(self._sizes)
+        loop = Loop(
+            code,
+            self._clock,
+            (single_table(gain_rows), single_table(setpoint_rows), force_table),
+            last=1,
+            end=1,
+            state=self._state,
+            numbers=self._numbers,
+            starts=starts,
+        )
+        self._step_groups = loop.step_function()
         self.z = read_only(self._z.reshape(len(self._z), -1)[:, : self.count])
-        self._pool, self._process = None, 0
+        self._pool = None
+        self._process = 0
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what is bound to the memory, for a copy with its own memory."""
-        bound = ("_steps", "z", "_pool")
+        bound = ("_step_groups", "z", "_pool")
         return {name: value for name, value in vars(self).items() if name not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy and bind its code to the memory."""
         vars(self).update(state)
-        self._bind(compile_kernel(self.cranes, self._recipe, self._converters[1])[0])
+        code, _ = compile_kernel(self.cranes, self._recipe, self._response)
+        self._bind(code)
 
     def place(
         self, indices: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
@@ -180,7 +234,7 @@ class Fleet:
             OutOfRange: If a number is not finite, an index is out of range, or the fleet has no
                 external forces.
         """
-        if not self._pushed:
+        if not self._forces_act:
             allowed = "none, unless the fleet is made with forces = True"
             raise OutOfRange("forces from outside", short_repr(force), allowed)
         rows = _indices("which crane", indices, self.count)
@@ -205,20 +259,24 @@ class Fleet:
 
     def spread(self, work: Callable[[int], object]) -> None:
         """Run a function for the index of each chunk of cranes in threads, see `chunks`."""
-        chunks = iter(range(len(self.chunks)))  # of which each thread takes the next
+        chunks = iter(range(len(self.chunks)))  # shared: each thread takes the next one
 
         def take_chunks() -> None:
             for chunk in chunks:
                 work(chunk)
 
-        if self._workers > 1 and (self._pool is None or self._process != os.getpid()):
-            # A fork leaves threads behind.
-            self._pool, self._process = ThreadPoolExecutor(self._workers - 1), os.getpid()
-        futures = [self._pool.submit(take_chunks) for _ in range(self._workers - 1) if self._pool]
+        futures = []
+        if self._workers > 1:
+            # A fork leaves threads behind: the child needs a pool of its own.
+            if self._pool is None or self._process != os.getpid():
+                self._pool = ThreadPoolExecutor(self._workers - 1)
+                self._process = os.getpid()
+            futures = [self._pool.submit(take_chunks) for _ in range(self._workers - 1)]
         try:
             take_chunks()
         finally:
-            wait(futures)  # whatever happens: none may go on while the next step begins
+            # Also after an exception: no thread may go on while the next step begins.
+            wait(futures)
         for future in futures:
             future.result()
 
@@ -236,35 +294,53 @@ class Fleet:
         return self.z[:, columns]
 
     def _advance(self, chunk: int, command: np.ndarray) -> None:
+        """Advance one chunk under checked commands, shape (m, cranes of the chunk)."""
         columns = self.chunks[chunk]
         if self.drive == "effort":
-            command = np.clip(command, -self._limit[:, columns], self._limit[:, columns])
-        first, last = columns.start // _LANES, -(-columns.stop // _LANES)
-        if (converters := self._converters[0]) is not None:
-            command = np.array(converters.response.heard(command))
-        commands = np.zeros((len(command), _LANES * (last - first)))
-        commands[:, : command.shape[1]] = command
-        by_group = commands.reshape(len(command), -1, _LANES).transpose(1, 0, 2)
-        state, unheard = self._state[first:last], self._at.get("unheard", slice(0, 0))
+            limit = self._effort_limit[:, columns]
+            command = np.clip(command, -limit, limit)
+        if self._converters is not None:
+            command = np.array(self._converters.response.heard(command))
+        m, count = command.shape
+        first = columns.start // _LANES
+        last = -(-columns.stop // _LANES)
+        commands = np.zeros((m, _LANES * (last - first)))
+        commands[:, :count] = command
+        by_group = commands.reshape(m, last - first, _LANES).transpose(1, 0, 2)
+
+        # Commands wait for the delay of the converters, the first in front; without one they act at
+        # once.
+        state = self._state[first:last]
+        unheard = self._columns.get("unheard", slice(0, 0))
         waiting = np.concatenate([state[:, unheard], by_group], axis=1)
-        state[:, self._at["last_command"]] = waiting[:, : len(command)]
-        state[:, unheard] = waiting[:, len(command) :]
-        self._steps(first, last)
+        state[:, self._columns["last_command"]] = waiting[:, :m]
+        state[:, unheard] = waiting[:, m:]
+        self._step_groups(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
 
     def _put(self, rows: np.ndarray, start: State, kinds: np.ndarray) -> None:
+        """Set the states and kinds of cranes.
+
+        Args:
+            rows: Indices of the cranes, shape (k,); from `count` on, lanes that are left.
+            start: New states, shape (k, n) each, or (1, n) for all.
+            kinds: Index of the kind of each crane, shape (k,), or (1,) for all.
+        """
         groups, lanes = np.divmod(rows, _LANES)
         z = np.hstack(start)
         self._state[groups, :, lanes] = 0.0
         self._state[groups, : z.shape[1], lanes] = z
         memory = converter_memory(self._sizes, z[:, self._sizes.n + self.layout.drives])
-        if memory:  # the last sections of the state
-            self._state[groups, self._at["reference"].start :, lanes] = np.hstack(memory)
-        self._numbers[groups, :, lanes] = self._own[kinds]
+        if memory:
+            # The sections of the converters are the last of the state.
+            first = self._columns["reference"].start
+            self._state[groups, first:, lanes] = np.hstack(memory)
+        self._numbers[groups, :, lanes] = self._parameters[kinds]
         self._z[:, groups, lanes] = z.T
-        inside = rows < self.count
+        is_crane = rows < self.count
         limits = np.array([crane.effort_limit for crane in self.cranes])[kinds]
-        self._limit[:, rows[inside]] = np.broadcast_to(limits, (len(rows), self._sizes.m))[inside].T
+        limit_of_each = np.broadcast_to(limits, (len(rows), self._sizes.m))
+        self._effort_limit[:, rows[is_crane]] = limit_of_each[is_crane].T
 
 
 def _indices(name: str, values: np.ndarray, count: int) -> np.ndarray:

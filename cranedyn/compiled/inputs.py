@@ -31,15 +31,24 @@ from cranedyn.plant.plant import Topology
 from cranedyn.references import hold
 from cranedyn.references.tabulated import owned, tabulated
 
-_LARGEST = 4e9
+_MAX_BYTES = 4e9
 """Largest memory of a batch, tables and records included [byte]."""
 
-_LATEST = 1000
+_BYTES_PER_NUMBER = 8
+
+_MAX_DELAY = 1000
 """Largest delay of a sensor [control periods]."""
 
-_CRANE, _PAIR = 48, 250
-"""Numbers stored for each crane, and for each controller with each reference besides their tables:
-measured, see `tests/compiled/test_batch.py`."""
+_NUMBERS_PER_CRANE = 48
+"""Numbers stored for each crane: measured, see `tests/compiled/test_batch.py`."""
+
+_NUMBERS_PER_PAIR = 250
+"""Numbers stored for each controller with each reference, besides their tables: measured, see
+`tests/compiled/test_batch.py`."""
+
+_COPIES = 2
+"""Times that a record or a table stands in memory at once: rows of many cranes are first made, then
+arranged in groups or stacked, and results are copied from them."""
 
 
 class ControlTables(NamedTuple):
@@ -59,15 +68,25 @@ class ControlTables(NamedTuple):
     predictive: Receding | None
 
 
-def crane_count(**arguments: Any) -> int:
-    """Return the number of cranes that the arguments have in common.
+def crane_count(*, crane: Any, controller: Any, reference: Any, start: Any, converter: Any) -> int:
+    """Return the number of cranes that arguments of a batch have in common, each of them one object
+    for all cranes or a sequence with one for each.
 
     Raises:
         OutOfRange: If an argument has neither one item nor as many as the others.
     """
-    lengths = {
-        name: length for name, value in arguments.items() if (length := _length(value)) is not None
+    arguments = {
+        "crane": crane,
+        "controller": controller,
+        "reference": reference,
+        "start": start,
+        "converter": converter,
     }
+    lengths = {}
+    for name, value in arguments.items():
+        length = _length(value)
+        if length is not None:
+            lengths[name] = length
     count = max(lengths.values(), default=1)
     for name, length in lengths.items():
         if length != count or length == 0:
@@ -77,17 +96,23 @@ def crane_count(**arguments: Any) -> int:
 
 
 def _length(value: Any) -> int | None:
+    """Return the number of objects in an argument; None for a single object."""
     if isinstance(value, State):
         try:
             return len(value.q) if np.ndim(value.q) == 2 else None
-        except ValueError:  # rows of different lengths
-            return None
+        except ValueError:
+            return None  # rows of different lengths, which `start_states` refuses
     several = isinstance(value, Sequence | Cranes) and not isinstance(value, str | bytes)
     return len(value) if several else None
 
 
 def start_states(start: State | Sequence[State], cranes: int, joints: int) -> State:
     """Return coordinates and rates at the start, shape (cranes, joints) each.
+
+    Args:
+        start: One state for all cranes, one with a row for each, or a sequence of states.
+        cranes: Number of cranes.
+        joints: Number of joints.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -97,9 +122,11 @@ def start_states(start: State | Sequence[State], cranes: int, joints: int) -> St
     except (TypeError, ValueError):
         allowed = "a State, one with rows, or a sequence of States"
         raise OutOfRange("start", type(start).__name__, allowed) from None
-    shapes = (joints,), (cranes, joints)
-    q, v = finite("coordinates at the start", q, *shapes), finite("rates at the start", v, *shapes)
-    return State(np.broadcast_to(q, shapes[1]), np.broadcast_to(v, shapes[1]))
+    one = (joints,)
+    each = (cranes, joints)
+    q = finite("coordinates at the start", q, one, each)
+    v = finite("rates at the start", v, one, each)
+    return State(np.broadcast_to(q, each), np.broadcast_to(v, each))
 
 
 def control_tables(
@@ -120,55 +147,95 @@ def control_tables(
         CraneError: If a controller is not affine in the state.
         OutOfRange: If an affine form is not finite, or the tables do not fit into 4 GB.
     """
-    cranes, sizes = len(start.q), BufferLayout.of(crane.layout)
+    cranes = len(start.q)
+    sizes = BufferLayout.of(crane.layout)
     if reference is None and type(controller) is Hold:
         return _hold_tables(controller, sizes, start.q[:, crane.layout.drives], used)
     reference_of, references = _references(crane, reference, start, used)
     controller_of, controllers = distinct_objects(controller, cranes)
-    pairs, pair_of = np.unique(controller_of * len(references) + reference_of, return_inverse=True)
-    used += _PAIR * len(pairs)
-    gains, setpoints = TableStack(), TableStack()
-    gains_of_pair, integrals, integrates = [], [], False
-    last: dict[int, int] = {}
+
+    # A pair is a controller with a reference; each pair that occurs has a setpoint table.
+    pair_numbers = controller_of * len(references) + reference_of
+    pairs, pair_of = np.unique(pair_numbers, return_inverse=True)
+    used += _NUMBERS_PER_PAIR * len(pairs)
+    gains = TableStack()
+    setpoints = TableStack()
+    gain_index_of_pair = []
+    integrals = []
+    integrates = False
+    last_gain_index: dict[int, int] = {}
     for pair in pairs.tolist():
-        index, reference_index = divmod(pair, len(references))
+        controller_index, reference_index = divmod(pair, len(references))
         position = tabulated(references[reference_index], times, sizes.m).position
-        form = (
-            without_gains(sizes, position)
-            if isinstance(controllers[index], Receding)
-            else _form(controllers[index], times, position, sizes.z)
-        )
+        form = _pair_form(controllers[controller_index], sizes, times, position)
         integrals.append(form.integral)
         integrates = integrates or bool(form.integral_gain.any())
         setpoints.add(drop_repeated_rows(setpoint_table(sizes, form, len(times))))
+
+        # The gains of most controllers do not depend on the reference. A gain table that equals the
+        # last one of the same controller is stored once; pairs are sorted by controller.
         rows = gain_table(sizes, form)
-        if index not in last or not np.array_equal(rows, gains.arrays[last[index]]):
-            last[index] = gains.add(rows)
-        gains_of_pair.append(last[index])
+        last = last_gain_index.get(controller_index)
+        if last is None or not np.array_equal(rows, gains.arrays[last]):
+            last_gain_index[controller_index] = gains.add(rows)
+        gain_index_of_pair.append(last_gain_index[controller_index])
+
+        # Checked in the loop, so that too many tables are refused before all are made.
         counts = f"{len(gains.arrays)} and {len(setpoints.arrays)} or more"
-        needed = used + 2 * (gains.numbers + setpoints.numbers)
+        needed = used + _COPIES * (gains.number_count + setpoints.number_count)
         check_fits_memory("number of controllers and references", counts, needed)
-    tables = gains.stacked(np.array(gains_of_pair)[pair_of]), setpoints.stacked(pair_of)
-    initial, predictive = np.array(integrals)[pair_of], _predictive(controllers)
-    return ControlTables(*tables, initial, integrates, predictive)
+    return ControlTables(
+        gain_table=gains.stacked(np.array(gain_index_of_pair)[pair_of]),
+        setpoint_table=setpoints.stacked(pair_of),
+        integrals=np.array(integrals)[pair_of],
+        integrates=integrates,
+        predictive=_predictive(controllers),
+    )
+
+
+def _pair_form(
+    controller: Any, sizes: BufferLayout, times: np.ndarray, position: np.ndarray
+) -> Affine:
+    """Return the affine form of a controller along setpoints of the drives, shape (rows, m).
+
+    A predictive controller has none: its table has no gains, only the setpoints.
+    """
+    if isinstance(controller, Receding):
+        return without_gains(sizes, position)
+    return _form(controller, times, position, sizes.z)
 
 
 def _hold_tables(
     controller: Hold, sizes: BufferLayout, drives: np.ndarray, used: int
 ) -> ControlTables:
-    """Return the tables of a hold controller whose drives stay where they start, shape (cranes, m):
-    one row for each crane, or for all where they start alike.
+    """Return the tables of a hold controller whose drives stay where they start.
+
+    A table of one row for each crane takes far less memory than a reference for each.
+
+    Args:
+        controller: The controller.
+        sizes: Layout of the buffers.
+        drives: Positions of the drives at the start, shape (cranes, m).
+        used: Numbers of memory already used.
+
+    Raises:
+        OutOfRange: If the tables do not fit into 4 GB.
     """
-    cranes, places = len(drives), drives[:1] if (drives == drives[0]).all() else drives
-    needed = used + 2 * len(places) * size(sizes.setpoint_table)
+    cranes = len(drives)
+    start_alike = (drives == drives[0]).all()
+    places = drives[:1] if start_alike else drives
+    needed = used + _COPIES * len(places) * size(sizes.setpoint_table)
     check_fits_memory("number of places at which drives start", str(len(places)), needed)
+    # The form is made once for all cranes, with their places in place of control instants.
     form = _form(controller, np.zeros(len(places)), places, sizes.z)
+    gain_rows = gain_table(sizes, form)
+    setpoint_rows = setpoint_table(sizes, form, len(places))
     return ControlTables(
-        RowTable(gain_table(sizes, form), 1, np.zeros(cranes, dtype=np.int64)),
-        RowTable(setpoint_table(sizes, form, len(places)), 1, np.arange(cranes) % len(places)),
-        np.broadcast_to(form.integral, (cranes, sizes.m)),
-        False,
-        None,
+        gain_table=RowTable(gain_rows, 1, np.zeros(cranes, dtype=np.int64)),
+        setpoint_table=RowTable(setpoint_rows, 1, np.arange(cranes) % len(places)),
+        integrals=np.broadcast_to(form.integral, (cranes, sizes.m)),
+        integrates=False,
+        predictive=None,
     )
 
 
@@ -197,23 +264,31 @@ def _references(
         return distinct_objects(reference, len(start.q))
     drives = start.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        first_start = State(*(array.take(0, axis=0) for array in start))
+        first_start = State(start.q[0].copy(), start.v[0].copy())
         return distinct_objects(hold(crane, first_start), len(start.q))
     _, rows, index = np.unique(drives, axis=0, return_index=True, return_inverse=True)
-    places, needed = "number of places at which drives start", used + _PAIR * len(rows)
-    check_fits_memory(places, str(len(rows)), needed)
+    needed = used + _NUMBERS_PER_PAIR * len(rows)
+    check_fits_memory("number of places at which drives start", str(len(rows)), needed)
     return index.ravel(), [hold(crane, State(start.q[i], start.v[i])) for i in rows]
 
 
 def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
-    """Return the index of each crane's object, shape (n,), and the distinct objects."""
+    """Return the index of each crane's object, shape (cranes,), and the distinct objects.
+
+    Objects are told apart by identity: equal ones count as two, as comparing them may cost more
+    than a second table, and not all can be hashed.
+    """
     if isinstance(value, Cranes):
         return np.arange(cranes), value
     if _length(value) is None:
         return np.broadcast_to(0, cranes), [value]
-    objects = {id(item): item for item in value}
-    number = {key: row for row, key in enumerate(objects)}
-    return np.array([number[id(item)] for item in value]), list(objects.values())
+    objects: list[Any] = []
+    row_of: dict[int, int] = {}
+    for item in value:
+        if id(item) not in row_of:
+            row_of[id(item)] = len(objects)
+            objects.append(item)
+    return np.array([row_of[id(item)] for item in value]), objects
 
 
 def converter_response(
@@ -225,25 +300,30 @@ def converter_response(
     Raises:
         OutOfRange: If they do not fit the crane or the clocks, or differ in delay.
     """
-    several = isinstance(converters, Sequence)
-    fitted = [fitting(crane, drive, item) for item in (converters if several else [converters])]
-    present = [item for item in fitted if item is not None]
+    of_each = converters if isinstance(converters, Sequence) else [converters]
+    present = []
+    for item in of_each:
+        fitted = fitting(crane, drive, item)
+        if fitted is not None:
+            present.append(fitted)
     if not present:
         return None, None
-    lates = [item.delay_steps(clock.dt, clock.period) for item in present]
-    if len({*lates}) > 1:
-        given = f"{min(lates)} to {max(lates)} control periods"
+    delays = [item.delay_steps(clock.dt, clock.period) for item in present]
+    if min(delays) != max(delays):
+        given = f"{min(delays)} to {max(delays)} control periods"
         raise OutOfRange("delays of converters", given, "all the same")
-    return np.array([np.concatenate(item.response) for item in present]), lates[0]
+    return np.array([np.concatenate(item.response) for item in present]), delays[0]
 
 
 def converter_memory(sizes: BufferLayout, rates: np.ndarray) -> list[np.ndarray]:
-    """Return the memory of frequency converters at the start, by section with a row for each crane:
-    they continue at the rates of the drives, shape (cranes, m).
+    """Return the memory of frequency converters at the start, in the order of
+    `BufferLayout.converters` with a row for each crane: they go on with the rates at which the
+    drives move, shape (cranes, m), and have heard these all the time of their delay.
     """
     if sizes.delay_steps is None:
         return []
-    return [rates, np.zeros_like(rates), *[rates] * sizes.delay_steps]
+    slopes = np.zeros_like(rates)
+    return [rates, slopes, *[rates] * sizes.delay_steps]
 
 
 def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
@@ -253,31 +333,45 @@ def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
         OutOfRange: If a crane differs from the first in joints, drives, points or sprung joints.
     """
     first = Topology.of(cranes[0])
-    for crane in () if isinstance(cranes, Cranes) else cranes:
+    if isinstance(cranes, Cranes):
+        return first.layout  # which have been made of one description
+    for crane in cranes:
         if crane.layout != first.layout:
             joints = ", ".join(joint.name for joint in crane.layout.joints)
             raise OutOfRange("joints of a crane", joints, "those of the first crane of the batch")
         if Topology.of(crane) != first:
-            sprung = zip(crane.layout.joints, crane.springs.elastic, strict=True)
-            joints = ", ".join(joint.name for joint, elastic in sprung if elastic)
+            pairs = zip(crane.layout.joints, crane.springs.elastic, strict=True)
+            sprung = ", ".join(joint.name for joint, elastic in pairs if elastic)
             name = "joints of a crane with springs"
-            raise OutOfRange(name, joints or "none", "those of the first crane of the batch")
+            raise OutOfRange(name, sprung or "none", "those of the first crane of the batch")
     return first.layout
 
 
 def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) -> Affine:
+    """Return the affine form of a controller.
+
+    Args:
+        controller: The controller.
+        times: Control instants [s].
+        setpoint: Setpoints of the drives at these, shape (rows, m).
+        width: Number of coordinates and rates together.
+
+    Raises:
+        CraneError: If the controller is not affine in the state.
+        OutOfRange: If a number of its form is not finite.
+    """
     with owned("controller"):
-        common = affine_form(controller, times, setpoint, width)
-    if common is None:
+        form = affine_form(controller, times, setpoint, width)
+    if form is None:
         raise CraneError(
             f"{type(controller).__name__} is not affine in the state, or has run before; a batch "
             "needs one that is."
         )
-    if lacking := common.lacking():
-        values = getattr(common, lacking)
+    if lacking := form.lacking():
+        values = getattr(form, lacking)
         name = f"{lacking} in the common form of {type(controller).__name__}"
         raise OutOfRange(name, float(values[~np.isfinite(values)][0]), "finite")
-    return common
+    return form
 
 
 def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
@@ -287,9 +381,9 @@ def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
     """
-    if force is None:
-        return RowTable(np.zeros((1, size(sizes.force))), 1, np.zeros(cranes, dtype=np.int64))
     columns = size(sizes.force)
+    if force is None:
+        return RowTable(np.zeros((1, columns)), 1, np.zeros(cranes, dtype=np.int64))
     values = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
     return _stacked("force", values, cranes, per_crane=values.ndim == 3)
 
@@ -313,9 +407,10 @@ def _stacked(name: str, values: np.ndarray, cranes: int, *, per_crane: bool) -> 
     """Return a table of rows by control instant, shared or one after another for each crane."""
     if not values.size:
         raise Misshapen(name, f"an array of shape {values.shape}", "one with a row at least")
-    rows, columns = values.shape[-2:]
-    starts = rows * np.arange(cranes) if per_crane else np.broadcast_to(0, cranes)
-    return RowTable(np.ascontiguousarray(values.reshape(-1, columns), dtype=float), rows, starts)
+    length, columns = values.shape[-2:]
+    starts = length * np.arange(cranes) if per_crane else np.broadcast_to(0, cranes)
+    rows = np.ascontiguousarray(values.reshape(-1, columns), dtype=float)
+    return RowTable(rows, length, starts)
 
 
 def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
@@ -329,16 +424,19 @@ def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
     delays = delay if several else [delay]
     if several and len(delays) != cranes:
         raise OutOfRange("number of sensor delays", len(delays), f"{cranes}, or one alone for all")
-    name, unit = "sensor_delay", "control periods"
-    periods = [within(name, whole(name, item, 0, unit), 0, _LATEST, unit) for item in delays]
-    readings = int(max(periods)) + 1 if max(periods) > 0 else 0
+    name = "sensor_delay"
+    unit = "control periods"
+    periods = [within(name, whole(name, item, 0, unit), 0, _MAX_DELAY, unit) for item in delays]
+    longest = int(max(periods))
+    readings = longest + 1 if longest > 0 else 0  # the present one is stored before it is read
     return np.broadcast_to(np.array(periods, dtype=np.int64), (cranes,)), readings
 
 
 def required_numbers(
     sizes: BufferLayout, cranes: int, instants: int, periods: int, extra: int
 ) -> int:
-    """Return how many numbers the memory and the record of the cranes take, by lanes and by cranes.
+    """Return how many numbers the memory and the record of the cranes take, both arranged in lanes
+    and as rows by crane.
 
     Args:
         sizes: Buffer layout of each crane.
@@ -350,11 +448,12 @@ def required_numbers(
     Raises:
         OutOfRange: If they, or the tables of one controller, take more than 4 GB.
     """
-    used = cranes * (_CRANE + extra)
+    used = cranes * (_NUMBERS_PER_CRANE + extra)
     check_fits_memory("number of cranes", str(cranes), used)
-    used += 2 * cranes * instants * size(sizes.row)
+    used += _COPIES * cranes * instants * size(sizes.row)
     check_fits_memory("record", f"{instants} rows of {cranes} cranes", used)
-    tables = 2 * periods * (size(sizes.gain_table) + size(sizes.setpoint_table))
+    columns = size(sizes.gain_table) + size(sizes.setpoint_table)
+    tables = _COPIES * periods * columns
     check_fits_memory("duration", f"{periods} control periods", tables)
     return used
 
@@ -365,7 +464,7 @@ def check_fits_memory(name: str, value: str, numbers: int) -> None:
     Raises:
         OutOfRange: If not.
     """
-    needed = 8 * numbers
-    if needed > _LARGEST:
-        allowed = f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g}"
-        raise OutOfRange(name, value, f"{allowed} GB")
+    needed = _BYTES_PER_NUMBER * numbers
+    if needed > _MAX_BYTES:
+        largest = f"what takes {_MAX_BYTES / 1e9:g} GB at most"
+        raise OutOfRange(name, value, f"{largest}; these would take {needed / 1e9:.3g} GB")

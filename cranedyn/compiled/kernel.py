@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from itertools import chain, count
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.angles import SHORTER, all_within
+from cranedyn.compiled.angles import SHORTER, Turn, all_within
 from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value, uses
 from cranedyn.compiled.layout import SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translate
@@ -99,25 +99,35 @@ class KernelSource(NamedTuple):
 
     @property
     def varied(self) -> int:
-        """Number of numbers that each lane has of its own."""
+        """Number of crane parameters that differ between the lanes of a batch."""
         return self.constants.count(None)
 
     def plant(self, code: Code, numbers: ir.Value) -> Plant:
-        """Return the crane whose varied numbers are at an address."""
-        varied = count()
-        values = [
-            code.load(numbers, next(varied) * code.stride) if constant is None else constant
-            for constant in self.constants
-        ]
+        """Return the crane whose varied numbers are at an address. Its other numbers are constants
+        of the code, which fold.
+        """
+        values: list[Any] = []
+        loaded = 0
+        for constant in self.constants:
+            if constant is None:
+                values.append(code.load(numbers, loaded * code.stride))
+                loaded += 1
+            else:
+                values.append(constant)
         recipe = self.recipe
-        numbered = plant(self.topology, values, recipe.drive, recipe.buffers)
-        return replace(numbered, contacts=recipe.contacts)
+        without_ground = plant(self.topology, values, recipe.drive, recipe.buffers)
+        return replace(without_ground, contacts=recipe.contacts)
 
     def in_steps(self, crane: Plant, dt: Any) -> tuple[Plant, Units]:
-        """Return the crane and the units in which it steps. A thread has too few registers for
-        constants in other units, and converting rates after every step would add a rounding error.
+        """Return the crane and the units in which it steps, see `Plant.in_steps`.
+
+        These are SI units for a thread, which has too few registers for constants in other units,
+        and where sines and cosines are computed afresh after every step: rates are then converted
+        as often, with a rounding error each time.
         """
-        return (crane, SI) if self.recipe.threads or self.recipe.turns == 1 else crane.in_steps(dt)
+        if self.recipe.threads or self.recipe.turns == 1:
+            return crane, SI
+        return crane.in_steps(dt)
 
 
 class Kernel(NamedTuple):
@@ -150,10 +160,12 @@ def build_module(source: KernelSource) -> ir.Module:
     """Return the loop as a module for LLVM; for threads it is the loop of one thread, see
     `cranedyn.compiled.threads`.
     """
-    module, recipe = ir.Module(), source.recipe
+    module = ir.Module()
+    recipe = source.recipe
     lanes = 1 if recipe.threads else recipe.lanes
     if recipe.programme is not None:
-        from cranedyn.compiled.horizon.control import emit_instant, emit_plan  # few runs need it
+        # Few runs need it, and the first step of the others should not wait for the import.
+        from cranedyn.compiled.horizon.control import emit_instant, emit_plan
 
         emit_plan(module, recipe.programme, lanes)
         if recipe.lanes == 1:
@@ -168,19 +180,32 @@ def build_module(source: KernelSource) -> ir.Module:
 
 
 def _emit_answer(code: Code, source: KernelSource) -> None:
-    for attribute in () if source.recipe.threads else ("noinline", "optnone"):  # called rarely
-        code.function.attributes.add(attribute)
+    """Emit the function that computes accelerations at one state for each lane, see
+    `BufferLayout.query`.
+    """
+    if not source.recipe.threads:
+        # It is called a few times only, for which LLVM need not optimise it.
+        code.function.attributes.add("noinline")
+        code.function.attributes.add("optnone")
     crane, units = source.in_steps(source.plant(code, code.argument["numbers"]), 1.0)
     sections = source.sizes.query
     query = [code.load(code.argument["given"], i * code.stride) for i in range(size(sections))]
-    q, v, command, forces = (array(query[section]) for section in slices(sections).values())
-    pushes = forces * units.force if source.recipe.forces else None
-    for i, a in enumerate(crane.answer(q, v, command * units.command, pushes)[0]):
-        code.store(a, code.argument["accelerations"], i * code.stride)
+    columns = slices(sections)
+    q = array(query[columns["q"]])
+    v = array(query[columns["v"]])
+    command = array(query[columns["command"]])
+    forces = array(query[columns["force"]])
+    plant_forces = forces * units.force if source.recipe.forces else None
+    dynamics = crane.answer(q, v, command * units.command, plant_forces)
+    for i, acceleration in enumerate(dynamics.acceleration):
+        code.store(acceleration, code.argument["accelerations"], i * code.stride)
     code.end()
 
 
 def _emit_several(code: Code, run: ir.Function) -> None:
+    """Emit the function that runs the loop for each of many groups, whose calls stand one after
+    another in memory.
+    """
     calls = code.argument["calls"]
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as group:
         first = code.product(group, len(SLOTS))
@@ -188,11 +213,46 @@ def _emit_several(code: Code, run: ir.Function) -> None:
     code.end()
 
 
+class _InstantValues(NamedTuple):
+    """Quantities of a crane at a control instant, as numbers of the code.
+
+    Attributes:
+        q: Coordinates [rad or m], shape (n,).
+        v: Rates [rad/s or m/s], shape (n,).
+        command: What the drives are commanded, shape (m,): efforts as commanded; for other drives
+            the efforts that the command needs, before limits.
+        effort: Efforts of the drives from this instant on [N m or N], shape (m,).
+        before: Their efforts up to this instant, shape (m,).
+        forces: External forces from this instant on [N], shape (3 points,); None without.
+        stop_force: Force of the buffer of the hoist [N].
+        saturated: 1 where a command exceeds the largest rate of a converter, else 0; empty without
+            converters.
+        holds: Whether the model holds.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    command: np.ndarray
+    effort: np.ndarray
+    before: np.ndarray
+    forces: np.ndarray | None
+    stop_force: Any
+    saturated: list[Any]
+    holds: ir.Value
+
+
 class _Loop:
-    """Loop over control instants under construction."""
+    """Loop over control instants under construction.
+
+    The state and the summary are variables while the loop runs, and are stored in memory at its
+    end. So are sine and cosine of the angle of each revolute joint: a step rotates them by the
+    change of the angle, which takes less time than computing them.
+    """
 
     def __init__(self, code: Code, source: KernelSource) -> None:
-        self.code, self.recipe, self.sizes = code, source.recipe, source.sizes
+        self.code = code
+        self.recipe = source.recipe
+        self.sizes = source.sizes
         call = code.argument["call"]
         self.call_values = {name: code.load_one(call, SLOTS[name], KINDS[name]) for name in SLOTS}
         self.dt = code.from_double(self.call_values["dt"])
@@ -201,100 +261,142 @@ class _Loop:
         self.moving, self.units = source.in_steps(self.plant, self.dt)
         self.state = self._variables("state", self.sizes.state)
         self.summary = self._variables("summary", self.sizes.summary) if self.recipe.summary else {}
-        self.turns = {
-            i: code.variables([0.0, 0.0])
-            for i, joint in enumerate(source.topology.layout.joints)
-            if joint.kind == "revolute" and not self.recipe.threads  # threads have few registers
-        }
-        self.loaded: dict[int, list[Value]] = {i: [] for i in self.turns}
+
+        # Sine and cosine of each revolute joint, by its number. Threads have few registers, and
+        # compute them where they are needed.
+        self.angles: dict[int, list[StackVariable]] = {}
+        for i, joint in enumerate(source.topology.layout.joints):
+            if joint.kind == "revolute" and not self.recipe.threads:
+                self.angles[i] = code.variables([0.0, 0.0])
+
+        # Values of these variables that the code has loaded so far: sines and cosines that nothing
+        # uses are not updated.
+        self.loaded_angles: dict[int, list[Value]] = {i: [] for i in self.angles}
+
+    # --- variables and tables ---------------------------------------------------------------------
 
     def _variables(self, name: str, sections: Sections) -> dict[str, list[StackVariable]]:
-        code, address = self.code, self.call_values[name]
+        """Return variables, by section, that begin with the numbers of a buffer."""
+        code = self.code
+        address = self.call_values[name]
         variables = [
             StackVariable(code, code.load(address, i * code.stride)) for i in range(size(sections))
         ]
         return {key: variables[section] for key, section in slices(sections).items()}
 
-    def _keep(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
+    def _store_variables(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
+        """Store variables, by section, in their buffer."""
         for i, variable in enumerate(chain.from_iterable(variables.values())):
             self.code.store(variable.get(), self.call_values[name], i * self.code.stride)
 
     def _row(self, table: int, name: str, instant: ir.Value) -> Callable[[str], np.ndarray]:
         """Return a function that loads a section of the row of a table for an instant; beyond its
         end of the last row.
+
+        Args:
+            table: Number of the table, in the order of `Recipe.shared`.
+            name: Its name.
+            instant: Control instant, or another count of rows.
         """
-        code, pointer, sections = self.code, self.call_values[name], getattr(self.sizes, name)
-        width, columns = size(sections), slices(sections)
+        code = self.code
+        pointer = self.call_values[name]
+        sections = getattr(self.sizes, name)
+        width = size(sections)
+        columns = slices(sections)
         last = code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
-        rows = [row := code.least(instant, last)]
+        row = code.least(instant, last)
+        rows = [row]
         if not self.recipe.shared[table]:
-            first, starts = table * code.stride, self.call_values["starts"]
+            first = table * code.stride
+            starts = self.call_values["starts"]
             begins = [code.load_one(starts, first + lane, INTEGER) for lane in range(code.lanes)]
             rows = [code.builder.add(start, row) for start in begins]
         addresses = [code.address(pointer, code.product(row, width)) for row in rows]
-        return lambda section: array(
-            [code.gather(addresses, i) for i in range(width)[columns[section]]]
-        )
+
+        def load(section: str) -> np.ndarray:
+            return array([code.gather(addresses, i) for i in range(width)[columns[section]]])
+
+        return load
 
     def _get(self, section: str) -> np.ndarray:
+        """Return the present numbers of a section of the state."""
         return array([variable.get() for variable in self.state[section]])
+
+    def _set(self, section: str, values: Iterable[Any]) -> None:
+        """Assign the numbers of a section of the state."""
+        for variable, value in zip(self.state[section], values, strict=True):
+            variable.set(value)
 
     def _anchors(self) -> np.ndarray:
         """Return the anchors of the ground, shape (3 points,); empty without ground."""
         return self._get("anchors") if self.sizes.touching else array([])
 
+    # --- sines and cosines ------------------------------------------------------------------------
+
     def _coordinates(self) -> np.ndarray:
         """Return coordinates, with their sines and cosines cached."""
         q = self._get("q")
-        for i, pair in self.turns.items():
-            sine, cosine = (variable.get() for variable in pair)
+        for i, (sine_variable, cosine_variable) in self.angles.items():
+            sine = sine_variable.get()
+            cosine = cosine_variable.get()
             self.code.cache_angle(q[i], sine, cosine)
-            self.loaded[i] += sine, cosine
+            self.loaded_angles[i] += [sine, cosine]
         return q
 
-    def _used_turns(self) -> list[int]:
+    def _used_angles(self) -> list[int]:
         """Return the joints of whose angles the code so far needs sines or cosines."""
         needed = uses(self.code.function)
-        return [i for i in self.turns if any(x.register in needed for x in self.loaded[i])]
+        joints = []
+        for i in self.angles:
+            if any(value.register in needed for value in self.loaded_angles[i]):
+                joints.append(i)
+        return joints
 
-    def _keep_angles(self, joints: Iterable[int]) -> None:
+    def _compute_angles(self, joints: Iterable[int]) -> None:
+        """Compute sines and cosines of joints afresh."""
         q = self._get("q")
         for i in joints:
-            self._keep_angle(i, self.code.sine_and_cosine(q[i]))
+            self._set_angle(i, self.code.sine_and_cosine(q[i]))
 
-    def _keep_angle(self, i: int, pair: tuple[Value, Value]) -> None:
-        for variable, value in zip(self.turns[i], pair, strict=True):
+    def _set_angle(self, i: int, pair: tuple[Value, Value]) -> None:
+        """Assign sine and cosine of a joint."""
+        for variable, value in zip(self.angles[i], pair, strict=True):
             variable.set(value)
 
-    def _set(self, section: str, values: Iterable[Any]) -> None:
-        for variable, value in zip(self.state[section], values, strict=True):
-            variable.set(value)
+    # --- the loop ---------------------------------------------------------------------------------
 
     def emit(self) -> None:
+        """Emit the whole function."""
         code = self.code
-        self._keep_angles(self.turns)
-        call, compared = self.call_values, code.builder.icmp_signed
+        self._compute_angles(self.angles)
+        call = self.call_values
+        compared = code.builder.icmp_signed
         with code.loop(call["first"], call["last"]) as instant:
             forces = self._forces(instant)
-            first = compared("==", instant, call["first"])
-            begun = code.both(first, compared("!=", call["resumed"], code.integer(0)))
+            is_first = compared("==", instant, call["first"])
+            begun = code.both(is_first, compared("!=", call["resumed"], code.integer(0)))
             with code.when(code.builder.not_(begun)):
                 self._control(instant, forces)
             with code.when(compared("<", instant, call["end"])):
                 self._period(forces)
-        self._keep("state", self.state)
+        self._store_variables("state", self.state)
         if self.recipe.summary:
-            self._keep("summary", self.summary)
+            self._store_variables("summary", self.summary)
         code.end()
 
     def _period(self, forces: np.ndarray | None) -> None:
-        """Emit the steps of a control period. Sines and cosines are updated step by step, and
-        computed afresh every `TURNS` steps and at the end; in between, rates are in the units of
-        the steps.
+        """Emit the steps of a control period.
+
+        Sines and cosines are updated step by step, each time with a rounding error. They are
+        computed afresh every `Recipe.turns` steps and at the end of the period. In between, rates
+        are in the units of the steps, see `KernelSource.in_steps`.
         """
-        code, steps, turns = self.code, self.call_values["steps"], self.recipe.turns
+        code = self.code
+        steps = self.call_values["steps"]
+        turns = self.recipe.turns
         if self.recipe.threads:
-            return self._steps(code.integer(0), steps, forces)
+            self._steps(code.integer(0), steps, forces)
+            return
         pieces = code.builder.sdiv(code.plus(steps, turns - 1), code.integer(turns))
         with code.loop(0, pieces) as piece:
             first = code.product(piece, turns)
@@ -302,27 +404,30 @@ class _Loop:
             self._set("v", self._get("v") * self.units.time)
             self._steps(first, last, forces)
             self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
-            self._keep_angles(self._used_turns())
+            self._compute_angles(self._used_angles())
 
     def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
         """Emit steps from the first to the one before the last."""
-        code, units = self.code, self.units
+        code = self.code
+        units = self.units
         with code.fast_loop(first, last) as end:
-            q_before, works = self._coordinates(), self._get("contacts")
-            v, last_command = self._get("v"), self._get("last_command")
+            q_before = self._coordinates()
+            works = self._get("contacts")
+            v = self._get("v")
+            last_command = self._get("last_command")
             if self.recipe.delay_steps is not None:
-                reference, rising = self._next_reference(last_command, v * (1.0 / units.time))
+                reference, slope = self._next_reference(last_command, v * (1.0 / units.time))
                 self._set("reference", reference)
-                self._set("rising", rising)
+                self._set("rising", slope)
                 last_command = array(reference)
             step = Step(
-                self.recipe.integrator,
-                self.moving,
-                last_command * units.command,
-                None if forces is None else forces * units.force,
-                self.dt / units.time,
-                units.work,
-                self.call_values["substeps"],
+                integrator=self.recipe.integrator,
+                plant=self.moving,
+                command=last_command * units.command,
+                forces=None if forces is None else forces * units.force,
+                dt=self.dt / units.time,
+                unit=units.work,
+                substeps=self.call_values["substeps"],
             )
             q, v, works, anchors = step.after(StepState(q_before, v, works, self._anchors()))
             self._set("q", q)
@@ -330,97 +435,156 @@ class _Loop:
             self._set("contacts", works)
             if self.sizes.touching:
                 self._set("anchors", anchors)
-            used = self._used_turns()
-            turns = {i: turn for i in used if (turn := code.turn(q[i])) is not None}
-            pairs = {i: turn.rotate(SHORTER) for i, turn in turns.items()}
-            for i in used:
-                self._keep_angle(i, pairs[i] if i in pairs else code.sine_and_cosine(q[i]))
-            little = all_within(code, [*turns.values()], SHORTER)
-            end(little)
-            with code.when(code.builder.not_(little)):
-                for i, turn in turns.items():
-                    self._keep_angle(i, turn.refine(pairs[i]))
+            self._rotate_angles(q, end)
+
+    def _rotate_angles(self, q: np.ndarray, end: Callable[[ir.Value], None]) -> None:
+        """Update sines and cosines after a step to coordinates, and end the loop over steps.
+
+        A short series rotates them by the change of the angle. It is precise for small changes; in
+        the rare case that a joint turned farther, the loop is left for a longer one.
+
+        Args:
+            q: Coordinates after the step.
+            end: Ends the statements of the loop, see `Code.fast_loop`.
+        """
+        code = self.code
+        joints = self._used_angles()
+        turns: dict[int, Turn] = {}
+        for i in joints:
+            turn = code.turn(q[i])
+            if turn is not None:
+                turns[i] = turn
+        rotated = {i: turn.rotate(SHORTER) for i, turn in turns.items()}
+        for i in joints:
+            self._set_angle(i, rotated[i] if i in rotated else code.sine_and_cosine(q[i]))
+        all_small = all_within(code, [*turns.values()], SHORTER)
+        end(all_small)
+        with code.when(code.builder.not_(all_small)):
+            for i, turn in turns.items():
+                self._set_angle(i, turn.refine(rotated[i]))
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
+        """Return the external forces from an instant on [N], shape (3 points,); None without."""
         if not self.recipe.forces:
             return None
-        since = self.code.most(instant, self.code.integer(0))
-        row = self.code.builder.sdiv(since, self.call_values["force_interval"])
+        since_start = self.code.most(instant, self.code.integer(0))
+        row = self.code.builder.sdiv(since_start, self.call_values["force_interval"])
         forces = self._row(2, "force", row)("force")
         if not self.recipe.areas:
             return forces
+        # The table then holds the velocity of the wind.
         return self.plant.drag(self._coordinates(), self._get("v"), forces, self.recipe.areas)
 
     def _forces_before(self, instant: ir.Value) -> np.ndarray | None:
+        """Return the external forces up to an instant. The drag of a wind depends on the state at
+        the instant before, so that it is remembered.
+        """
         if self.recipe.areas:
             return self._get("pushed")
         return self._forces(self.code.builder.sub(instant, self.code.integer(1)))
 
+    # --- the control instant ----------------------------------------------------------------------
+
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
-        code, recipe = self.code, self.recipe
-        q, v, before = self._coordinates(), self._get("v"), self._get("last_command")
-        requested = command = self._controller_command(instant, q, v)
-        effort = self.plant.within(command)
-        if recipe.delay_steps is not None:
-            assert self.plant.response is not None
-            waiting = [*self._get("unheard"), *self.plant.response.heard(command)]
-            self._set("unheard", waiting[self.sizes.m :])
-            effort = array(waiting[: self.sizes.m])
-        self._set("last_command", effort)
-        if not (recipe.log or recipe.summary):
+        """Emit a control instant: the command, and what is recorded of it."""
+        q = self._coordinates()
+        v = self._get("v")
+        before = self._get("last_command")
+        requested = self._controller_command(instant, q, v)
+        followed = self.plant.within(requested)
+        if self.recipe.delay_steps is not None:
+            followed = self._delay_command(requested)
+        self._set("last_command", followed)
+        if not (self.recipe.log or self.recipe.summary):
             return
+        values = self._instant_values(instant, q, v, requested, followed, before, forces)
+        if self.recipe.log:
+            self._log(instant, self._log_row(instant, values))
+        if self.recipe.summary:
+            self._summarise(instant, values)
+
+    def _delay_command(self, requested: np.ndarray) -> np.ndarray:
+        """Return the command that converters hear at this instant, shape (m,), and put the present
+        one at the end of those on their way.
+        """
+        assert self.plant.response is not None
+        waiting = [*self._get("unheard"), *self.plant.response.heard(requested)]
+        self._set("unheard", waiting[self.sizes.m :])
+        return array(waiting[: self.sizes.m])
+
+    def _instant_values(
+        self,
+        instant: ir.Value,
+        q: np.ndarray,
+        v: np.ndarray,
+        requested: np.ndarray,
+        followed: np.ndarray,
+        before: np.ndarray,
+        forces: np.ndarray | None,
+    ) -> _InstantValues:
+        """Return the quantities of the crane at an instant.
+
+        Args:
+            instant: The instant.
+            q: Coordinates.
+            v: Rates.
+            requested: Command of the controller.
+            followed: What the drives follow from now on: efforts within the limits, accelerations,
+                or commands that converters hear.
+            before: What they followed up to now.
+            forces: External forces from now on.
+        """
+        code = self.code
+        recipe = self.recipe
+        command = requested
+        effort = followed
         reactions = self.plant.ground_reactions(q, v, self._anchors())[0]
         if recipe.delay_steps is not None:
             if recipe.log:
-                acted = self._forces_before(instant)
-                before = self.plant.answer(q, v, self._get("reference"), acted, reactions)[1]
-            next_reference = array(self._next_reference(effort, v)[0])
+                forces_before = self._forces_before(instant)
+                reference = self._get("reference")
+                before = self.plant.answer(q, v, reference, forces_before, reactions)[1]
+            next_reference = array(self._next_reference(followed, v)[0])
             _, effort, command, _ = self.plant.answer(q, v, next_reference, forces, reactions)
         if recipe.drive == "motion":
-            acted = self._forces_before(instant)
-            before = self.plant.answer(q, v, before, acted, reactions)[1]
+            forces_before = self._forces_before(instant)
+            before = self.plant.answer(q, v, before, forces_before, reactions)[1]
             command = effort = self.plant.answer(q, v, command, forces, reactions)[1]
-        buffer, cut = self.plant.stop_force(q, v), self._cut(requested)
+        stop_force = self.plant.stop_force(q, v)
+        saturated = self._saturated(requested)
         hoist = self.plant.topology.layout.drive_of("hoist")
-        hoist_force = buffer if hoist is None else effort[hoist] + buffer
+        hoist_force = stop_force if hoist is None else effort[hoist] + stop_force
         conditions = self.plant.conditions(q, v, hoist_force, command)
-        holds = code.both(*conditions, *(number < 0.5 for number in cut))
-        if recipe.log:
-            acts, energy = [*command, *effort, *before], self.plant.energy(q, v)
-            contacts = [*self._get("contacts"), buffer]
-            row = [*q, *v, *acts, energy, *contacts, *cut]
-            if recipe.ledger:
-                table = self._row(1, "setpoint_table", instant)
-                pushes = [0.0] * size(self.sizes.force) if forces is None else forces
-                outside = [0.0, *contacts, *(cut or [0.0])]
-                row = [*table("position"), *q, *v, *acts, *pushes, *outside, energy]
-                self._set("pushed", pushes)
-                row = self._balanced(row, (q, v, effort, before), holds)
-            self._log(instant, row)
-        if recipe.summary:
-            self._summarise(instant, q, v, effort, holds)
+        holds = code.both(*conditions, *(number < 0.5 for number in saturated))
+        return _InstantValues(q, v, command, effort, before, forces, stop_force, saturated, holds)
 
     def _next_reference(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
-        """Return reference rates of converters after the next step, and their rates of change, m
-        numbers each.
+        """Return the reference rates of converters after the next step, and their rates of change,
+        m numbers each.
+
+        Args:
+            heard: Commands that the converters follow.
+            v: Rates of all joints [rad/s or m/s].
         """
         assert self.plant.response is not None
         rate = v[self.plant.topology.layout.drives]
-        before = self._get("reference"), self._get("rising")
-        return self.plant.response.ramped(heard, *before, rate, self.dt)
+        reference = self._get("reference")
+        slope = self._get("rising")
+        return self.plant.response.ramped(heard, reference, slope, rate, self.dt)
 
-    def _cut(self, command: np.ndarray) -> list[Any]:
+    def _saturated(self, command: np.ndarray) -> list[Any]:
         """Return 1 where a command exceeds the largest rate of a converter, else 0; empty without
         converters.
         """
         if self.plant.response is None:
             return []
-        beyond = self.code.either(*self.plant.response.cuts(map(self.code.value, command)))
-        return [self.code.chosen(beyond, 1.0, 0.0)]
+        values = [self.code.value(number) for number in command]
+        exceeds = self.code.either(*self.plant.response.cuts(values))
+        return [self.code.chosen(exceeds, 1.0, 0.0)]
 
     def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the command of the controller, shape (m,)."""
-        code, sizes = self.code, self.sizes
+        sizes = self.sizes
         gains = self._row(0, "gain_table", instant)
         setpoints = self._row(1, "setpoint_table", instant)
         z = np.concatenate([q, v])
@@ -429,19 +593,15 @@ class _Loop:
         if self.recipe.delayed:
             z = self._delay_reading(instant, z)
         if self.recipe.programme is not None:
-            from cranedyn.compiled.horizon.control import PredictiveControl
-
-            addresses = (self.call_values[name] for name in ("horizon", "workspace"))
-            control = PredictiveControl(code, self.recipe.programme, *addresses)
-            row, due = control.count_instant()
-            command_of = control.call_instant if code.lanes == 1 else control.command
-            return command_of(z[: sizes.n], z[sizes.n :], setpoints("position"), row, due)
+            return self._predictive_command(self.recipe.programme, z, setpoints)
         gain = gains("gain").reshape(sizes.m, sizes.z)
         command = gains("feed_forward") - gain @ (z - setpoints("setpoint"))
         if not self.recipe.integral:
             return command
-        integrals, position = self._get("integral"), setpoints("position")
-        factor, limit = gains("integral_gain"), gains("limit")
+        integrals = self._get("integral")
+        position = setpoints("position")
+        factor = gains("integral_gain")
+        limit = gains("limit")
         for i, drive in enumerate(self.plant.topology.layout.drives):
             error = position[i] - z[drive]
             command[i], integrals[i] = integrated_command(
@@ -450,9 +610,33 @@ class _Loop:
         self._set("integral", integrals)
         return command
 
+    def _predictive_command(
+        self, programme: Programme, z: np.ndarray, setpoints: Callable[[str], np.ndarray]
+    ) -> np.ndarray:
+        """Return the command of a predictive controller for coordinates and rates, shape (2 n,),
+        and a row of the setpoint table, see `_row`.
+        """
+        from cranedyn.compiled.horizon.control import PredictiveControl
+
+        horizon = self.call_values["horizon"]
+        control = PredictiveControl(self.code, programme, horizon, self.call_values["workspace"])
+        row, due = control.count_instant()
+        q = z[: self.sizes.n]
+        v = z[self.sizes.n :]
+        position = setpoints("position")
+        if self.code.lanes == 1:
+            return control.call_instant(q, v, position, row, due)
+        return control.command(q, v, position, row, due)
+
     def _delay_reading(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
-        """Store the present reading and return the delayed one, shape (2 n,)."""
-        code, build, readings = self.code, self.code.builder, self.call_values["readings"]
+        """Store the present reading and return the delayed one, shape (2 n,).
+
+        The readings are a ring: the one of an instant stands in the row of its number modulo the
+        number of rows. Before the delay has passed, the first reading is seen.
+        """
+        code = self.code
+        build = code.builder
+        readings = self.call_values["readings"]
 
         def place(count: ir.Value, i: int) -> ir.Value:
             row = build.srem(count, self.call_values["reading_count"])
@@ -469,64 +653,105 @@ class _Loop:
             delayed.append(code.gather([code.address(readings, place) for place in places]))
         return array(delayed)
 
+    def _log_row(self, instant: ir.Value, values: _InstantValues) -> list[Any]:
+        """Return the row of the log for an instant, in the order of `BufferLayout.row`."""
+        q = values.q
+        v = values.v
+        acts = [*values.command, *values.effort, *values.before]
+        energy = self.plant.energy(q, v)
+        contacts = [*self._get("contacts"), values.stop_force]
+        if not self.recipe.ledger:
+            return [*q, *v, *acts, energy, *contacts, *values.saturated]
+        setpoint = self._row(1, "setpoint_table", instant)("position")
+        forces: Any = values.forces
+        if forces is None:
+            forces = [0.0] * size(self.sizes.force)
+        outside = [0.0, *contacts, *(values.saturated or [0.0])]
+        row = [*setpoint, *q, *v, *acts, *forces, *outside, energy]
+        self._set("pushed", forces)
+        return self._balanced(row, values)
+
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
-        code, build, interval = self.code, self.code.builder, self.call_values["log_interval"]
-        whole_log = self.recipe.ledger  # has a row at each instant
+        """Store a row of the log where one is due at an instant."""
+        code = self.code
+        build = code.builder
+        interval = self.call_values["log_interval"]
+        each_instant = self.recipe.ledger
         due = build.icmp_signed("==", build.srem(instant, interval), code.integer(0))
-        with nullcontext() if whole_log else code.when(due):
-            index = instant if whole_log else build.sdiv(instant, interval)
+        with nullcontext() if each_instant else code.when(due):
+            index = instant if each_instant else build.sdiv(instant, interval)
             first = code.product(index, len(row) * code.stride)
             begin = code.address(self.call_values["log"], first)
             for i, value in enumerate(row):
                 code.store(value, begin, i * code.stride)
 
-    def _balanced(self, row: list[Any], at: tuple[np.ndarray, ...], holds: ir.Value) -> list[Any]:
-        """Return a row of the log of `simulate` with work, dissipation and validity, as
-        `cranedyn.simulation.log.Log` computes them, and note the worst row.
+    def _balanced(self, row: list[Any], values: _InstantValues) -> list[Any]:
+        """Return a row of the log of `simulate` with work, dissipation and validity, and note the
+        worst row.
+
+        Sums are rounded in the order of `cranedyn.simulation.log.Log`, which computes the same, so
+        that both give the same bits.
         """
-        code, drives, (q, v, effort, before) = self.code, self.plant.topology.layout.drives, at
+        code = self.code
+        q = values.q
+        v = values.v
+        drives = self.plant.topology.layout.drives
         with code.as_written():
             power = self.plant.joint.dissipation(q, v)
             reached = q[drives] - v[drives] * (self.recipe.integrator.lead * self.dt)
-            again, moved = self._get("again"), reached - self._get("reached")
-            work = (self._get("acted") + before) / 2.0 * moved * again
+            # Trapezoidal rule from row to row; `again` is 0 at the first row, which has none before
+            # it, and 1 after that.
+            again = self._get("again")
+            moved = reached - self._get("reached")
+            work = (self._get("acted") + values.before) / 2.0 * moved * again
             loss = (self._get("power") + power) / 2.0 * self.period * again
             self._set("work", self._get("work") + work)
             self._set("dissipated", self._get("dissipated") + loss)
-        for name, values in (("reached", reached), ("acted", effort), ("power", [power])):
-            self._set(name, values)
+        self._set("reached", reached)
+        self._set("acted", values.effort)
+        self._set("power", [power])
         self._set("again", [1.0])
         row = [*row, *self._get("work"), *self._get("dissipated")]
-        checked = [*q, *row[self.sizes.m + self.sizes.z :]]  # setpoints are from a checked table
-        fine = code.both(abs(_pairwise_sum(checked)) < np.inf, v @ v < DIVERGED**2)
-        worst = code.chosen(fine, code.chosen(holds, 0.0, 1.0), 2.0)
-        _largest(code, self.state["worst"][0], worst)
-        return [*row, code.chosen(holds, 1.0, np.nan)]
 
-    def _summarise(
-        self, instant: ir.Value, q: np.ndarray, v: np.ndarray, effort: np.ndarray, holds: ir.Value
-    ) -> None:
-        code, crane, summary = self.code, self.plant, self.summary
-        swing, amplitude = (code.value(square) for square in crane.swing(q, v))
-        _largest(code, summary["peak"][0], swing)
-        counts = code.builder.icmp_signed(">=", instant, self.call_values["residual_from"])
-        with code.when(counts):
-            _largest(code, summary["residual"][0], amplitude)
-        for variable, value in zip(summary["effort"], effort, strict=True):
-            _largest(code, variable, code.call("llvm.fabs", value))
+        # A sum is finite only if all its terms are: one comparison in place of many. Setpoints are
+        # left out, as their table has been checked, and rates, which must be far below infinity.
+        checked = [*q, *row[self.sizes.m + self.sizes.z :]]
+        numbers_are_finite = abs(_pairwise_sum(checked)) < np.inf
+        is_sound = code.both(numbers_are_finite, v @ v < DIVERGED**2)
+        worst = code.chosen(is_sound, code.chosen(values.holds, 0.0, 1.0), 2.0)
+        _keep_largest(code, self.state["worst"][0], worst)
+        return [*row, code.chosen(values.holds, 1.0, np.nan)]
+
+    def _summarise(self, instant: ir.Value, values: _InstantValues) -> None:
+        """Update the summary of the run, see `BufferLayout.summary`."""
+        code = self.code
+        summary = self.summary
+        swing, amplitude = (code.value(x) for x in self.plant.swing(values.q, values.v))
+        _keep_largest(code, summary["peak"][0], swing)
+        is_residual = code.builder.icmp_signed(">=", instant, self.call_values["residual_from"])
+        with code.when(is_residual):
+            _keep_largest(code, summary["residual"][0], amplitude)
+        for variable, effort in zip(summary["effort"], values.effort, strict=True):
+            _keep_largest(code, variable, code.call("llvm.fabs", effort))
         now = code.from_integer(instant)
-        first = summary["invalid"][0]
-        first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))
+        first_invalid = summary["invalid"][0]
+        unchanged = first_invalid.get()
+        earlier = code.call("llvm.minnum", first_invalid.get(), now)
+        first_invalid.set(code.chosen(values.holds, unchanged, earlier))
 
 
-def _largest(code: Code, variable: StackVariable, value: Value) -> None:
-    """Keep the larger; what is not a number stays."""
+def _keep_largest(code: Code, variable: StackVariable, value: Value) -> None:
+    """Assign a value to a variable if it is larger than the present one, or NaN, with which every
+    comparison fails. A later number would replace that NaN, but a state that is NaN stays so.
+    """
     old = variable.get()
     variable.set(code.chosen(value <= old, old, value))
 
 
 def _pairwise_sum(numbers: Sequence[Any]) -> Any:
-    """Return a sum in which no term waits for all others."""
+    """Return the sum of numbers, added in pairs: no term waits for all others, so that the
+    processor adds several at once.
+    """
     half = len(numbers) // 2
     if not half:
         return numbers[0]

@@ -60,20 +60,35 @@ class BufferLayout:
 
     @cached_property
     def state(self) -> Sections:
-        """State of a crane at a control instant: coordinates, rates, integrals of the controller,
-        the last command, work of buffers and ground and of impacts of the rope, anchors of the
-        points that touch the ground, memory of the frequency converters, and the energy ledger:
-        work of the drives and dissipation so far, positions, efforts and dissipated power at the
-        last row, 1 after the first row, what is worst in all rows: 0 where the model holds, 1 where
-        it does not, 2 where a number is not finite or a joint too fast, and external forces.
+        """State of a crane at a control instant, in SI units.
+
+        The first sections are those of every crane, and the others follow where they apply. At a
+        fleet's start, the sections of the converters are written up to the end of the state: only
+        those of the ledger, which a fleet has not, may come after them.
         """
-        n, m = self.n, self.m
-        sections = {"q": n, "v": n, "integral": m, "last_command": m, "contacts": 2}
-        sections |= {"anchors": 3 * self.touching} if self.touching else {}
+        sections = {
+            "q": self.n,  # coordinates
+            "v": self.n,  # rates
+            "integral": self.m,  # integrals of the controller
+            "last_command": self.m,
+            "contacts": 2,  # work of buffers and ground, and of impacts of the rope
+        }
+        if self.touching:
+            sections["anchors"] = 3 * self.touching  # of the points that touch the ground
         sections |= self.converters
         if self.ledger:
-            sections |= {"work": m, "dissipated": 1, "reached": m, "acted": m, "power": 1}
-            sections |= {"again": 1, "worst": 1} | {"pushed": 3 * self.points}
+            sections |= {
+                "work": self.m,  # of the drives so far
+                "dissipated": 1,  # energy so far
+                "reached": self.m,  # positions of the drives at the last row
+                "acted": self.m,  # their efforts from the last row on
+                "power": 1,  # dissipated at the last row
+                "again": 1,  # 1 after the first row, else 0
+                # Worst of all rows: 0 where the model holds, 1 where it does not, 2 where a number
+                # is not finite or a joint too fast.
+                "worst": 1,
+                "pushed": 3 * self.points,  # external forces from the last row on
+            }
         return sections
 
     @cached_property

@@ -24,7 +24,7 @@ def compile_rows(
             `cranedyn.dynamics.scalars`.
         width_in: Length of its array without numbers that rows share.
         width_out: Number of its results.
-        shared: Number of these, which stand before those of a row.
+        shared: How many numbers all rows share, which stand before those of a row.
     """
     module = ir.Module()
     code = Code(module, "rows", ["given", "count", "answers", "shared"], 1)
@@ -50,11 +50,14 @@ def compile_columns(
         widths: Rows of its arrays.
         width_out: Number of its results.
     """
-    module, width_in = ir.Module(), sum(widths)
+    module = ir.Module()
+    width_in = sum(widths)
     for lanes in COLUMN_LANES:
         code = Code(module, f"columns_{lanes}", ["call"], lanes)
         call = code.argument["call"]
-        first, last = (code.load_one(call, i, INTEGER) for i in range(2))
+        # A call is the first and the last group of columns, and the address of each row.
+        first = code.load_one(call, 0, INTEGER)
+        last = code.load_one(call, 1, INTEGER)
         rows = [code.load_one(call, 2 + i, POINTER) for i in range(width_in + width_out)]
         with code.loop(first, last) as group, code.as_written():
             column = code.product(group, lanes)

@@ -1,4 +1,14 @@
-"""Physics step in code, by the stepping rules of `cranedyn.dynamics.integrators`."""
+"""Physics step in code, by the stepping rules of `cranedyn.dynamics.integrators`.
+
+A rule alone is a step of a smooth motion. Two things break that:
+
+* A buffer or the ground is far stiffer than the rest of the crane. Where one is touched before or
+  after the step, small semi-implicit steps replace it.
+* A rope becomes taut or slack. The step is then divided at the instant at which it does.
+
+Lanes run the same instructions. What only some lanes need is therefore computed for all lanes as
+soon as one needs it, and taken over where it is needed.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +39,7 @@ class _Number:
         return self
 
     def _unknown(self, operand: Any = None) -> bool:
-        raise TypeError("how large a number is is not known while code is made")
+        raise TypeError("the value of a number is not known while code is made")
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = (
         __neg__
@@ -71,13 +81,64 @@ class StepState(NamedTuple):
 
     @property
     def numbers(self) -> list[Any]:
-        """All numbers."""
+        """All numbers, one after another."""
         return [*self.q, *self.v, *self.works, *self.anchors]
 
     def of(self, variables: list[StackVariable]) -> StepState:
         """Return the values of variables in the order of the numbers of a state."""
-        n, values = len(self.q), array([variable.get() for variable in variables])
-        return StepState(*np.split(values, [n, 2 * n, 2 * n + len(self.works)]))
+        values = array([variable.get() for variable in variables])
+        n = len(self.q)
+        first_anchor = 2 * n + len(self.works)
+        return StepState(
+            q=values[:n],
+            v=values[n : 2 * n],
+            works=values[2 * n : first_anchor],
+            anchors=values[first_anchor:],
+        )
+
+
+class _RuleStep(NamedTuple):
+    """Step by the rule alone.
+
+    Attributes:
+        state: State after the step.
+        pulls: Force at each stage of the rule that is positive where a rope that may go slack
+            pulls; None for any other rope.
+    """
+
+    state: StepState
+    pulls: list[Any]
+
+
+class _TautStep(NamedTuple):
+    """Step with a taut inextensible rope.
+
+    Attributes:
+        state: State after the step.
+        taut: Whether the rope is taut before it.
+        lasts: Whether the rope is taut all the time.
+    """
+
+    state: StepState
+    taut: ir.Value
+    lasts: ir.Value
+
+
+class _Trial(NamedTuple):
+    """Attempt at a piece of a step, during which a rope stays taut or slack.
+
+    Attributes:
+        state: State after the piece.
+        start_margin: Number for the start of the piece that is below zero where the rope is in
+            another phase; at least 0, as the phase was right there up to round-off.
+        end_margin: The same for the end of the piece.
+        phase_lasts: Whether it is known that the rope stays in its phase.
+    """
+
+    state: StepState
+    start_margin: Value
+    end_margin: Value
+    phase_lasts: ir.Value
 
 
 @dataclass(frozen=True)
@@ -107,10 +168,11 @@ class Step:
 
     def after(self, state: StepState) -> StepState:
         """Return the state after the step."""
-        plant, smooth = self.plant, self.integrator.smooth
-        if plant.contacts is None and not (plant.buffers and smooth):
+        plant = self.plant
+        needs_smooth_motion = self.integrator.smooth
+        if plant.contacts is None and not (plant.buffers and needs_smooth_motion):
             return self._in_phases(state)
-        buffers = plant.buffers and not smooth
+        buffers = plant.buffers and not needs_smooth_motion
         free = replace(self, plant=replace(plant, buffers=buffers, contacts=None))
         return self._where_contacts_act(state, free._in_phases(state))
 
@@ -118,36 +180,43 @@ class Step:
         """Return the state after the step, divided where a rope becomes taut or slack."""
         rope = self.plant.joint.rope
         if rope is None or not (rope.inextensible or self.integrator.smooth):
-            return self._by_rule(state)[0]
+            return self._by_rule(state).state
         return self._where_rope_changes(state)
 
-    def _by_rule(self, state: StepState, taut: Any = None) -> tuple[StepState, list[Any]]:
-        """Return the state after the step, and the pull of the rope at each stage of the rule;
-        taut fixes the phase of the rope.
-        """
-        plant, dt = self._with_rope(taut), self.dt
+    def _by_rule(self, state: StepState, taut: Any = None) -> _RuleStep:
+        """Return the step by the rule alone; taut fixes the phase of the rope, if it is given."""
+        plant = self._with_rope(taut)
+        dt = self.dt
         pulls = []
 
         def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            answer = plant.answer(q, v, self.command, self.forces, self.reactions)
-            pulls.append(answer.pull)
-            return answer.acceleration
+            dynamics = plant.answer(q, v, self.command, self.forces, self.reactions)
+            pulls.append(dynamics.pull)
+            return dynamics.acceleration
 
-        def speed_up(v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        def add_acceleration(v: np.ndarray, a: np.ndarray) -> np.ndarray:
             return v + a * dt
 
-        def move(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            sums = zip(q, v * dt, strict=True)
-            return array([x + by if is_zero(x) else x.code.advanced(x, by) for x, by in sums])
+        def add_rate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            moved = []
+            for coordinate, increment in zip(q, v * dt, strict=True):
+                if is_zero(coordinate):
+                    moved.append(increment)
+                else:
+                    # Records the sum, so that sines and cosines are rotated by the increment.
+                    moved.append(coordinate.code.advanced(coordinate, increment))
+            return array(moved)
 
         q, v, works, anchors = state
-        q_after, faster = self.integrator.rule(acceleration, speed_up, move, q, v, 1)
+        q_after, v_after = self.integrator.rule(acceleration, add_acceleration, add_rate, q, v, 1)
         if plant.buffers:
-            done = plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives]
+            # Force at the start of the step times the mean of the rates before and after it.
+            done = plant.stops.effort(q, v) @ (v + v_after)[plant.stops.drives]
             works = works + array([0.5 * dt * self.unit * done, 0.0])
-        return StepState(q_after, faster, works, anchors), pulls
+        return _RuleStep(StepState(q_after, v_after, works, anchors), pulls)
 
     def _with_rope(self, taut: Any) -> Plant:
+        """Return the crane whose rope is in a phase; None leaves the phase to its state."""
         return replace(self.plant, joint=replace(self.plant.joint, taut=taut))
 
     def _where_contacts_act(self, before: StepState, smooth: StepState) -> StepState:
@@ -155,30 +224,34 @@ class Step:
         where the load touches the ground, or a drive is beyond its range, before or after it.
         """
         code: Code = before.q[0].code
-        plant, smooth_rule = self.plant, self.integrator.smooth
+        plant = self.plant
         outcome = code.variables(smooth.numbers)
-        beyond = plant.stops.beyond if plant.buffers and smooth_rule else lambda q: []
-        rough = code.either(
-            *(flag for q in (before.q, smooth.q) for flag in (*beyond(q), *plant.touching(q)))
-        )
-        with code.when(code.anywhere(rough)):
-            fine = self.dt / code.from_integer(self.substeps)
-            substep = replace(self, integrator=semi_implicit_euler, dt=fine)
+        touches = []
+        for q in (before.q, smooth.q):
+            if plant.buffers and self.integrator.smooth:
+                touches += plant.stops.beyond(q)
+            touches += plant.touching(q)
+        touched = code.either(*touches)
+        with code.when(code.anywhere(touched)):
+            small_dt = self.dt / code.from_integer(self.substeps)
+            substep = replace(self, integrator=semi_implicit_euler, dt=small_dt)
             state = code.variables(before.numbers)
             with code.loop(0, self.substeps):
                 after = substep._on_ground(before.of(state))
                 for variable, value in zip(state, after.numbers, strict=True):
                     variable.set(value)
-            self._replace(outcome, rough, before.of(state).numbers)
+            self._replace(outcome, touched, before.of(state).numbers)
         return before.of(outcome)
 
     def _on_ground(self, state: StepState) -> StepState:
         """Return the state after a step under the reactions of the ground at its start."""
-        plant, (q, v, _, anchors) = self.plant, state
+        plant = self.plant
+        q, v, _, anchors = state
         reactions, anchors = plant.ground_reactions(q, v, anchors)
         after = replace(self, reactions=reactions)._in_phases(state)
         if not reactions:
             return after
+        # Forces times the mean of the rates before and after the step.
         work = 0.5 * self.dt * self.unit * plant.power(q, v + after.v, reactions)
         return after._replace(works=after.works + array([work, 0.0]), anchors=anchors)
 
@@ -186,49 +259,95 @@ class Step:
         """Return the state after a step that is divided where the rope becomes taut or slack.
 
         All lanes take the step in their phase, those with a taut inextensible rope without its
-        joint, then those with a slack one. Where that does not do, all lanes take it again, in
-        pieces.
+        joint, then those with a slack one. Where the phase does not last, all lanes take the step
+        again, in pieces.
         """
         code: Code = before.q[0].code
-        rope, (q, v, works, anchors) = self.plant.joint.rope, before
+        rope = self.plant.joint.rope
         assert rope is not None
         if rope.inextensible:
-            s = rope.stretch
-            q, v = q.copy(), v.copy()
-            q[s] = v[s] = 0.0
-            smooth, pulls = self._by_rule(StepState(q, v, works, anchors), taut=True)
-            loose = code.either(before.q[s] < 0.0, before.v[s] < 0.0)
-            taut = code.both(code.builder.not_(loose), pulls[0] > 0.0)
-            lasts = code.both(taut, *(pull > 0.0 for pull in pulls))
+            smooth, taut, lasts = self._as_taut(before, rope.stretch)
         else:
-            taut = self.plant.joint.pull(q, v) > 0.0
-            smooth = self._by_rule(before, taut=taut)[0]
-            after = self.plant.joint.pull(smooth.q, smooth.v) > 0.0
-            lasts = code.builder.icmp_unsigned("==", taut, after)
-        increments = [code.increment(*pair) for pair in zip(smooth.q, before.q, strict=True)]
+            taut = self.plant.joint.pull(before.q, before.v) > 0.0
+            smooth = self._by_rule(before, taut=taut).state
+            taut_after = self.plant.joint.pull(smooth.q, smooth.v) > 0.0
+            lasts = code.builder.icmp_unsigned("==", taut, taut_after)
+
+        # The coordinates of the outcome are increments, by which sines and cosines are rotated at
+        # the end, whichever way a lane came to them.
+        increments = []
+        for coordinate_after, coordinate in zip(smooth.q, before.q, strict=True):
+            increments.append(code.increment(coordinate_after, coordinate))
         outcome = code.variables(smooth._replace(q=array(increments)).numbers)
         changes = code.builder.not_(lasts)
         if rope.inextensible:
-            (known,) = code.variables([code.chosen(lasts, 1.0, 0.0)])
-            slack = code.builder.not_(taut)
-            with code.when(code.anywhere(slack)):
-                loose_end = self._by_rule(before, taut=False)[0]
-                stays = code.both(slack, loose_end.q[rope.stretch] < 0.0)
-                numbers = loose_end._replace(q=loose_end.q - before.q).numbers
-                self._replace([*outcome, known], stays, [*numbers, 1.0])
-            changes = known.get() < 0.5
+            changes = self._replace_where_slack(outcome, before, taut, lasts, rope.stretch)
         with code.when(code.anywhere(changes)):
             pieces = self._in_pieces(before, taut)
             self._replace(outcome, changes, pieces._replace(q=pieces.q - before.q).numbers)
         after = before.of(outcome)
-        moved = map(code.advanced, before.q, after.q)  # which updates sines and cosines
-        return after._replace(q=array([*moved]))
+        moved = []
+        for coordinate, increment in zip(before.q, after.q, strict=True):
+            moved.append(code.advanced(coordinate, increment))
+        return after._replace(q=array(moved))
+
+    def _as_taut(self, before: StepState, stretch: int) -> _TautStep:
+        """Return the step with a taut inextensible rope, whose end is at the coordinate of a joint:
+        0 where the rope is taut and below 0 where it is slack.
+        """
+        code: Code = before.q[0].code
+        q, v, works, anchors = before
+        q = q.copy()
+        v = v.copy()
+        q[stretch] = 0.0
+        v[stretch] = 0.0
+        smooth, pulls = self._by_rule(StepState(q, v, works, anchors), taut=True)
+        loose = code.either(before.q[stretch] < 0.0, before.v[stretch] < 0.0)
+        taut = code.both(code.builder.not_(loose), pulls[0] > 0.0)
+        lasts = code.both(taut, *(pull > 0.0 for pull in pulls))
+        return _TautStep(smooth, taut, lasts)
+
+    def _replace_where_slack(
+        self,
+        outcome: list[StackVariable],
+        before: StepState,
+        taut: ir.Value,
+        stays_taut: ir.Value,
+        stretch: int,
+    ) -> ir.Value:
+        """Replace the outcome of a step where an inextensible rope is slack all the time.
+
+        Args:
+            outcome: Variables of the state after the step, whose coordinates are increments.
+            before: State before the step.
+            taut: Whether the rope is taut before it.
+            stays_taut: Whether it is taut all the time.
+            stretch: Joint of the end of the rope.
+
+        Returns:
+            Whether the rope changes its phase within the step.
+        """
+        code: Code = before.q[0].code
+        (lasts,) = code.variables([code.chosen(stays_taut, 1.0, 0.0)])
+        slack = code.builder.not_(taut)
+        with code.when(code.anywhere(slack)):
+            loose_end = self._by_rule(before, taut=False).state
+            stays_slack = code.both(slack, loose_end.q[stretch] < 0.0)
+            numbers = loose_end._replace(q=loose_end.q - before.q).numbers
+            self._replace([*outcome, lasts], stays_slack, [*numbers, 1.0])
+        return lasts.get() < 0.5
 
     def _in_pieces(self, before: StepState, taut: Any) -> StepState:
         """Return the state after a step in pieces, in each of which the rope is taut or slack.
 
         A piece is the rest of the step, unless the rope changes within; the time of that is found
-        by the Illinois method, from a bracket whose upper end is that rest.
+        by the Illinois method, from a bracket whose upper end is that rest. This is the method of
+        false position, a + (b - a) f(a) / (f(a) - f(b)), where the value at an end that stays for a
+        second time is halved, so that both ends close in (Dowell and Jarratt 1971, "A modified
+        regula falsi method for computing the root of an equation").
+
+        Each pass of the loop tries one piece in every lane, which may be at another point of the
+        method than its neighbours.
         """
         code: Code = before.q[0].code
         state = code.variables(before.numbers)
@@ -238,34 +357,45 @@ class Step:
             code.loop(0, PHASE_CHANGES * (_TRIES + 1) + 1),
             code.when(code.anywhere(rest.get() > 0.0)),
         ):
-            trying, left = time.get(), rest.get()
-            taut, bracketed = phase.get() > 0.5, high.get() > 0.0
+            trying = time.get()
+            left = rest.get()
+            is_taut = phase.get() > 0.5
+            bracketed = high.get() > 0.0
             piece = replace(self, dt=trying)
-            trial, start_margin, margin, lasts = piece._trial(before.of(state), taut)
+            trial = piece._trial(before.of(state), is_taut)
+            margin = trial.end_margin
+
+            # The piece fails where the rope is in another phase at its end. After too many changes
+            # of the phase the rest is taken as it is.
             new = code.builder.not_(bracketed)
             active = code.both(left > 0.0, code.either(bracketed, changes.get() < PHASE_CHANGES))
             fails = code.both(
-                active, margin < 0.0, code.either(bracketed, code.builder.not_(lasts))
+                active,
+                margin < 0.0,
+                code.either(bracketed, code.builder.not_(trial.phase_lasts)),
             )
             holds = code.both(left > 0.0, code.builder.not_(fails))
-            ends, above = code.both(new, holds), code.both(bracketed, holds)
+            ends = code.both(new, holds)
+            above = code.both(bracketed, holds)
             below = code.both(bracketed, fails)
             count = code.chosen(new, 0.0, tries.get() + 1.0)
             found = code.both(left > 0.0, count >= float(_TRIES))
 
-            def halved(variable: StackVariable, again: ir.Value) -> Value:
-                return code.chosen(again, 0.5 * variable.get(), variable.get())
-
+            # The bracket [a, b] and the margins at its ends.
             a = code.chosen(above, trying, low.get())
             b = code.chosen(fails, trying, high.get())
-            at_a = halved(low_margin, code.both(below, side.get() < 0.0))
-            at_a = code.chosen(above, margin, code.chosen(new, start_margin, at_a))
-            at_b = halved(high_margin, code.both(above, side.get() > 0.0))
+            a_stays_again = code.both(below, side.get() < 0.0)
+            at_a = code.chosen(a_stays_again, 0.5 * low_margin.get(), low_margin.get())
+            kept_at_a = code.chosen(new, trial.start_margin, at_a)
+            at_a = code.chosen(above, margin, kept_at_a)
+            b_stays_again = code.both(above, side.get() > 0.0)
+            at_b = code.chosen(b_stays_again, 0.5 * high_margin.get(), high_margin.get())
             at_b = code.chosen(fails, margin, at_b)
-            over = code.chosen(ends, 0.0, code.chosen(found, left - trying, left))
+
+            remaining = code.chosen(ends, 0.0, code.chosen(found, left - trying, left))
             updates = {
-                rest: over,
-                time: code.chosen(found, over, a + (b - a) * at_a / (at_a - at_b)),
+                rest: remaining,
+                time: code.chosen(found, remaining, a + (b - a) * at_a / (at_a - at_b)),
                 phase: code.chosen(found, 1.0 - phase.get(), phase.get()),
                 low: code.chosen(found, 0.0, a),
                 low_margin: at_a,
@@ -275,41 +405,55 @@ class Step:
                 tries: count,
                 changes: changes.get() + code.chosen(found, 1.0, 0.0),
             }
-            self._replace(state, code.either(ends, found), trial.numbers)
+            self._replace(state, code.either(ends, found), trial.state.numbers)
             for variable, value in updates.items():
                 variable.set(value)
             rope = self.plant.joint.rope
             if rope is not None and rope.inextensible:
-                hits = code.both(found, code.builder.not_(taut))
+                hits = code.both(found, code.builder.not_(is_taut))
                 with code.when(code.anywhere(hits)):
-                    q, v, works, anchors = before.of(state)
-                    q[rope.stretch] = 0.0
-                    v, gained = self.plant.impact(q, v)
-                    works[1] = works[1] + self.unit * gained
-                    self._replace(state, hits, StepState(q, v, works, anchors).numbers)
+                    self._replace(state, hits, self._after_impact(before.of(state), rope.stretch))
         return before.of(state)
 
-    def _trial(self, start: StepState, taut: Any) -> tuple[StepState, Any, Any, Any]:
-        """Return the state after a piece, a number for its start and one for its end that is below
-        zero where the rope is in another phase, and whether it is known that its phase lasts.
+    def _after_impact(self, state: StepState, stretch: int) -> list[Any]:
+        """Return the numbers of a state after an inextensible rope has become taut with a jerk; its
+        end is at the coordinate of a joint.
         """
+        q, v, works, anchors = state
+        q[stretch] = 0.0
+        v, gained = self.plant.impact(q, v)
+        works[1] = works[1] + self.unit * gained
+        return StepState(q, v, works, anchors).numbers
+
+    def _trial(self, start: StepState, taut: Any) -> _Trial:
+        """Try a piece in which the rope is taut where a condition holds, and slack elsewhere."""
         trial, pulls = self._by_rule(start, taut=taut)
-        code, rope, joint = start.numbers[0].code, self.plant.joint.rope, self.plant.joint
+        code: Code = start.numbers[0].code
+        joint = self.plant.joint
+        rope = joint.rope
         assert rope is not None
 
-        def margin(pull: Any, at: StepState) -> Value:
-            return code.chosen(taut, pull, -at.q[rope.stretch] if rope.inextensible else -pull)
+        def margin(pull: Any, state: StepState) -> Value:
+            # A taut rope pulls. A slack one is shorter than its length or, if it is elastic, would
+            # have to push.
+            if rope.inextensible:
+                return code.chosen(taut, pull, -state.q[rope.stretch])
+            return code.chosen(taut, pull, -pull)
 
-        end, lasts = joint.pull(trial.q, trial.v), code.both(False)
+        end_pull = joint.pull(trial.q, trial.v)
+        phase_lasts = code.both(False)
         if rope.inextensible:
             plant = self._with_rope(taut)
-            end = plant.answer(trial.q, trial.v, self.command, self.forces, self.reactions).pull
-            lasts = code.both(taut, *(pull > 0.0 for pull in pulls))
-        at_start = code.call("llvm.maxnum", margin(pulls[0], start), 0.0)
-        return trial, at_start, margin(end, trial), lasts
+            end_pull = plant.answer(
+                trial.q, trial.v, self.command, self.forces, self.reactions
+            ).pull
+            phase_lasts = code.both(taut, *(pull > 0.0 for pull in pulls))
+        start_margin = code.call("llvm.maxnum", margin(pulls[0], start), 0.0)
+        return _Trial(trial, start_margin, margin(end_pull, trial), phase_lasts)
 
     @staticmethod
     def _replace(variables: list[StackVariable], where: ir.Value, values: list[Any]) -> None:
+        """Assign values to variables in the lanes where a condition holds."""
         for variable, value in zip(variables, values, strict=True):
             old = variable.get()
             variable.set(old.code.chosen(where, value, old))

@@ -56,79 +56,111 @@ class TableStack:
         return len(self.arrays) - 1
 
     @property
-    def numbers(self) -> int:
-        """Numbers in the stack."""
+    def number_count(self) -> int:
+        """How many numbers the stack has."""
         return len(self.arrays) * self._length * self.arrays[0].shape[1]
 
-    def stacked(self, chosen: np.ndarray) -> RowTable:
-        """Return the tables as one; chosen is the index of each crane's table."""
-        rows = [np.pad(a, ((0, self._length - len(a)), (0, 0)), "edge") for a in self.arrays]
-        stacked = np.ascontiguousarray(np.concatenate(rows), dtype=float)
-        return RowTable(stacked, self._length, chosen.astype(np.int64) * self._length)
+    def stacked(self, index: np.ndarray) -> RowTable:
+        """Return the tables as one, for cranes that have the tables of an index each, shape
+        (cranes,).
+        """
+        # Beyond the end of a table its last row applies, so that padding repeats it.
+        padded = []
+        for rows in self.arrays:
+            missing = self._length - len(rows)
+            padded.append(np.pad(rows, ((0, missing), (0, 0)), "edge"))
+        stacked = np.ascontiguousarray(np.concatenate(padded), dtype=float)
+        return RowTable(stacked, self._length, index.astype(np.int64) * self._length)
 
 
 def gain_table(sizes: BufferLayout, form: Affine) -> np.ndarray:
-    """Return the rows of a controller, shape (n, columns)."""
-    n, columns = len(form.feed_forward), slices(sizes.gain_table)
-    rows = np.empty((n, size(sizes.gain_table)))
-    for name in columns:
+    """Return the rows of a controller, shape (n, columns), see `BufferLayout.gain_table`."""
+    count = len(form.feed_forward)
+    rows = np.empty((count, size(sizes.gain_table)))
+    for name, columns in slices(sizes.gain_table).items():
         values = getattr(form, name)
-        rows[:, columns[name]] = values.reshape(n, -1) if name == "gain" else values
+        if name == "gain":
+            values = values.reshape(count, -1)  # a matrix, row by row
+        rows[:, columns] = values
     return rows
 
 
 def setpoint_table(sizes: BufferLayout, form: Affine, n: int) -> np.ndarray:
-    """Return rows of the state about which a controller acts and of its setpoint of the drives,
-    shape (n, columns), as many as differ.
+    """Return rows of the state about which a controller acts and of its setpoint of the drives, see
+    `BufferLayout.setpoint_table`.
+
+    Args:
+        sizes: Layout of the buffers.
+        form: Affine form of the controller; beyond the end of its arrays the last row applies.
+        n: Number of control instants.
+
+    Returns:
+        Rows, shape (as many as may differ, n at most, columns).
     """
-    columns, n = slices(sizes.setpoint_table), min(n, max(len(form.setpoint), len(form.target)))
-    rows = np.empty((n, size(sizes.setpoint_table)))
-    for values, name in ((form.setpoint, "setpoint"), (form.target, "position")):
-        rows[: len(values), columns[name]] = values[:n]
+    columns = slices(sizes.setpoint_table)
+    count = min(n, max(len(form.setpoint), len(form.target)))
+    rows = np.empty((count, size(sizes.setpoint_table)))
+    for name, values in (("setpoint", form.setpoint), ("position", form.target)):
+        rows[: len(values), columns[name]] = values[:count]
         rows[len(values) :, columns[name]] = values[-1]
     return rows
 
 
 def drop_repeated_rows(rows: np.ndarray) -> np.ndarray:
-    """Return rows without those at the end that repeat the row before."""
+    """Return a copy of rows without those at the end that repeat the row before."""
     changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1))
-    return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
+    count = int(changes[-1]) + 2 if len(changes) else 1
+    return rows[:count].copy()
 
 
 def without_gains(sizes: BufferLayout, positions: np.ndarray) -> Affine:
-    """Return the affine form without gains: zero, about the setpoint of the drives, shape (rows,
-    m).
+    """Return the affine form of a controller that commands zero, with setpoints of the drives,
+    shape (rows, m).
     """
-    m, z = sizes.m, sizes.z
-    form = without_integral(np.zeros((1, m)), np.zeros((1, m, z)), np.zeros((1, z)))
-    return replace(form, target=positions)
+    feed_forward = np.zeros((1, sizes.m))
+    gain = np.zeros((1, sizes.m, sizes.z))
+    setpoint = np.zeros((1, sizes.z))
+    return replace(without_integral(feed_forward, gain, setpoint), target=positions)
 
 
 def command_tables(sizes: BufferLayout) -> tuple[np.ndarray, np.ndarray]:
-    """Return tables of one row that hold a command, zero at first."""
+    """Return a gain table and a setpoint table of one row each, all zero: the feed-forward of the
+    gain table then is the command.
+    """
     return np.zeros((1, size(sizes.gain_table))), np.zeros((1, size(sizes.setpoint_table)))
 
 
 def group_lanes(arrays: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
-    """Arrange arrays with a row for each crane, shape (n, m) each, in groups of lanes, shape
-    (groups, all m, lanes).
+    """Arrange arrays with a row for each crane in groups of lanes.
 
-    The last crane fills the last group.
+    The last crane fills the lanes that are left in the last group: they run like the others, and
+    their results are dropped.
+
+    Args:
+        arrays: Arrays, shape (cranes, m) each.
+        lanes: Number of lanes of a group.
+        kind: Type of the numbers.
+
+    Returns:
+        Numbers of all arrays one after another, shape (groups, sum of all m, lanes).
     """
-    groups = np.empty(
-        (-(-len(arrays[0]) // lanes), sum(array.shape[1] for array in arrays), lanes), dtype=kind
-    )
+    group_count = -(-len(arrays[0]) // lanes)
+    width = sum(array.shape[1] for array in arrays)
+    groups = np.empty((group_count, width, lanes), dtype=kind)
     first = 0
     for array in arrays:
+        last = first + array.shape[1]
         for lane in range(lanes):
-            target, rows = groups[:, first : first + array.shape[1], lane], array[lane::lanes]
-            target[: len(rows)], target[len(rows) :] = rows, array[-1]
-        first += array.shape[1]
+            rows = array[lane::lanes]
+            groups[: len(rows), first:last, lane] = rows
+            groups[len(rows) :, first:last, lane] = array[-1]
+        first = last
     return groups
 
 
 def ungroup_lanes(groups: np.ndarray, count: int) -> np.ndarray:
-    """Return groups of lanes as one row for each crane, shape (count, m)."""
-    return groups.transpose(0, 2, 1).reshape(groups.shape[0] * groups.shape[2], groups.shape[1])[
-        :count
-    ]
+    """Return groups of lanes, shape (groups, m, lanes), as one row for each crane, shape (count,
+    m).
+    """
+    group_count, width, lanes = groups.shape
+    return groups.transpose(0, 2, 1).reshape(group_count * lanes, width)[:count]

@@ -460,10 +460,12 @@ def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
     starts = State(np.broadcast_to(c.start.q, (count, 5)), np.zeros((count, 5)))
     short = {**CLOCK, "duration": PERIOD}
     found = _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **short))
-    reckoned = 8e-6 * count * inputs._CRANE
+    reckoned = 8e-6 * count * inputs._NUMBERS_PER_CRANE
     assert 0.8 * reckoned < found < reckoned + 0.5  # MB; tables and threads besides
     # 4 GB, and 0.8 GB for where they start: less than 6 GB.
-    assert inputs.required_numbers(BufferLayout.of(c.layout), 10**7, 0, 1, 0) * 8 < inputs._LARGEST
+    assert (
+        inputs.required_numbers(BufferLayout.of(c.layout), 10**7, 0, 1, 0) * 8 < inputs._MAX_BYTES
+    )
 
     many = State(np.broadcast_to(c.start.q, (10**7, 5)), np.broadcast_to(0.0, (10**7, 5)))
     with _refused_at_once(r"number of cranes is 10000000; .*; these would take 5\.44 GB"):
@@ -512,8 +514,8 @@ def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_t
     another = _another(c)
     # what each takes is less than what is reckoned with
     found = _peak(lambda: simulate_batch(c, another, start=starts, **CLOCK))
-    assert found < 8e-6 * count * (inputs._CRANE + inputs._PAIR) + 0.5
-    monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 1.5e6)
+    assert found < 8e-6 * count * (inputs._NUMBERS_PER_CRANE + inputs._NUMBERS_PER_PAIR) + 0.5
+    monkeypatch.setattr("cranedyn.compiled.inputs._MAX_BYTES", 1.5e6)
     places = r"number of places at which drives start is 1000; allowed is what takes 0\.0015 GB"
     with pytest.raises(OutOfRange, match=places):
         simulate_batch(c, another, start=starts, **CLOCK)
@@ -525,7 +527,7 @@ def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_t
 def test_tables_that_would_not_fit_are_refused_while_they_are_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 2e5)
+    monkeypatch.setattr("cranedyn.compiled.inputs._MAX_BYTES", 2e5)
     asked: list[int] = []
 
     def reference(i: int) -> Reference:

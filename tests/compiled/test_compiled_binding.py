@@ -437,7 +437,7 @@ def test_a_run_in_pieces_is_the_same_to_the_bit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     whole = _everything(integrator, dt, drive, buffers)
-    monkeypatch.setattr(binding, "_PIECE", steps)
+    monkeypatch.setattr(binding, "_MAX_STEPS_PER_CALL", steps)
     assert _everything(integrator, dt, drive, buffers) == whole
 
 
@@ -453,7 +453,7 @@ def test_integrals_are_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> No
 
     whole = integral()
     assert whole[0] != 0.0
-    monkeypatch.setattr(binding, "_PIECE", 7)
+    monkeypatch.setattr(binding, "_MAX_STEPS_PER_CALL", 7)
     assert integral() == whole
 
 
