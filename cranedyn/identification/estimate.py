@@ -361,30 +361,34 @@ def _covariance(
     """
     scale = model.scale
     count = len(model.parameters)
-    information = np.zeros((count, count))
-    score_covariance = np.zeros((count, count))
     slopes = [jacobian(model, values, index).slope for index in range(len(model.records))]
+    information = np.zeros((count, count))
+    for index in range(len(model.records)):
+        for c, slope in enumerate(slopes[index]):
+            weighted = slope * scale / noise[index][c]
+            information += weighted.T @ weighted
+    inverse, determined = invert_information(information)
+
+    # (JᵀJ)⁻¹ is applied to the rows before they are summed. It is huge where the records hardly
+    # tell two parameters apart, and between two such factors the round-off of a summed M would
+    # outweigh the variance and might even turn its sign.
+    autocorrelated = np.zeros((count, count))
     for index in range(len(model.records)):
         for c, slope in enumerate(slopes[index]):
             sigma = noise[index][c]
-            weighted = slope * scale / sigma
-            outer = weighted.T @ weighted
-            information += outer
+            influence = (slope * scale / sigma) @ inverse
             if white[index][c]:
-                score_covariance += outer
+                autocorrelated += influence.T @ influence
             else:
-                scores = weighted * (residuals[index][c] / sigma)[:, None]
-                score_covariance += long_run(scores)
-    inverse, determined = invert_information(information)
-    autocorrelated = inverse @ score_covariance @ inverse
+                autocorrelated += long_run(influence * (residuals[index][c] / sigma)[:, None])
 
     # Each parameter gets the larger of both variances; correlations are those of the second.
-    white_variance = np.diag(inverse)
     long_variance = np.diag(autocorrelated)
-    largest = np.maximum(white_variance, long_variance)
+    largest = np.maximum(np.diag(inverse), long_variance)
     ratio = largest / np.where(long_variance > 0.0, long_variance, 1.0)
     widening = scale * np.sqrt(ratio)
     covariance = widening[:, None] * autocorrelated * widening
+    np.fill_diagonal(covariance, scale**2 * largest)
     covariance[~determined, ~determined] = np.inf
     return covariance + _motion_covariance(model, values, slopes, noise, inverse)
 

@@ -210,6 +210,26 @@ def test_coloured_errors_widen_the_intervals_and_never_narrow_them() -> None:
     assert alternating.margin("phi_bias") > 0.92 * white.margin("phi_bias")
 
 
+def test_the_delay_of_a_free_swing_is_left_open_and_not_lost_in_round_off() -> None:
+    """A late sensor of a swing over standing drives records what an earlier release would: the
+    record tells their sum only, so that the interval of the delay is wider than any sensor is late.
+    Its variance is what remains of terms that are 10⁸ times as large.
+    """
+    crane = PRIOR.crane
+    start = crane.state(x=10.0, l=15.1, phi=0.1)
+    standing = np.zeros(3)
+    run = simulate(crane, lambda *now: standing, start=start, duration=40.0, dt=0.02,
+                   control_period=0.02, drive="motion", integrator=rk4)  # fmt: skip
+    columns = {"t_s": run.t, "phi_rad": np.deg2rad(np.round(np.rad2deg(run["phi_rad"]), 4)),
+               "l_m": np.full(len(run.t), 15.0)}  # fmt: skip
+    names = ["l_offset", "damp_swing", "delay", "phi_bias"]
+    estimate = identify(Model.of(PRIOR, [Record.of(crane, columns)], names))
+    assert np.all(np.diag(estimate.covariance) > 0.0)
+    assert np.isfinite(estimate.margin("delay"))
+    assert estimate.margin("delay") > 0.5
+    assert estimate.value("l_offset") == pytest.approx(0.1, abs=1e-4)
+
+
 def test_a_drive_behind_its_setpoint_is_the_closed_form() -> None:
     t = np.arange(0.0, 4.0, 0.02)
     ramp = np.clip(t - 1.0, 0.0, 2.0)
