@@ -748,7 +748,7 @@ cranedyn/compiled/engine.py
 +
 * a diverged block is repeated instant by instant
 ? compiled::a_run_that_diverges_late_is_repeated_only_from_there
-- ahead = int(np.argmin((v * v).sum(axis=1) < DIVERGED**2))
+- ahead = self._rows_before_divergence(block)
 + ahead = 0
 * what a compiled loop integrated is forgotten
 ? compiled::a_run_of_many_blocks_is_the_same

@@ -194,28 +194,14 @@ class CompiledEngine(Engine):
         while ahead and first < len(rows):
             block = rows[first : first + ahead]
             times = read_only(t[first : first + ahead])
-            try:
-                setpoint = equal_rows(tabulated(reference, times, self._sizes.m).position)
-                if wind is not None:
-                    speeds = np.array([wind.speed(t) for t in times.tolist()])
-                    air = np.multiply.outer(speeds, np.tile(wind.along, self._sizes.points))
-                    self._wind = tuple(wind.areas.tolist()), finite("wind", air, air.shape)
-                common = (
-                    affine_form(controller, times, setpoint, self._sizes.z)
-                    if predictive is None
-                    else without_gains(self._sizes, setpoint)
-                )
-            except Misshapen:
-                raise
-            except Exception:  # raised again at the instant where it occurs
-                common = None
+            tabulated_block = self._tabulate(controller, reference, wind, times)
             if predictive is not None:
                 self._horizon = predictive.resume_memory(float(times[0]))
-            if common is None or common.lacking():
+            if tabulated_block is None:
                 break
-            if not self._run(common, setpoint, block, len(rows) - 1 - first):
-                v = block[:, slices(self._sizes.row)["v"]]
-                ahead = int(np.argmin((v * v).sum(axis=1) < DIVERGED**2))
+            form, setpoint = tabulated_block
+            if not self._run(form, setpoint, block, len(rows) - 1 - first):
+                ahead = self._rows_before_divergence(block)
                 continue
             if predictive is not None:
                 predictive.advance_to(float(times[-1]))
@@ -225,6 +211,45 @@ class CompiledEngine(Engine):
             self._force[1] = self._memory[self._at["pushed"]]
             self._read_state()
             yield first, bool(self._memory[self._at["worst"]] < 1.0)
+
+    def _tabulate(
+        self, controller: object, reference: Reference, wind: Wind | None, times: np.ndarray
+    ) -> tuple[Affine, np.ndarray] | None:
+        """Return the affine form of a controller and the setpoints at the instants of a block, and
+        tabulate the wind there; None if one of them fails or lacks a number. The caller then goes
+        on instant by instant, and what fails is raised at the instant where it occurs.
+
+        Raises:
+            Misshapen: If an array of the controller's affine form or of the reference has another
+                shape.
+        """
+        try:
+            setpoint = equal_rows(tabulated(reference, times, self._sizes.m).position)
+            if wind is not None:
+                self._set_wind(wind, times)
+            form: Affine | None
+            if self._predictive is None:
+                form = affine_form(controller, times, setpoint, self._sizes.z)
+            else:
+                form = without_gains(self._sizes, setpoint)
+        except Misshapen:
+            raise
+        except Exception:
+            return None
+        return None if form is None or form.lacking() else (form, setpoint)
+
+    def _set_wind(self, wind: Wind, times: np.ndarray) -> None:
+        """Tabulate the velocity of the air at each point that it pushes, at instants of a block."""
+        speeds = np.array([wind.speed(t) for t in times.tolist()])
+        air = np.multiply.outer(speeds, np.tile(wind.along, self._sizes.points))
+        self._wind = tuple(wind.areas.tolist()), finite("wind", air, air.shape)
+
+    def _rows_before_divergence(self, rows: np.ndarray) -> int:
+        """Return how many rows of a block come before the first whose rates are those of a diverged
+        run, or no numbers.
+        """
+        rates = rows[:, slices(self._sizes.row)["v"]]
+        return int(np.argmin((rates * rates).sum(axis=1) < DIVERGED**2))
 
     def _run(self, form: Affine, setpoint: np.ndarray, rows: np.ndarray, end: int) -> bool:
         """Write a block of rows up to an instant that no steps follow; return False and restore the

@@ -330,27 +330,16 @@ def _filled(
     """
     sparse = [c for c, v in found.items() if v.empty.mean() > SPARSE]
     if not sparse or "t_s" not in found:
-        for column in found:
-            if not found[column].empty.any():
-                continue
-            row = rows[np.argmax(found[column].empty)] + 1
-            raise DataError(
-                f"{path}: column {names[column]} is empty in data row {row}; fill the cell in, or "
-                "leave the row out."
-            )
+        _check_no_empty_cell(path, found, names, rows)
     t = found["t_s"].values
     if not (t[1:] > t[:-1]).all():
         raise DataError(f"{path}: {names['t_s']} must increase from row to row.")
     # The rows that count: those of the fastest topic, or all where a value is held, so that each
     # fresh value keeps its own time.
     rows_kept = np.ones(len(t), dtype=bool)
-    required: list[str] = []
-    if filling == "interpolate":
-        required = [column for column in found if column not in sparse and column != "t_s"]
-        if not required:
-            required = [min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))]
-        for column in required:
-            rows_kept &= ~found[column].empty
+    required = _required_columns(found, sparse) if filling == "interpolate" else []
+    for column in required:
+        rows_kept &= ~found[column].empty
     filled: dict[str, LoggedColumn] = {}
     for column, values in found.items():
         present = np.flatnonzero(~values.empty)
@@ -374,6 +363,31 @@ def _filled(
             f"apart; {done}"
         )
     return {c: LoggedColumn.full(v.values[rows_kept]) for c, v in filled.items()}
+
+
+def _check_no_empty_cell(
+    path: Path, found: Mapping[str, LoggedColumn], names: Mapping[str, str], rows: np.ndarray
+) -> None:
+    """Check that each column has a value in each row.
+
+    Raises:
+        DataError: If one has not.
+    """
+    for column, values in found.items():
+        if values.empty.any():
+            row = rows[np.argmax(values.empty)] + 1
+            raise DataError(
+                f"{path}: column {names[column]} is empty in data row {row}; fill the cell in, or "
+                "leave the row out."
+            )
+
+
+def _required_columns(found: Mapping[str, LoggedColumn], sparse: Sequence[str]) -> list[str]:
+    """Return the columns of the fastest topic: those with few empty cells, or, where all have
+    many, the swing or else the column that has fewest.
+    """
+    required = [column for column in found if column not in sparse and column != "t_s"]
+    return required or [min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))]
 
 
 def _check_gaps(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -297,15 +298,7 @@ class _Reader(SdfFrames):
 
     def _robot(self) -> ET.Element:
         """Return the URDF."""
-        models = [frame for frame in self.world.members.values() if frame.kind == "model"]
-        moving = [model for model in models if not model.static]
-        if not moving:
-            raise ModelError(
-                f"{self.path} has no model that moves: static models have no joints for a crane."
-            )
-        for model in models:
-            if model.static:
-                self.note(f"The {model} is static and stands still; its looks are left out.")
+        moving = self._models_of_crane()
         self._check_connected(moving)
         links = [frame for frame in self.frames if frame.kind == "link" and not frame.static]
         joints = [frame for frame in self.frames if frame.kind == "joint" and not frame.static]
@@ -328,13 +321,7 @@ class _Reader(SdfFrames):
                 axes = self._axes(joint)
                 parent = self.body(self.end(joint, "parent"))
                 self._add_joint(robot, joint, axes, link, parent, origins[parent], springs)
-                for index in driven.get(joint, ()):
-                    if index >= len(axes):
-                        raise ModelError(
-                            f"{self.path} has a plugin that commands axis {index} of {joint}, "
-                            f"which has {len(axes)}."
-                        )
-                    drives.append(axes[index].name)
+                drives += self._commanded_axes(joint, axes, driven.get(joint, ()))
             self._add_link(robot, link, origins[link], moves=joint is not None)
         robot.extend(springs)
         if drives:
@@ -343,6 +330,33 @@ class _Reader(SdfFrames):
                 drive = ET.SubElement(control, "joint", name=name)
                 ET.SubElement(drive, "command_interface", name="effort")
         return robot
+
+    def _models_of_crane(self) -> list[SdfFrame]:
+        """Return the models of the world that may move, at least one; note the static ones."""
+        models = [frame for frame in self.world.members.values() if frame.kind == "model"]
+        moving = [model for model in models if not model.static]
+        if not moving:
+            raise ModelError(
+                f"{self.path} has no model that moves: static models have no joints for a crane."
+            )
+        for model in models:
+            if model.static:
+                self.note(f"The {model} is static and stands still; its looks are left out.")
+        return moving
+
+    def _commanded_axes(
+        self, joint: SdfFrame, axes: Sequence[_Axis], indices: Iterable[int]
+    ) -> list[str]:
+        """Return the names of the axes of a joint that plugins command, by their indices."""
+        names: list[str] = []
+        for index in indices:
+            if index >= len(axes):
+                raise ModelError(
+                    f"{self.path} has a plugin that commands axis {index} of {joint}, "
+                    f"which has {len(axes)}."
+                )
+            names.append(axes[index].name)
+        return names
 
     def _check_connected(self, models: list[SdfFrame]) -> None:
         """Check that joints of the world connect all models that move."""
@@ -637,24 +651,9 @@ class _Reader(SdfFrames):
             self.note(f"The {link} has no mass; 1 kg is taken, the default of SDF.")
         if moves and tensor is None:
             self.note(f"The {link} has no inertia; 1 kg m² about each axis, the default of SDF.")
-        added = None if inertial is None else inertial.find("fluid_added_mass")
-        for term in () if added is None else added:
-            if self.number(added, term.tag, "0", context) != 0.0:
-                raise ModelError(f"The {link} in {self.path} has fluid_added_mass; allowed is 0.")
+        self._check_no_added_mass(inertial, link)
         mass = self.number(inertial, "mass", "1", context)
-        moments = np.empty((3, 3))
-        for i, a in enumerate("xyz"):
-            for j, b in enumerate("xyz"):
-                key = "i" + "".join(sorted(a + b))
-                moments[i, j] = self.number(tensor, key, "1" if a == b else "0", context)
-        principal = np.linalg.eigvalsh(moments)
-        if not principal[0] >= 0.0:
-            raise OutOfRange(
-                f"principal moments of inertia of {context} in {self.path}",
-                ", ".join(f"{moment:.6g}" for moment in principal),
-                ">= 0",
-                "kg m²",
-            )
+        moments = self._moments(tensor, context)
         if inertial is None:
             return pin.Inertia(mass, np.zeros(3), moments)
         pose = inertial.find("pose")
@@ -665,6 +664,30 @@ class _Reader(SdfFrames):
             )
         centre = self.raw_pose(inertial, f"the inertial of {link}")
         return centre.act(pin.Inertia(mass, np.zeros(3), moments))
+
+    def _check_no_added_mass(self, inertial: ET.Element | None, link: SdfFrame) -> None:
+        """Refuse the inertia of a fluid that moves with a link: nothing here is under water."""
+        added = None if inertial is None else inertial.find("fluid_added_mass")
+        for term in () if added is None else added:
+            if self.number(added, term.tag, "0", str(link)) != 0.0:
+                raise ModelError(f"The {link} in {self.path} has fluid_added_mass; allowed is 0.")
+
+    def _moments(self, tensor: ET.Element | None, context: str) -> np.ndarray:
+        """Return the tensor of inertia of a link about its centre of mass, shape (3, 3) [kg m²]."""
+        moments = np.empty((3, 3))
+        for i, a in enumerate("xyz"):
+            for j, b in enumerate("xyz"):
+                key = "i" + "".join(sorted(a + b))  # a file states ixy, never iyx
+                moments[i, j] = self.number(tensor, key, "1" if a == b else "0", context)
+        principal = np.linalg.eigvalsh(moments)
+        if not principal[0] >= 0.0:
+            raise OutOfRange(
+                f"principal moments of inertia of {context} in {self.path}",
+                ", ".join(f"{moment:.6g}" for moment in principal),
+                ">= 0",
+                "kg m²",
+            )
+        return moments
 
     def _add_shape(
         self, element: ET.Element, body: ET.Element, link: SdfFrame, origin: pin.SE3

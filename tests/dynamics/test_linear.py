@@ -15,6 +15,7 @@ from cranedyn.controllers import Hold, hold_controller
 from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.interfaces import Setpoint, State
+from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
@@ -163,11 +164,11 @@ def test_a_pulse_half_a_period_long_leaves_twice_its_amplitude_over_the_length()
 
 def test_where_the_hold_believes_in_another_gravity_the_load_hangs_lower() -> None:
     c = load_crane(gravity=9.9)
-    brake = hold_controller(c)
+    brake = hold_controller(c, gravity=STANDARD_GRAVITY)
     start = c.state(l=8.0)
     reference = pulse(c, hold(c, start), "x", 1e-6, at=1.0, width=2.8)
     found = free_swing(c, brake, reference, start, since=12.0, until=50.0)
-    sag = 1000.0 * (9.9 - 9.80665) / 3e4
+    sag = 1000.0 * (9.9 - STANDARD_GRAVITY) / 3e4
     lower = sampled(c, c.state(l=8.0 + sag))
     mode = swing_mode(
         lower.closed(feedback_gain(c, brake.stiffness, brake.damping)), lower.period, 2
