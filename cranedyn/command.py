@@ -17,8 +17,14 @@ from typing import Any, NoReturn
 
 from cranedyn.errors import CraneError, UnknownName, decimal_comma, nearest, printable
 
-FAILED, REFUSED, INTERRUPTED = 1, 2, 130
-"""Exit codes: a claim or a run failed; bad arguments or files; stopped by the user."""
+FAILED = 1
+"""Exit code of a claim or a run that failed."""
+
+REFUSED = 2
+"""Exit code of arguments or files that are not what they must be."""
+
+INTERRUPTED = 130
+"""Exit code of what the user stopped: 128 and the number of the signal, as shells count."""
 
 
 _INVALID_VALUE = re.compile(r"invalid \w+ value: ('[^']*')")

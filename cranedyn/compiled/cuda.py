@@ -30,12 +30,18 @@ if TYPE_CHECKING:
     from cranedyn.model.crane import Crane
     from cranedyn.plant.cranes import Cranes
 
-_TRIPLE, _OLDEST = "nvptx64-nvidia-cuda", "sm_75"
-"""Platform, and oldest GPU generation, of 2018; drivers translate PTX for any later one."""
+_TRIPLE = "nvptx64-nvidia-cuda"
+"""Platform for which LLVM writes PTX."""
 
-_BLOCK, _PIECE = 128, 1_000_000_000
-"""Threads of a block, and steps of all cranes together after which Python may answer Ctrl-C; a
-second or two on a small GPU."""
+_OLDEST = "sm_75"
+"""Oldest GPU generation for which code is made, of 2018; drivers translate it for any later one."""
+
+_BLOCK = 128
+"""Threads of a block."""
+
+_PIECE = 1_000_000_000
+"""Steps of all cranes together after which Python may answer Ctrl-C: a second or two on a small
+GPU."""
 
 _LOADING = threading.Lock()
 

@@ -37,10 +37,15 @@ if TYPE_CHECKING:
     from cranedyn.compiled.horizon.memory import Programme
     from cranedyn.compiled.horizon.receding import Receding
 
-_BLOCK, _STEPS = 20_000, 1_000_000
-"""Largest numbers of control instants, and of physics steps, in a block."""
+_BLOCK = 20_000
+"""Largest number of control instants in a block."""
 
-_frozen, _new_tuple = np.frombuffer, tuple.__new__
+_STEPS = 1_000_000
+"""Largest number of physics steps in a block."""
+
+# Looked up once: a row of a run takes microseconds.
+_frozen = np.frombuffer
+_new_tuple = tuple.__new__
 
 
 class CompiledEngine(Engine):

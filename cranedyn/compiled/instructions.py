@@ -13,7 +13,9 @@ from typing import Any
 
 from llvmlite import ir
 
-INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
+INTEGER = ir.IntType(64)
+POINTER = ir.PointerType()
+DOUBLE = ir.DoubleType()
 
 _LINE = 64
 """Bytes in a line of the cache."""

@@ -30,8 +30,16 @@ from cranedyn.plant import rigid_body
 from cranedyn.plant.cranes import Cranes
 from cranedyn.plant.plant import Topology, numbers
 
-_CHECKED, _REMEMBERED = 16, 4096
-_MAKING, _kernel = threading.Lock(), lru_cache(maxsize=256)(kernel)
+_CHECKED = 16
+"""Number of cranes of a batch that are checked at most."""
+
+_REMEMBERED = 4096
+"""Number of cranes that code remembers to have been checked with."""
+
+_MAKING = threading.Lock()
+"""Held while code is made, so that threads make it only once."""
+
+_kernel = lru_cache(maxsize=256)(kernel)
 
 Accelerations = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
 """Accelerations at one state in each lane, see `cranedyn.compiled.binding.kernel_accelerations`."""

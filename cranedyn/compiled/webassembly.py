@@ -17,9 +17,17 @@ from cranedyn.compiled.machine import object_code
 
 TRIPLE = "wasm32-unknown-unknown"
 
-_CUSTOM, _EXPORTS = 0, 7
-_SYMBOL_TABLE, _FUNCTION, _DATA = 8, 0, 1
-_UNDEFINED, _EXPLICIT_NAME = 0x10, 0x40
+# Numbers of sections of a module, from the WebAssembly core specification.
+_CUSTOM = 0
+_EXPORTS = 7
+
+# The table of symbols in the section "linking", kinds of symbols and their flags, from the tool
+# conventions of WebAssembly object files.
+_SYMBOL_TABLE = 8
+_FUNCTION = 0
+_DATA = 1
+_UNDEFINED = 0x10
+_EXPLICIT_NAME = 0x40
 
 
 def webassembly(module: ir.Module, *, simd: bool = True) -> bytes:

@@ -33,25 +33,34 @@ from cranedyn.errors import ModelError, OutOfRange, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
-_DEAD, _SINKS = 0.05, (5e-4, 0.1)
+_DEAD = 0.05
 """Coefficient of restitution up to which a load that falls by 1 m does not leave the ground again,
-since gravity holds it; and range of static sinks [m]. Beyond both a substep of 0.5 ms is not
-stable."""
+since gravity holds it. The damping of a smaller one is not stable in a substep of 0.5 ms."""
 
-ON_GROUND, OFF_LEAD = 2.0, 3.0
-"""Phases of a load that stands, and of one that is lifted off-lead, see `joint_forces.TAUT`."""
+_SINKS = (5e-4, 0.1)
+"""Range of static sinks [m]. A harder ground is not stable in a substep of 0.5 ms."""
 
-LEANS, SLIDES = math.radians(1.0), 0.01
-"""Lean of a taut rope [rad] and speed of a point on the ground [m/s] beyond which a load is lifted
-off-lead."""
+ON_GROUND = 2.0
+"""Phase of a load that stands, see `joint_forces.TAUT`."""
+
+OFF_LEAD = 3.0
+"""Phase of a load that is lifted off-lead."""
+
+LEANS = math.radians(1.0)
+"""Lean of a taut rope beyond which a load on the ground is lifted off-lead [rad]."""
+
+SLIDES = 0.01
+"""Speed of a point on the ground beyond which its load is lifted off-lead [m/s]."""
 
 _ITERATIONS = 20
 """Steps in which a load on a rope that leans is put on the ground; each leaves 1 - cos of the lean
 of the error."""
 
-_BEHIND, _COVERED = 1e-6, 0.1
-"""Distance behind a face at which another support covers it [m], and depth below other faces up to
-which no point leaves a support through a covered face [m]."""
+_BEHIND = 1e-6
+"""Distance behind a face at which another support covers it [m]."""
+
+_COVERED = 0.1
+"""Depth below other faces up to which no point leaves a support through a covered face [m]."""
 
 _FARTHEST = 1e6
 """Largest distance of a platform or of a corner of a hull from the origin along an axis [m]. There

@@ -51,8 +51,11 @@ are set to."""
 LAGS = {"slew": 0.2, "trolley": 0.1, "hoist": 0.1}
 """Time constants of the speed control [s]; ours: soft for the slew, whose tower twists."""
 
-RAMP_TIME, LAG = 2.5, 0.1
-"""The same of drives in none of these roles [s]."""
+RAMP_TIME = 2.5
+"""Time from rest to the rate of a drive in none of these roles [s]."""
+
+LAG = 0.1
+"""Time constant of the speed control of such a drive [s]."""
 
 ROUNDING = 0.2
 """Time in which the ramp reaches its acceleration [s], the rounding of an S-curve; ours."""

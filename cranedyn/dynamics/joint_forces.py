@@ -18,10 +18,17 @@ from cranedyn.model.friction import DryFriction
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Rope, Springs
 
-_STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
+_STOP_FREQUENCY = 20.0
+"""Natural frequency of the inertia at a joint on its end stop [rad/s]."""
 
-TAUT, SLACK = 0.0, 1.0
-"""Phases of a rope."""
+_STOP_DAMPING = 0.5
+"""Damping ratio of it."""
+
+TAUT = 0.0
+"""Phase of a rope that pulls."""
+
+SLACK = 1.0
+"""Phase of a rope that hangs loose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,9 +213,9 @@ class Stops:
         if crane.coupling is not None:
             q = crane.coupling.complete(q)
         inertia = np.diag(crane.mass_matrix(q))[drives]
-        ends, damping = (crane.lower[drives], crane.upper[drives]), 2.0 * _STOP_DAMPING
         stiffness = _STOP_FREQUENCY**2 * inertia
-        return cls(drives, *ends, stiffness, damping * _STOP_FREQUENCY * inertia)
+        damping = 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia
+        return cls(drives, crane.lower[drives], crane.upper[drives], stiffness, damping)
 
     def in_steps(self, dt: Any, mass: Any = 1.0) -> Stops:
         """Return the same in other units, see `JointForces.in_steps`."""

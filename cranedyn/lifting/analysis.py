@@ -157,9 +157,10 @@ class LiftAnalysis:
         """The rows of that run in which the load hangs: those of the planned motion."""
         if self.grounded is None:
             return slice(None)
-        period, phases = self.grounded.lift.motion.period, self.grounded.lift.phases
-        ends = phases.get("set-down")
-        last = None if ends is None else round(ends / period)
+        period = self.grounded.lift.motion.period
+        phases = self.grounded.lift.phases
+        set_down = phases.get("set-down")
+        last = None if set_down is None else round(set_down / period)
         return slice(round(phases["motion"] / period), last)
 
     @property

@@ -156,8 +156,9 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     """Check that all corners of the base press on the ground, and no more than it may bear."""
     site = analysis.site
     if site.base is None or len(site.arms) < 2:
-        arms = ["[jib]", "[counter_jib]"] * (len(site.arms) < 2)
-        missing = ["[base]"] * (site.base is None) + arms
+        missing = ["[base]"] if site.base is None else []
+        if len(site.arms) < 2:
+            missing += ["[jib]", "[counter_jib]"]
         return Check(
             f"{', '.join(missing)} of the site missing: corner forces of the base are not known.",
             None,
@@ -210,7 +211,8 @@ def wind_borne(analysis: LiftAnalysis) -> Check:
 
 def perturbed_lifts(analysis: LiftAnalysis) -> Check:
     """Check the probability that a perturbed lift comes too close or breaks off."""
-    required, perturbed = analysis.requirements, analysis.perturbed
+    required = analysis.requirements
+    perturbed = analysis.perturbed
     if perturbed is None:
         reason = "the plan has no certificate" if required.lifts else "none were asked for"
         return Check(f"No perturbed lifts were simulated: {reason}.", None)

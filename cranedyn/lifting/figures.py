@@ -133,10 +133,15 @@ def draw_wind(limit: WindLimit, required: float) -> Figure:
     figure, (ax,) = panels(1, height=3.2, width=8.0)
     colours = (COLOURS["x"], COLOURS["phi"], COLOURS["l"])
     for (name, allowed), colour in zip(limit.allowed.items(), colours, strict=True):
-        worst, near = limit.worst[name], name == "clearance"
-        share = allowed / np.maximum(worst, 1e-3) if near else worst / allowed
+        worst = limit.worst[name]
+        if name == "clearance":
+            # Less is worse; a load that touches, or nearly so, is off the scale.
+            share = allowed / np.maximum(worst, 1e-3)
+            label = "required over clearance"
+        else:
+            share = worst / allowed
+            label = f"{name} over its limit"
         drawn = share < _FAILED
-        label = "required over clearance" if near else f"{name} over its limit"
         ax.plot(limit.speeds[drawn], share[drawn], ".-", color=colour, label=label)
     ax.axhline(1.0, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     ax.axvline(required, color=COLOURS["limit"], linestyle=":", linewidth=1.0)

@@ -33,11 +33,13 @@ SHIPPED_CHART = CHARTS / "laboratory.toml"
 """The chart of the tower crane that comes with the package."""
 
 CHART_COVERS = frozenset(
-    "payload_mass payload_inertia payload_ixx payload_iyy payload_izz lug_height "
-    "mast_height pivot_height total_height hoist_min hoist_max "
-    "counter_jib slew_init trolley_init hoist_init slew_limit "
-    "damp_slew damp_trolley damp_swing damp_hoist".split()
-)
+    {
+        "payload_mass", "payload_inertia", "payload_ixx", "payload_iyy", "payload_izz",
+        "lug_height", "mast_height", "pivot_height", "total_height", "hoist_min", "hoist_max",
+        "counter_jib", "slew_init", "trolley_init", "hoist_init", "slew_limit",
+        "damp_slew", "damp_trolley", "damp_swing", "damp_hoist",
+    }
+)  # fmt: skip
 """Arguments of the shipped crane that its chart is valid for whatever they are: the load, the
 height of its mast, where its drives start, and the length of the counter-jib, which is drawn and
 weighs nothing. Another jib, trolley or hoist is another crane to a chart."""
@@ -204,9 +206,13 @@ def _falls(made: list[Assumption], site: Site, chart: Chart, given: int | None) 
         UnknownName: If the chart has no such number of falls.
     """
     if given is not None:
-        count, origin, field = given, Origin.ENTERED, "--falls"
+        count = given
+        origin = Origin.ENTERED
+        field = "--falls"
     elif site.falls is not None:
-        count, origin, field = site.falls, Origin.ENTERED, "[rigging] falls"
+        count = site.falls
+        origin = Origin.ENTERED
+        field = "[rigging] falls"
     else:
         # Where the chart has one number of falls, nobody has to choose.
         only_one = len(chart.reevings) == 1

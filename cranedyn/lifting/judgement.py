@@ -156,7 +156,8 @@ def judge(
     run_crane = crane if grounded is None else grounded.lift.crane
     run = certificate.run if grounded is None else grounded.run
     run_loads = loads(run_crane, run, base=site.base, arms=site.arms)
-    used, chart_error = None, ""
+    used = None
+    chart_error = ""
     if inputs.chart is not None:
         try:
             used = utilisation(run_loads, inputs.chart, inputs.falls, gravity=crane.gravity)
@@ -168,9 +169,13 @@ def judge(
     progress(2)
     if certificate.holds and used is not None and requirements.gusts:
         assert inputs.chart is not None and inputs.requirements.swing is not None
-        swing, count = inputs.requirements.swing, requirements.gusts
         wind = wind_limit(
-            certificate, inputs.chart, inputs.falls, swing=swing, count=count, dt=2.0 * dt
+            certificate,
+            inputs.chart,
+            inputs.falls,
+            swing=inputs.requirements.swing,
+            count=requirements.gusts,
+            dt=2.0 * dt,
         )
     progress(3)
     analysis = LiftAnalysis(

@@ -57,6 +57,8 @@ _OPTIONS = (
     "--disable-sync",
     "--no-pdf-header-footer",
 )
+"""Options of such a browser: no window, no GPU, no traffic of its own, and paper without the
+address and the date that browsers add."""
 _TIMEOUT = 120.0
 """Time that a browser may take [s]."""
 
@@ -101,8 +103,10 @@ def _reason(checks: Sequence[Check]) -> str:
     counts = Counter(check.verdict for check in checks)
     if counts[Verdict.HOLDS] == len(checks):
         return f"All {len(checks)} checks hold."
-    failed, unknown = counts[Verdict.FAILS], counts[Verdict.NOT_JUDGED]
-    does, was = ("does" if failed == 1 else "do"), ("was" if unknown == 1 else "were")
+    failed = counts[Verdict.FAILS]
+    unknown = counts[Verdict.NOT_JUDGED]
+    does = "does" if failed == 1 else "do"
+    was = "was" if unknown == 1 else "were"
     return (
         f"Of {len(checks)} checks {failed} {does} not hold and {unknown} {was} not judged; "
         f"{counts[Verdict.HOLDS]} hold."
@@ -111,7 +115,8 @@ def _reason(checks: Sequence[Check]) -> str:
 
 def _picture(analysis: LiftAnalysis) -> PageFigure:
     """Return a picture of the lift's own crane from the side, where the load is farthest out."""
-    crane, run = analysis.crane, analysis.certificate.run
+    crane = analysis.crane
+    run = analysis.certificate.run
     trolley = crane.layout.role("trolley", "A picture of a lift")
     row = int(run.q[:, trolley].argmax())
     q = run.q[row].copy()

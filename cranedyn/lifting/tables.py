@@ -22,6 +22,9 @@ CREEP = 0.1
 _SECOND = "second hand"
 """Said of what a standard demands: nobody here has read the standard itself."""
 
+_FAILED = 1e3
+"""Utilisation from which on a gust has no values in a table, since lifts failed in it."""
+
 _MODEL = "docs/concepts/lifting.md"
 """Page that derives the formulas of the loads."""
 
@@ -191,27 +194,35 @@ def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
 
 
 def _factors(analysis: LiftAnalysis) -> Table:
-    crane, carried, drive = analysis.crane, analysis.loads, analysis.drive
+    """Tabulate the dynamic factors that standards allow for, beside what this lift needs."""
+    crane = analysis.crane
+    loads = analysis.loads
+    drive = analysis.drive
     limits = analysis.certificate.lift.limits
-    largest = limits.rates[crane.layout.drive("l")]
-    speed = factors.pick_up_speed(drive, largest, CREEP * largest)
+    mass = hanging_mass(crane)
+
+    hoist_rate = limits.rates[crane.layout.drive("l")]
+    speed = factors.pick_up_speed(drive, hoist_rate, CREEP * hoist_rate)
     phi_2 = factors.phi_2(analysis.hoisting, speed, drive)
-    weight = hanging_mass(crane) * crane.gravity
-    pull = float(carried["rope_N"].max()) / weight
-    mass, radius = hanging_mass(crane), float(carried["radius_m"].max())
-    along, about = (limits.accelerations[crane.layout.drive(name)] for name in ("x", "gamma"))
-    outward, aside = (
-        float(np.abs(carried["pull_N"] * np.tan(carried[f"{side}_lead_rad"])).max())
-        for side in ("off", "side")
-    )
-    psi, (phi_low, phi_high) = f"{factors.psi_h_regulated(1.0):.2f}", factors.phi_1()
+    pull = float(loads["rope_N"].max()) / (mass * crane.gravity)
+    phi_low, phi_high = factors.phi_1()
+
+    # The rope leads off plumb, and pulls the trolley along the jib and the jib about the mast.
+    outward = float(np.abs(loads["pull_N"] * np.tan(loads["off_lead_rad"])).max())
+    sideways = float(np.abs(loads["pull_N"] * np.tan(loads["side_lead_rad"])).max())
+    radius = float(loads["radius_m"].max())
+    trolley_acceleration = limits.accelerations[crane.layout.drive("x")]
+    slew_acceleration = limits.accelerations[crane.layout.drive("gamma")]
+    trolley_factor = outward / (mass * trolley_acceleration)
+    slew_factor = sideways / (mass * slew_acceleration * radius)
+    psi = f"{factors.psi_h_regulated(1.0):.2f}"
     rows: list[Row] = [
         ["φ1, own weight at lift-off", f"{phi_low:g} to {phi_high:g}", None, "EN 1991-3, T 2.4"],
         [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],
         [f"φ2 of {analysis.hoisting}, {drive}", f"{phi_2:.3f}", pull, "EN 1991-3, T 2.4, 2.5"],
         ["φ6, dynamic test load", f"{factors.phi_6(phi_2):.3f}", None, "EN 1991-3, 2.10"],
-        ["ψ_h of the trolley", psi, outward / (mass * along), "FEM 1.001, A.2.2.3"],
-        ["ψ_h of the slew", psi, aside / (mass * about * radius), "FEM 1.001, A.2.2.3"],
+        ["ψ_h of the trolley", psi, trolley_factor, "FEM 1.001, A.2.2.3"],
+        ["ψ_h of the slew", psi, slew_factor, "FEM 1.001, A.2.2.3"],
     ]
     columns = [("factor", ""), ("allowed", ""), ("needed here", ".3f"), ("clause", "")]
     picked_up = "Picking up is not in it: the load hangs at the start."
@@ -226,10 +237,11 @@ def _factors(analysis: LiftAnalysis) -> Table:
 
 
 def _wind(limit: WindLimit, source_note: str) -> Table:
+    """Tabulate the worst of all lifts at each speed of a gust."""
     worst = limit.worst
     rows: list[Row] = []
     for i, speed in enumerate(limit.speeds.tolist()):
-        failed = worst["utilisation"][i] > 1e3
+        failed = worst["utilisation"][i] > _FAILED
         values: Row = [
             100.0 * float(worst["utilisation"][i]),
             math.degrees(worst["swing"][i]),
@@ -256,6 +268,7 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
 
 
 def _limits(limit: WindLimit) -> Table:
+    """Tabulate the wind limits of this lift beside those that standards have in general."""
     rows: list[Row] = [
         [f"{name} of this lift", limit.limit(name), "this page"] for name in limit.allowed
     ]

@@ -16,9 +16,11 @@ from cranedyn.model.crane import NO_RATE_LIMIT, Point
 from cranedyn.model.layout import ALIGNED, ROLES, Joint
 from cranedyn.model.mimics import Mimic
 
-_FIVE_TURNS, _EFFORT = 31.4159, 1e6
-"""Range of a continuous joint to either side [rad], and effort of a drive without limit [N or N m],
-as those of the tower crane of this project."""
+_FIVE_TURNS = 31.4159
+"""Range of a continuous joint to either side [rad], as of the slew of the tower crane."""
+
+_EFFORT = 1e6
+"""Effort of a drive without limit [N or N m], as of the drives of the tower crane."""
 
 
 _NAMED = 20

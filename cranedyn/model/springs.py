@@ -234,8 +234,11 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
     return Springs(stiffness, rest_angles, rope, falls)
 
 
-_ITERATIONS, _LEAST_STEP = 50, 1e-13
-"""Most steps of Newton's method, and the step at which it has converged [rad or m]."""
+_ITERATIONS = 50
+"""Most steps of Newton's method."""
+
+_LEAST_STEP = 1e-13
+"""Step at which it has converged [rad or m]."""
 
 _UNHELD = 1e-6
 """Share of the weight of the crane that may act on a joint at rest [m or 1]."""

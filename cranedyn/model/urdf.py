@@ -14,11 +14,21 @@ import pinocchio as pin
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, OutOfRange, printable, quoted
 
-_MAX_DEPTH, _MAX_ELEMENTS, _MAX_NUMBER = 50, 2000, 1e30
+_MAX_DEPTH = 50
+"""Deepest nesting of the elements of a file."""
 
-_NEGATIVE, _FLAT = 1e-9, 0.99
-"""Bounds of principal moments as shares of the largest: the least may be below zero by round-off;
-the others add up to all of it for a plate, here with moments rounded to three digits."""
+_MAX_ELEMENTS = 2000
+"""Most links and joints of a file."""
+
+_MAX_NUMBER = 1e30
+"""Largest number in a file: products of several of them are still finite."""
+
+_NEGATIVE = 1e-9
+"""How far the least principal moment may be below zero by round-off, as a share of the largest."""
+
+_FLAT = 0.99
+"""What the two smaller principal moments add up to at least, as a share of the largest: all of it
+for a plate, here with moments rounded to three digits."""
 
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 

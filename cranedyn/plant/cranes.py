@@ -25,9 +25,11 @@ from cranedyn.model.layout import Layout
 from cranedyn.model.load import load_crane
 from cranedyn.plant.plant import numbers
 
-_LOOKED_AT, _AGREES = 6, 1e-11
-"""How many of the cranes are loaded to compare, and by which share of the largest number in a
-column they may differ: round-off."""
+_LOOKED_AT = 6
+"""How many of the cranes are loaded to compare."""
+
+_AGREES = 1e-11
+"""By which share of the largest number in a column they may differ: round-off."""
 
 
 class Cranes:

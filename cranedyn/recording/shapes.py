@@ -42,9 +42,11 @@ _THICKEST_STICK = 0.2
 CONTACT = "#F22B05"
 """Colour of marks where a load touches."""
 
-_SAG_POINTS, _LEVEL = 9, 5e-3
-"""Points of a rope that sags, and height above the lowest point of a load up to which others are
-marked where it touches [m]."""
+_SAG_POINTS = 9
+"""Points of a rope that sags."""
+
+_LEVEL = 5e-3
+"""Height above the lowest point of a load up to which others are marked where it touches [m]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,11 @@ from cranedyn.errors import OutOfRange, shown
 from cranedyn.interfaces import Disturbance, Drive, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 
-_FLAGS, _NOTHING_OUTSIDE = (np.zeros(1), np.ones(1)), np.zeros(4)
+_FLAGS = (np.zeros(1), np.ones(1))
+"""How a log says False and True."""
+
+_NOTHING_OUTSIDE = np.zeros(4)
+"""What a log says of forces from outside where none act."""
 
 PHASE_CHANGES = 2
 """Changes between a taut and a slack rope that are looked for within a step."""

@@ -22,8 +22,11 @@ from cranedyn.dynamics.scalars import (
     square_root,
 )
 
-JOINT, CAPSULE = 16, 15
-"""Numbers of a joint and of a capsule."""
+JOINT = 16
+"""Numbers of a joint in the tables of compiled code."""
+
+CAPSULE = 15
+"""Numbers of a capsule there."""
 
 
 class Capsule(NamedTuple):

@@ -26,9 +26,11 @@ _MOST = 20
 _SHORT = 0.995
 """Largest step, as a share of the step at which a slack or a multiplier would be zero."""
 
-_GAP, _OPEN = 1e-8, 1e-9
-"""Tolerances: mean product of slacks and multipliers, as a share of the initial barrier, and
-residual of the gradient, as a share of the initial one."""
+_GAP = 1e-8
+"""Tolerance of the mean product of slacks and multipliers, as a share of the initial barrier."""
+
+_OPEN = 1e-9
+"""Tolerance of the residual of the gradient, as a share of the initial one."""
 
 _SIDES = {"high": 1.0, "low": -1.0}
 

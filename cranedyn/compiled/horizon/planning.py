@@ -19,9 +19,11 @@ from cranedyn.dynamics.scalars import array, larger, smaller
 _HUGE = 1e300
 """Bound of all numbers of a finite plan."""
 
-_WIDER, _WIDEST = 10.0, 100.0
-"""Factor on the barrier for the first optimisation and after each failure, and its largest
-value."""
+_WIDER = 10.0
+"""Factor on the barrier for the first optimisation and after each failure."""
+
+_WIDEST = 100.0
+"""Largest value of that factor."""
 
 
 class Marks(NamedTuple):
