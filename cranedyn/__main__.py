@@ -28,7 +28,8 @@ class _Parser(Parser):
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         """Add the arguments, and parse as argparse does."""
-        configure, self.configure = self.configure, None
+        configure = self.configure
+        self.configure = None
         if configure is not None:
             configure(self)
         return super().parse_known_args(args, namespace)
@@ -59,7 +60,8 @@ def _experiment(parser: _Parser) -> None:
 
     Example: cranedyn run a1 --gravity 9.8
     """
-    add, text = parser.add_argument, "its arguments; run NAME --help lists them"
+    add = parser.add_argument
+    text = "its arguments; run NAME --help lists them"
     add("name", metavar="NAME", help="of the experiment")
     add("arguments", nargs=argparse.REMAINDER, metavar="...", help=text)
     parser.set_defaults(
@@ -106,7 +108,8 @@ def _view(parser: _Parser) -> None:
     from cranedyn.model.description import add_values
     from cranedyn.model.options import add_crane_options
 
-    add, text = parser.add_argument, "in a browser on this machine, until Ctrl-C"
+    add = parser.add_argument
+    text = "in a browser on this machine, until Ctrl-C"
     add("file", metavar="FILE", type=Path, help="recording (.rrd), or run (.parquet or .csv)")
     add("--film", metavar="FILE.mp4", type=Path, help="write a film of the run")
     add("--serve", action="store_true", help=text)
@@ -171,7 +174,8 @@ def _describe(parser: _Parser) -> None:
     """
     from cranedyn.model.options import add_crane_options, add_gravity
 
-    add, text = parser.add_argument, "arguments of the xacro file"
+    add = parser.add_argument
+    text = "arguments of the xacro file"
     add("values", nargs="*", metavar="name:=value", help=text)
     add("-o", "--output", metavar="FILE", help="write the URDF to this file")
     text = "list the arguments with default, unit, range and meaning"
@@ -212,7 +216,8 @@ def _record_template(parser: _Parser) -> None:
 
     Example: cranedyn record-template swing_1.csv --gyroscope phone_1.csv 12.4
     """
-    add, text = parser.add_argument, "a template to fill in, or the record of a gyroscope"
+    add = parser.add_argument
+    text = "a template to fill in, or the record of a gyroscope"
     add("file", nargs="?", metavar="FILE.csv", help=text)
     text = "file of the app phyphox or Sensor Logger, and the cable length of its swing [m]"
     add("--gyroscope", nargs=2, metavar=("PHONE.csv", "L"), help=text)
@@ -252,7 +257,8 @@ def _exporter(parser: _Parser, name: str) -> None:
 
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
-    add, text = parser.add_argument, "where to write; it must not be there yet"
+    add = parser.add_argument
+    text = "where to write; it must not be there yet"
     add("target", type=Path, metavar=exporter.TARGET, help=text)
     _add_crane(parser)
     exporter.add_arguments(parser)

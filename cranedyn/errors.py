@@ -113,8 +113,12 @@ class OutOfRange(CraneError):
     """
 
     def __init__(self, name: str, value: object, allowed: str, unit: str = "") -> None:
-        self.name, self.value, self.allowed, self.unit = name, value, allowed, unit
-        text, limits = written_out(value), allowed
+        self.name = name
+        self.value = value
+        self.allowed = allowed
+        self.unit = unit
+        text = written_out(value)
+        limits = allowed
         if unit and _NUMBERS.match(text):
             text = f"{text} {unit}"
         elif unit:  # a word, such as "none", has no unit; what is allowed has
@@ -136,7 +140,8 @@ class UnknownName(CraneError):
     """
 
     def __init__(self, kind: str, given: str, known: Iterable[str]) -> None:
-        self.given, self.known = given, tuple(known)
+        self.given = given
+        self.known = tuple(known)
         super().__init__(
             f"There is no {kind} {shown(given)}; there are {', '.join(map(str, self.known))}"
             f"{nearest(given, self.known)}."
@@ -160,7 +165,8 @@ class MissingRole(CraneError):
             role: The part.
             joints: Names of the joints there are.
         """
-        self.role, self.joints = role, tuple(joints)
+        self.role = role
+        self.joints = tuple(joints)
         super().__init__(
             f"{user} needs a joint in the role {role}; the joints of this crane are "
             f"{', '.join(self.joints)}."
@@ -204,5 +210,8 @@ class RunError(CraneError):
         value: float = math.nan,
         trajectory: Any = None,
     ) -> None:
-        self.t, self.joint, self.value, self.trajectory = t, joint, value, trajectory
+        self.t = t
+        self.joint = joint
+        self.value = value
+        self.trajectory = trajectory
         super().__init__(sentence)

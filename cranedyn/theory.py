@@ -222,7 +222,8 @@ def small_swing(
     (phi, theta), (phi_rate, theta_rate) = swing, rates
     radial = x - length * phi
     radial_rate = x_rate - length_rate * phi - length * phi_rate
-    offset, offset_rate = length * theta, length_rate * theta + length * theta_rate
+    offset = length * theta
+    offset_rate = length_rate * theta + length * theta_rate
     phi_excitation = (
         x_acceleration
         - slew_rate**2 * radial
@@ -250,10 +251,8 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
         m = math.sin(a / 2.0) ** 2
         return float(scipy.special.ellipe(m) - (1.0 - m) * scipy.special.ellipk(m))
 
-    goal, ratios = (
-        action(amplitude),
-        np.atleast_1d(as_array("lengths", lengths, (), ("n",))) / length,
-    )
+    goal = action(amplitude)
+    ratios = np.atleast_1d(as_array("lengths", lengths, (), ("n",))) / length
     return np.array(
         [
             scipy.optimize.brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1)
@@ -282,7 +281,8 @@ def apsidal_precession(length: float, far: float, near: float) -> float:
     energy = (near / length) ** 2 / 2.0 - u0
     # u0 is one root, since the start is an apse; sum and product of the other two follow from the
     # cubic's coefficients
-    half_sum, product = -(energy + u0) / 2.0, (energy - h**2 / 2.0) / u0
+    half_sum = -(energy + u0) / 2.0
+    product = (energy - h**2 / 2.0) / u0
     spread = math.sqrt(half_sum**2 - product)
     u1, u2 = half_sum + spread, half_sum - spread
 
@@ -582,7 +582,9 @@ def _two_modes(
     """Return the slow and fast frequency [rad/s] of M = [[first, -coupling], [-coupling, second]]
     and K = diag(stiff, pull).
     """
-    square, middle, last = first * second - coupling**2, first * pull + second * stiff, stiff * pull
+    square = first * second - coupling**2
+    middle = first * pull + second * stiff
+    last = stiff * pull
     fast = (middle + math.sqrt(middle**2 - 4.0 * square * last)) / (2.0 * square)
     return math.sqrt(last / square / fast), math.sqrt(fast)
 

@@ -229,8 +229,8 @@ cranedyn/model/mimics.py
 + low, high = lower[leader], upper[leader]
 * a follower of a follower has the offset of its own only
 ? mimics::followers_are_neither_drives_nor_passive
-- ratio, offset = mimic.ratio * above.ratio, mimic.ratio * above.offset + mimic.offset
-+ ratio, offset = mimic.ratio * above.ratio, mimic.offset
+- offset = mimic.ratio * above.offset + mimic.offset
++ offset = mimic.offset
 cranedyn/model/locked.py
 * a locked joint is held at zero
 ? locked::a_locked_crane_has_the_inertia_of_the_free_one_at_that_coordinate

@@ -251,7 +251,8 @@ def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, st
             "efforts."
         )
     kind, symbol = _KINDS[column]
-    joint, numbers = names[symbol], getattr(message, kind)
+    joint = names[symbol]
+    numbers = getattr(message, kind)
     if joint not in message.name:
         present = ", ".join(map(quoted, message.name[:20])) or "none"
         raise DataError(
@@ -368,7 +369,8 @@ def _decompressed(compression: str, data: bytes) -> bytes:
     elif compression == "zstd":
         import zstandard
 
-        reader, unpacked = zstandard.ZstdDecompressor().stream_reader(data), bytearray()
+        reader = zstandard.ZstdDecompressor().stream_reader(data)
+        unpacked = bytearray()
         # Its buffer is as large as the requested size.
         while len(unpacked) <= _MOST and (block := reader.read(_BLOCK)):
             unpacked += block

@@ -117,7 +117,9 @@ def export(
 def crane_test(crane: Crane, drive: Drive, dt: float, integrator: Integrator) -> BlockTest:
     """Return a test of a crane's block: its state in a run of `simulate` under random commands."""
     block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)
-    rng, layout, rows = np.random.default_rng(0), crane.layout, 200
+    rng = np.random.default_rng(0)
+    layout = crane.layout
+    rows = 200
     inputs = np.tile([variable.start for variable in block.of_kind("input")], (rows, 1))
     commands = inputs[:, : layout.m]
     inertia = np.diag(crane.mass_matrix(crane.start.q))[layout.drives]
@@ -199,7 +201,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its folder."""
-    crane, controller = crane_from_options(options), None
+    crane = crane_from_options(options)
+    controller = None
     drive: Drive = options.drive
     if options.controller is not None:
         drive, make = CONTROLLERS[options.controller]

@@ -151,7 +151,8 @@ def from_control(
     """
     check_choice("drive", drive, Drive)
     converters = fitting(crane, drive, converters)
-    names, m = state_names(crane), crane.layout.m
+    names = state_names(crane)
+    m = crane.layout.m
     if isinstance(about, Motion):
         at = State(about.q[0], about.v[0])
     else:
@@ -263,7 +264,8 @@ def _matrices(feedback: Any, names: Sequence[str], commands: Sequence[str]) -> _
             f"it needs one for each drive: {', '.join(commands)}. A filter of one signal, such as "
             "a notch, is put in series with a gain of all drives first."
         )
-    k, labels = feedback.nstates, list(feedback.input_labels)
+    k = feedback.nstates
+    labels = list(feedback.input_labels)
     if k and (feedback.dt is True or not feedback.dt):
         raise CraneError(
             f"The feedback has {k} states in continuous time or without a period; "

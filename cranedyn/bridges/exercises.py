@@ -68,7 +68,10 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
     """
     reach = float(crane.upper[crane.layout.role("trolley", "An exercise")])
     low = 0.2 * _height(crane)
-    near, far, aside = 0.6 * reach, 0.75 * reach, _height(crane) / 8.0  # the load swings as far
+    # the load swings as far
+    near = 0.6 * reach
+    far = 0.75 * reach
+    aside = _height(crane) / 8.0
     start = _hanging(crane, 0.0, near, low)
     yield Exercise(
         "stop",

@@ -83,7 +83,8 @@ class Program:
         if self.drive != "effort":
             allowed = "effort: another engine's joints take forces"
             raise OutOfRange("drive of a run in Gazebo", self.drive, allowed)
-        clock, layout = self.clock, self.crane.layout
+        clock = self.clock
+        layout = self.crane.layout
         times = clock.period * np.arange(clock.periods + 1)
         reference = hold(self.crane, self.start) if self.reference is None else self.reference
         positions = tabulated(reference, times, layout.m).position
@@ -173,7 +174,8 @@ def _plugin(
     program: Program, moving: Sequence[ExportedJoint], interval: int, overwritten: bool
 ) -> ET.Element:
     """Return the plugin's element with its parameters."""
-    clock, tag = program.clock, ET.Element("gazebo")
+    clock = program.clock
+    tag = ET.Element("gazebo")
     plugin = add(tag, "plugin", name="drives", filename="libcrane_drives.so")
     settings = {
         "steps_per_control": clock.steps,

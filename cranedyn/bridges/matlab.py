@@ -77,9 +77,12 @@ def linear_system(
         UnknownName: If an output is no state.
     """
     check_choice("drive", drive, Drive)
-    state, kind = crane.start if state is None else state, "motion" if drive != "effort" else drive
+    state = crane.start if state is None else state
+    kind = "motion" if drive != "effort" else drive
     continuous = linear(crane, state, effort, drive=kind)  # type: ignore[arg-type]
-    names, m, delay = state_names(crane), crane.layout.m, 0
+    names = state_names(crane)
+    m = crane.layout.m
+    delay = 0
     moving = np.setdiff1d(np.arange(len(names)), continuous.held)
     names = [names[i] for i in moving]
     selected = names if outputs is None else list(outputs)
@@ -95,7 +98,9 @@ def linear_system(
     if control_period is not None:
         system = continuous.sampled(dt=dt, control_period=control_period)
         delay = converters.delay_steps(dt, control_period) if converters else 0
-    a, b, inputs = system.a[np.ix_(moving, moving)], system.b[moving], input_names(crane, drive)
+    a = system.a[np.ix_(moving, moving)]
+    b = system.b[moving]
+    inputs = input_names(crane, drive)
     for k in range(delay, 0, -1):  # the command of k periods ago, on its way
         a, b = (
             np.block([[a, b], [np.zeros((m, len(a) + m))]]),
@@ -151,5 +156,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
-    crane, period = crane_from_options(options), options.control_period
+    crane = crane_from_options(options)
+    period = options.control_period
     return to_matlab(options.target, crane, drive=options.drive, control_period=period)

@@ -151,7 +151,9 @@ def _transforms(
     """Return the frames of links in those of their parents, pairs of parent and child, at
     coordinates q and a time [ns].
     """
-    model, data, transforms = crane.model, crane.data, []
+    model = crane.model
+    data = crane.data
+    transforms = []
     pin.framesForwardKinematics(model, data, q)
     for names in links:
         parent, child = (data.oMf[model.getFrameId(name, pin.BODY)] for name in names)

@@ -98,7 +98,8 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
     actuators = add(root, "actuator")
     for joint in moving:
         if joint.driven:
-            name, limits = joint.name.removesuffix("_joint"), f"{-joint.effort!r} {joint.effort!r}"
+            name = joint.name.removesuffix("_joint")
+            limits = f"{-joint.effort!r} {joint.effort!r}"
             add(actuators, "motor", name=name, joint=joint.name, ctrlrange=limits)
     _add_length_spring(root, spring)
     _add_rate_limits(root, crane)
@@ -182,7 +183,8 @@ class _Tree:
     def __init__(self, crane: Crane, robot: ET.Element, colours: Mapping[str, str]) -> None:
         self.links = {link.get("name", ""): link for link in robot.iterfind("link")}
         self.moving = {joint.name: i for i, joint in enumerate(crane.layout.joints)}
-        self.crane, self.colours = crane, colours
+        self.crane = crane
+        self.colours = colours
         self.merged = _merged_links(crane, robot)
         self.children: dict[str, list[tuple[str, ET.Element]]] = {}
         below = set()
@@ -292,7 +294,8 @@ def _seen_from(pending: Sequence[_PendingJoint], step: pin.SE3) -> list[_Pending
 
 def _joint(crane: Crane, i: int, axis: ET.Element | None) -> ET.Element:
     """Return the joint of a coordinate, about or along an axis of the URDF."""
-    joint, springs = crane.layout.joints[i], crane.springs
+    joint = crane.layout.joints[i]
+    springs = crane.springs
     kind = "hinge" if joint.unit == "rad" else "slide"
     element = ET.Element("joint", name=joint.name, type=kind)
     element.set("axis", "1 0 0" if axis is None else axis.get("xyz", "1 0 0"))

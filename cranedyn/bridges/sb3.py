@@ -28,8 +28,11 @@ class _CraneVecEnv(VecEnv):
     """See `vec_env`."""
 
     def __init__(self, env: TowerCraneVectorEnv, features: Change, shaping: Change) -> None:
-        self.env, self._features, self._shaping = env, features, shaping
-        self.returns, self.finished = np.zeros(env.num_envs), list[float]()
+        self.env = env
+        self._features = features
+        self._shaping = shaping
+        self.returns = np.zeros(env.num_envs)
+        self.finished = list[float]()
         width = features(np.zeros((1, len(OBSERVED)))).shape[1]
         inputs = gym.spaces.Box(-np.inf, np.inf, (width,), np.float32)
         super().__init__(env.num_envs, inputs, env.single_action_space)

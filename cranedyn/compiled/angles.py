@@ -54,12 +54,14 @@ def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
     larger angle, all are first reduced by whole quarter turns, which leaves smaller angles
     unchanged, so that lanes do not affect each other. A module contains them once, as a function.
     """
-    module, name = code.function.module, f"sine_and_cosine_{code.lanes}"
+    module = code.function.module
+    name = f"sine_and_cosine_{code.lanes}"
     if name not in module.globals:
         kind = ir.FunctionType(ir.LiteralStructType([code.type] * 2), [code.type])
         function = ir.Function(module, kind, name)
         function.linkage = "internal"
-        outside, code.builder = code.builder, ir.IRBuilder(function.append_basic_block())
+        outside = code.builder
+        code.builder = ir.IRBuilder(function.append_basic_block())
         pair = ir.Constant(kind.return_type, ir.Undefined)
         for i, value in enumerate(_both(code, type(angle)(code, function.args[0]))):
             pair = code.builder.insert_value(pair, value.register, i)
@@ -108,7 +110,8 @@ class Turn(NamedTuple):
         """Return sine and cosine, with lanes beyond the limit of the shorter series replaced by the
         longer series or a full evaluation; other lanes are unchanged.
         """
-        short, code = self.increment * self.increment < SHORTER.limit**2, self.increment.code
+        short = self.increment * self.increment < SHORTER.limit**2
+        code = self.increment.code
         return _where_accurate(self, _chosen(code, short, quick, self.rotate(LONGER)))
 
 
@@ -160,7 +163,8 @@ def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
     sine, cosine = _of_eighth_turn(code, reduced)
     quarter = quarters - code.call("llvm.floor", quarters * 0.25) * 4.0
     half = code.call("llvm.floor", quarter * 0.5)
-    odd, sign = quarter - half * 2.0 > 0.5, 1.0 - half * 2.0
+    odd = quarter - half * 2.0 > 0.5
+    sign = 1.0 - half * 2.0
     sign = code.chosen(code.call("llvm.fabs", angle) < LARGEST_ANGLE, sign, np.nan)
     return code.chosen(odd, cosine, sine) * sign, code.chosen(odd, -sine, cosine) * sign
 

@@ -166,7 +166,8 @@ class FunctionBlock:
                 code.demand_finite(value)
         for variable in self.of_kind("output"):
             if variable.name in values and np.isfinite([variable.lower, variable.upper]).any():
-                value, limits = code.value(values[variable.name]), (variable.lower, variable.upper)
+                value = code.value(values[variable.name])
+                limits = (variable.lower, variable.upper)
                 values[variable.name] = code.clipped(value, *limits)
         for memory, output in (copies or {}).items():
             values[memory] = values[output]
@@ -274,9 +275,11 @@ def identifiers(names: Sequence[str]) -> dict[str, str]:
         plain = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")[:40] or "joint"
         if plain[0].isdigit() or plain.lower() in _RESERVED or re.fullmatch(r"v\d+|.*_now", plain):
             plain = f"the_{plain.removesuffix('_now')}"
-        candidate, number = plain, 2
+        candidate = plain
+        number = 2
         while candidate.lower() in taken:
-            candidate, number = f"{plain}_{number}", number + 1
+            candidate = f"{plain}_{number}"
+            number = number + 1
         taken.add(candidate.lower())
         chosen[name] = candidate
     return chosen

@@ -29,10 +29,15 @@ class Routine(Walk):
     """
 
     def __init__(self, function: ir.Function, language: Language, name: str) -> None:
-        self._language, self._prefix = language, name
+        self._language = language
+        self._prefix = name
         self._argument = {argument: f"p{i + 1}" for i, argument in enumerate(function.args)}
-        self._text, self.functions, self._count = {}, set(), 0
-        self._needed, self._depth, self._changed = uses(function), 1, set[str]()
+        self._text = {}
+        self.functions = set()
+        self._count = 0
+        self._needed = uses(function)
+        self._depth = 1
+        self._changed = set[str]()
         self._lines: list[str] = []
         self._sequence(function.entry_basic_block, None)
         names = [self._argument[argument] for argument in function.args]
@@ -59,7 +64,8 @@ class Routine(Walk):
     def _for(self, head: Any) -> Any:
         """Print a loop and return the block after it."""
         counter, compared = head.instructions[:2]
-        begin, last = self._of(counter.incomings[0][0]), self._of(compared.operands[1])
+        begin = self._of(counter.incomings[0][0])
+        last = self._of(compared.operands[1])
         name = self._new("k")
         self._text[counter] = Expression(name)
         heading = f"for (int32_t {name} = {begin.text}; {name} < {last.text}; {name}++)"

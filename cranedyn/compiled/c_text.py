@@ -36,7 +36,8 @@ class _C(Language):
     remainder = "%"
 
     def __init__(self, name: str, precision: Precision) -> None:
-        self.name, self.precision = name, precision
+        self.name = name
+        self.precision = precision
 
     def number(self, value: float) -> str:
         if self.precision == "double":
@@ -66,7 +67,8 @@ class _C(Language):
 
 def c_header(block: FunctionBlock, precision: Precision = "double") -> str:
     """Return the header of a block."""
-    name, number = block.name, "double" if precision == "double" else "float"
+    name = block.name
+    number = "double" if precision == "double" else "float"
     lines = [
         f"/* {block.about} */",
         f"#ifndef {name.upper()}_H",
@@ -104,7 +106,8 @@ def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
     """
     if block.routines and precision == "single":
         raise ModelError("Predictive control needs double precision: its optimisation would stop.")
-    language, name = _C(block.name, precision), block.name
+    language = _C(block.name, precision)
+    name = block.name
     real = "double" if precision == "double" else "float"
     walks = {key: Walk(block, function, language) for key, function in block.functions.items()}
     below = routines(block.routines, language, name)

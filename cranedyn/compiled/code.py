@@ -86,7 +86,8 @@ class Code(Instructions):
             What to call at the end of the statements with whether nothing is. Statements after that
             call run where something is, and after the last number.
         """
-        build, names = self.builder, ("head", "body", "rest", "after")
+        build = self.builder
+        names = ("head", "body", "rest", "after")
         head, body, rare, after = map(self.function.append_basic_block, names)
         before = build.block
         build.branch(head)

@@ -73,7 +73,9 @@ def crane_block(
             "The rope may go slack, which a block cannot follow within a step; give a finite "
             "rope_stiffness and semi-implicit Euler, or 0 for a rope that is always taut."
         )
-    response, delay, arrays = np.zeros(0), 0, {}
+    response = np.zeros(0)
+    delay = 0
+    arrays = {}
     if (drives := fitting(crane, drive, None)) is not None:
         response = np.concatenate(drives.response)
         delay = COMMUNICATION * drives.delay_steps(dt, COMMUNICATION * dt)
@@ -133,8 +135,10 @@ def force_names(crane: Crane) -> list[str]:
 
 def _names(crane: Crane, drive: str) -> tuple[SimpleNamespace, dict[str, str]]:
     """Return lists of identifiers by what they are, and identifiers by the names of signals."""
-    layout, velocity = crane.layout, drive == "velocity"
-    symbols, driven = layout.symbols, [joint.symbol for joint in layout.driven]
+    layout = crane.layout
+    velocity = drive == "velocity"
+    symbols = layout.symbols
+    driven = [joint.symbol for joint in layout.driven]
     efforts = [joint.effort_name for joint in layout.driven]
     rates = [f"{symbol}_{'dot' if velocity else 'ddot'}" for symbol in driven]
     groups = {
@@ -158,10 +162,12 @@ def _variables(
 ) -> tuple[Variable, ...]:
     layout, add = crane.layout, Variable.several
     efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
-    per, holding = "/s" if drive == "velocity" else "/s2", np.zeros(layout.m)
+    per = "/s" if drive == "velocity" else "/s2"
+    holding = np.zeros(layout.m)
     units = [f"{joint.unit}{per}" for joint in layout.driven]
     if drive == "effort":
-        units, holding = efforts, holding_effort(crane, crane.start.q)
+        units = efforts
+        holding = holding_effort(crane, crane.start.q)
     found = add(names.commands, "input", units, holding, about="command of the drive")
     found += add(names.forces, "input", "N", about="external force in the world")
     mass = crane.payload_mass
@@ -173,13 +179,16 @@ def _variables(
     found += add(names.dampings, "parameter", units, crane.damping, 0.0, about="viscous damping")
     for i, (unit, low, about) in enumerate(_CONVERTER.values() if len(response) else ()):
         part = slice(i * layout.m, (i + 1) * layout.m)
-        units, least = [unit.format(x.unit) for x in layout.driven], dt if low is None else low
+        units = [unit.format(x.unit) for x in layout.driven]
+        least = dt if low is None else low
         found += add(names.converters[part], "parameter", units, response[part], least, about=about)
     found += add(["wind_x", "wind_y"], "parameter", "m/s", about="wind on the load in the world")
     about = "drag coefficient times area of the load"
     found += add(["payload_area"], "parameter", "m2", 0.0, 0.0, about=about)
-    units, free = [*layout.units, *(f"{unit}/s" for unit in layout.units)], [np.inf] * layout.n
-    lows, highs = np.append(crane.lower, np.negative(free)), np.append(crane.upper, free)
+    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    free = [np.inf] * layout.n
+    lows = np.append(crane.lower, np.negative(free))
+    highs = np.append(crane.upper, free)
     found += add(names.state, "state", units, np.concatenate(crane.start), lows, highs)
     found += add(names.accelerations, "output", [f"{unit}/s2" for unit in layout.units])
     found += add(names.efforts, "output", efforts, about="effort of the drive")
@@ -202,11 +211,14 @@ class _Text:
     def __init__(self, code: BlockCode, crane: Crane, drive: str, names: SimpleNamespace) -> None:
         layout = crane.layout
         self.plant = _plant(code, crane, drive, names)
-        z, self.offset = code.get_all(names.state), array([0.0] * layout.n)
+        z = code.get_all(names.state)
+        self.offset = array([0.0] * layout.n)
         if layout.has("hoist"):
             self.offset[layout.role("hoist", "")] = code.get("cable_offset")
-        self.q, self.v = z[: layout.n] + self.offset, z[layout.n :]
-        self.command, self.forces = code.get_all(names.commands), code.get_all(names.forces)
+        self.q = z[: layout.n] + self.offset
+        self.v = z[layout.n :]
+        self.command = code.get_all(names.commands)
+        self.forces = code.get_all(names.forces)
         area = {"payload": code.get("payload_area")}
         areas = array([area.get(point, 0.0) for point in layout.points])
         air = array([code.get("wind_x"), code.get("wind_y"), 0.0] * len(areas))
@@ -216,10 +228,13 @@ class _Text:
         """Return the command that the plant follows in a step: efforts within the limits,
         accelerations, or reference rates of converters, whose memory then goes on if kept.
         """
-        response, m, integer = self.plant.response, len(self.command), code.integer
+        response = self.plant.response
+        m = len(self.command)
+        integer = code.integer
         if response is None:
             return self.plant.within(self.command)
-        rates, compared = self.v[self.plant.topology.layout.drives], code.builder.icmp_signed
+        rates = self.v[self.plant.topology.layout.drives]
+        compared = code.builder.icmp_signed
         memory = array([code.element("converters", i) for i in range(3 * m)])
         reference, slope, first = memory.reshape(3, m)
         begins = compared("==", code.count, integer(0))
@@ -244,7 +259,8 @@ def _plant(code: BlockCode, crane: Crane, drive: str, names: SimpleNamespace) ->
     """Return the crane with its parameters in place of their numbers."""
     usual = numbers(crane)
     values: list[Any] = usual.tolist()
-    model, joint = crane.model.copy(), crane.payload.body + 1
+    model = crane.model.copy()
+    joint = crane.payload.body + 1
     load = model.inertias[joint]
     model.inertias[joint] = pin.Inertia(load.mass + 1.0, load.lever, load.inertia)
     heavier = numbers(replace(crane, model=model))

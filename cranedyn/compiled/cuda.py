@@ -193,14 +193,16 @@ class _Module:
     def start(self, name: str, arguments: np.ndarray, threads: int) -> None:
         """Run a kernel with arguments of eight bytes each, to its end."""
         parameters = tuple(arguments.tolist()), (ctypes.c_int64,) * len(arguments)
-        blocks, block = -(-threads // _BLOCK), min(threads, _BLOCK)
+        blocks = -(-threads // _BLOCK)
+        block = min(threads, _BLOCK)
         function = self._functions[name]
         _call("cuLaunchKernel", function, blocks, 1, 1, block, 1, 1, 0, 0, parameters, 0)
         _call("cuCtxSynchronize")
 
     def accelerations(self, code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """Return accelerations on the GPU, see `cranedyn.compiled.binding.kernel_accelerations`."""
-        sizes, result = code.source.sizes, np.empty((code.source.sizes.n, WARP))
+        sizes = code.source.sizes
+        result = np.empty((code.source.sizes.n, WARP))
         assert query.shape == (size(sizes.query), WARP) and len(numbers) == code.source.varied
         with _Memory() as memory:
             addresses = [memory.upload(query, False), memory.upload(numbers, False)]

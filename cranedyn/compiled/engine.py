@@ -65,7 +65,8 @@ class CompiledEngine(Engine):
         self._setting = setting
         sizes = BufferLayout.of(setting.crane.layout, setting.delay_steps, setting.contacts)
         self._sizes = sizes = replace(sizes, ledger=True)
-        self._at, self._memory = slices(sizes.state), np.zeros(size(sizes.state))
+        self._at = slices(sizes.state)
+        self._memory = np.zeros(size(sizes.state))
         # before and from a control instant, of which there is a row in the same place
         self._force = np.zeros((2, size(sizes.force)))
         self._predictive: Receding | None = None
@@ -80,7 +81,8 @@ class CompiledEngine(Engine):
         rows = np.zeros((2, size(self._sizes.row)))
         tables = *command_tables(self._sizes), self._force
         self._command = tables[0][0, slices(self._sizes.gain_table)["feed_forward"]]
-        row, self._acting = slices(self._sizes.row), rows[1, self._sizes.m :]
+        row = slices(self._sizes.row)
+        self._acting = rows[1, self._sizes.m :]
         self.actuation = Actuation(*(rows[1, row[name]] for name in Actuation._fields))
         return self._loop(self._code(), tables, rows, first=1, end=2).bind_calls()
 
@@ -95,7 +97,8 @@ class CompiledEngine(Engine):
 
     def _create_views(self) -> None:
         """Create the views of the memory."""
-        self._position, self._rate = self._memory[self._at["q"]], self._memory[self._at["v"]]
+        self._position = self._memory[self._at["q"]]
+        self._rate = self._memory[self._at["v"]]
 
     def reset(self, start: State) -> None:
         """Reset as `Engine.reset`; compiled code is kept."""
@@ -188,7 +191,8 @@ class CompiledEngine(Engine):
         wind = disturbance if type(disturbance) is Wind else None
         if disturbance is not wind or (wind and wind.crane is not self._setting.crane):
             return
-        clocks, first = self._setting.clocks, 0
+        clocks = self._setting.clocks
+        first = 0
         self._predictive = predictive = (
             cast("Receding", controller) if hasattr(controller, "programme") else None
         )

@@ -32,7 +32,8 @@ class Value:
     """A number that the code computes, in every lane."""
 
     def __init__(self, code: Instructions, register: ir.Value) -> None:
-        self.code, self.register = code, register
+        self.code = code
+        self.register = register
 
     @property
     def choices(self) -> Instructions:
@@ -120,7 +121,8 @@ class Instructions:
         lanes: int,
         stride: int | None = None,
     ) -> None:
-        self.lanes, self.stride = lanes, stride or lanes
+        self.lanes = lanes
+        self.stride = stride or lanes
         self.type = lane_type(lanes)
         self.function = ir.Function(
             module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name
@@ -289,7 +291,8 @@ class Instructions:
             return self.spread(addresses[0], index)
         register = ir.Constant(self.type, ir.Undefined)
         for lane, address in enumerate(addresses):
-            double, place = self.load_one(address, index, DOUBLE), ir.Constant(ir.IntType(32), lane)
+            double = self.load_one(address, index, DOUBLE)
+            place = ir.Constant(ir.IntType(32), lane)
             register = self.builder.insert_element(register, double, place)
         return Value(self, register)
 

@@ -63,7 +63,8 @@ class CompiledLoadFilter(LoadFilter):
                 "The observer cannot go on: its estimate is not finite any more. The readings do "
                 "not fit its crane, or its noise is too small for them."
             )
-        self.mean, self.covariance = result[:size], result[size:].reshape(size, size)
+        self.mean = result[:size]
+        self.covariance = result[size:].reshape(size, size)
         self._believe()
 
 
@@ -106,11 +107,13 @@ class _TracedFilter(LoadFilter):
         return rigid_body.tree_forward_dynamics(self._tree, frames, v, tau)
 
     def _linearised(self, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        count, frames = 2 * self._n + 1, rigid_body.frames
+        count = 2 * self._n + 1
+        frames = rigid_body.frames
         tau = full(self.crane, effort) + self._joint.effort(*state)
         load = self._tree.mass[self._body - 1]
         q, v, (load_dual,) = variables(*state, array([load]))
-        tree, a = self._with_load(load_dual), constants(self._acceleration(*state, tau), count)
+        tree = self._with_load(load_dual)
+        a = constants(self._acceleration(*state, tau), count)
         force = rigid_body.tree_inverse_dynamics(tree, frames(tree, q), v, a)
         force = force - self._joint.effort(q, v)
         mass = rigid_body.mass_matrix(self._tree, frames(self._tree, state.q))

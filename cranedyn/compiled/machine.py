@@ -50,7 +50,8 @@ def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
     faster; inlining and the best schedule take longer, too, and pay for code of many lanes only.
     """
     # The global context would keep every constant for ever.
-    context, target = binding.create_context(), _target(3 if inlining else 2)
+    context = binding.create_context()
+    target = _target(3 if inlining else 2)
     context._owned = True
     code = binding.parse_assembly(str(module), context)
     _optimise(code, target, speed_level=1, inlining=inlining)
@@ -90,7 +91,8 @@ def _cross(
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
     target = binding.Target.from_triple(triple).create_target_machine(processor, features, opt=3)
-    module.triple, module.data_layout = triple, str(target.target_data)
+    module.triple = triple
+    module.data_layout = str(target.target_data)
     code = binding.parse_assembly(str(module), binding.create_context())
     _optimise(code, target)
     return target, code

@@ -137,7 +137,8 @@ class Walk:
         """
         (code,) = function.blocks
         self._numbered_from = numbered_from
-        self._block, self._language = block, language
+        self._block = block
+        self._language = language
         names = ["self", "count", *block.arrays, *block.tables]
         self._argument = dict(zip(function.args, names, strict=True))
         self._text: dict[Any, Expression] = {}
@@ -198,11 +199,13 @@ class Walk:
 
     def _place(self, pointer: Any) -> tuple[str, int | None]:
         """Return what an address is in: the name of an argument, and the index in "self"."""
-        name, index = self._argument[pointer.operands[0]], pointer.operands[1]
+        name = self._argument[pointer.operands[0]]
+        index = pointer.operands[1]
         return name, int(index.constant) if name == "self" else None
 
     def _reference(self, pointer: Any) -> str:
-        name, index = self._argument[pointer.operands[0]], pointer.operands[1]
+        name = self._argument[pointer.operands[0]]
+        index = pointer.operands[1]
         if name == "self":
             return self._language.variable(self._block.variables[int(index.constant)].name)
         if name == "count":

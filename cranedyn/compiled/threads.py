@@ -53,7 +53,8 @@ def emit_gpu_kernels(module: ir.Module) -> None:
     kinds = [*(KINDS[name] for name in SLOTS), *[INTEGER] * len(GROUP_POINTERS), INTEGER]
     builder, arguments = _kernel(module, "run", kinds)
     values = dict(zip(SLOTS, arguments, strict=False))
-    strides, threads = arguments[len(SLOTS) : -1], arguments[-1]
+    strides = arguments[len(SLOTS) : -1]
+    threads = arguments[-1]
     thread = _thread(module, builder)
     group = builder.lshr(thread, ir.Constant(INTEGER, WARP.bit_length() - 1))
     lane = builder.and_(thread, ir.Constant(INTEGER, WARP - 1))

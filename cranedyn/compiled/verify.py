@@ -114,10 +114,13 @@ def _verify_crane(
     answers: Accelerations,
 ) -> None:
     """Compare accelerations of a crane with Pinocchio's at random states, see `verify_cranes`."""
-    recipe, layout, rng = code.source.recipe, crane.layout, random.Random(0)
+    recipe = code.source.recipe
+    layout = crane.layout
+    rng = random.Random(0)
     external = ExternalForces(crane, buffers=False) if recipe.forces else None
     drives = _drives(crane, recipe.drive, external, converters)
-    rope, lane_numbers = crane.springs.rope, np.repeat(varied[:, None], recipe.lanes, axis=1)
+    rope = crane.springs.rope
+    lane_numbers = np.repeat(varied[:, None], recipe.lanes, axis=1)
     sizes = layout.n, 3 * len(crane.points)
     for k in range(8):
         q = np.array([*map(rng.uniform, crane.lower, crane.upper)])

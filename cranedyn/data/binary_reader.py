@@ -216,7 +216,8 @@ def sheet_content(rows: list[list[Any]]) -> tuple[dict[str, Any], Any]:
     """
     import numpy as np
 
-    height, width = len(rows), max((len(row) for row in rows), default=0)
+    height = len(rows)
+    width = max((len(row) for row in rows), default=0)
     if 8 * height * width > LARGEST:
         raise Refusal(
             f"a sheet has {height} rows of {width} cells; allowed are {LARGEST // 8} cells"

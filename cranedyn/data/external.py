@@ -122,7 +122,8 @@ def parse_sources(arguments: Iterable[str]) -> dict[str, Source]:
                 f"{quoted(argument)} is not a column; it is given as phi_rad=NAME or "
                 "phi_rad=NAME[deg]."
             )
-        column, unit = match["column"], match["unit"] or ""
+        column = match["column"]
+        unit = match["unit"] or ""
         bare = (match["bare"] or "").strip()
         name = match["double"] or match["single"] or bare
         # "angle [deg]" may be a name with its unit, or a name that ends so.
@@ -403,7 +404,8 @@ def _check_gaps(
             f"{path}: column {names[column]} has {len(present)} values; needed are two."
         )
     gaps = np.diff(t[present])
-    longest, usual = float(gaps.max()), float(np.median(gaps))
+    longest = float(gaps.max())
+    usual = float(np.median(gaps))
     if column.startswith(("phi", "theta")) and longest > _LONGEST_GAP * usual:
         raise DataError(
             f"{path}: column {names[column]} has no value for {longest:.3g} s from "

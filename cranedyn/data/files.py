@@ -200,7 +200,8 @@ class Draft:
         Raises:
             DataError: If something other than a file has the final name, or the system refuses.
         """
-        self.final, self._mode = final, None
+        self.final = final
+        self._mode = None
         with _as_data_error("write", final):
             with suppress(FileNotFoundError):
                 self._mode = final.stat().st_mode
@@ -252,7 +253,8 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         DataError: If the folder does not exist, something other than a file stands there, or the
             system refuses to write.
     """
-    final, drafts = Path(path), _SET.get()
+    final = Path(path)
+    drafts = _SET.get()
     if not final.parent.is_dir():
         raise DataError(f"Cannot write {final}: the folder {final.parent} does not exist.")
     draft = Draft(final)

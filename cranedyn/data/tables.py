@@ -333,7 +333,8 @@ def _check_size(size: float, path: Path) -> None:
 def _check_names(names: Sequence[str], columns: Sequence[str], path: Path) -> None:
     missing = [name for name in columns if name not in names]
     if missing:
-        needed, present = ", ".join(columns), quoted(", ".join(names))
+        needed = ", ".join(columns)
+        present = quoted(", ".join(names))
         raise DataError(
             f"{path} has no column {', '.join(missing)}; needed are {needed}, it has {present}."
         )

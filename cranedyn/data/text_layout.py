@@ -121,7 +121,8 @@ def text_encoding(sample: bytes) -> str:
                 raise ValueError("it is text in UTF-32; save it as UTF-8")
             return encoding
     # Digits and delimiters of UTF-16 have a zero in every second byte.
-    even, odd = sample[::2].count(0), sample[1::2].count(0)
+    even = sample[::2].count(0)
+    odd = sample[1::2].count(0)
     if odd > 0.4 * len(sample) / 2 and not even:
         return "utf-16-le"
     if even > 0.4 * len(sample) / 2 and not odd:

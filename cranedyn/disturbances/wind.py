@@ -71,7 +71,8 @@ def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) 
         values[crane.layout.points.index(name)] = finite(
             f"force on the {name}", force, (3,), unit="N"
         )
-    first, none = number("start of the force", at, "s"), np.zeros_like(values)
+    first = number("start of the force", at, "s")
+    none = np.zeros_like(values)
     return lambda t, state: values if t >= first else none
 
 
@@ -196,7 +197,8 @@ def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Win
     """
     angle = number("direction of the wind", direction, "rad")
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
-    points, drag_areas = crane.layout.points, np.zeros(len(crane.points))
+    points = crane.layout.points
+    drag_areas = np.zeros(len(crane.points))
     for name, area in areas.items():
         if name not in (names := [f"{point}_area" for point in points]):
             raise UnknownName("drag area", name, names)

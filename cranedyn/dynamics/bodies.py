@@ -63,7 +63,8 @@ class Bodies:
 
     def with_numbers(self, numbers: Sequence[Any]) -> Bodies:
         """Return the same tree with other numbers or symbols, in the order of `numbers`."""
-        arrays, first = [], 0
+        arrays = []
+        first = 0
         for field in fields(self)[1:]:
             old = getattr(self, field.name)
             arrays.append(array(numbers[first : first + old.size]).reshape(old.shape))
@@ -132,9 +133,11 @@ def height(
         point: In the joint's frame [m], shape (3,).
         upwards: Unit vector of the world along which height is measured.
     """
-    up, altitude = array(upwards), 0.0
+    up = array(upwards)
+    altitude = 0.0
     for i in tree.path(body):
-        altitude, up = altitude + up @ tree.translation[i], tree.rotation[i].T @ up
+        altitude = altitude + up @ tree.translation[i]
+        up = tree.rotation[i].T @ up
         (along, about), coordinate = tree.axis[i], q[i : i + 1]
         altitude = altitude + up @ (along * coordinate)
         if all(map(is_zero, about)):

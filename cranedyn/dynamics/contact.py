@@ -205,8 +205,10 @@ class Ground:
 
     def contacts(self, crane: Crane) -> Contacts:
         """Return the contacts of the load of a crane: masses and gravity give the stiffness."""
-        omega, mass = math.sqrt(crane.gravity / self.sink), crane.payload_mass / 4.0
-        level, points = float(self.height), crane.payload.lever + np.array(self.points)
+        omega = math.sqrt(crane.gravity / self.sink)
+        mass = crane.payload_mass / 4.0
+        level = float(self.height)
+        points = crane.payload.lever + np.array(self.points)
         # what stands on the ground has no underside, since points sink below it
         bodies = [
             tuple(f for f in body.faces if f.normal[2] > -1.0 or -f.offset > level)
@@ -275,7 +277,8 @@ def standing(crane: Crane, ground: Ground, state: State) -> State:
         ground: The ground.
         state: State with the load anywhere above or below its support.
     """
-    contacts, q = ground.contacts(crane), state.q.copy()
+    contacts = ground.contacts(crane)
+    q = state.q.copy()
     rope = crane.springs.rope
     if rope is None:
         raise ModelError(
@@ -296,7 +299,8 @@ def ground_phases(
     """Return phases of a rope, shape (rows,), with `ON_GROUND` where the load touches, and
     `OFF_LEAD` where it slides or leans on a taut rope, from coordinates and rates, shape (rows, n).
     """
-    points, roles = np.array(contacts.points), ("radial_swing", "tangential_swing")
+    points = np.array(contacts.points)
+    roles = ("radial_swing", "tangential_swing")
     lean = np.hypot.reduce([q[:, crane.layout.role(role, "Off-lead")] for role in roles])
     body = crane.model, crane.data, contacts.body, points
     motions = [body_points(*body, *state) for state in zip(q, v, strict=True)]
@@ -388,7 +392,8 @@ class Contacts(NamedTuple):
         pull = [
             -(self.stiffness * s + self.slip_damping * r) for s, r in zip(slip, rate, strict=True)
         ]
-        square, limit = _dot(pull, pull), self.friction * load
+        square = _dot(pull, pull)
+        limit = self.friction * load
         slides = square > limit * limit
         root = square_root(chosen(slides, square, 1.0))
         share = 1.0 - flag(slides, square) * (1.0 - limit / root)

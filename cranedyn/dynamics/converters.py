@@ -162,7 +162,9 @@ def within_efforts(
     """
     m = len(target)
     needed = inertia @ target + resisting
-    effort, saturated, goal = list(needed), [0.0] * m, list(needed)
+    effort = list(needed)
+    saturated = [0.0] * m
+    goal = list(needed)
     gained: Any = target
     for _ in range(m):
         for i, limit in enumerate(limits):
@@ -176,7 +178,8 @@ def within_efforts(
         for i in range(m):
             matrix[i, i] = matrix[i, i] + (1.0 - saturated[i])
         correction = solve_linear(matrix, right)
-        gained, effort = target + correction, list(needed + inertia @ correction)
+        gained = target + correction
+        effort = list(needed + inertia @ correction)
     cut = [
         chosen(saturated[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
         for i, limit in enumerate(limits)
@@ -208,7 +211,8 @@ def saturate_acceleration(
         Accelerations of all joints, shape (n,), efforts of the drives and the efforts that they
         would need, shape (m,) each.
     """
-    inertia, resisting_drives = mass[np.ix_(drives, drives)], resisting[drives]
+    inertia = mass[np.ix_(drives, drives)]
+    resisting_drives = resisting[drives]
     a = np.array([0.0] * len(resisting), dtype=resisting.dtype)
     if not len(passive):
         a[drives], effort, needed = within_efforts(inertia, resisting_drives, target, limits)
@@ -246,7 +250,8 @@ class Converters:
     def __post_init__(self) -> None:
         m = np.size(self.rates)
         for field in fields(self)[:-1]:
-            name, values = f"{field.name} of converters", getattr(self, field.name)
+            name = f"{field.name} of converters"
+            values = getattr(self, field.name)
             column = finite(name, values, (m,)).astype(float)
             allowed = ">= 0" if field.name == "resolutions" else "> 0"
             for value in column.tolist():

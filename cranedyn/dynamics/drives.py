@@ -56,10 +56,12 @@ class GroundForces:
     """
 
     def __init__(self, crane: Crane, contacts: Contacts) -> None:
-        self.contacts, self._body = contacts, contacts.body
+        self.contacts = contacts
+        self._body = contacts.body
         self._levers = np.array(contacts.points)
         self._points = [Point("", self._body, lever) for lever in self._levers]
-        self._model, self._data = crane.model, crane.model.createData()
+        self._model = crane.model
+        self._data = crane.model.createData()
         self._weight = crane.payload_mass * crane.gravity
         self.anchors = self.moved = np.zeros((3, len(contacts.points)))
 
@@ -84,7 +86,8 @@ class GroundForces:
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return generalized forces [N m or N], shape (n,)."""
         force, moved = self.contacts.reaction(*self._motion(q, v), self.anchors)
-        self.moved, forces = np.array(moved), np.array(force).T
+        self.moved = np.array(moved)
+        forces = np.array(force).T
         if not forces.any():
             return np.zeros(len(v))
         return outside_effort(self._points, self._model, self._data, q, forces)
@@ -109,9 +112,12 @@ class ExternalForces:
         self.force = np.zeros((len(crane.points), 3))
         self.stops = Stops.of(crane) if buffers else None
         self.stop_effort = np.zeros(crane.layout.m)
-        self.ground, self.ground_effort = ground, np.zeros(crane.layout.n)
-        self._points, self._drives = crane.points, crane.layout.drives
-        self._model, self._data = crane.model, crane.model.createData()
+        self.ground = ground
+        self.ground_effort = np.zeros(crane.layout.n)
+        self._points = crane.points
+        self._drives = crane.layout.drives
+        self._model = crane.model
+        self._data = crane.model.createData()
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return generalized forces [N m or N], shape (n,)."""
@@ -144,12 +150,16 @@ class _Drives:
         self, crane: Crane, external: ExternalForces | None, answering: np.ndarray | None = None
     ) -> None:
         self.model, self._data = crane.model, crane.model.createData()
-        self._layout, self._joint, self.external = crane.layout, JointForces.of(crane), external
-        self.rope, self.tension = crane.springs.rope, math.inf
+        self._layout = crane.layout
+        self._joint = JointForces.of(crane)
+        self.external = external
+        self.rope = crane.springs.rope
+        self.tension = math.inf
         self._coupling = crane.coupling
         # joints whose motion is not prescribed, and those of them that a taut rope lets move
         self._answering = crane.layout.passive if answering is None else answering
-        self._free_when_taut, self._free = crane.springs.free(self._answering), self._answering
+        self._free_when_taut = crane.springs.free(self._answering)
+        self._free = self._answering
 
     def begin_step(self, v: np.ndarray) -> None:
         """Prepare for a physics step from rates v, shape (n,)."""
@@ -191,7 +201,8 @@ class _Drives:
 
     def take_rope(self, *, taut: bool | None) -> None:
         """Take the rope as taut or as slack from now on; None where the state decides."""
-        self._joint, self.tension = replace(self._joint, taut=taut), math.inf
+        self._joint = replace(self._joint, taut=taut)
+        self.tension = math.inf
         self._free = self._free_when_taut if taut else self._answering
 
     def impact(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, float]:
@@ -202,8 +213,11 @@ class _Drives:
         for those whose motion is prescribed, which keep their rates.
         """
         assert self.rope is not None
-        model, data, still = self.model, self._data, np.zeros(len(v))
-        weight, change = pin.rnea(model, data, q, still, still).copy(), still.copy()
+        model = self.model
+        data = self._data
+        still = np.zeros(len(v))
+        weight = pin.rnea(model, data, q, still, still).copy()
+        change = still.copy()
         change[self.rope.stretch] = -v[self.rope.stretch]
         change = follow_drives(model, data, q, still, change, weight, self._free_when_taut)
         gained = change @ (pin.rnea(model, data, q, still, v + 0.5 * change) - weight)
@@ -240,10 +254,12 @@ class EffortDrives(_Drives):
 
     def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
         super().__init__(crane, external, crane.layout.independent)
-        self._least, self._largest = -crane.effort_limit, crane.effort_limit
+        self._least = -crane.effort_limit
+        self._largest = crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
-        self._damping, self._viscous_only = self._joint.damping, self._joint.viscous_only
+        self._damping = self._joint.damping
+        self._viscous_only = self._joint.viscous_only
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Hold efforts until the next command."""
@@ -332,8 +348,10 @@ class VelocityDrives(_Drives):
         delay_steps: int,
     ) -> None:
         super().__init__(crane, external)
-        self._dt, self._delay_steps = dt, delay_steps
-        self._response, self._limit = converters.response, crane.effort_limit
+        self._dt = dt
+        self._delay_steps = delay_steps
+        self._response = converters.response
+        self._limit = crane.effort_limit
         self.reset(crane.start)
 
     def reset(self, state: State) -> None:
@@ -349,14 +367,17 @@ class VelocityDrives(_Drives):
             slope: Their rates of change [rad/s² or m/s²], shape (m,).
             queue: Commands not yet heard, shape (delay_steps, m).
         """
-        self._reference, self._slope, self._queue = reference.copy(), slope.copy(), [*queue]
+        self._reference = reference.copy()
+        self._slope = slope.copy()
+        self._queue = [*queue]
         self._heard = self._reference
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Queue rates until they are heard."""
         self.saturated = any(self._response.cuts(command.tolist()))
         queue = [*self._queue, np.array(self._response.heard(command.tolist()))]
-        self._heard, self._queue = queue[0], queue[1:]
+        self._heard = queue[0]
+        self._queue = queue[1:]
         reference = self._ramp(state.v)[0]
         if self.rope is not None and self.rope.inextensible:
             self._reference, before = reference, self._reference
@@ -391,7 +412,9 @@ class VelocityDrives(_Drives):
         """Return accelerations of all joints, shape (n,), efforts of the drives and the efforts
         that they would need, shape (m,) each.
         """
-        drives, model, data = self._layout.drives, self.model, self._data
+        drives = self._layout.drives
+        model = self.model
+        data = self._data
         target = np.zeros(len(v))
         target[drives] = self._response.accelerations_at(reference, v[drives].tolist())
         joint, external = self._passive_forces(q, v)

@@ -63,7 +63,8 @@ class JointForces:
 
         Forces scale like dt², damping like dt.
         """
-        damping, force = self.damping * (dt / mass), dt * dt / mass
+        damping = self.damping * (dt / mass)
+        force = dt * dt / mass
         springs = None if self.springs is None else self.springs.in_units(force)
         friction = None if self.friction is None else self.friction.in_units(force, dt)
         return JointForces(damping, springs, friction, self.taut)
@@ -208,7 +209,8 @@ class Stops:
         """Return the buffers of a crane: each drive, with the masses on it, oscillates at 20 rad/s
         with half of critical damping.
         """
-        drives, q = crane.layout.drives, crane.start.q.copy()
+        drives = crane.layout.drives
+        q = crane.start.q.copy()
         q[crane.layout.passive] = 0.0
         if crane.coupling is not None:
             q = crane.coupling.complete(q)
@@ -219,7 +221,8 @@ class Stops:
 
     def in_steps(self, dt: Any, mass: Any = 1.0) -> Stops:
         """Return the same in other units, see `JointForces.in_steps`."""
-        stiffness, damping = self.stiffness * (dt * dt / mass), self.damping * (dt / mass)
+        stiffness = self.stiffness * (dt * dt / mass)
+        damping = self.damping * (dt / mass)
         return Stops(self.drives, self.lower, self.upper, stiffness, damping)
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:

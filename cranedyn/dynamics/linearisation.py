@@ -111,7 +111,8 @@ def held_states(crane: Crane, state: State) -> list[int]:
     rope and its rate, none at a state with another rope or a slack one; and joints that follow
     others, whose effect is counted with their leaders.
     """
-    joints, rope = np.arange(crane.layout.n), crane.springs.rope
+    joints = np.arange(crane.layout.n)
+    rope = crane.springs.rope
     if crane.coupling is not None:
         followers = list(crane.coupling.followers)
         return [*followers, *(len(joints) + follower for follower in followers)]
@@ -143,7 +144,8 @@ def linear(
     by_state, by_command = linearise(crane, state, exerted)
     if drive == "motion":  # the efforts are then what gives the drives their accelerations
         moved = by_command @ np.linalg.inv(by_command[drives])
-        by_state, by_command = by_state - moved @ by_state[drives], moved
+        by_state = by_state - moved @ by_state[drives]
+        by_command = moved
         by_state[drives], by_command[drives] = 0.0, np.eye(m)
     held = held_states(crane, state)
     by_z = np.vstack([np.eye(n, 2 * n, n), by_state])
@@ -230,7 +232,8 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
         OutOfRange: If a coordinate is so large that masses or stiffnesses are not finite.
     """
     q = crane.layout.as_state("state", state).q
-    free, data = crane.springs.free(crane.layout.passive), crane.data
+    free = crane.springs.free(crane.layout.passive)
+    data = crane.data
     block = np.ix_(free, free)
     stiffness = rest_stiffness(crane.model, data, crane.springs, q, crane.coupling)[block]
     mass = crane.mass_matrix(q)[block]

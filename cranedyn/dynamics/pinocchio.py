@@ -65,7 +65,8 @@ def prescribed_acceleration(
     Returns:
         Accelerations, shape (n,), and efforts [N m or N], shape (m,).
     """
-    joint, layout = JointForces.of(crane).effort(*state), crane.layout
+    joint = JointForces.of(crane).effort(*state)
+    layout = crane.layout
     a = full(crane, drive_acceleration)
     model, data, coupling = crane.model, crane.data, crane.coupling
     a = follow_drives(model, data, *state, a, joint, layout.passive, coupling=coupling)
@@ -110,7 +111,8 @@ def follow_drives(
     if not len(passive):
         return a.copy()
     still_open = inverse_dynamics(model, data, q, v, a, joint, outside, coupling)
-    mass, solved = pin.crba(model, data, q), a.copy()
+    mass = pin.crba(model, data, q)
+    solved = a.copy()
     if coupling is not None:
         upper = np.triu(mass)
         mass = coupling.reduce(upper + np.triu(upper, 1).T)
@@ -287,7 +289,8 @@ def by_state_and_force(
 
     The accelerations are in `crane.data.ddq` afterwards, unless a taut inextensible rope holds.
     """
-    joint, rope = JointForces.of(crane), crane.springs.rope
+    joint = JointForces.of(crane)
+    rope = crane.springs.rope
     if rope is not None and rope.inextensible and joint.phase(*state) == TAUT:
         return _by_state_and_force_when_taut(crane, state, effort, rope.stretch)
     if crane.coupling is not None:
@@ -313,7 +316,8 @@ def _by_state_and_force_when_coupled(
 
     What followers do by themselves has no effect, so that their columns are zero.
     """
-    joint, spread = JointForces.of(crane), coupling.matrix
+    joint = JointForces.of(crane)
+    spread = coupling.matrix
     a = acceleration(crane, state, effort)
     pin.computeRNEADerivatives(crane.model, crane.data, *state, a)
     stiffness, damping = joint.tangent(*state)
@@ -330,8 +334,11 @@ def _by_state_and_force_when_taut(
     """Return `by_state_and_force` of the joints that a taut inextensible rope lets move, from the
     derivatives of the inverse dynamics.
     """
-    n, data, joint = crane.layout.n, crane.data, JointForces.of(crane)
-    free, inverse_mass = crane.springs.free(np.arange(n)), np.zeros((n, n))
+    n = crane.layout.n
+    data = crane.data
+    joint = JointForces.of(crane)
+    free = crane.springs.free(np.arange(n))
+    inverse_mass = np.zeros((n, n))
     tau = full(crane, effort) + joint.effort(*state)
     a = follow_drives(crane.model, data, *state, np.zeros(n), tau, free)
     pin.computeRNEADerivatives(crane.model, data, *state, a)

@@ -135,13 +135,16 @@ def solve_linear(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
     where one after the other they take two, and the second waits for the first. The last two are
     multiplied by the determinant of those before, so that they do not wait for its division.
     """
-    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, np.ndarray, np.ndarray]]()
+    lower = mass.copy()
+    x = right.copy()
+    blocks = list[tuple[range, np.ndarray, np.ndarray]]()
     end = len(mass)
     while end:
         begin = end - (1 if end == 1 or isinstance(lower[end - 1, end - 1], float) else 2)
         adjugate, determinant = _adjugate(lower[begin:end, begin:end])
         if begin > 2:
-            adjugate, determinant = adjugate * (1.0 / determinant), np.ones(1)
+            adjugate = adjugate * (1.0 / determinant)
+            determinant = np.ones(1)
         shares, (scale,) = adjugate @ lower[begin:end, :begin], determinant
         for i in range(begin):
             for j in range(i + 1):

@@ -112,7 +112,8 @@ def bounds(
     message = "the payload is at a height of {value:.6g} m, below the ground"
     yield Bound(layout.n - 1, height, level, None, False, message)
     for i, joint in enumerate(layout.driven):
-        index, checks = int(layout.drives[i]), list[tuple[Any, Any, str, str, str]]()
+        index = int(layout.drives[i])
+        checks = list[tuple[Any, Any, str, str, str]]()
         if needed is not None:
             largest = limits.effort_limit[i]
             checks.append((needed[i], largest, "would need", "has", joint.effort_unit))
@@ -173,7 +174,8 @@ def conditions(
         OutOfRange: If an array has another shape.
     """
     q = as_array("q", q, ("rows", crane.layout.n))
-    v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
+    v = as_array("v", v, q.shape)
+    hoist = as_array("hoist", hoist, q.shape[:1])
     height = heights(numeric_bodies(crane), q, crane.payload.body, crane.payload.lever)
     tension = tension_from_hoist_force(crane.layout, JointForces.of(crane), q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
@@ -200,7 +202,8 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Return the beginning of every stretch in which the model does not hold, ordered by time."""
     buffers = run.parameters.get("validity") == "buffers"
     hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
-    drive, ground = run.parameters.get("drive"), run.record.get("ground", {})
+    drive = run.parameters.get("drive")
+    ground = run.record.get("ground", {})
     needed = run.command if drive in ("motion", "velocity") else None
     options: Any = {"buffers": buffers, "needed": needed, "rates": drive in ("motion", "effort")}
     level = ground.get("height", 0.0)

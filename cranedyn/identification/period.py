@@ -89,7 +89,8 @@ def possible_periods(crane: Crane, q: np.ndarray, offset: float) -> PeriodRange:
         low = max(float(crane.lower[hoist]) - offset, _SHORTEST_CABLE)
         high = max(float(crane.upper[hoist]) + offset, low)
         lengths = list(np.geomspace(low, high, _LENGTHS).tolist())
-    shortest, longest = math.inf, 0.0
+    shortest = math.inf
+    longest = 0.0
     for length in lengths:
         position = q.copy()
         if hoist is not None:

@@ -508,7 +508,8 @@ def _check_positions(name: str, crane: Crane, columns: Mapping[str, np.ndarray])
     """Check that positions and setpoints of the drives are in their ranges, but for an offset."""
     for joint, i in zip(crane.layout.driven, crane.layout.drives.tolist(), strict=True):
         offset = LARGEST_OFFSET * (crane.upper[i] - crane.lower[i]) + 1e-6  # round-off
-        low, high = crane.lower[i] - offset, crane.upper[i] + offset
+        low = crane.lower[i] - offset
+        high = crane.upper[i] + offset
         for key in {joint.columns[0], joint.setpoint_column} & columns.keys():
             outside = columns[key][(columns[key] < low) | (columns[key] > high)]
             if len(outside):

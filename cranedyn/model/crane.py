@@ -57,7 +57,8 @@ class _Scratch(threading.local):
     """Scratch memory of Pinocchio, one for each thread."""
 
     def __init__(self, model: pin.Model) -> None:
-        self.model, self.data = model, model.createData()
+        self.model = model
+        self.data = model.createData()
 
     def __reduce__(self) -> tuple[type[_Scratch], tuple[pin.Model]]:
         return type(self), (self.model,)
@@ -319,7 +320,9 @@ class Crane:
             self.model, self.data, self.springs, self.layout.passive, q, self.coupling
         )
         for i in self.layout.passive.tolist():
-            joint, low, high = self.layout.joints[i], self.lower[i], self.upper[i]
+            joint = self.layout.joints[i]
+            low = self.lower[i]
+            high = self.upper[i]
             if np.isnan(at_rest[i]):
                 raise ModelError(
                     "This crane does not hang at rest: no posture in which gravity and springs "

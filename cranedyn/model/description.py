@@ -297,7 +297,8 @@ def _package_name(folder: Path) -> str:
 
 def add_values(parser: argparse._ActionsContainer, text: str) -> None:
     """Add the option ``--set`` for `parse_values` to a parser."""
-    add, metavar = parser.add_argument, "name:=value"
+    add = parser.add_argument
+    metavar = "name:=value"
     add("--set", dest="values", nargs="+", action="extend", default=[], metavar=metavar, help=text)
 
 

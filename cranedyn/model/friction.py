@@ -76,7 +76,8 @@ def read_friction(robot: ET.Element, layout: Layout) -> np.ndarray:
     friction = np.zeros(layout.n)
     names = [joint.name for joint in layout.joints]
     for element in robot.iterfind("joint"):
-        name, dynamics = element.get("name", ""), element.find("dynamics")
+        name = element.get("name", "")
+        dynamics = element.find("dynamics")
         if dynamics is None or name not in names:
             continue
         joint = names.index(name)
@@ -169,7 +170,8 @@ def _inverse_masses(
             posture = start.copy()
             posture[list(drives)] = ends
             postures.append(posture if coupling is None else coupling.complete(posture))
-    data, inverses = model.createData(), []
+    data = model.createData()
+    inverses = []
     for posture in postures:
         upper_triangle = np.triu(pin.crba(model, data, posture))
         mass = upper_triangle + np.triu(upper_triangle, 1).T

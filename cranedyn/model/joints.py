@@ -44,9 +44,11 @@ def complete_limits(robot: ET.Element, driven: Sequence[str] | None) -> list[str
     Returns:
         A note on each limit that was set.
     """
-    drives, notes = {*(driven or ())} or _declared_drives(robot)[0], []
+    drives = {*(driven or ())} or _declared_drives(robot)[0]
+    notes = []
     for joint in robot.iterfind("joint"):
-        name, limit = joint.get("name", ""), joint.find("limit")
+        name = joint.get("name", "")
+        limit = joint.find("limit")
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
             if limit is None:
@@ -98,7 +100,8 @@ def read_armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
     """
     armature = np.zeros(len(names))
     for joint in robot.iterfind("joint"):
-        name, dynamics = joint.get("name", ""), joint.find("dynamics")
+        name = joint.get("name", "")
+        dynamics = joint.find("dynamics")
         if dynamics is not None and name in names and (text := dynamics.get("armature")):
             armature[names.index(name)] = number(f"armature of {name}", text, "kg m² or kg", ">= 0")
     return armature
@@ -278,12 +281,15 @@ def read_joints(
         UnknownName: As `joint_roles`.
         ModelError: As `joint_roles`, or if two joints have the same symbol.
     """
-    joints, data, n = [], model.createData(), len(joint_names(model))
+    joints = []
+    data = model.createData()
+    n = len(joint_names(model))
     pin.computeJointJacobians(model, data, np.zeros(n))
     for i, name in enumerate(joint_names(model)):
         # Pinocchio gives a matrix of one column without its second dimension.
         jacobian = pin.getJointJacobian(model, data, i + 1, pin.LOCAL_WORLD_ALIGNED).reshape(6, n)
-        linear, angular = jacobian[:3, i], jacobian[3:, i]
+        linear = jacobian[:3, i]
+        angular = jacobian[3:, i]
         prismatic = bool(np.linalg.norm(angular) < 1e-9)
         joints.append(
             Joint(
@@ -344,7 +350,8 @@ def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tup
     def centre(name: str, joint: int) -> Point:
         return Point(name, joint, model.inertias[joint + 1].lever.copy())
 
-    points, roles = [centre("payload", payload)], [joint.role for joint in joints]
+    points = [centre("payload", payload)]
+    roles = [joint.role for joint in joints]
     swings = [i for i, j in enumerate(joints) if j.passive and j.kind == "revolute"]
     if swings:
         points.append(Point("trolley" if "trolley" in roles else "pivot", swings[0], np.zeros(3)))

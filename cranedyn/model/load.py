@@ -171,7 +171,8 @@ def load_crane(
         if urdf is not None:
             raise OutOfRange("machine", f"{machine!r} beside urdf", "one of both")
         specification = read_machine(machine)
-        urdf, values = specification.urdf, {**specification.values, **values}
+        urdf = specification.urdf
+        values = {**specification.values, **values}
         options = options._replace(assumptions=specification.assumptions)
     path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
@@ -224,7 +225,8 @@ def _foreign_crane(
     locked: Locked,
 ) -> Crane:
     """Return the crane of a foreign URDF, MJCF or SDF, completed."""
-    robot, notes = parse_urdf(text, path), list[str]()
+    robot = parse_urdf(text, path)
+    notes = list[str]()
     if robot.tag in _FOREIGN_FORMATS:
         foreign = _FOREIGN_FORMATS[robot.tag](robot, path)
         robot, notes = foreign.robot, foreign.notes
@@ -309,7 +311,8 @@ def _crane(
             "Nothing swings: no joint is passive. If the hook hangs on a rigid joint, swing=True, "
             "or --swing, puts a rope above it."
         )
-    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    model.lowerPositionLimit = lower
+    model.upperPositionLimit = upper
     q = _start(robot, layout, model)
     if coupling is not None:
         q = coupling.complete(q)
@@ -378,7 +381,8 @@ def _recorded_urdf(record: Mapping[str, Any]) -> str:
 
     The arguments may be those of another version, or wrong; then the looks are left out.
     """
-    text, arguments = str(record["urdf"]), record.get("arguments")
+    text = str(record["urdf"])
+    arguments = record.get("arguments")
     if arguments is not None:
         with contextlib.suppress(CraneError):
             own_urdf = _own_urdf(arguments)
@@ -430,7 +434,8 @@ def _check_ranges(model: pin.Model, layout: Layout, payload: int) -> None:
     for i, joint in enumerate(layout.joints):
         low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            name, ends = f"range of {joint.name}", f"{low:g} to {high:g}"
+            name = f"range of {joint.name}"
+            ends = f"{low:g} to {high:g}"
             raise OutOfRange(name, ends, "finite, lower below upper", joint.unit)
         if joint.driven:
             effort = float(model.effortLimit[i])
@@ -449,7 +454,8 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
     body algorithm, which computes with other numbers, must accelerate the crane under all its
     efforts as that matrix does.
     """
-    data, zeros = model.createData(), np.zeros(layout.n)
+    data = model.createData()
+    zeros = np.zeros(layout.n)
     mass = pin.crba(model, data, q)
     diagonal = np.diag(mass)
     energy = pin.computePotentialEnergy(model, data, q)

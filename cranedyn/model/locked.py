@@ -112,7 +112,8 @@ def _coordinate(robot: ET.Element, joint: ET.Element, value: float | str | None)
     name = joint.get("name", "")
     unit = "m" if joint.get("type") == "prismatic" else "rad"
     limit = joint.find("limit")
-    low, high = -math.inf, math.inf
+    low = -math.inf
+    high = math.inf
     if limit is not None and joint.get("type") != "continuous":
         low, high = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
     if value is None:

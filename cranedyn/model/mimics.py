@@ -128,7 +128,8 @@ def read_mimics(robot: ET.Element, moving: Sequence[str]) -> dict[str, Mimic]:
     """
     direct: dict[str, Mimic] = {}
     for joint in robot.iterfind("joint"):
-        element, name = joint.find("mimic"), joint.get("name", "")
+        element = joint.find("mimic")
+        name = joint.get("name", "")
         if element is not None and name in moving:
             direct[name] = Mimic(
                 element.get("joint", ""),
@@ -139,7 +140,8 @@ def read_mimics(robot: ET.Element, moving: Sequence[str]) -> dict[str, Mimic]:
     for name, mimic in direct.items():
         while mimic.leader in direct:
             above = direct[mimic.leader]
-            ratio, offset = mimic.ratio * above.ratio, mimic.ratio * above.offset + mimic.offset
+            ratio = mimic.ratio * above.ratio
+            offset = mimic.ratio * above.offset + mimic.offset
             mimic = Mimic(above.leader, ratio, offset)
         resolved[name] = mimic
     return resolved

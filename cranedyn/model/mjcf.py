@@ -89,7 +89,8 @@ def _check_files(root: ET.Element, path: Path) -> None:
         DataError: If an included file cannot be read.
     """
     home = path.resolve().parent
-    waiting, seen = [(root, path)], {path.resolve()}
+    waiting = [(root, path)]
+    seen = {path.resolve()}
     while waiting:
         element_root, source = waiting.pop()
         folders = [
@@ -169,7 +170,8 @@ def _drive_notes(model: dict[str, Any]) -> list[str]:
     """
     notes = []
     for joint in model["joints"]:
-        drive, unit = joint["drive"], "N" if joint["slides"] else "N m"
+        drive = joint["drive"]
+        unit = "N" if joint["slides"] else "N m"
         if drive is None:
             continue
         name = printable(joint["name"])
@@ -198,7 +200,8 @@ class _Converter:
     """
 
     def __init__(self, model: dict[str, Any], path: Path) -> None:
-        self._model, self._path = model, path
+        self._model = model
+        self._path = path
         self._robot = ET.Element("robot", name=printable(model["name"] or "crane"))
         self._control = ET.SubElement(self._robot, "ros2_control", name="drives", type="system")
         self._names = {joint["name"] for joint in model["joints"]}
@@ -233,7 +236,8 @@ class _Converter:
             self._add_joint(description, parent, child, placement * anchor)
             if k < len(joints) - 1:
                 ET.SubElement(self._robot, "link", name=child)
-            parent, placement = child, anchor.inverse()
+            parent = child
+            placement = anchor.inverse()
             in_link = placement
         self._links.append((name, in_link))
         self._link(name, body, in_link, index)

@@ -216,7 +216,8 @@ class Names:
     """Names of the parts of a model; parts without a name get one that no other part has."""
 
     def __init__(self, mujoco: Any, model: Any) -> None:
-        self._mujoco, self._model = mujoco, model
+        self._mujoco = mujoco
+        self._model = model
         self._taken = {
             mujoco.mj_id2name(model, kind, i)
             for kind, count in (
@@ -307,7 +308,8 @@ def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, ActuatorRange]:
         Refused: If an actuator acts on something else than one slide or hinge.
     """
     on_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    names, found = Names(mujoco, model), dict[int, ActuatorRange]()
+    names = Names(mujoco, model)
+    found = dict[int, ActuatorRange]()
     if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION):
         return found
     for actuator in range(model.nactuator):
@@ -344,7 +346,9 @@ def _force_range(mujoco: Any, model: Any, actuator: int) -> tuple[float, float, 
     """Return the range of the force of an actuator before its gear, and a phrase that says what it
     is, empty for a plain motor.
     """
-    low, high, kind = -math.inf, math.inf, ""
+    low = -math.inf
+    high = math.inf
+    kind = ""
     fixed_gain = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
     no_bias = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
     force_follows_control = int(model.actuator_dyntype[actuator]) in (
@@ -394,7 +398,9 @@ def start_of(mujoco: Any, model: Any) -> tuple[list[float], list[str]]:
     or start, else the first; the reference posture if there is none. A coordinate beyond its range
     starts in the middle of it.
     """
-    start, notes, names = model.qpos0.tolist(), [], Names(mujoco, model)
+    start = model.qpos0.tolist()
+    notes = []
+    names = Names(mujoco, model)
     if model.nkey:
         keys = [
             mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_KEY, i) or "" for i in range(model.nkey)
@@ -429,7 +435,8 @@ def check_not_supported_at_start(mujoco: Any, model: Any, start: list[float]) ->
     data = mujoco.MjData(model)
     data.qpos[:] = start
     mujoco.mj_forward(model, data)
-    names, touching = Names(mujoco, model), list[str]()
+    names = Names(mujoco, model)
+    touching = list[str]()
     for contact in data.contact:
         geoms = [int(geom) for geom in contact.geom]
         moves = [model.body_weldid[model.geom_bodyid[geom]] != 0 for geom in geoms]
@@ -462,7 +469,8 @@ def shapes_of(mujoco: Any, model: Any) -> tuple[list[dict[str, Any]], list[str]]
         int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
         int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
     }
-    shapes, left_out = [], 0
+    shapes = []
+    left_out = 0
     for geom in range(model.ngeom):
         kind = kinds.get(int(model.geom_type[geom]))
         if kind is None:
@@ -506,7 +514,8 @@ def random_state_accelerations(
             if not model.jnt_limited[joint]:
                 slide = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
                 reach = FREE_SLIDE_REACH if slide else math.pi
-                low, high = start[joint] - reach, start[joint] + reach
+                low = start[joint] - reach
+                high = start[joint] + reach
             data.qpos[joint] = draw.uniform(low, high)
             data.qvel[joint] = draw.gauss(0.0, 0.5)
             data.qfrc_applied[joint] = draw.gauss(0.0, 1.0) * float(model.dof_M0[joint])
@@ -546,7 +555,8 @@ def describe_model(mujoco: Any, path: Path, max_joints: int = 128) -> dict[str, 
     friction = not disabled & int(bits.mjDSBL_FRICTIONLOSS)
     limits = limits_joints(mujoco, model)
     gravity = [0.0] * 3 if disabled & int(bits.mjDSBL_GRAVITY) else model.opt.gravity.tolist()
-    damping, armature = damping_of_joints(mujoco, model), armature_of_joints(model)
+    damping = damping_of_joints(mujoco, model)
+    armature = armature_of_joints(model)
     actuation = actuation_of_joints(mujoco, model)
     joints = []
     for i in range(model.njnt):

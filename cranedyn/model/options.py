@@ -18,7 +18,8 @@ def add_crane_options(parser: argparse._ActionsContainer) -> None:
     """Add ``--machine``, ``--urdf``, ``--swing``, ``--driven``, ``--payload``, ``--locked``,
     ``--role`` and ``--package`` to a parser.
     """
-    add, text = parser.add_argument, "a real crane; describe --machines names all"
+    add = parser.add_argument
+    text = "a real crane; describe --machines names all"
     add("--machine", metavar="NAME", help=text)
     text = "another crane: a plain URDF, MJCF or SDF, or a .xacro that you trust"
     add("--urdf", metavar="FILE", help=text)
@@ -90,7 +91,8 @@ def crane_of_run(options: argparse.Namespace, run: Trajectory, file: str | Path)
     if run.record and not named:
         return load_crane(from_record=run.record)
     crane = crane_from_options(options)
-    recorded, expected = run.columns["q"], crane.layout.columns()["q"]
+    recorded = run.columns["q"]
+    expected = crane.layout.columns()["q"]
     if recorded != expected:
         advice = "name the crane that it was made with"
         if run.record:

@@ -48,7 +48,9 @@ def pendulum(crane: Crane) -> Pendulum | None:
     swings = [i for i in crane.swings.tolist() if i + 1 in carriers]
     if not swings or not crane.rest.hangs:
         return None
-    model, data, q = crane.model, crane.data, crane.rest.q
+    model = crane.model
+    data = crane.data
+    q = crane.rest.q
     pin.forwardKinematics(model, data, q)
     load = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
     all_stiffness = rest_stiffness(model, data, crane.springs, q, crane.coupling)

@@ -545,7 +545,8 @@ class _Reader(SdfFrames):
         """Append the limits of one axis, and make a joint whose ends coincide a fixed one."""
         context = f"joint {quoted(axis.name)}"
         limits = None if axis.element is None else axis.element.find("limit")
-        low, high = -math.inf, math.inf
+        low = -math.inf
+        high = math.inf
         if axis.kind != "continuous":
             low = self._limit(limits, "lower", -math.inf, context)
             high = self._limit(limits, "upper", math.inf, context)

@@ -161,7 +161,8 @@ class Springs:
         tangent = np.diag(np.asarray(self.stiffness, dtype=float))
         if self.rope is not None and q[self.rope.stretch] >= 0.0:
             s, length, stiffness, _ = self.rope
-            strain, per_length = q[s] / q[length], stiffness / q[length]
+            strain = q[s] / q[length]
+            per_length = stiffness / q[length]
             tangent[s, s] += per_length
             tangent[length, length] += per_length * strain * strain
             tangent[s, length] -= per_length * strain
@@ -189,7 +190,10 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             joint, or the yaw no passive joint about the vertical, or there are both.
         OutOfRange: If a number is not finite, or a stiffness negative.
     """
-    stiffness, rest_angles, rope, falls = np.zeros(layout.n), np.zeros(layout.n), None, None
+    stiffness = np.zeros(layout.n)
+    rest_angles = np.zeros(layout.n)
+    rope = None
+    falls = None
     names = [joint.name for joint in layout.joints]
     elements = [
         (block.get("reference", ""), tag)
@@ -203,7 +207,8 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             raise UnknownName("moving joint", name, names)
         if counts[name, tag.tag] > 1:
             raise ModelError(f"{path} gives {tag.tag} of {name} twice; allowed is once.")
-        i, text = names.index(name), (tag.text or "").strip()
+        i = names.index(name)
+        text = (tag.text or "").strip()
         joint = layout.joints[i]
         if tag.tag == "springStiffness":
             unit = "N m/rad" if joint.kind == "revolute" else "N/m"

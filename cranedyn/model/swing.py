@@ -115,10 +115,12 @@ def turn_tower(
     pin.forwardKinematics(model, data, np.zeros(model.nq))
     arm = data.oMi[hoist + 1].translation - data.oMi[slew + 1].translation
     along = np.array(joints[trolley].axis)
-    radius, aside = float(arm @ along), float(np.cross(along, arm)[2])
+    radius = float(arm @ along)
+    aside = float(np.cross(along, arm)[2])
     middle = sum(float(limit[trolley]) for limit in _limits(model)) / 2
     outward = 1.0 if radius + middle >= 0.0 else -1.0
-    jib, upward = outward * along, math.copysign(1.0, joints[slew].axis[2])
+    jib = outward * along
+    upward = math.copysign(1.0, joints[slew].axis[2])
     heading = math.remainder(-math.pi / 2 - math.atan2(jib[1], jib[0]), 2 * math.pi)
     names = {"slew": joints[slew].name, "trolley": joints[trolley].name}
     turns = {"slew": (upward, upward * heading), "trolley": (outward, -radius)}
@@ -183,7 +185,8 @@ def hang_load(
         OutOfRange: If the rope has no length in all of the range of the hoist.
     """
     index = find_hoist(model, joints, path)
-    name, data = joints[index].name, model.createData()
+    name = joints[index].name
+    data = model.createData()
     pin.framesForwardKinematics(model, data, np.zeros(model.nq))
     element = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
     parent = element.find("parent")
@@ -303,7 +306,8 @@ def _insert_swing(
         ET.SubElement(joint, "dynamics", damping=repr(damping))
         set_placement(joint, placement)
         ET.SubElement(robot, "link", name=child).append(body)
-        parent, placement = child, pin.SE3.Identity()
+        parent = child
+        placement = pin.SE3.Identity()
 
 
 def _set_mass(robot: ET.Element, name: str, mass: float) -> None:

@@ -348,7 +348,8 @@ def set_placement(joint: ET.Element, placement: pin.SE3) -> None:
 
 def inertial_element(inertia: pin.Inertia) -> ET.Element:
     """Return mass, centre and inertia of a link."""
-    inertial, tensor = ET.Element("inertial"), inertia.inertia
+    inertial = ET.Element("inertial")
+    tensor = inertia.inertia
     ET.SubElement(inertial, "origin", xyz=numbers_text(inertia.lever), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
     moments = {

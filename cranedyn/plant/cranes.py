@@ -57,8 +57,11 @@ class Cranes:
             rows: Numbers of the cranes.
             start: Starts of the cranes.
         """
-        self._base, self._made, self._varied = base, arguments, varied
-        self.numbers, self.start = rows, start
+        self._base = base
+        self._made = arguments
+        self._varied = varied
+        self.numbers = rows
+        self.start = start
 
     @property
     def layout(self) -> Layout:
@@ -157,7 +160,8 @@ def _numbers(
         return load_crane(**arguments, **values)
 
     base = at()
-    middle, shares = _row(base), {name: _lagrange(nodes[name], varied[name]) for name in names}
+    middle = _row(base)
+    shares = {name: _lagrange(nodes[name], varied[name]) for name in names}
     alone = {(name, k): _row(at(**{name: k})) - middle for name in names for k in (0, 2)}
     rows = np.tile(middle, (count, 1))
     for (name, k), change in alone.items():
@@ -166,7 +170,8 @@ def _numbers(
         for k, m in itertools.product((0, 2), repeat=2):
             change = _row(at(**{first: k, second: m})) - middle - alone[first, k] - alone[second, m]
             rows += np.outer(shares[first][k] * shares[second][m], change)
-    size, certain = np.abs(rows).max(axis=0), np.ones(rows.shape[1], dtype=bool)
+    size = np.abs(rows).max(axis=0)
+    certain = np.ones(rows.shape[1], dtype=bool)
     if base.springs.any:  # where an elastic crane hangs is no polynomial
         certain[-base.layout.n :] = False
     for i in np.unique(np.random.default_rng(0).integers(0, count, _LOOKED_AT)).tolist():

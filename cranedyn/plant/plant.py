@@ -161,7 +161,9 @@ class Plant:
         """
         load = self.tree.mass[self.topology.bodies[0]]
         mass = 1.0 if isinstance(load, float) and load == 0.0 else load
-        force, response, contacts = dt * dt / mass, self.response, self.contacts
+        force = dt * dt / mass
+        response = self.response
+        contacts = self.contacts
         scaled = replace(
             self,
             tree=self.tree.in_steps(dt, mass),
@@ -192,7 +194,8 @@ class Plant:
             forces: From outside on the points in the world [N], shape (3 points,); None for none.
             reactions: Those of the ground, see `ground_reactions`.
         """
-        drives, rope = self.topology.layout.drives, self.joint.rope
+        drives = self.topology.layout.drives
+        rope = self.joint.rope
         frames = rigid_body.frames(self.tree, q)
         pushes: Any = [] if forces is None else forces.reshape(-1, 3)
         acting = zip(self.topology.bodies, self.levers, pushes, strict=forces is not None)
@@ -208,7 +211,8 @@ class Plant:
             a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
             return Answer(a, command, command, pull)
         resisting = rigid_body.tree_inverse_dynamics(self.tree, frames, v, external_forces=external)
-        resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, frames)
+        resisting = resisting - effort
+        mass = rigid_body.mass_matrix(self.tree, frames)
         if coupling is not None:
             a, exerted, needed = self._solved(
                 coupling.reduce(mass), coupling.gather(resisting), v, command
@@ -228,7 +232,8 @@ class Plant:
         command: np.ndarray,
     ) -> Answer:
         """Return `answer` for a rope that holds its stretch where it is taut."""
-        taut, pull = self.joint.taut, None
+        taut = self.joint.taut
+        pull = None
         if taut is None or isinstance(taut, bool):
             still = self._solved(mass, resisting, v, command, stretch)
             pull = -(mass[stretch] @ still[0] + resisting[stretch])
@@ -237,7 +242,9 @@ class Plant:
             # a rope that is slack already, or goes slack at this instant, does not pull
             pull = chosen(q[stretch] < 0.0, -1.0, chosen(v[stretch] < 0.0, -1.0, pull))
             taut = pull > 0.0
-        held, pushed, loose = mass.copy(), resisting.copy(), 1.0 - flag(taut, resisting[stretch])
+        held = mass.copy()
+        pushed = resisting.copy()
+        loose = 1.0 - flag(taut, resisting[stretch])
         for i in np.delete(np.arange(len(q)), stretch):
             held[stretch, i] = held[i, stretch] = mass[stretch, i] * loose
         pushed[stretch] = resisting[stretch] * loose
@@ -256,7 +263,8 @@ class Plant:
         """Return accelerations, efforts and the efforts needed, of all joints or of all but one
         that stands still.
         """
-        drives, free = self.topology.layout.drives, self._answering(still)
+        drives = self.topology.layout.drives
+        free = self._answering(still)
         if self.response is not None:
             target = array(self.response.accelerations_at(command, v[drives]))
             return saturate_acceleration(mass, resisting, target, self.effort_limit, drives, free)
@@ -285,7 +293,8 @@ class Plant:
         assert self.joint.rope is not None
         stretch = self.joint.rope.stretch
         mass = rigid_body.mass_matrix(self.tree, rigid_body.frames(self.tree, q))
-        free, change = self._answering(stretch), array([0.0] * len(v))
+        free = self._answering(stretch)
+        change = array([0.0] * len(v))
         change[stretch] = -v[stretch]
         change[free] = solve_linear(mass[np.ix_(free, free)], -(mass @ change)[free])
         after = v + change
@@ -302,7 +311,9 @@ class Plant:
             v: Their rates, shape (n,).
             anchors: Where the points of the load came to rest [m], shape (3 points,).
         """
-        contacts, reactions, moved = self.contacts, list[ExternalForce](), list[Any]()
+        contacts = self.contacts
+        reactions = list[ExternalForce]()
+        moved = list[Any]()
         if contacts is None:
             return reactions, anchors
         rows = zip(contacts.points, self._ground_motions(q, v), anchors.reshape(-1, 3), strict=True)
@@ -319,7 +330,8 @@ class Plant:
 
     def touching(self, q: np.ndarray) -> list[Any]:
         """Return whether each point of the load is in a support; empty without ground."""
-        contacts, still = self.contacts, array([0.0] * len(q))
+        contacts = self.contacts
+        still = array([0.0] * len(q))
         if contacts is None:
             return []
         return [contacts.depth(place)[0] > 0.0 for place, _ in self._ground_motions(q, still)]
@@ -327,7 +339,8 @@ class Plant:
     def _ground_motions(self, q: np.ndarray, v: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return position and velocity of each point of the load that may touch the ground."""
         assert self.contacts is not None
-        points, frames = [array(p) for p in self.contacts.points], rigid_body.frames(self.tree, q)
+        points = [array(p) for p in self.contacts.points]
+        frames = rigid_body.frames(self.tree, q)
         return rigid_body.point_motions(self.tree, frames, v, self.contacts.body, points)
 
     def drag(self, q: np.ndarray, v: np.ndarray, air: np.ndarray, areas: Any) -> np.ndarray:
@@ -340,7 +353,8 @@ class Plant:
             air: Velocity of the air at each point in the world [m/s], shape (3 points,).
             areas: Drag coefficient times area of each point [m²], shape (points,).
         """
-        poses, forces = rigid_body.frames(self.tree, q), []
+        poses = rigid_body.frames(self.tree, q)
+        forces = []
         points = zip(areas, air.reshape(-1, 3), self.topology.bodies, self.levers, strict=True)
         for area, wind, body, lever in points:
             ((_, velocity),) = rigid_body.point_motions(self.tree, poses, v, body, [lever])
@@ -439,7 +453,9 @@ class Plant:
 @once_per_crane
 def numbers(crane: Crane) -> np.ndarray:
     """Return all numbers of a crane in a row, in the order of `plant`, read-only."""
-    tree, springs, stops = bodies(crane.model), crane.springs, Stops.of(crane)
+    tree = bodies(crane.model)
+    springs = crane.springs
+    stops = Stops.of(crane)
     rope, falls = springs.rope, springs.bifilar
     levers = np.concatenate([point.lever for point in crane.points])
     values = (
@@ -488,7 +504,8 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         response = Response(*np.split(array(values[-count:]), len(Response._fields)))
         values = values[:-count]
     tree = blank(topology.parents)
-    count, swings = len(tree.numbers()), len(topology.swings)
+    count = len(tree.numbers())
+    swings = len(topology.swings)
     falls = topology.bifilar and Bifilar(*topology.bifilar, 0.0)
     rubbing = len(topology.friction)
     joint_counts = [n, rubbing, rubbing, n, n, 1, int(falls is not None), n, n, m, m]

@@ -61,7 +61,8 @@ def _add_mass(
     if is_zero(point_mass):
         return
     total = mass[i] + point_mass
-    offset, share = point - lever[i], point_mass / total
+    offset = point - lever[i]
+    share = point_mass / total
     arm = _skew(offset)
     inertia[i] = inertia[i] - arm @ arm * (mass[i] * share)
     mass[i], lever[i] = total, lever[i] + offset * share
@@ -120,12 +121,16 @@ def point_motions(
         points: In the joint's frame [m], shape (3,) each.
     """
     zero = array([0.0] * 3)
-    turn, place, speed, spin = array(np.eye(3).ravel().tolist()).reshape(3, 3), zero, zero, zero
+    turn = array(np.eye(3).ravel().tolist()).reshape(3, 3)
+    place = zero
+    speed = zero
+    spin = zero
     for i in tree.path(body):
         (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], poses[i]
         arm = turn @ origin
         speed = speed + cross_product(spin, arm) + turn @ (tree.rotation[i] @ (along * rate))
-        turn, place = turn @ rotation, place + arm
+        turn = turn @ rotation
+        place = place + arm
         spin = spin + turn @ (about * rate)
     arms = [turn @ point for point in points]
     return [(place + arm, speed + cross_product(spin, arm)) for arm in arms]
@@ -177,7 +182,8 @@ def _newton_euler(
     pulled: tuple[int, Any] | None = None,
 ) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
     """Return generalized forces, and forces and torques on the bodies through their joints."""
-    n, zero = len(tree), array([0.0] * 3)
+    n = len(tree)
+    zero = array([0.0] * 3)
     motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     forces, torques = [], []
     for i in range(n):
@@ -309,7 +315,8 @@ def _exerted(
 
 def angular_velocity(tree: Bodies, poses: Sequence[Frame], body: int, v: np.ndarray) -> np.ndarray:
     """Return the angular velocity of a body in the frame of its joint [rad/s], shape (3,)."""
-    zero, axes = array([0.0] * 3), np.eye(3).tolist()
+    zero = array([0.0] * 3)
+    axes = np.eye(3).tolist()
     return array([_exerted(tree, poses, body, zero, array(axis)) @ v for axis in axes])
 
 

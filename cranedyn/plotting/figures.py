@@ -181,7 +181,8 @@ def _draw_drive(ax: Axes, runs: Mapping[str, TimeSeries], symbol: str, unit: str
     for i, (name, run) in enumerate(runs.items()):
         setpoint, label_unit = _in_degrees(run[f"{symbol}_setpoint_{unit}"], unit)
         position, _ = _in_degrees(run[f"{symbol}_{unit}"], unit)
-        grey, legend = COLOURS["setpoint"], "setpoint" if i == 0 else None
+        grey = COLOURS["setpoint"]
+        legend = "setpoint" if i == 0 else None
         ax.plot(run.t, setpoint, ":", color=grey, label=legend)
         ax.plot(run.t, position, color=run_colour(i), label=name or label)
         ax.set_ylabel(f"{label} [{label_unit}]")

@@ -162,7 +162,8 @@ def _jib_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
     """
     slew = np.concatenate([_slew(run) for run in runs])
     middle = (slew.min() + slew.max()) / 2
-    along, across = np.array([np.sin(middle), -np.cos(middle), 0.0]), _across(middle)
+    along = np.array([np.sin(middle), -np.cos(middle), 0.0])
+    across = _across(middle)
     height = max(point_positions(run.crane, run.crane.start.q)[:, 2].max() for run in runs)
     reach = max(_reach(run) for run in runs)
     feet = np.array([run.offset for run in runs])

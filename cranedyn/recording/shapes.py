@@ -113,7 +113,8 @@ def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]
         for material in robot.iter("material")
         if (color := material.find("color")) is not None
     }
-    visuals, hidden = dict[str, list[Shape]](), set[str]()
+    visuals = dict[str, list[Shape]]()
+    hidden = set[str]()
     for link in robot.iterfind("link"):
         name = link.get("name", "")
         drawn = (_shape(visual, materials, folder) for visual in link.iterfind("visual"))
@@ -196,7 +197,8 @@ def rope_line(crane: Crane, q: np.ndarray) -> np.ndarray:
     order = [*range(1, len(crane.points)), 0]
     points = point_paths(crane, np.asarray(q))[:, order]
     if (falls := crane.springs.bifilar) is not None:
-        above, a = crane.model.parents[falls.yaw + 1] - 1, 0.5 * falls.spacing
+        above = crane.model.parents[falls.yaw + 1] - 1
+        a = 0.5 * falls.spacing
         ends = ((falls.yaw, -a), (above, -a), (above, a), (falls.yaw, a), (falls.yaw, 0.0))
         corners = [Point("", body, np.array([0.0, aside, 0.0])) for body, aside in ends]
         path = point_paths(crane, np.asarray(q), corners)
@@ -204,7 +206,8 @@ def rope_line(crane: Crane, q: np.ndarray) -> np.ndarray:
         return np.concatenate([path[:, 4:], path, points[:, 1:]], axis=1)
     if (rope := crane.springs.rope) is None:
         return points
-    top, end = points[:, :1], points[:, 1:2]
+    top = points[:, :1]
+    end = points[:, 1:2]
     slack = np.maximum(-np.asarray(q)[:, rope.stretch], 0.0)
     # A parabola of depth f over a chord d is longer than that by 8 f²/(3 d).
     depth = np.sqrt(0.375 * slack * np.linalg.norm(end - top, axis=2)[:, 0])
@@ -223,7 +226,8 @@ def touching_points(crane: Crane, run: Trajectory, row: int) -> np.ndarray:
     levers = ground.get("points") if isinstance(ground, dict) else None
     if run.phase is None or run.phase[row] < ON_GROUND or not isinstance(levers, list):
         return np.zeros((0, 3))
-    points, still = crane.payload.lever + np.array(levers), np.zeros(crane.layout.n)
+    points = crane.payload.lever + np.array(levers)
+    still = np.zeros(crane.layout.n)
     places = body_points(crane.model, crane.data, crane.payload.body, points, run.q[row], still)[0]
     return places[:, places[2] < places[2].min() + _LEVEL].T
 

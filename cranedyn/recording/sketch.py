@@ -59,9 +59,11 @@ class Projection:
         level = np.array([-np.cos(turn), -np.sin(turn), 0.0])
         eye = np.cos(rise) * level + [0.0, 0.0, np.sin(rise)]
         right = np.cross([0.0, 0.0, 1.0], level)
-        self._axes, self._offset = np.array([right, np.cross(eye, right), eye]), np.array(offset)
+        self._axes = np.array([right, np.cross(eye, right), eye])
+        self._offset = np.array(offset)
         self._turn = Rotation.from_euler("z", heading)
-        self._crane, self._data = crane, crane.model.createData()
+        self._crane = crane
+        self._data = crane.model.createData()
         self._links = {
             crane.model.getFrameId(link, pin.BODY): [(s.colour, s.hull_points()) for s in group]
             for link, group in shapes(crane.urdf, meshes).items()

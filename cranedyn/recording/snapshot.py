@@ -66,7 +66,8 @@ def snapshot(
     names = [f"{Path(recording).stem}-{t:g}s.png" for t in times]
     if len(set(names)) < len(names):
         raise OutOfRange("times", list(times), "each time once, as far as six digits tell", "s")
-    paths, size = [Path(folder) / name for name in names], _check_size(size)
+    paths = [Path(folder) / name for name in names]
+    size = _check_size(size)
     with _pictures(Path(recording), times, size, dashboard) as pictures:
         for i, (path, picture) in enumerate(zip(paths, pictures, strict=True)):
             make_folder(path.parent)
@@ -104,7 +105,8 @@ def animate(
         DataError: If the recording cannot be read or the GIF cannot be written.
         CraneError: If there is no viewer, or no driver for it.
     """
-    path, size = with_ending(path, ".gif"), _check_size(size)
+    path = with_ending(path, ".gif")
+    size = _check_size(size)
     times, durations = _frame_times(span, fps, size)
     check_writable(path)
     frames: list[Image.Image] = []
@@ -144,7 +146,8 @@ def _pictures(
     """Open a recording in a viewer without a window and yield its pictures, one by one."""
     for t in times:
         number("time of a picture", t, "s")
-    path, port = check_recording(recording), free_port()
+    path = check_recording(recording)
+    port = free_port()
     width, height = (pixels + bar for pixels, bar in zip(size, _BARS[dashboard], strict=True))
     window = ["--headless", "--hide-welcome-screen", "--window-size", f"{width}x{height}"]
     renderer = ["--renderer", "vulkan"] if sys.platform == "linux" else []
@@ -200,11 +203,13 @@ def _maximise_scene(client: ViewerClient) -> str:
 
 def _await_steady(picture: Callable[[], bytes]) -> None:
     """Take pictures until two are the same: the viewer's messages at its start fade slowly."""
-    before, now = b"", picture()
+    before = b""
+    now = picture()
     for _ in range(20):
         if now == before:
             return
-        before, now = now, picture()
+        before = now
+        now = picture()
 
 
 def _check_size(size: tuple[int, int]) -> tuple[int, int]:

@@ -85,7 +85,8 @@ def check_recording(path: str | Path) -> Path:
         head = file.read(8)
     if len(head) < 8 or head[:4] != b"RRF2":
         raise DataError(f"{path} is not a Rerun recording.")
-    theirs, ours = f"{head[4]}.{head[5]}", ".".join(rr.__version__.split(".")[:2])
+    theirs = f"{head[4]}.{head[5]}"
+    ours = ".".join(rr.__version__.split(".")[:2])
     if theirs != ours:
         raise DataError(
             f"{path} was written by Rerun {theirs} and this is Rerun {ours}; record it again."
@@ -156,7 +157,8 @@ def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
     """
     files = [] if path is None else [str(check_recording(path).resolve())]
     check_port(port)
-    web_port, data_port = free_port(), port + 1
+    web_port = free_port()
+    data_port = port + 1
     options = ["--serve-web", "--web-viewer-port", str(web_port), "--port", str(data_port)]
     hint = "It could not serve the recording."
     process = start(*options, *files, ports=[web_port, data_port], hint=hint)

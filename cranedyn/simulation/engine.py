@@ -116,7 +116,8 @@ class Setting:
 
     def external(self, start: State) -> ExternalForces | None:
         """Return the external forces from a state on; None if there can be none."""
-        contacts, ground = self.contacts, None
+        contacts = self.contacts
+        ground = None
         if contacts is not None:
             ground = GroundForces(self.crane, contacts)
             ground.anchors = ground.anchors_at(start)
@@ -217,7 +218,8 @@ class Engine:
 
     def _apply(self, command: np.ndarray, force: np.ndarray | None) -> None:
         drives, state = self._drives, self.state
-        rope, ground = drives.rope is not None, None
+        rope = drives.rope is not None
+        ground = None
         if self._external is not None and (ground := self._external.ground) is not None:
             self._external.ground_effort = ground.effort(*state)
         effort_before = drives.effort(state)
@@ -227,7 +229,8 @@ class Engine:
             flat_force = self._no_force
         else:
             assert self._external is not None
-            self._external.force, flat_force = force, force.ravel()
+            self._external.force = force
+            flat_force = force.ravel()
         needed, effort = drives.take_command(np.ascontiguousarray(command), state)
         self.actuation = Actuation(
             needed, effort, effort_before, flat_force, outside, _FLAGS[drives.saturated]
@@ -245,7 +248,8 @@ class Engine:
         """Return zero, the work of buffers and ground, that of impacts, and the force of the
         buffers of the cable.
         """
-        hoist, push = self._setting.crane.layout.drive_of("hoist"), 0.0
+        hoist = self._setting.crane.layout.drive_of("hoist")
+        push = 0.0
         if self._setting.buffers and hoist is not None:
             assert self._external is not None and self._external.stops is not None
             push = float(self._external.stops.effort(*self.state)[hoist])
@@ -269,7 +273,8 @@ class Engine:
         return self.state
 
     def _steps(self, q: np.ndarray, v: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        integrator, drives = self._setting.integrator, self._drives
+        integrator = self._setting.integrator
+        drives = self._drives
         if drives.rope is None:
             return integrator.advance(drives.acceleration, drives.model, q, v, self._dt, steps)
         for _ in range(steps):
@@ -282,7 +287,9 @@ class Engine:
         """Step once, divided where a rope becomes taut or slack: where it is inextensible, or the
         integrator needs a smooth motion.
         """
-        drives, rope, rest = self._drives, self._drives.rope, dt
+        drives = self._drives
+        rope = self._drives.rope
+        rest = dt
 
         def advanced(q: np.ndarray, v: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
             return integrator.advance(drives.acceleration, drives.model, q, v, dt, 1)
@@ -307,7 +314,8 @@ class Engine:
                     xtol=_ROUND_OFF * dt,
                 )
             q, v = advanced(q, v, time)
-            taut, rest = not taut, rest - time
+            taut = not taut
+            rest = rest - time
             if taut and rope.inextensible:
                 q[rope.stretch] = 0.0
                 v, gained = drives.impact(q, v)
@@ -328,9 +336,11 @@ class Engine:
         if ground is None and not integrator.smooth:
             return self._step_and_count(q, v, integrator, clocks.dt)
         if not self._rough(q):
-            external.ground, external.stops = None, None if integrator.smooth else stops
+            external.ground = None
+            external.stops = None if integrator.smooth else stops
             free = self._step_and_count(q, v, integrator, clocks.dt)
-            external.ground, external.stops = ground, stops
+            external.ground = ground
+            external.stops = stops
             if not self._rough(free[0]):
                 return free
             self._buffer_work, self._impact_work = works
@@ -353,7 +363,9 @@ class Engine:
         """Step once under a constant force of the ground, count the work of ground and buffers, and
         move the anchors of the ground.
         """
-        external, before, drives = self._external, v, self._setting.crane.layout.drives
+        external = self._external
+        before = v
+        drives = self._setting.crane.layout.drives
         assert external is not None
         if external.ground is not None:
             external.ground_effort = external.ground.effort(q, v)

@@ -51,7 +51,8 @@ class Log:
         Raises:
             OutOfRange: If the rows would take more than 4 GB.
         """
-        crane, period = setting.crane, setting.clocks.period
+        crane = setting.crane
+        period = setting.clocks.period
         self._names = crane.layout.columns(rope=crane.springs.rope is not None)
         row_size = 2 * 8 * sum(map(len, self._names.values()))
         if rows * row_size > _MEMORY:
@@ -59,16 +60,24 @@ class Log:
             size = f"{rows * row_size / 1e9:.3g} GB of {_MEMORY / 1e9:g} GB"
             allowed = f"{most}: its {rows} rows would take {size}"
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", allowed, "s")
-        self._setting, self._crane, self._validity = setting, crane, validity
+        self._setting = setting
+        self._crane = crane
+        self._validity = validity
         sections = row_sections(crane.layout.n, crane.layout.m, len(crane.points))
         ends = dict(zip(sections, accumulate(sections.values()), strict=True))
-        self.t, self.rows = t_start + period * np.arange(rows), np.empty((rows, ends["valid"]))
+        self.t = t_start + period * np.arange(rows)
+        self.rows = np.empty((rows, ends["valid"]))
         self._columns = {
             name: self.rows[:, ends[name] - width : ends[name]] for name, width in sections.items()
         }
         self._valid = self._columns["valid"][:, 0]
-        self._ahead, self._written, self._checked, self._pending = 0, 0, 0, list[bytes]()
-        self._most_pending, self._holds = 1, True  # the first row is checked at once
+        self._ahead = 0
+        self._written = 0
+        self._checked = 0
+        self._pending = list[bytes]()
+        # the first row is checked at once
+        self._most_pending = 1
+        self._holds = True
 
     def __len__(self) -> int:
         """Return the number of rows so far."""
@@ -114,7 +123,8 @@ class Log:
             state_bounds = self._conditions(rows, needed=motion, rates=motion)
             if event := first_event(self._crane, state_bounds):
                 last = rows.start + event.row
-                self._written, t = last + 1, float(self.t[last])
+                self._written = last + 1
+                t = float(self.t[last])
                 hint = "; validity = mark goes on all the same" * (self._validity == "stop")
                 message = f"At t = {t:.4g} s {event.words}{hint}."
                 raise RunError(message, t=t, joint=event.joint, value=event.value)
@@ -164,7 +174,9 @@ class Log:
             parameters: Parameters of the run.
             record: Record of the run; the reason why rows are not valid is added.
         """
-        holds, rows, crane = self._judge()[1], self._written, self._crane
+        holds = self._judge()[1]
+        rows = self._written
+        crane = self._crane
         if self._ahead < rows:
             self._balance(slice(self._ahead, rows), energies)
         column = {name: values[:rows] for name, values in self._columns.items()}
@@ -174,7 +186,8 @@ class Log:
             positions = point_paths(crane, middle).reshape(rows, -1)
             work = (force[:-1] * np.diff(positions, axis=0)).sum(axis=1)
             outside[:, 0] = np.concatenate([[0.0], np.cumsum(work)])
-        rope, phase = crane.springs.rope is not None, None
+        rope = crane.springs.rope is not None
+        phase = None
         if rope:
             phase = JointForces.of(crane).phase(q.T, v.T)
             if (contacts := self._setting.contacts) is not None:

@@ -64,7 +64,8 @@ class RunRecord:
         disturbance: object = None,
         ground: object = None,
     ) -> None:
-        crane, self._controller = setting.crane, controller
+        crane = setting.crane
+        self._controller = controller
         actors = {"controller": controller, "reference": reference, "disturbance": disturbance}
         actors |= {"ground": ground, "converters": setting.converters}
         self._parameters: dict[str, float | str] = {

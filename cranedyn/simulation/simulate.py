@@ -122,11 +122,13 @@ def simulate(
     settings = _checked(options, drive)
     t = t_start = settings["t_start"]
     validity, disturbance = settings["validity"], settings["disturbance"]
-    clock, ground = clocks(duration, dt, control_period), settings["ground"]
+    clock = clocks(duration, dt, control_period)
+    ground = settings["ground"]
     acting: Any = {"disturbance": disturbance, "buffers": validity == "buffers", "ground": ground}
     setting = Setting.of(crane, clock, drive, settings["integrator"], **acting)
     moving = load_engine(engine)(setting, initial_state(crane, start))
-    layout, monitors = crane.layout, settings["monitors"]
+    layout = crane.layout
+    monitors = settings["monitors"]
     reference = hold(crane, moving.state) if reference is None else reference
     setpoint_at = checked(reference, layout, t_start, control_period)
     log = Log(setting, validity, t_start, clock.periods + 1)

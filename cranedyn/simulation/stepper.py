@@ -67,7 +67,8 @@ class Stepper:
             UnknownName: If there is no such engine.
         """
         clock = clocks(control_period, dt, control_period)
-        self.crane, self._periods = crane, 0
+        self.crane = crane
+        self._periods = 0
         acting: Any = {"forces": forces, "buffers": buffers, "ground": ground}
         self.setting = Setting.of(crane, clock, drive, integrator, **acting)
         self.engine = load_engine(engine)(self.setting, initial_state(crane, start))
@@ -131,7 +132,8 @@ def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
         OutOfRange: If it is not one number for each drive.
         RunError: If a number is not finite.
     """
-    name, meaning = "command of the controller", layout.drives_in_words
+    name = "command of the controller"
+    meaning = layout.drives_in_words
     command = as_array(name, answer, (layout.m,), meaning=meaning)
     if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
         joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
@@ -164,7 +166,8 @@ def check_bounded(layout: Layout, t: float, state: State) -> None:
     if math.hypot(*state.v.tolist()) < DIVERGED:
         return
     i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
-    name, value = layout.joints[i].name, float(state.v[i])
+    name = layout.joints[i].name
+    value = float(state.v[i])
     raise RunError(
         f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or "
         "softer gains may help.",

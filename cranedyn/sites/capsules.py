@@ -64,8 +64,11 @@ def place(
         cone: Way of a point on the rope by the largest swing, over its depth.
         rope: Direction of the rope, shape (3,).
     """
-    foot, joints, middle = crane[:12].reshape(3, 4), crane[12:].reshape(-1, JOINT), low + high
-    frame, chain = (foot[:, :3], foot[:, 3]), []
+    foot = crane[:12].reshape(3, 4)
+    joints = crane[12:].reshape(-1, JOINT)
+    middle = low + high
+    frame = (foot[:, :3], foot[:, 3])
+    chain = []
     for k, (rotation, point, axis, origin) in enumerate(_links(foot, joints, 0.5 * middle[:-1])):
         moves = capsule[0] > float(k)
         frame = (_where(moves, rotation, frame[0]), _where(moves, point, frame[1]))
@@ -99,9 +102,11 @@ def rope_pose(
         position: Of k joints [rad or m], shape (k,).
         angles: Of the swing joints [rad], shape (2,).
     """
-    foot, joints = crane[:12].reshape(3, 4), crane[12:-3].reshape(-1, JOINT)
+    foot = crane[:12].reshape(3, 4)
+    joints = crane[12:-3].reshape(-1, JOINT)
     chain = [*_links(foot, joints, [*position, *angles])]
-    pivot, motion = chain[len(position)][3], []
+    pivot = chain[len(position)][3]
+    motion = []
     for joint, (_, _, axis, origin) in zip(joints, chain[: len(position)], strict=False):
         motion.append(axis * (1.0 - joint[15]) + cross_product(axis * joint[15], pivot - origin))
     return pivot, chain[-1][0] @ crane[-3:], np.array(motion)
@@ -120,7 +125,8 @@ def pivot_motions(crane: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[
         high: Upper ends.
     """
     _, _, motion = rope_pose(crane, 0.5 * (low + high), array([0.0, 0.0]))
-    reaches, beyond = [], 0.0
+    reaches = []
+    beyond = 0.0
     for k in reversed(range(len(low))):
         turns = crane[12 + JOINT * (k + 1) - 1]
         reaches.append(square_root(motion[k] @ motion[k]) + turns * beyond)
@@ -132,11 +138,13 @@ def _links(
     foot: np.ndarray, joints: np.ndarray, position: Sequence[Any]
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Yield for each joint rotation and origin of its link, its axis and its own origin."""
-    rotation, point = foot[:, :3], foot[:, 3]
+    rotation = foot[:, :3]
+    point = foot[:, 3]
     for joint, value in zip(joints, position, strict=True):
         origin = point + rotation @ joint[9:12]
         rotation = rotation @ joint[:9].reshape(3, 3)
-        angle, axis = joint[15] * value, rotation @ joint[12:15]
+        angle = joint[15] * value
+        axis = rotation @ joint[12:15]
         point = origin + axis * (value - angle)
         rotation = rotation @ _rotation(joint[12:15], angle)
         yield rotation, point, axis, origin
@@ -148,9 +156,13 @@ def shifts(
     """Return upper bounds of the shift of any point [m] by each joint from the middle of its
     interval, along a unit vector, see `cranedyn.sites.proof`, and in any direction, k numbers each.
     """
-    along, ways, beyond = [], [], 0.0
+    along = []
+    ways = []
+    beyond = 0.0
     for k in reversed(range(len(capsule.turns))):
-        h, slide, tangents = 0.5 * (high[k] - low[k]), capsule.slides[k], capsule.tangents[k]
+        h = 0.5 * (high[k] - low[k])
+        slide = capsule.slides[k]
+        tangents = capsule.tangents[k]
         lever = square_root(larger(*(x @ x for x in tangents)))
         first = larger(*(magnitude(x @ normal) for x in tangents)) + magnitude(slide @ normal)
         turned = capsule.turns[k] * beyond

@@ -74,7 +74,8 @@ class Obstacles:
         """
         if not (is_box(box) and distance >= 0.0 and 0.0 <= swing <= MAX_SWING):
             return False
-        work, examined = [(box, np.arange(bodies.radius.shape[1]))], 0
+        work = [(box, np.arange(bodies.radius.shape[1]))]
+        examined = 0
         while work:
             box, capsules = work.pop()
             low, high = box[:, None].repeat(len(capsules), axis=1)

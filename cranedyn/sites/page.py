@@ -95,7 +95,8 @@ def _tables(run: SiteRun, lost: list[np.ndarray]) -> list[Table]:
     bodies = [(name, "") for name in ("crane or obstacle", "body", "of the second")]
     assumed: list[Row] = [[x.name, x.value, x.origin.value] for x in site_assumptions(run.site)]
     about = [("what the promise rests on", ""), ("assumed", ""), ("from", "")]
-    waits, chain = run.waits, [t, ("for [s]", ".1f"), ("cranes", "")]
+    waits = run.waits
+    chain = [t, ("for [s]", ".1f"), ("cranes", "")]
     tables = [
         Table("Ways of drives at full rate", [crane, ("drive", ""), *numbers], drives),
         Table("Least distances", [("pair", ""), ("distance [m]", ".2f"), t], gaps),
@@ -113,7 +114,9 @@ def _plan(run: SiteRun) -> Figure:
         ax.add_collection(solid_outlines(solid, 0, 1))
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     for i, (station, path) in enumerate(zip(run.site.stations, run.trajectories, strict=True)):
-        foot, drives, colour = station.foot[:2], station.crane.layout.drives, run_colour(i)
+        foot = station.foot[:2]
+        drives = station.crane.layout.drives
+        colour = run_colour(i)
         reach = np.linalg.norm(station.outline(station.ranges[None])[..., :2], axis=-1).max()
         circle = foot[:, None] + reach * np.array([np.cos(angle), np.sin(angle)])
         pivot, rope, _ = station.rope(path.q)

@@ -73,7 +73,8 @@ class Station:
         self.converters.of(self.crane)
         if len(self.brakes.decelerations) != (m := self.crane.layout.m):
             raise OutOfRange("number of brakes", len(self.brakes.decelerations), f"{m}")
-        drives, reaction = self.converters, self.brakes.reaction
+        drives = self.converters
+        reaction = self.brakes.reaction
         least = CYCLE + drives.delay + (drives.lags + drives.accelerations / drives.jerks).max()
         if reaction < least - 1e-9:
             allowed = f">= {least:.3g}, a cycle, delay, lag and rounding of the drives"
@@ -109,7 +110,8 @@ class Station:
         of the pivot by each drive [m/rad or m/m], shape (rows, m, 3), in the frame of the site, at
         coordinates of shape (rows, n).
         """
-        chain, crane = self.bodies.columns[:-1], self.crane
+        chain = self.bodies.columns[:-1]
+        crane = self.crane
         ends = q[:, crane.layout.drives[chain]], q[:, crane.swings]
         poses = rope_poses(self.ropes.repeat(len(q), axis=0), *ends)
         motion = np.zeros((len(q), crane.layout.m, 3))
@@ -131,7 +133,8 @@ class Station:
         """Return lines around the places of the rope's pivot in boxes of the drives, shape (rows,
         2, m), and from there to the mast, in the frame of the crane [m], shape (rows, points, 3).
         """
-        columns, arc = self.bodies.columns, np.linspace(0.0, 1.0, _ARC)
+        columns = self.bodies.columns
+        arc = np.linspace(0.0, 1.0, _ARC)
         ends = [columns[0], columns[max(len(columns) - 2, 0)]]  # such as slew and trolley
         inner, outer = (np.column_stack([arc, np.full(_ARC, end)]) for end in (0.0, 1.0))
         share = np.full((2 * _ARC + 2, self.crane.layout.m), 0.5)
@@ -242,7 +245,8 @@ class CraneSite:
 
     def positions(self, station: int, values: np.ndarray) -> np.ndarray:
         """Return values of the drives of a crane, shape (..., m), in the columns of `bodies`."""
-        columns, joints = self.stations[station].bodies.columns, self.bodies.axis.shape[1]
+        columns = self.stations[station].bodies.columns
+        joints = self.bodies.axis.shape[1]
         chain = np.zeros((*np.shape(values)[:-1], joints + 1))
         chain[..., : len(columns) - 1] = values[..., columns[:-1]]
         chain[..., -1] = values[..., columns[-1]]
@@ -259,14 +263,16 @@ class CraneSite:
         required distance from each crane in its box, shape (..., 2, m) each, and at its own index
         from all obstacles, shape (..., cranes); True wherever there is no doubt, in the same shape.
         """
-        cranes, shape = len(self.stations), box.shape[:-2]
+        cranes = len(self.stations)
+        shape = box.shape[:-2]
         sound = is_box(box).reshape(-1)
         doubts = np.broadcast_to(doubtful, (*shape, cranes)).reshape(-1, cranes).copy()
         doubts[:, station] &= len(self.solids) > 0
         ends = np.zeros((*shape, cranes, 2, self.bodies.axis.shape[1] + 1))
         for i in {station, *np.flatnonzero(doubts.any(axis=0)).tolist()}:
             ends[..., i, :, :] = self.positions(i, box if i == station else boxes[i])
-        rows, proven = ends.reshape(-1, *ends.shape[-3:]), ~doubts
+        rows = ends.reshape(-1, *ends.shape[-3:])
+        proven = ~doubts
         for row in np.flatnonzero(doubts[:, station]):
             proven[row, station] = self.obstacles.proven_clear(
                 self.bodies, station, rows[row, station], self.distance, self.swing
@@ -297,7 +303,8 @@ class CraneSite:
             return self.pair_apart(b, box_b, a, box_a, factor)
         ends = np.broadcast_arrays(self.positions(a, box_a), self.positions(b, box_b))
         first, second = (x.reshape(-1, *x.shape[-2:]) for x in ends)
-        rows, distance = np.zeros(len(first), dtype=int), factor * self.distance
+        rows = np.zeros(len(first), dtype=int)
+        distance = factor * self.distance
         proven = proven_apart(self.bodies, rows + a, first, rows + b, second, distance, self.swing)
         return proven.reshape(ends[0].shape[:-2])
 

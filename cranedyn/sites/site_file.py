@@ -105,7 +105,8 @@ def _working_wind(top: SiteTable, lines: dict[tuple[str, int], dict[str, int]]) 
 
 
 def _station(entry: SiteTable, ground: float) -> Station:
-    name, field = entry.text("name"), "name"
+    name = entry.text("name")
+    field = "name"
     foot = np.array(entry.numbers("position", 3, "-1e7 to 1e7", [0.0, 0.0, ground]))
     heading = entry.angle("heading", -math.pi / 2.0)
     try:

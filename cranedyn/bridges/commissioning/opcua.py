@@ -55,7 +55,8 @@ _KINDS = {
 
 class _OneUser(UserManager):
     def __init__(self, user: str, password: str, trusted: set[bytes] | None) -> None:
-        self._login, self._trusted = f"{user}\n{password}".encode(), trusted
+        self._login = f"{user}\n{password}".encode()
+        self._trusted = trusted
 
     def get_user(
         self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None
@@ -224,7 +225,8 @@ async def publish(server: Server, image: ProcessImage) -> None:
     while True:
         readings = image.readings
         for name, value in readings.items() - last.items():
-            node, data = ua.NodeId.from_string(f"ns=2;s={name}"), ua.Variant(value, kinds[name])
+            node = ua.NodeId.from_string(f"ns=2;s={name}")
+            data = ua.Variant(value, kinds[name])
             await server.write_attribute_value(node, ua.DataValue(data))
         last = readings
         await asyncio.sleep(PUBLISHING)

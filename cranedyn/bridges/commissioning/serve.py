@@ -69,7 +69,8 @@ def check_exposure(options: argparse.Namespace) -> Any:
         CraneError: If other machines would reach a server without what protects it.
     """
     login = options.certificate, options.key, options.user, os.environ.get(PASSWORD)
-    given, trust = any((*login[:3], options.trust)), options.trust
+    given = any((*login[:3], options.trust))
+    trust = options.trust
     beyond = bool(options.opcua) and options.opcua[0] not in LOCAL
     if options.opcua and (beyond or given) and not (all(login) and (trust or not beyond)):
         raise CraneError(
@@ -198,7 +199,9 @@ def keep_time(
     Raises:
         RunError: If the model ceases to hold; it carries what was recorded.
     """
-    period, late, done = PERIOD / speed, array("d"), array("d")
+    period = PERIOD / speed
+    late = array("d")
+    done = array("d")
     interval = sys.getswitchinterval()
     sys.setswitchinterval(5e-4)  # the thread of the servers hands over in a tenth of a cycle
     gc.collect()
@@ -233,7 +236,8 @@ def keep_time(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the crane."""
-    add, where = parser.add_argument, "HOST:PORT"
+    add = parser.add_argument
+    where = "HOST:PORT"
     add("--opcua", type=address, metavar=where, help="serve OPC UA, such as 127.0.0.1:4840")
     add("--modbus", type=address, metavar=where, help="serve Modbus TCP, such as 127.0.0.1:5020")
     add("--map", type=Path, metavar="FILE.csv", help="write the words with nodes and registers")

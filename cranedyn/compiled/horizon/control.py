@@ -34,7 +34,9 @@ def emit_plan(
     """Add the function `plan` and what it calls, for a crane in each lane; return the constants in
     the memory of each stage: name of the row, its number, place, value.
     """
-    shape, crane, n = programme.shape(lanes), programme.plant, programme.topology.layout.n
+    shape = programme.shape(lanes)
+    crane = programme.plant
+    n = programme.topology.layout.n
     entries = model.emit(module, shape, crane, programme.length)
     constants = {entry[:3]: entry[3] for entry in entries}
     block = [i // n for i in range(shape.both)]
@@ -55,7 +57,8 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     """
     code = Code(module, "instant", ["memory", "given", "command"], 1)
     code.function.attributes.add("noinline")  # same rounding for all callers
-    layout, query = programme.topology.layout, code.argument["given"]
+    layout = programme.topology.layout
+    query = code.argument["given"]
     z = 2 * layout.n
     state = array([code.load(query, i) for i in range(z)])
     position = array([code.load(query, z + i) for i in range(layout.m)])
@@ -76,8 +79,11 @@ class PredictiveControl:
     def __init__(
         self, code: Code, programme: Programme, memory: ir.Value, workspace: ir.Value
     ) -> None:
-        self.code, self.programme, self.memory = code, programme, memory
-        self.offsets, self.layout = programme.offsets(code.lanes), programme.topology.layout
+        self.code = code
+        self.programme = programme
+        self.memory = memory
+        self.offsets = programme.offsets(code.lanes)
+        self.layout = programme.topology.layout
         self._path = workspace
         self._work = code.address(workspace, self.offsets.work - self.offsets.path)
         self._slots = lane_memory(self.layout)
@@ -107,11 +113,13 @@ class PredictiveControl:
             due: Whether to optimise.
         """
         code = self.code
-        before, begun = self._load_memory("read"), self._load_memory("begun")[0]
+        before = self._load_memory("read")
+        begun = self._load_memory("begun")[0]
         q, v, plausible = self._plausible(q, v)
         estimated = self._estimated_state(q, v, before)
         with code.when(due):
-            plant, tracked = self.programme.plant, self.programme.rows > 0
+            plant = self.programme.plant
+            tracked = self.programme.rows > 0
             goal = array([]) if tracked else model.hanging(plant, position)
             self._plan(np.concatenate(estimated), goal, row, plausible)
         acceleration = self._load_memory("held")
@@ -147,7 +155,8 @@ class PredictiveControl:
 
     def _plan(self, z: np.ndarray, goal: np.ndarray, row: ir.Value, plausible: Value) -> None:
         """Optimise from coordinates and rates, and hold the first accelerations."""
-        code, lanes = self.code, self.code.lanes
+        code = self.code
+        lanes = self.code.lanes
         plan, query = (
             code.address(self.memory, place) for place in (self.offsets.plans, self.offsets.query)
         )
@@ -175,7 +184,8 @@ class PredictiveControl:
         """Return coordinates and rates as read, and 1; or, if the reading is implausible, the last
         plausible ones, and 0.
         """
-        code, read = self.code, np.concatenate([q, v])
+        code = self.code
+        read = np.concatenate([q, v])
         rows = MemoryRows(code, self.programme.shape(code.lanes), self._work, {})
         lower, upper = (rows.row(name, len(read)) for name in ("least", "most"))
         ranges = zip(lower, read, upper, strict=True)
@@ -197,7 +207,8 @@ class PredictiveControl:
         """Return the state with which a plan begins: as measured, except for the filtered swing
         and, where rates are commanded, the rates of the drives.
         """
-        begun, drives = self._load_memory("begun")[0] > 0.0, self.layout.drives
+        begun = self._load_memory("begun")[0] > 0.0
+        drives = self.layout.drives
         estimated_q, estimated_v = self._filter_swing(begun, q, v, before[self.layout.n + drives])
         if self.programme.drive == "velocity":
             estimated_v[drives] = self._correct(
@@ -214,11 +225,15 @@ class PredictiveControl:
         The drives' accelerations since the instant before follow from their change of rate,
         whatever caused it; so noise of the encoders does not add up.
         """
-        q, v, layout, period = q.copy(), v.copy(), self.layout, self.programme.period
+        q = q.copy()
+        v = v.copy()
+        layout = self.layout
+        period = self.programme.period
         drives, passive = layout.drives, layout.passive
         if self.programme.swing_share == 1.0 or not len(passive):
             return q, v
-        measured, before = [*q[passive], *v[passive]], q.copy()
+        measured = [*q[passive], *v[passive]]
+        before = q.copy()
         before[passive], v[passive] = np.split(self._load_memory("swing"), 2)
         done = (v[drives] - rates_before) / period
         caused = self.programme.plant.answer(before, v, done, None)[0][passive]
@@ -268,7 +283,9 @@ class PredictiveControl:
         """Return accelerations, reduced for a hoist that would go below the least tension of the
         rope; the effort of the hoist is linear in its acceleration.
         """
-        code, layout, crane = self.code, self.layout, self.programme.plant
+        code = self.code
+        layout = self.layout
+        crane = self.programme.plant
         hoist = layout.drive_of("hoist")
         if hoist is None:
             return acceleration

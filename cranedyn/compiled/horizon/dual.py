@@ -22,7 +22,8 @@ class Dual:
     __slots__ = ("slopes", "value")
 
     def __init__(self, value: Any, slopes: Sequence[Any]) -> None:
-        self.value, self.slopes = value, slopes
+        self.value = value
+        self.slopes = slopes
 
     def _both(self, value: Any, mine: Any, operand: Dual, its: Any) -> Dual:
         """Return a function of two numbers, given its value and partial derivatives."""
@@ -74,7 +75,8 @@ class Dual:
 
 def variables(*groups: np.ndarray) -> list[np.ndarray]:
     """Return groups of values as independent variables of one set of derivatives."""
-    count, numbers = sum(map(len, groups)), itertools.count()
+    count = sum(map(len, groups))
+    numbers = itertools.count()
     return [
         array([Dual(value, np.eye(count)[next(numbers)].tolist()) for value in group])
         for group in groups

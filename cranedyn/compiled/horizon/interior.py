@@ -44,7 +44,10 @@ class _Solve:
     """Function under construction."""
 
     def __init__(self, work: Work) -> None:
-        self.work, self.code, self.wide, self.shape = work, work.code, work.wide, work.shape
+        self.work = work
+        self.code = work.code
+        self.wide = work.wide
+        self.shape = work.shape
 
     def emit(self) -> None:
         code, work = self.code, self.work
@@ -81,7 +84,10 @@ class _Solve:
 
     def _begin(self, bounded: ir.Value) -> None:
         """Start on the central path of the barrier, at the nodes."""
-        work, wide, w, m = self.work, self.wide, self.shape.both, self.shape.inputs
+        work = self.work
+        wide = self.wide
+        w = self.shape.both
+        m = self.shape.inputs
         with work.code.loop(0, self.shape.stages) as k:
             rows = work.stage(k)
             node = rows.row("node", w)
@@ -90,12 +96,14 @@ class _Solve:
         barrier = work.repeated(work.reported("barrier"))
         begins = work.repeated(self.code.chosen(bounded, 1.0, 0.0)) > 0.5
         with work.each() as (rows, common, *_):
-            node, soft = rows.get("trial"), barrier / common.get("price")
+            node = rows.get("trial")
+            soft = barrier / common.get("price")
             rows.put("iterate", wide.chosen(begins, node, rows.get("iterate")))
             for side in _SIDES:
                 room = self._room(node, side, common)
                 root = wide.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
-                slack, excess = soft + 0.5 * (root + room), soft + 0.5 * (root - room)
+                slack = soft + 0.5 * (root + room)
+                excess = soft + 0.5 * (root - room)
                 rows.put(f"slack_{side}", slack)
                 rows.put(f"excess_{side}", excess)
                 rows.put(f"force_{side}", barrier / slack)
@@ -150,7 +158,8 @@ class _Solve:
         self, rows: MemoryRows, common: MemoryRows, ratio: StackVariable, crossed: StackVariable
     ) -> None:
         """Compute the predictor step, which aims at the bounds themselves."""
-        candidates, products = [], crossed.get()
+        candidates = []
+        products = crossed.get()
         for side in _SIDES:
             dforce = -(rows.get(f"stiff_{side}") * self._room(rows.get("trial"), side, common))
             share, against = (
@@ -159,7 +168,8 @@ class _Solve:
             dslack = -(rows.get(f"slack_{side}") * (1.0 + share))
             dexcess = -(rows.get(f"excess_{side}") * (1.0 - against))
             candidates += [-share, 1.0 + share, against, 1.0 - against]
-            product, excess_product = dforce * dslack, -(dforce * dexcess)
+            product = dforce * dslack
+            excess_product = -(dforce * dexcess)
             rows.put(f"dslack_{side}", product)
             rows.put(f"dexcess_{side}", excess_product)
             products = products + (product + excess_product)
@@ -205,7 +215,9 @@ class _Solve:
 
     def _move(self, step: Value) -> Value:
         """Take the step, and return the mean product of slacks and multipliers after it."""
-        work, wide, share = self.work, self.wide, self.work.repeated(step)
+        work = self.work
+        wide = self.wide
+        share = self.work.repeated(step)
         (products,) = wide.variables([0.0])
         with work.each() as (rows, common, *_):
             iterate = rows.get("iterate")

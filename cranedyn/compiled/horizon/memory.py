@@ -132,7 +132,8 @@ class LaneView(Code):
 
     def __init__(self, code: Code, lanes: int) -> None:
         self.lanes = self.stride = lanes
-        self.function, self.builder = code.function, code.builder
+        self.function = code.function
+        self.builder = code.builder
         self.type = lane_type(lanes)
         self.argument = code.argument
         self._clear_caches()
@@ -149,7 +150,9 @@ class MemoryRows:
     def __init__(
         self, code: Code, shape: HorizonShape, address: ir.Value, constants: Constants
     ) -> None:
-        self._code, self._shape, self._address = code, shape, address
+        self._code = code
+        self._shape = shape
+        self._address = address
         self._constants = constants
 
     def _at(self, name: str, row: int, i: int) -> int:
@@ -214,8 +217,10 @@ class Work:
         constants: Constants | None = None,
         arguments: Sequence[str] = (),
     ) -> None:
-        self.code, self.shape = Code(module, name, ["work", *arguments], shape.cranes), shape
-        self.wide, self._constants = LaneView(self.code, shape.wide), constants or {}
+        self.code = Code(module, name, ["work", *arguments], shape.cranes)
+        self.shape = shape
+        self.wide = LaneView(self.code, shape.wide)
+        self._constants = constants or {}
         self.common = self._rows(self.code, self.code.argument["work"])
 
     def report(self, **values: Any) -> None:
@@ -270,7 +275,8 @@ class Work:
 
     def split(self, value: Value) -> list[Value]:
         """Return the numbers of one of the widest vectors."""
-        code, count = self.code, self.wide.lanes // self.code.lanes
+        code = self.code
+        count = self.wide.lanes // self.code.lanes
         if count == 1:
             return [Value(code, value.register)]
         extract = code.builder.extract_element

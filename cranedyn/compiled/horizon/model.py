@@ -75,7 +75,8 @@ def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
     """Return coordinates at rest for positions of the drives, shape (n,), in any kind of number:
     the swing joints by a step of Newton's method from the first-order rest.
     """
-    layout, swings = plant.topology.layout, [i for i, _ in plant.topology.swings]
+    layout = plant.topology.layout
+    swings = [i for i, _ in plant.topology.swings]
     still = array([0.0] * layout.n)
     q = still.copy()
     q[layout.drives] = drives
@@ -111,7 +112,8 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
     after[range(z), range(z)] = 1.0
     after[:, w] = node[:z]
     share = 1.0
-    by_q, by_v = derivatives.rates[:, :n], derivatives.rates[:, n:z]
+    by_q = derivatives.rates[:, :n]
+    by_v = derivatives.rates[:, n:z]
     for order in range(1, _ORDER + 1):
         share *= length / order
         after = after + share * np.vstack([moved, faster])
@@ -130,9 +132,11 @@ def payload_jacobian(plant: Plant, q: np.ndarray) -> np.ndarray:
     """Return the derivatives of the payload's position in the world by the coordinates, shape (3,
     n).
     """
-    tree, body = plant.tree, plant.topology.bodies[0]
+    tree = plant.tree
+    body = plant.topology.bodies[0]
     (q_dual,) = variables(q)
-    placements, point = rigid_body.frames(tree, q_dual), plant.levers[0]
+    placements = rigid_body.frames(tree, q_dual)
+    point = plant.levers[0]
     while body >= 0:
         point = placements[body].origin + placements[body].rotation @ point
         body = tree.parents[body]
@@ -149,7 +153,8 @@ def emit_weights(
     """Add the function `weigh`, which writes the weight of the states for a goal: errors of the
     payload's position and rate, and errors of coordinates and rates, with equal weight.
     """
-    work, n = Work(module, "weigh", shape), plant.topology.layout.n
+    work = Work(module, "weigh", shape)
+    n = plant.topology.layout.n
     jacobian = payload_jacobian(plant, work.common.row("goal", n))
     for block, error in enumerate(payload_errors.tolist()):
         for i in range(n):
@@ -166,8 +171,11 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
     entries that are the same for every node, which the code does not write.
     """
     work = Work(module, "linearise", shape)
-    code, n, z = work.code, plant.topology.layout.n, shape.states
-    together, last = shape.wide // shape.cranes, code.integer(shape.stages - 1)
+    code = work.code
+    n = plant.topology.layout.n
+    z = shape.states
+    together = shape.wide // shape.cranes
+    last = code.integer(shape.stages - 1)
     with code.loop(0, -(-shape.stages // together)) as block:
         first = code.product(block, together)
         stages = [work.stage(code.least(code.plus(first, i), last)) for i in range(together)]

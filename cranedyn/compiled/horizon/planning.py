@@ -65,15 +65,20 @@ class _Plan:
     """Function under construction."""
 
     def __init__(self, work: Work, programme: Programme) -> None:
-        self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
-        self.programme, self.plant = programme, programme.plant
+        self.work = work
+        self.code = work.code
+        self.shape = work.shape
+        self.common = work.common
+        self.programme = programme
+        self.plant = programme.plant
         self.layout = self.plant.topology.layout
         self.row_length = self.shape.lanes * self.shape.cranes
 
     def emit(self) -> None:
         code, shape, work = self.code, self.shape, self.work
         query = [code.load(code.argument["query"], i * code.lanes) for i in range(shape.states + 1)]
-        state, plausible = array(query[:-1]), query[-1] > 0.5
+        state = array(query[:-1])
+        plausible = query[-1] > 0.5
         self.common.put_row("start", state)
         fresh = self._mark("begun") < 0.5
         wider = _WIDER * work.reported("first")
@@ -92,7 +97,9 @@ class _Plan:
         code.end()
 
     def _solve(self) -> None:
-        work, common, states = self.work, self.common, self.shape.states
+        work = self.work
+        common = self.common
+        states = self.shape.states
         work.stage(self.code.integer(0)).put_row("node", common.row("start", states))
         self._aim()
         self._bound()
@@ -109,7 +116,8 @@ class _Plan:
 
     def _stand(self, fresh: ir.Value, state: np.ndarray) -> None:
         """Set the plan of cranes without one to standing still."""
-        code, plan = self.code, self.code.argument["plan"]
+        code = self.code
+        plan = self.code.argument["plan"]
         with code.loop(0, self.shape.stages) as k:
             for i in range(self.shape.both):
                 offset = code.plus(code.product(k, self.row_length), i * code.lanes)
@@ -118,7 +126,9 @@ class _Plan:
 
     def _shift(self) -> None:
         """Set the nodes to the last plan, shifted to the present time."""
-        code, wide, plan = self.code, self.work.wide, self.code.argument["plan"]
+        code = self.code
+        wide = self.work.wide
+        plan = self.code.argument["plan"]
         ahead, share = divmod(
             self.programme.ratio * self.programme.period / self.programme.length, 1.0
         )
@@ -136,11 +146,12 @@ class _Plan:
         """Compute weights about the end of the path, and the gradient of the cost, which is about
         the path.
         """
-        code, shape, common, z = self.code, self.shape, self.common, self.shape.states
-        path, row = (
-            code.argument["path"],
-            code.load_one(code.argument["query"], (z + 1) * code.lanes, INTEGER),
-        )
+        code = self.code
+        shape = self.shape
+        common = self.common
+        z = self.shape.states
+        path = code.argument["path"]
+        row = code.load_one(code.argument["query"], (z + 1) * code.lanes, INTEGER)
 
         def target(k: ir.Value) -> np.ndarray:
             if not self.programme.rows:
@@ -152,7 +163,8 @@ class _Plan:
         common.put_row("goal", target(code.integer(shape.stages)))
         self.work.call("weigh")
         with code.loop(0, shape.stages) as k:
-            now, coming = target(k), target(code.plus(k, 1))
+            now = target(k)
+            coming = target(code.plus(k, 1))
             rising = (coming - now)[self.layout.n + self.layout.drives] * (
                 1.0 / self.programme.length
             )
@@ -175,7 +187,10 @@ class _Plan:
 
     def _keep(self, plausible: ir.Value) -> None:
         """Store the new plan; after a failure keep the last one."""
-        code, wide, work, plan = self.code, self.work.wide, self.work, self.code.argument["plan"]
+        code = self.code
+        wide = self.work.wide
+        work = self.work
+        plan = self.code.argument["plan"]
         # What is not finite stays so until the last stage.
         last = work.stage(code.integer(self.shape.stages - 1)).row("iterate", self.shape.both)
         finite = [abs(number) < _HUGE for number in last]

@@ -175,7 +175,8 @@ class Receding(ShortRepr):
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
         """Return a view of a section of the lanes' memory, shape (numbers, lanes)."""
-        offsets, slots = self.programme.offsets(lanes), lane_memory(self.programme.topology.layout)
+        offsets = self.programme.offsets(lanes)
+        slots = lane_memory(self.programme.topology.layout)
         return memory[offsets.lanes : offsets.plans].reshape(-1, lanes)[slots[name]]
 
     def refusals(self, memory: np.ndarray, lanes: int) -> np.ndarray:
@@ -243,7 +244,8 @@ class Receding(ShortRepr):
         if t < self._last:
             self._begin()
         due = period != self._when
-        self._when, self._last = period, t
+        self._when = period
+        self._last = t
         return self._instant(numbers, count, due)
 
     def _count(self, t: float) -> int:
@@ -264,7 +266,8 @@ class Receding(ShortRepr):
 
     def advance_to(self, t: float) -> None:
         """Record that a compiled loop has advanced through a control instant [s]."""
-        self._when, self._last = self._count(t) // self.programme.ratio, t
+        self._when = self._count(t) // self.programme.ratio
+        self._last = t
 
 
 class _CompiledProgramme(NamedTuple):
@@ -338,7 +341,8 @@ def receding(
         )
     number("control_period", control_period, "s", "> 0")
     crane.require_independent_joints("Predictive control")
-    topology, values = Topology.of(crane), tuple(numbers(crane).tolist())
+    topology = Topology.of(crane)
+    values = tuple(numbers(crane).tolist())
     swing_period = _swing_period(crane, plant(topology, list(values), "motion", False))
     tuning = Tuning().slower(swing_period / PENDULUM)
     if period is None:
@@ -413,7 +417,8 @@ def _bounds(
     """Return lower and upper bounds of all bounded values, and the prices of exceeding them."""
     layout = crane.layout
     n, m, drives = layout.n, layout.m, layout.drives
-    low, high = np.full(2 * n + 2 * m, -_NONE), np.full(2 * n + 2 * m, _NONE)
+    low = np.full(2 * n + 2 * m, -_NONE)
+    high = np.full(2 * n + 2 * m, _NONE)
     size = np.ones(len(low))
     low[drives], high[drives] = crane.lower[drives], crane.upper[drives]
     low[crane.swings], high[crane.swings], size[crane.swings] = -swing, swing, swing
@@ -433,9 +438,11 @@ def _plausible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[st
     """Return the least and largest plausible coordinates and rates, and the state before the first
     reading.
     """
-    layout, start = crane.layout, crane.start.q
+    layout = crane.layout
+    start = crane.start.q
     drives, swings, n = layout.drives, crane.swings, layout.n
-    low, high = np.full(2 * n, -_NONE), np.full(2 * n, _NONE)
+    low = np.full(2 * n, -_NONE)
+    high = np.full(2 * n, _NONE)
     span = crane.upper - crane.lower
     low[drives], high[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
     ends = np.clip([crane.lower[drives], crane.upper[drives]], -_NONE, _NONE)[:, None]
@@ -468,7 +475,8 @@ def _swing_period(crane: Crane, plant: Plant) -> float:
     """Return the period of the slowest swing with the drives in the middle of their ranges [s], or
     `PENDULUM` if nothing swings.
     """
-    q, middle = crane.start.q.copy(), (crane.lower + crane.upper) / 2.0
+    q = crane.start.q.copy()
+    middle = (crane.lower + crane.upper) / 2.0
     drives = crane.layout.drives[np.isfinite(middle[crane.layout.drives])]
     q[drives] = middle[drives]
     frequencies = _frequencies(plant, crane.resting(q))

@@ -31,7 +31,8 @@ def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = N
 
 
 def _emit_end(work: Work) -> None:
-    states, common = work.shape.states, work.common
+    states = work.shape.states
+    common = work.common
     _put_symmetric(common, "togo", common.table("weight", states)[:states])
     last = work.stage(work.code.integer(work.shape.stages - 1))
     with work.code.loop(0, work.shape.stages):
@@ -41,7 +42,8 @@ def _emit_end(work: Work) -> None:
 
 
 def _emit_factor(work: Work, *, bounded: bool) -> None:
-    states, common = work.shape.states, work.common
+    states = work.shape.states
+    common = work.common
     _put_symmetric(common, "togo", symmetric(common, "end", states))
     with work.backward() as stage:
         if not bounded:
@@ -57,13 +59,18 @@ def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
     """Replace the cost-to-go of the state after a stage by that of the state before it, and store
     the feedback.
     """
-    common, z, w, m = work.common, work.shape.states, work.shape.both, work.shape.inputs
-    togo, weight = symmetric(common, "togo", z), common.table("weight", w)
+    common = work.common
+    z = work.shape.states
+    w = work.shape.both
+    m = work.shape.inputs
+    togo = symmetric(common, "togo", z)
+    weight = common.table("weight", w)
     forward, extra = stage.table("forward", w), stage.table("extra", w)
     curve = stage.row("curve", w + m)
     cost = np.empty((w, w), dtype=object)
     for j in range(w):
-        ahead, curved = togo @ forward[:, j], curve[w:] * extra[:, j]
+        ahead = togo @ forward[:, j]
+        curved = curve[w:] * extra[:, j]
         for i in range(j + 1):
             entry = weight[i, j] + forward[:, i] @ ahead
             if bounded:
@@ -91,7 +98,8 @@ def _emit_sweep(work: Work) -> None:
     z, w, m = work.shape.states, work.shape.both, work.shape.inputs
     slope = code.variables([*common.row("end_gradient", z)])
     with work.backward() as stage:
-        steep, gains = stage.row("slope", w + m), stage.table("feedback", w)
+        steep = stage.row("slope", w + m)
+        gains = stage.table("feedback", w)
         ahead = array([variable.get() for variable in slope]) + stage.row("carried", z)
         felt = (
             steep[:w] + stage.table("forward", w).T @ ahead + stage.table("extra", w).T @ steep[w:]
