@@ -333,7 +333,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--sign", nargs="+", default=[], metavar="S", help=text)
     harness.add_sources(parser, "{} FILE")
     add_crane_options(parser.common)
-    text = "prior value of gravity [m/s²]; by default that of the file, or standard gravity"
+    text = "prior value of gravity [m/s²]; by default the crane's"
     add("--gravity", dest="believed", type=float, metavar="G", help=text)
     add_values(parser.common, "prior values of numbers of the crane")
     text = "identify N synthetic cranes instead; count how often intervals contain the true value"
