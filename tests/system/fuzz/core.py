@@ -101,6 +101,7 @@ def _attempted(generator: Generator, case: Any, folder: Path) -> Verdict:
     try:
         return Verdict(generator.attempt(case, folder))
     except KeyboardInterrupt as stop:
+        interrupt_after(0.0)  # what follows is not the case's time, and may take long
         if generator.long:
             return Verdict("interrupted")
         return Verdict("broken", f"takes more than {BUDGET:g} s\n{_trace(stop)}")
