@@ -264,7 +264,7 @@ def _references(
         return distinct_objects(reference, len(start.q))
     drives = start.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        first_start = State(start.q[0].copy(), start.v[0].copy())
+        first_start = State(start.q[0, :].copy(), start.v[0, :].copy())
         return distinct_objects(hold(crane, first_start), len(start.q))
     _, rows, index = np.unique(drives, axis=0, return_index=True, return_inverse=True)
     needed = used + _NUMBERS_PER_PAIR * len(rows)

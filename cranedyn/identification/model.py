@@ -177,8 +177,8 @@ class _RecordSimulation:
         """Return the initial state of each variant, shape (variants, n) each."""
         q = np.tile(self.crane.start.q, (len(self.values), 1))
         v = np.zeros_like(q)
-        q[:, self.layout.drives] = self.drive_motion.position[:, 0]
-        v[:, self.layout.drives] = self.drive_motion.velocity[:, 0]
+        q[:, self.layout.drives] = self.drive_motion.position[:, 0, :]
+        v[:, self.layout.drives] = self.drive_motion.velocity[:, 0, :]
         for (kind, symbol), index in self.record_indices.items():
             if kind == "start":
                 q[:, self.layout.index(symbol)] = self.values[:, index]
@@ -389,13 +389,13 @@ class _RecordSimulation:
         """Return the effort of a drive, dry friction included, shape (variants, rows)."""
         # Accelerations jump at the control instants: an effort there is the mean of those before
         # and after. The first instant has none before.
-        effort = batch.effort[:, :, channel.drive].copy()
-        effort[:, 1:] += batch.before[:, 1:, channel.drive]
-        effort[:, 1:] /= 2.0
+        efforts = batch.effort[:, :, channel.drive].copy()
+        efforts[:, 1:] += batch.before[:, 1:, channel.drive]
+        efforts[:, 1:] /= 2.0
 
         rate = batch.v[:, :, channel.at]
         friction = self.value(f"{joint.symbol}_friction")[:, None]
-        effort_at_rows = self._at_rows(effort + friction * self._direction(rate, joint))
+        effort_at_rows = self._at_rows(efforts + friction * self._direction(rate, joint))
         if f"{joint.symbol}_friction" in self.indices:
             # Friction there is anything up to that of a moving drive. What is predicted as
             # recorded has no residual and says nothing.
@@ -530,7 +530,7 @@ class Model(EstimationProblem):
             crane,
             controllers[0],
             references[0],
-            start=State(start.q[0], start.v[0]),
+            start=State(start.q[0, :], start.v[0, :]),
             duration=simulation.duration,
             dt=simulation.period,
             control_period=simulation.period,

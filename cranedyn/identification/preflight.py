@@ -366,7 +366,7 @@ class _RecordTemplate:
             last = still + move.distance if drive == self.crane.winch else still
             points = np.array([[still], [still + move.distance], [last]])
             spline = Spline(move.begins + move.duration * np.arange(3), points)
-            setpoint = spline.at(t).position[:, 0]
+            setpoint = spline.at(t).position.ravel()
             position = joint.columns[0]
             if joint.setpoint_column in recorded:
                 columns[joint.setpoint_column] = setpoint

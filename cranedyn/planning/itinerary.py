@@ -256,9 +256,9 @@ def tour(
     at_rest = np.zeros((1, crane.layout.n))
     cycle = Motion(
         motions[-1].period,
-        np.concatenate([*(motion.q[:-1] for motion in motions), state.q[None]]),
-        np.concatenate([*(motion.v[:-1] for motion in motions), at_rest]),
-        np.concatenate([*(motion.a[:-1] for motion in motions), at_rest]),
+        np.concatenate([*(motion.q[:-1, :] for motion in motions), state.q[None]]),
+        np.concatenate([*(motion.v[:-1, :] for motion in motions), at_rest]),
+        np.concatenate([*(motion.a[:-1, :] for motion in motions), at_rest]),
         drives,
     )
     return Tour(tuple(stages), cycle)
@@ -269,9 +269,9 @@ def _dwelling(motion: Motion, goal: State, count: int) -> Motion:
     at_rest = np.zeros((count + 1, len(goal.q)))
     return Motion(
         motion.period,
-        np.concatenate([motion.q[:-1], np.tile(goal.q, (count + 1, 1))]),
-        np.concatenate([motion.v[:-1], at_rest]),
-        np.concatenate([motion.a[:-1], at_rest]),
+        np.concatenate([motion.q[:-1, :], np.tile(goal.q, (count + 1, 1))]),
+        np.concatenate([motion.v[:-1, :], at_rest]),
+        np.concatenate([motion.a[:-1, :], at_rest]),
         motion.drives,
     )
 

@@ -129,7 +129,7 @@ def unproven_row(
         return int(np.argmin(finite))
     # Bounds of how far a point that hangs moves from row to row, and of how much its envelope
     # grows.
-    steps = clearance.displacement(q[:-1], q[1:]) + np.abs(np.diff(envelope))
+    steps = clearance.displacement(q[:-1, :], q[1:, :]) + np.abs(np.diff(envelope))
     moved = np.concatenate([[0.0], np.cumsum(steps)])
     bend = _MAX_ACCELERATION * period**2 / 8.0
     stretches = [(0, len(q) - 1)]

@@ -154,7 +154,7 @@ def flat(
     a = curve.derivative(2)(rows)
     # Samples are what they are, without the round-off of the spline, and the ends are at rest.
     position[::stride] = q[_MARGIN:][: len(rows[::stride])]
-    v[[0, -1]] = 0.0
+    v[[0, -1], :] = 0.0
     a[[0, -1]] = 0.0
     return Motion(period, position, v, a, crane.layout.drives)
 

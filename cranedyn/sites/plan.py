@@ -650,8 +650,8 @@ def _lean(load_curve: BSpline, t: np.ndarray, gravity: float) -> np.ndarray:
 
     The rope pulls the load with the force m (a + g e_z), so it points along a + g e_z.
     """
-    acceleration = load_curve.derivative(2)(t)
-    return acceleration[:, :2] / (acceleration[:, 2:] + gravity)
+    load_acceleration = load_curve.derivative(2)(t)
+    return load_acceleration[:, :2] / (load_acceleration[:, 2:] + gravity)
 
 
 def _lean_by_gust(
