@@ -105,6 +105,17 @@ def flow(
     return y[:, :n], y[:, n:]
 
 
+def alike_in_both_engines(crane: Crane, controller: Any, **how: Any) -> Trajectory:
+    """Return a run by Pinocchio; assert that compiled code moves the crane alike."""
+    plain, compiled = (
+        simulate(crane, controller, engine=engine, **how) for engine in ("pinocchio", "compiled")
+    )
+    for name in ("q", "v", "effort", "energy"):
+        one = getattr(plain, name)
+        assert np.abs(one - getattr(compiled, name)).max() < 1e-9 * np.abs(one).max()
+    return plain
+
+
 def extrapolated(run: Callable[[float], np.ndarray | float], dt: float) -> np.ndarray:
     """The limit dt → 0 of a quantity with an error of order dt, from dt, dt/2, dt/4; what is left
     is of order dt³.

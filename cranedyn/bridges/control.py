@@ -227,7 +227,8 @@ def _with_memory(
     """
     if not delay:
         return law.a, law.b @ selection, law.c
-    m, k = law.gain.shape[0], len(law.a)
+    m = law.gain.shape[0]
+    k = len(law.a)
     from_states, from_memory = np.split(law.b, [states], axis=1)
     gain_of_states, gain_of_memory = np.split(law.gain, [states], axis=1)
     moved_on = np.eye(m * delay, k=m)

@@ -355,9 +355,11 @@ def table_header(
         )
     units = blank
     if len(fitted) > 1 and is_row_of_units(names):
-        _, candidate, _ = fitted[-2]
+        number_above, candidate, _ = fitted[-2]
         if candidate is not None and not any(map(_is_number, candidate)) and all(candidate):
-            names, units, number = candidate, names, fitted[-2][0]
+            units = names
+            names = candidate
+            number = number_above
     remarks = []
     if number > 1:
         remarks.append(f"its header is line {number}")

@@ -246,7 +246,8 @@ class _Converter:
         self, description: dict[str, Any], parent: str, child: str, anchor: pin.SE3
     ) -> None:
         """Add a joint; `anchor` is its placement in its parent in the reference posture."""
-        name, slides = description["name"], description["slides"]
+        name = description["name"]
+        slides = description["slides"]
         axis = np.array(description["axis"], dtype=float)
         kind = "prismatic" if slides else "revolute"
         if description["range"] is None:

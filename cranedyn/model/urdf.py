@@ -175,15 +175,10 @@ def _check_tree(robot: ET.Element, source: object) -> None:
                 f"{source} has two joints with the child link {child!r}; allowed is one."
             )
         parents[child] = parent
-    for link in parents:
-        root = link
-        for _ in parents:
-            root = parents.get(root, root)
-        if root in parents:
-            raise ModelError(
-                f"{source} has joints that lead in a circle through link {root!r}; a crane is a "
-                "tree."
-            )
+    if (link := _on_a_circle(parents)) is not None:
+        raise ModelError(
+            f"{source} has joints that lead in a circle through link {link!r}; a crane is a tree."
+        )
     if len(roots := [link for link in links if link not in parents]) > 1:
         raise ModelError(
             f"{source} has {len(roots)} links that hang on no joint: "
@@ -206,15 +201,21 @@ def _check_mimics(robot: ET.Element, source: object) -> None:
                 "that moves."
             )
         leaders[name] = leader
-    for name in leaders:
-        follower = name
-        for _ in leaders:
-            follower = leaders.get(follower, follower)
-        if follower in leaders:
-            raise ModelError(
-                f"The joint {quoted(name)} in {source} mimics itself, through others; one of them "
-                "must move by itself."
-            )
+    if (follower := _on_a_circle(leaders)) is not None:
+        raise ModelError(
+            f"The joint {quoted(follower)} in {source} mimics itself, through others; one of them "
+            "must move by itself."
+        )
+
+
+def _on_a_circle(next_of: Mapping[str, str]) -> str | None:
+    """Return a name from which the next ones lead back to it, None if all chains end."""
+    for name in next_of:
+        for _ in next_of:
+            name = next_of.get(name, name)
+        if name in next_of:
+            return name
+    return None
 
 
 def _named(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]:

@@ -18,6 +18,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.friction import STOPPING_TIME
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
+from tests.helpers import alike_in_both_engines
 
 MASS = 100.0
 """Mass of the cart [kg]."""
@@ -123,20 +124,9 @@ def test_both_engines_move_with_friction_alike(crane: Crane, drive: str) -> None
     def command(t: float, state: object, setpoint: object) -> np.ndarray:
         return rates[drive] * math.cos(t)
 
-    runs = [
-        simulate(
-            crane,
-            controller if drive == "effort" else command,
-            start=start,
-            duration=2.0,
-            drive=drive,  # type: ignore[arg-type]
-            engine=engine,  # type: ignore[arg-type]
-        )
-        for engine in ("pinocchio", "compiled")
-    ]
-    for name in ("q", "v", "effort", "energy"):
-        one, other = (getattr(run, name) for run in runs)
-        assert np.abs(one - other).max() < 1e-9 * np.abs(one).max()
+    alike_in_both_engines(
+        crane, controller if drive == "effort" else command, start=start, duration=2.0, drive=drive
+    )
 
 
 def test_a_batch_of_cranes_with_friction_moves_as_each_alone(crane: Crane) -> None:

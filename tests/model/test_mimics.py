@@ -18,6 +18,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hanging_reference, hold
 from cranedyn.simulation.simulate import simulate
+from tests.helpers import alike_in_both_engines
 from tests.model.test_locked import JOINT, LINK
 
 MIMIC = '<mimic joint="{0}" multiplier="{1}" offset="{2}"/>'
@@ -123,23 +124,16 @@ def test_both_engines_move_followers_with_their_leaders(crane: Crane, drive: str
     def command(t: float, state: object, setpoint: object) -> np.ndarray:
         return np.array([0.2, -0.1, 0.3]) * np.cos(t)
 
-    runs = [
-        simulate(
-            crane,
-            controller if drive == "effort" else command,
-            start=start,
-            duration=0.5,
-            drive=drive,  # type: ignore[arg-type]
-            engine=engine,  # type: ignore[arg-type]
-            validity="mark",
-        )
-        for engine in ("pinocchio", "compiled")
-    ]
-    for name in ("q", "v", "effort", "energy"):
-        one, other = (getattr(run, name) for run in runs)
-        assert np.abs(one - other).max() < 1e-9 * np.abs(one).max()
+    run = alike_in_both_engines(
+        crane,
+        controller if drive == "effort" else command,
+        start=start,
+        duration=0.5,
+        drive=drive,
+        validity="mark",
+    )
     assert crane.coupling is not None
-    q = runs[0].q
+    q = run.q
     np.testing.assert_allclose(crane.coupling.complete(q), q, atol=1e-12)
 
 
