@@ -32,7 +32,7 @@ from cranedyn.data.files import with_ending
 from cranedyn.errors import ModelError, quoted
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
-from cranedyn.model.urdf import numbers_text
+from cranedyn.model.urdf import joint_axis, joint_placement, numbers_text
 
 TARGET = "FILE"
 EXAMPLE = "crane.xml"
@@ -214,15 +214,15 @@ class _Tree:
         pending: list[_PendingJoint] = []
         placement = pin.SE3.Identity()
         while child in self.merged:
-            step = _placement(joint)
+            step = joint_placement(joint)
             pending = _seen_from(pending, step)
             index = self.moving[joint.get("name", "")]
-            pending.append(_PendingJoint(index, np.zeros(3), _direction(joint)))
+            pending.append(_PendingJoint(index, np.zeros(3), joint_axis(joint)))
             placement = placement * step
             ((child, joint),) = self.children[child]
         inner = add(body, "body", name=child)
         if pending:
-            step = _placement(joint)
+            step = joint_placement(joint)
             placement = placement * step
             x, y, z, w = pin.Quaternion(placement.rotation).coeffs().tolist()
             inner.set("pos", numbers_text(placement.translation))
@@ -268,19 +268,6 @@ def _pose(element: ET.Element) -> dict[str, str]:
     origin = element.find("origin")
     pose = {} if origin is None else {"pos": origin.get("xyz", ""), "euler": origin.get("rpy", "")}
     return {name: " ".join(text.split()) for name, text in pose.items() if text}
-
-
-def _placement(joint: ET.Element) -> pin.SE3:
-    """Return the placement of a joint of a URDF in its parent link."""
-    pose = _pose(joint)
-    turn = pin.rpy.rpyToMatrix(vector(pose.get("euler", "0 0 0")))
-    return pin.SE3(turn, vector(pose.get("pos", "0 0 0")))
-
-
-def _direction(joint: ET.Element) -> np.ndarray:
-    """Return the axis of a joint of a URDF, shape (3,)."""
-    axis = joint.find("axis")
-    return vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
 
 
 def _seen_from(pending: Sequence[_PendingJoint], step: pin.SE3) -> list[_PendingJoint]:

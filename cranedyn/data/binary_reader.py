@@ -298,7 +298,7 @@ def read_rosbag2() -> None:
             raise Refusal(f"its joint states hold more than {LARGEST / 1e6:.0f} MB")
     numbers = np.array(times, dtype="<i8").reshape(-1, 3)
     header = {"topics": names, "messages": len(times)}
-    write(header, numbers, np.frombuffer(bytes(content), dtype=np.uint8))
+    write(header, numbers, np.frombuffer(content, dtype=np.uint8))
 
 
 READERS = {

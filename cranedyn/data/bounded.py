@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from collections.abc import Mapping
@@ -17,7 +16,7 @@ import numpy as np
 
 from cranedyn.data import reading_process
 from cranedyn.data.files import open_file
-from cranedyn.data.reading_process import run_reader, why_it_ended
+from cranedyn.data.reading_process import json_reply, run_reader, why_it_ended
 from cranedyn.errors import CraneError, DataError
 
 Kind = Literal["mat", "hdf5", "workbook", "rosbag2"]
@@ -68,7 +67,7 @@ def read_bounded(path: str | Path, kind: Kind, content: bytes | None = None) -> 
         code = run_reader(_PROGRAM, [kind, *limits], path, output, source=file)
         output.seek(0)
         line = output.readline(_LONGEST_HEADER)
-        header = _header(line)
+        header = json_reply(line)
         if "missing" in header:
             module = str(header["missing"]).partition(".")[0]
             extra = _EXTRAS.get(module)
@@ -91,12 +90,3 @@ def _input(path: str | Path, content: bytes | None) -> BinaryIO:
     file = tempfile.TemporaryFile()
     file.write(content)
     return file
-
-
-def _header(line: bytes) -> Mapping[str, Any]:
-    """Return the description in front of the bytes; empty if there is none."""
-    try:
-        header = json.loads(line)
-    except (ValueError, RecursionError):
-        return {}
-    return header if isinstance(header, dict) else {}

@@ -178,16 +178,15 @@ def load_external(
             raise UnknownName("needed column", column, columns)
     origin = {column: sources.get(column, Source(column)) for column in columns}
     indices = _indices(log, origin)
-    units = {c: _unit(log, c, origin[c], indices[c]) for c in columns}
+    doubts = [_check_unit(log, c, origin[c], indices[c]) for c in columns]
     times = [column == "t_s" for column in columns]
     found = dict(zip(columns, log.read(list(indices.values()), times), strict=True))
     remarks = [*log.remarks, *(c.remark for c in found.values() if c.remark)]
+    remarks += [doubt for doubt in doubts if doubt]
     for column, values in found.items():
-        if units[column].remark:
-            remarks.append(units[column].remark)
         # What is not finite, or no longer, is refused below.
         with np.errstate(invalid="ignore", over="ignore"):
-            scaled = values.values * _factor(column, units[column].name)
+            scaled = values.values * _factor(column, origin[column].unit)
         found[column] = LoggedColumn(scaled, values.empty)
     names = {column: printable(log.labels[index]) for column, index in indices.items()}
     rows = _rows_between(found, since, until)
@@ -231,15 +230,9 @@ def _indices(log: LoggedTable, origin: Mapping[str, Source]) -> dict[str, int]:
     return indices
 
 
-class _Unit(NamedTuple):
-    """Unit of a column of a file, empty for our own, and what was decided about it."""
-
-    name: str
-    remark: str = ""
-
-
-def _unit(log: LoggedTable, column: str, source: Source, index: int) -> _Unit:
-    """Return the unit of a column of a file, as the user says it.
+def _check_unit(log: LoggedTable, column: str, source: Source, index: int) -> str:
+    """Return a remark if a file says another unit of a column than the user, who is believed; empty
+    if there is nothing to remark.
 
     Raises:
         DataError: If the user says none and the file says another than ours.
@@ -249,11 +242,11 @@ def _unit(log: LoggedTable, column: str, source: Source, index: int) -> _Unit:
     theirs = _known_unit(written, factors)
     factor = _factor(column, source.unit)
     if factors.get(theirs) == factor:
-        return _Unit(source.unit)
+        return ""
     label = printable(log.labels[index])
     if theirs not in factors:
         if source.unit or not factors or not is_unit(written):
-            return _Unit(source.unit)
+            return ""
         raise DataError(
             f"{log.path} says that {quoted(label)} is in {quoted(written)}; allowed for {column} "
             f"are {', '.join(factors)}. Say the unit if the file is wrong: --columns "
@@ -264,8 +257,7 @@ def _unit(log: LoggedTable, column: str, source: Source, index: int) -> _Unit:
             f"{log.path} says that {quoted(label)} is in {written}; say so, too: --columns "
             f"'{column}=\"{label}\"[{theirs}]'."
         )
-    remark = f"{column} is taken in {source.unit} although the file says {printable(written)}"
-    return _Unit(source.unit, remark)
+    return f"{column} is taken in {source.unit} although the file says {printable(written)}"
 
 
 def _known_unit(written: str, factors: Mapping[str, float]) -> str:

@@ -338,12 +338,12 @@ def _open_workbook(path: Path) -> LoggedTable:
     places: list[tuple[Sheet, int, int]] = []
     for sheet, first in tables:
         width = sheet.numbers.shape[1]
-        above = [
-            (i + 1, [str(cell).strip() for cell in sheet.row(i)], False)
-            for i in range(first)
-            if any(cell != "" for cell in sheet.row(i))
-        ]
-        header = table_header(above, width, first + 1, ends_empty=False)
+        lines = [[str(cell).strip() for cell in sheet.row(i)] for i in range(first)]
+        above = [(i, cells, False) for i, cells in enumerate(lines, start=1) if any(cells)]
+        try:
+            header = table_header(above, width, first + 1, ends_empty=False)
+        except ValueError as error:
+            raise not_a_table(path, error) from None
         prefix = f"{sheet.name}!" if len(tables) > 1 else ""
         names += [f"{prefix}{name or f'#{j}'}" for j, name in enumerate(header.names, start=1)]
         units += header.units

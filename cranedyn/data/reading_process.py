@@ -7,13 +7,14 @@ nothing of this package, read them in processes of their own, which limit themse
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from cranedyn.errors import DataError
 
@@ -74,6 +75,15 @@ def run_reader(
         ) from None
     except OSError as error:
         raise DataError(f"Cannot read {path}: no process to read it can be started.") from error
+
+
+def json_reply(line: str | bytes) -> dict[str, Any]:
+    """Return what a reading process says on a line of JSON; nothing if it is no such line."""
+    try:
+        reply = json.loads(line)
+    except (ValueError, RecursionError):
+        return {}
+    return reply if isinstance(reply, dict) else {}
 
 
 def why_it_ended(code: int) -> str:

@@ -10,7 +10,7 @@ import codecs
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cranedyn.data.clock_times import is_clock_time
@@ -97,7 +97,7 @@ class _Rows:
 
     delimiter: str
     decimal: str
-    cells: dict[int, list[str]]
+    cells: Mapping[int, list[str]]
     count: int
     width: int
     first: int
@@ -219,16 +219,17 @@ def _is_row(cells: Sequence[str], decimal: str) -> bool:
     return values >= 2 or (values == 1 and empty >= 1 and words == 0)
 
 
-def _rows_of(lines: Sequence[str], delimiter: str, decimal: str) -> _Rows | None:
-    """Return the rows of a sample under a delimiter and a decimal mark; None if there is none."""
-    cells: dict[int, list[str]] = {}
-    row_widths: dict[int, int] = {}
-    for number, line in enumerate(lines):
-        if not line.strip():
-            continue
-        cells[number] = _split(line, delimiter)
-        if _is_row(cells[number], decimal):
-            row_widths[number] = len(cells[number])
+def _rows_of(cells: Mapping[int, list[str]], delimiter: str, decimal: str) -> _Rows | None:
+    """Return the rows of a sample under a delimiter and a decimal mark; None if there is none.
+
+    Args:
+        cells: The cells of each line that is not blank, by its index.
+        delimiter: What separates them.
+        decimal: The decimal mark.
+    """
+    row_widths = {
+        number: len(of_line) for number, of_line in cells.items() if _is_row(of_line, decimal)
+    }
     if not row_widths:
         return None
     width, count = Counter(row_widths.values()).most_common(1)[0]
@@ -269,7 +270,12 @@ def _recognised_rows(lines: Sequence[str]) -> _Rows:
 
 
 def _fitting(lines: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[_Rows]:
-    candidates = [_rows_of(lines, delimiter, decimal) for delimiter, decimal in pairs]
+    """Return the rows under each pair of a delimiter and a decimal mark that fits."""
+    cells = {
+        delimiter: {n: _split(line, delimiter) for n, line in enumerate(lines) if line.strip()}
+        for delimiter in dict(pairs)
+    }
+    candidates = [_rows_of(cells[delimiter], delimiter, decimal) for delimiter, decimal in pairs]
     return [rows for rows in candidates if rows is not None]
 
 

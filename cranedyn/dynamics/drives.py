@@ -425,8 +425,7 @@ class VelocityDrives(_Drives):
         if not (np.abs(needed) <= self._limit).all():
             mass = pin.crba(model, data, q)
             if coupling is not None:
-                upper = np.triu(mass)
-                mass = coupling.reduce(upper + np.triu(upper, 1).T)
+                mass = coupling.reduce(mass)
             still = np.zeros(len(v))
             bias = inverse_dynamics(model, data, q, v, still, joint, external, coupling)
             a, effort, needed = saturate_acceleration(

@@ -114,8 +114,7 @@ def follow_drives(
     mass = pin.crba(model, data, q)
     solved = a.copy()
     if coupling is not None:
-        upper = np.triu(mass)
-        mass = coupling.reduce(upper + np.triu(upper, 1).T)
+        mass = coupling.reduce(mass)
     if len(passive) == 2:  # the tower crane's, by determinants: quicker than NumPy's
         i, j = passive.tolist()
         m11, m12, m22 = mass.item(i, i), mass.item(i, j), mass.item(j, j)

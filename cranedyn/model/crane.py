@@ -268,8 +268,7 @@ class Crane:
         """Return the mass matrix at coordinates q, shape (n, n), both triangles; of the reduced
         coordinates where joints follow others, see `cranedyn.model.mimics`.
         """
-        upper = np.triu(pin.crba(self.model, self.data, q))
-        mass = upper + np.triu(upper, 1).T
+        mass = pin.crba(self.model, self.data, q)
         return mass if self.coupling is None else self.coupling.reduce(mass)
 
     def require_independent_joints(self, user: str) -> None:

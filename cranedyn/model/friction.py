@@ -173,8 +173,7 @@ def _inverse_masses(
     data = model.createData()
     inverses = []
     for posture in postures:
-        upper_triangle = np.triu(pin.crba(model, data, posture))
-        mass = upper_triangle + np.triu(upper_triangle, 1).T
+        mass = pin.crba(model, data, posture)
         if coupling is not None:
             mass = coupling.reduce(mass)
         scale = np.sqrt(np.diag(mass))

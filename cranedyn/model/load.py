@@ -44,7 +44,7 @@ from cranedyn.model.pendulum import pendulum_note
 from cranedyn.model.sdf import read_sdf
 from cranedyn.model.springs import read_springs
 from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
-from cranedyn.model.urdf import bare, check_urdf, parse_urdf, skeleton
+from cranedyn.model.urdf import bare, check_urdf, initial_values, parse_urdf, skeleton
 
 _RECORD_TYPES = {
     "urdf": str,
@@ -411,13 +411,7 @@ def _start(robot: ET.Element, layout: Layout, model: pin.Model) -> np.ndarray:
     """Return the start of each joint: its initial value in the URDF, else 0 or, where 0 is out of
     range, the middle of the range.
     """
-    initial = {
-        joint.get("name", ""): value.text or ""
-        for joint in robot.iterfind("ros2_control/joint")
-        for value in joint.iterfind(
-            "state_interface[@name='position']/param[@name='initial_value']"
-        )
-    }
+    initial = {name: value.text or "" for name, value in initial_values(robot).items()}
     q = np.zeros(layout.n)
     for i, joint in enumerate(layout.joints):
         low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])

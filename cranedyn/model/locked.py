@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from cranedyn.checks import within
 from cranedyn.errors import ModelError, UnknownName, quoted
-from cranedyn.model.urdf import joint_placement, set_placement
+from cranedyn.model.urdf import initial_values, joint_axis, joint_placement, set_placement
 
 Locked = Sequence[str] | Mapping[str, float | str | None]
 """Names of joints, or their coordinates [rad or m] by name: numbers, also as text from a command
@@ -69,9 +69,7 @@ def _lock(
     joint = moving[name]
     unit = "m" if joint.get("type") == "prismatic" else "rad"
     notes = [f"{name} is locked at {coordinate:.6g} {unit}."]
-    axis_element = joint.find("axis")
-    text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
-    axis = np.array([float(number) for number in text.split()])
+    axis = joint_axis(joint)
     moved = coordinate * axis / np.linalg.norm(axis)
     if joint.get("type") == "prismatic":
         step = pin.SE3(np.eye(3), moved)
@@ -117,10 +115,7 @@ def _coordinate(robot: ET.Element, joint: ET.Element, value: float | str | None)
     if limit is not None and joint.get("type") != "continuous":
         low, high = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
     if value is None:
-        initial = robot.find(
-            f"ros2_control/joint[@name='{name}']/state_interface[@name='position']"
-            "/param[@name='initial_value']"
-        )
+        initial = initial_values(robot).get(name)
         value = None if initial is None else initial.text or ""
     if value is None:
         return 0.0 if low <= 0.0 <= high else (low + high) / 2.0

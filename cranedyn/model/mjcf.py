@@ -11,10 +11,9 @@ what is read of them is checked one by one.
 
 from __future__ import annotations
 
-import json
 import math
-import tempfile
 import xml.etree.ElementTree as ET
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +22,16 @@ import pinocchio as pin
 
 from cranedyn.data import reading_process
 from cranedyn.data.files import read_text
-from cranedyn.data.reading_process import run_reader, why_it_ended
+from cranedyn.data.reading_process import json_reply, run_reader, why_it_ended
 from cranedyn.errors import CraneError, ModelError, OutOfRange, printable, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT
 from cranedyn.model.foreign import ForeignModel
-from cranedyn.model.joints import MAX_MOVING_JOINTS, read_armature
+from cranedyn.model.joints import (
+    MAX_MOVING_JOINTS,
+    complete_limits,
+    joint_names,
+    read_armature,
+)
 from cranedyn.model.urdf import inertial_element, numbers_text, parse_urdf, set_placement, skeleton
 
 _PROGRAM = Path(__file__).with_name("mjcf_compiler.py")
@@ -122,6 +126,8 @@ def _check_files(root: ET.Element, path: Path) -> None:
 
 def _compiled(path: Path) -> dict[str, Any]:
     """Return what MuJoCo's compiler makes of a file, see `cranedyn.model.mjcf_compiler`."""
+    import tempfile  # takes milliseconds, and few cranes are MJCF
+
     limits = [str(reading_process.MEMORY), str(reading_process.CPU_TIME), str(MAX_MOVING_JOINTS)]
     # In a folder of its own, since MuJoCo writes its log into the current one.
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
@@ -129,12 +135,7 @@ def _compiled(path: Path) -> dict[str, Any]:
         code = run_reader(_PROGRAM, arguments, path, output, folder=folder)
         output.seek(0)
         lines = output.read().decode("utf-8", "replace").splitlines()
-    try:
-        found = json.loads(lines[-1]) if lines else {}
-    except (ValueError, RecursionError):
-        found = {}
-    if not isinstance(found, dict):
-        found = {}
+    found = json_reply(lines[-1]) if lines else {}
     if found.get("missing"):
         raise CraneError(
             f"{path} is an MJCF, which MuJoCo reads, and MuJoCo is not installed: pip install "
@@ -333,10 +334,7 @@ def _add_shape(link: ET.Element, shape: dict[str, Any], frame: pin.SE3) -> None:
     for role in roles:
         for kind, measures, along in parts:
             element = ET.SubElement(link, role)
-            origin = ET.SubElement(element, "origin")
-            place = pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, along]))
-            origin.set("xyz", numbers_text(place.translation))
-            origin.set("rpy", numbers_text(pin.rpy.matrixToRpy(place.rotation)))
+            set_placement(element, pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, along])))
             geometry = ET.SubElement(element, "geometry")
             ET.SubElement(geometry, kind, measures)
             if role == "visual":
@@ -350,8 +348,11 @@ def _compare(robot: ET.Element, model: dict[str, Any], path: Path) -> None:
     Raises:
         ModelError: If they differ.
     """
-    rigid = pin.buildModelFromXML(skeleton(_limited(robot)))
-    names = list(rigid.names)[1:]
+    # Pinocchio gives a joint without a range two coordinates.
+    limited = deepcopy(robot)
+    complete_limits(limited, None)
+    rigid = pin.buildModelFromXML(skeleton(limited))
+    names = joint_names(rigid)
     if sorted(names) != sorted(joint["name"] for joint in model["joints"]):
         raise ModelError(f"{path} cannot be loaded: only {len(names)} of its joints became joints.")
     if not names:
@@ -389,17 +390,3 @@ def _springs_of(robot: ET.Element, names: list[str]) -> tuple[np.ndarray, np.nda
         stiffness[joint] = float(block.findtext("springStiffness", "0"))
         slack[joint] = float(block.findtext("springReference", "0"))
     return stiffness, slack
-
-
-def _limited(robot: ET.Element) -> ET.Element:
-    """Return a copy in which joints without a range have one: Pinocchio gives a continuous joint
-    two coordinates.
-    """
-    copy = ET.fromstring(ET.tostring(robot))
-    for joint in copy.iterfind("joint"):
-        limit = joint.find("limit")
-        if joint.get("type") == "continuous" and limit is not None:
-            joint.set("type", "revolute")
-            limit.set("lower", repr(-math.pi))
-            limit.set("upper", repr(math.pi))
-    return copy

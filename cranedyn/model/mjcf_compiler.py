@@ -263,14 +263,14 @@ def damping_of_joints(mujoco: Any, model: Any) -> list[float]:
     """
     data = mujoco.MjData(model)
     names = Names(mujoco, model)
+    data.qpos[:] = model.qpos_spring
+    mujoco.mj_forward(model, data)
+    still = data.qfrc_passive.copy()
     damping = []
     for joint in range(model.nv):
         slopes = []
         for rate in TEST_RATES:
-            data.qpos[:] = model.qpos_spring
             data.qvel[:] = 0.0
-            mujoco.mj_forward(model, data)
-            still = data.qfrc_passive.copy()
             data.qvel[joint] = rate
             mujoco.mj_forward(model, data)
             change = data.qfrc_passive - still

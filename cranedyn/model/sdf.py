@@ -28,7 +28,13 @@ from cranedyn.model.sdf_frames import (
     child_text,
     is_true,
 )
-from cranedyn.model.urdf import are_numbers, inertial_element, numbers_text, set_placement
+from cranedyn.model.urdf import (
+    NEGATIVE_MOMENT,
+    are_numbers,
+    inertial_element,
+    numbers_text,
+    set_placement,
+)
 
 JOINT_FRAME_AXES_VERSION = 5
 """Version 1.x from which an axis is written in the joint frame unless it says otherwise; before, it
@@ -41,10 +47,11 @@ INFINITE_LIMIT = 1e16
 """Limit from which on a joint has no end [rad or m], by the specification."""
 
 SLIDE_REACH = 1e3
-"""Range to the side of a sliding joint at which it has no end [m]."""
+"""Range to the side of a sliding joint at which it has no end [m], far longer than any crane."""
 
 TURN_REACH = 31.4159
-"""Range to the side of a turning joint at which it has no end [rad], as that of a continuous joint.
+"""Range to the side of a turning joint at which it has no end [rad]: five turns, as
+`joints.complete_limits` gives a continuous joint.
 """
 
 LIGHT_MASS = 1e-5
@@ -52,7 +59,8 @@ LIGHT_MASS = 1e-5
 Gazebo does with one of at most 1e-6 kg."""
 
 LIGHT_INERTIA = 1e-9
-"""Moment of inertia of the body between the two axes of a joint [kg m²]."""
+"""Moment of inertia of the body between the two axes of a joint [kg m²]: small beside that of any
+load."""
 
 _WORLD_CHILDREN = (
     "gravity magnetic_field atmosphere gui physics scene light frame model joint actor plugin road "
@@ -117,10 +125,10 @@ _DRIVING_PLUGIN = re.compile(
     r"joint[-_]?(position|trajectory|velocity)?[-_]?controller|apply[-_]?joint[-_]?force",
     re.IGNORECASE,
 )
-"""Names of plugins that command the joints that they name."""
+"""Names and files of plugins that command the joints that they name."""
 
 _TRAJECTORY_PLUGIN = re.compile(r"joint[-_]?trajectory[-_]?controller", re.IGNORECASE)
-"""Names of plugins that command all joints of their model where they name none."""
+"""Names and files of plugins that command all joints of their model where they name none."""
 
 _PASSIVE_PLUGIN = re.compile(
     r"(state|pose|odometry)[-_]?publisher|user[-_]?commands|scene[-_]?broadcaster|"
@@ -128,10 +136,10 @@ _PASSIVE_PLUGIN = re.compile(
     r"(?![a-z])",
     re.IGNORECASE,
 )
-"""Names of plugins that measure, draw or compute, and do not act on a crane."""
+"""Names and files of plugins that measure, draw or compute, and do not act on a crane."""
 
 _ROS_CONTROL_PLUGIN = re.compile(r"ros2?_control", re.IGNORECASE)
-"""Names of plugins whose joints stand in a URDF elsewhere."""
+"""Names and files of plugins whose joints stand in a URDF elsewhere."""
 
 _AXES_OF_TYPES = {
     "revolute": 1,
@@ -142,7 +150,8 @@ _AXES_OF_TYPES = {
     "revolute2": 2,
     "ball": 0,
 }
-"""Number of axes that a joint of each type says."""
+"""Number of axes that a file says of a joint of each type; a ball, which turns about all, has none.
+"""
 
 
 @dataclass(frozen=True)
@@ -200,7 +209,7 @@ class _Reader(SdfFrames):
         else:
             self.declare(tops[0], self.world, "")
         for frame in self.frames:
-            self.pose(frame)
+            self.pose(frame)  # refuses poses in a circle, of frames that no joint needs, too
         robot = self._robot()
         return ForeignModel(robot, gravity, self.notes)
 
@@ -389,7 +398,7 @@ class _Reader(SdfFrames):
         for joint in joints:
             child = self.body(self.end(joint, "child"))
             if child is self.world:
-                continue  # it moves a static model, which it cannot
+                continue  # the world, or a static model, stands still whatever joint it has
             if child is self.body(self.end(joint, "parent")):
                 raise ModelError(f"The {joint} in {self.path} connects {child} with itself.")
             if child in inbound:
@@ -407,6 +416,7 @@ class _Reader(SdfFrames):
         anchored = False
         for joint in inbound.values():
             anchored |= self.body(self.end(joint, "parent")) is self.world
+        # Circles, which have no such link, are refused with the URDF, see `urdf.check_urdf`.
         if len(roots) + anchored > 1:
             free = ", ".join(quoted(root.name) for root in roots[:5])
             raise ModelError(
@@ -531,7 +541,7 @@ class _Reader(SdfFrames):
             placement = pin.SE3.Identity()
 
     def _check_joint_physics(self, joint: SdfFrame) -> None:
-        """Refuse settings of engines that move a joint or cut it."""
+        """Refuse a joint that an engine cuts to close a loop, and note a motor of ODE."""
         force = joint.element.find("physics/ode/max_force")
         if force is not None:
             largest = self.number(joint.element.find("physics/ode"), "max_force", "0", str(joint))
@@ -542,7 +552,7 @@ class _Reader(SdfFrames):
             raise ModelError(f"The {joint} in {self.path} closes a loop; a crane is a tree.")
 
     def _add_limits(self, element: ET.Element, axis: _Axis) -> None:
-        """Append the limits of one axis, and make a joint whose ends coincide a fixed one."""
+        """Append the limits of one axis; a joint whose ends are both zero becomes a fixed one."""
         context = f"joint {quoted(axis.name)}"
         limits = None if axis.element is None else axis.element.find("limit")
         low = -math.inf
@@ -555,16 +565,15 @@ class _Reader(SdfFrames):
         if low == high == 0.0:
             self.note(f"The {context} has no range and is read as fixed.")
             element.set("type", "fixed")
-            for tag in ("axis", "limit"):
-                for child in element.findall(tag):
-                    element.remove(child)
+            for child in element.findall("axis"):
+                element.remove(child)
             return
         if axis.kind == "revolute" and math.isinf(low) and math.isinf(high):
             element.set("type", "continuous")
         if axis.kind == "prismatic" or math.isfinite(low) or math.isfinite(high):
             low, high = self._closed_range(axis, low, high)
         if effort < 0.0 or math.isinf(effort):
-            effort = 0.0  # completed where a drive moves the joint
+            effort = 0.0  # none: `joints.complete_limits` gives drives without a limit a large one
         if velocity < 0.0 or math.isinf(velocity):
             velocity = NO_RATE_LIMIT
         numbers = {"effort": effort, "velocity": velocity}
@@ -681,7 +690,7 @@ class _Reader(SdfFrames):
                 key = "i" + "".join(sorted(a + b))  # a file states ixy, never iyx
                 moments[i, j] = self.number(tensor, key, "1" if a == b else "0", context)
         principal = np.linalg.eigvalsh(moments)
-        if not principal[0] >= 0.0:
+        if not principal[0] >= -NEGATIVE_MOMENT * principal[2]:
             raise OutOfRange(
                 f"principal moments of inertia of {context} in {self.path}",
                 ", ".join(f"{moment:.6g}" for moment in principal),
@@ -714,25 +723,27 @@ class _Reader(SdfFrames):
 
     # --- drives -----------------------------------------------------------------------------------
 
-    def _driven(self) -> dict[SdfFrame, list[int]]:
-        """Return the axes, by their indices, of each joint that a plugin commands."""
-        driven: dict[SdfFrame, list[int]] = {}
+    def _driven(self) -> dict[SdfFrame, dict[int, None]]:
+        """Return the indices of the axes of each joint that a plugin commands, in their order."""
+        driven: dict[SdfFrame, dict[int, None]] = {}
         models = [frame for frame in self.frames if frame.kind == "model" and not frame.static]
         for scope in [self.world, *models]:
             for plugin in scope.element.iterfind("plugin"):
                 name = _plugin_name(plugin)
                 if not _DRIVING_PLUGIN.search(name):
                     continue
+                index = self.number(plugin, "joint_index", "0", f"plugin {quoted(name)}")
+                if index not in (0, 1):
+                    raise OutOfRange(
+                        f"joint_index of the plugin {quoted(name)} in {self.path}", index, "0 or 1"
+                    )
                 for joint in self._commanded_joints(scope, plugin, name):
-                    index = self.number(plugin, "joint_index", "0", f"plugin {quoted(name)}")
-                    driven.setdefault(joint, [])
-                    if int(index) not in driven[joint]:
-                        driven[joint].append(int(index))
+                    driven.setdefault(joint, {})[int(index)] = None
                     self.note(f"{joint.name} is driven: the plugin {quoted(name)} commands it.")
             for entry in scope.element.iterfind("ros2_control/joint"):
                 if entry.find("command_interface") is not None:
                     joint = self._commanded(scope, entry.get("name", ""), "ros2_control")
-                    driven.setdefault(joint, [0])
+                    driven.setdefault(joint, {})[0] = None
         return driven
 
     def _commanded_joints(

@@ -19,7 +19,14 @@ import pinocchio as pin
 from cranedyn.checks import number
 from cranedyn.errors import ModelError, OutOfRange, UnknownName, quoted
 from cranedyn.model.layout import ALIGNED, ROLES, Joint
-from cranedyn.model.urdf import inertial_element, joint_placement, numbers_text, set_placement
+from cranedyn.model.urdf import (
+    inertial_element,
+    initial_values,
+    joint_axis,
+    joint_placement,
+    numbers_text,
+    set_placement,
+)
 
 _SHORTEST = 0.02
 """Shortest rope as a share of the longest, where the range of a hoist reaches above the pivot."""
@@ -256,7 +263,7 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
     within its range.
     """
     element = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
-    axis = np.array([float(number) for number in _axis(element).get("xyz", "1 0 0").split()])
+    axis = joint_axis(element)
     axis /= np.linalg.norm(axis)
     placement = joint_placement(element)
     if element.get("type") == "prismatic":
@@ -272,16 +279,14 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
     limit.set("lower", repr(ends[0]))
     limit.set("upper", repr(ends[1]))
     margin = _AWAY * (ends[1] - ends[0])
-    initial = robot.find(
-        f"ros2_control/joint[@name='{name}']/state_interface[@name='position']"
-        "/param[@name='initial_value']"
-    )
+    initial = initial_values(robot).get(name)
     if initial is not None:
         start = sign * (float(initial.text or 0.0) - zero)
         initial.text = repr(min(max(start, ends[0] + margin), ends[1] - margin))
     elif ends[0] + margin <= -sign * zero <= ends[1] - margin:
-        control = robot.find(f"ros2_control/joint[@name='{name}']")
-        assert control is not None  # see declare_drives
+        # It is there, see declare_drives.
+        controls = robot.iterfind("ros2_control/joint")
+        control = next(entry for entry in controls if entry.get("name") == name)
         state = control.find("state_interface[@name='position']")
         if state is None:
             state = ET.SubElement(control, "state_interface", name="position")

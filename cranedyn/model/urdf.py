@@ -23,7 +23,7 @@ _MAX_ELEMENTS = 2000
 _MAX_NUMBER = 1e30
 """Largest number in a file: products of several of them are still finite."""
 
-_NEGATIVE = 1e-9
+NEGATIVE_MOMENT = 1e-9
 """How far the least principal moment may be below zero by round-off, as a share of the largest."""
 
 _FLAT = 0.99
@@ -146,7 +146,8 @@ def _check_inertial(link: ET.Element, context: str) -> None:
         [[float(tensor.get("i" + "".join(sorted(a + b)), 0)) for b in "xyz"] for a in "xyz"]
     )
     if not (
-        moments[0] >= -_NEGATIVE * moments[2] and moments[0] + moments[1] >= _FLAT * moments[2]
+        moments[0] >= -NEGATIVE_MOMENT * moments[2]
+        and moments[0] + moments[1] >= _FLAT * moments[2]
     ):
         raise OutOfRange(
             f"principal moments of inertia of {context}",
@@ -336,6 +337,26 @@ def joint_placement(joint: ET.Element) -> pin.SE3:
         for key in ("xyz", "rpy")
     )
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+
+def joint_axis(joint: ET.Element) -> np.ndarray:
+    """Return the axis of a joint as its file says it, of any length, shape (3,)."""
+    axis = joint.find("axis")
+    text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
+    return np.array([float(number) for number in text.split()])
+
+
+def initial_values(robot: ET.Element) -> dict[str, ET.Element]:
+    """Return the elements that say where joints start, by the names of the joints; the last one
+    counts where a file has several.
+    """
+    return {
+        joint.get("name", ""): value
+        for joint in robot.iterfind("ros2_control/joint")
+        for value in joint.iterfind(
+            "state_interface[@name='position']/param[@name='initial_value']"
+        )
+    }
 
 
 def set_placement(joint: ET.Element, placement: pin.SE3) -> None:

@@ -254,6 +254,8 @@ def test_a_workbook_may_have_lines_above_its_header_and_several_sheets(tmp_path:
     body: list[list[object]] = [[t, phi, 15.0] for t, phi in numbers]
     first = [["Recorder 3"], ["time", "angle", "rope"], ["s", "rad", "m"], *body]
     check(read(workbook(tmp_path / "a.xlsx", [first])))
+    blank = [["time", "angle", "rope"], [" ", "", " "], *body]
+    check(read(workbook(tmp_path / "blank.xlsx", [blank])))
     path = workbook(tmp_path / "b.xlsx", [first, [["time", "angle", "rope"], *body]])
     assert open_log(path).names[3:] == ("S2!time", "S2!angle", "S2!rope")
     check(read(path, "t_s=S2!time", "phi_rad=S2!angle", "l_m=S2!rope"))

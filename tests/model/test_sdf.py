@@ -454,6 +454,33 @@ def test_a_plugin_that_commands_what_is_no_joint_is_refused() -> None:
             read(ARM.replace("</model>", plugin))
 
 
+@pytest.mark.parametrize("index", ["-1", "0.7", "2"])
+def test_an_axis_that_no_joint_has_is_not_another_one(index: str) -> None:
+    plugin = (
+        f'<plugin name="JointController"><joint_name>j</joint_name><joint_index>{index}'
+        "</joint_index></plugin></model>"
+    )
+    with pytest.raises(
+        OutOfRange, match=rf"joint_index of the plugin .*{index}.*allowed is 0 or 1"
+    ):
+        read(ARM.replace("</model>", plugin))
+
+
+def test_a_thin_rod_in_any_direction_has_an_inertia() -> None:
+    """Its least principal moment is zero, and may be less by the digits of a file."""
+    along = np.array([0.3, -0.7, 0.2])
+    tensor = (along @ along - 1e-12) * np.eye(3) - np.outer(along, along)
+    entries = "".join(
+        f"<i{a}{b}>{float(tensor[i, j])!r}</i{a}{b}>"
+        for i, a in enumerate("xyz")
+        for j, b in enumerate("xyz")
+        if i <= j
+    )
+    rod = f'<link name="a"><inertial><inertia>{entries}</inertia></inertial></link>'
+    assert np.linalg.eigvalsh(tensor)[0] < 0.0
+    read(ARM.replace('<link name="a"/>', rod))
+
+
 def test_a_ball_turns_about_the_two_horizontal_axes_wherever_its_frame_points() -> None:
     text = ARM.replace('type="revolute"', 'type="ball"').replace(
         "<axis><xyz>0 1 0</xyz></axis>", ""
