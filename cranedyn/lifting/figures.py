@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.chart import CUT_OUT, WARNING
 from cranedyn.lifting.loads import hanging_mass, jib_moment
-from cranedyn.lifting.wind_limit import WindLimit
+from cranedyn.lifting.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.planning.certificate import Certificate
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.solids import Solid
@@ -37,9 +37,6 @@ _BOX_SPACING = 1.5
 
 _CLEARANCE_SCALE = 8.0
 """Largest clearance on the axis of clearance over time [m]."""
-
-_FAILED = 1e3
-"""Share of a limit from which on a gust is not drawn, since lifts failed in it."""
 
 
 class LiftFigure(NamedTuple):
@@ -141,7 +138,7 @@ def draw_wind(limit: WindLimit, required: float) -> Figure:
         else:
             share = worst / allowed
             label = f"{name} over its limit"
-        drawn = share < _FAILED
+        drawn = share < FAILED_SHARE
         ax.plot(limit.speeds[drawn], share[drawn], ".-", color=colour, label=label)
     ax.axhline(1.0, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     ax.axvline(required, color=COLOURS["limit"], linestyle=":", linewidth=1.0)

@@ -11,7 +11,7 @@ import numpy as np
 from cranedyn.lifting import factors, wind
 from cranedyn.lifting.analysis import LiftAnalysis
 from cranedyn.lifting.loads import hanging_mass
-from cranedyn.lifting.wind_limit import WindLimit
+from cranedyn.lifting.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.planning.perturbed import Perturbed
 
 Row = list[float | str | None]
@@ -21,9 +21,6 @@ CREEP = 0.1
 
 _SECOND = "second hand"
 """Said of what a standard demands: nobody here has read the standard itself."""
-
-_FAILED = 1e3
-"""Utilisation from which on a gust has no values in a table, since lifts failed in it."""
 
 _MODEL = "docs/concepts/lifting.md"
 """Page that derives the formulas of the loads."""
@@ -241,7 +238,7 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
     worst = limit.worst
     rows: list[Row] = []
     for i, speed in enumerate(limit.speeds.tolist()):
-        failed = worst["utilisation"][i] > _FAILED
+        failed = worst["utilisation"][i] > FAILED_SHARE
         values: Row = [
             100.0 * float(worst["utilisation"][i]),
             math.degrees(worst["swing"][i]),

@@ -47,6 +47,9 @@ other, ever closer."""
 _FAILED = 1e6
 """Stands for what is beyond all limits: a lift that failed."""
 
+FAILED_SHARE = 1e3
+"""Share of a limit from which on a gust has no values in tables and figures: lifts failed in it."""
+
 _GUST_COLUMNS = slice(1, 4)
 """Columns of a table of simulated lifts with start [s], duration [s] and direction [rad] of the
 gust. The first column is its speed [m/s], and those behind are the value of each limit."""

@@ -35,7 +35,7 @@ from cranedyn.planning.plan_assumptions import held_mass
 from cranedyn.planning.plausibility import findings, refuse
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, best_on_grid, search
-from cranedyn.planning.site import Site
+from cranedyn.planning.site import DRIVES, Site
 from cranedyn.planning.standing import standing_check, standing_parts
 from cranedyn.planning.timing import TimedMotion, timed
 from cranedyn.references.limits import Limits
@@ -322,7 +322,7 @@ def _numbers_by_argument(crane: Crane) -> dict[str, tuple[float, str]]:
     """
     layout = crane.layout
     numbers = {"payload_mass": (crane.payload_mass, "kg")}
-    for role in ("slew", "trolley", "hoist"):
+    for role in DRIVES:
         drive = layout.drive_of(role)
         if drive is not None:
             unit = layout.driven[drive].effort_unit

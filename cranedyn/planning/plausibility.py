@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.errors import DataError
-from cranedyn.planning.site import Site
+from cranedyn.planning.site import DRIVES, Site
 
 Conversions = Mapping[str, float]
 """Factor that makes a value right which was entered in another unit, by a phrase for that unit."""
@@ -281,7 +281,7 @@ def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
     )
     if reach is not None:
         yield from judge_value(TIP_SPEED, site.limits.rates[0] * reach[1], "drives", "rates")
-    for drive in ("slew", "trolley", "hoist"):
+    for drive in DRIVES:
         effort = site.crane.get(f"{drive}_effort")
         if effort is not None:
             name = f"The effort of the {drive}"

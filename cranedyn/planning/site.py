@@ -18,6 +18,9 @@ from cranedyn.errors import DataError, quoted
 from cranedyn.planning.solids import Solid, rotation_z
 from cranedyn.references.limits import Limits
 
+DRIVES = ("slew", "trolley", "hoist")
+"""Roles of the drives of a crane that lifts on a site, in the order of numbers in its file."""
+
 DISTANCE = 0.5
 """Required distance of a site that does not give one [m]."""
 

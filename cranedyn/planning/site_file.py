@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import re
@@ -16,12 +15,13 @@ import numpy as np
 
 from cranedyn.checks import number, whole
 from cranedyn.data.files import parse_toml, read_text
+from cranedyn.dynamics.contact import box_corners
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, quoted
 from cranedyn.model.description import arguments
 from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.bodies import neighbour
 from cranedyn.planning.plausibility import findings
-from cranedyn.planning.site import DISTANCE, SWING, Arm, Base, Site
+from cranedyn.planning.site import DISTANCE, DRIVES, SWING, Arm, Base, Site
 from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
 from cranedyn.references.limits import Limits
 
@@ -42,9 +42,6 @@ _KEY = re.compile(r"\s*([\w]+)\s*=")
 
 _MAX_COUNT = 2000
 """Largest number of obstacles of a site, and of corners of an outline."""
-
-_DRIVES = ("slew", "trolley", "hoist")
-"""Names of the drives, in the order of their numbers in [drives]."""
 
 FieldLines = Mapping[tuple[str, int], dict[str, int]]
 """Number of the line of each field, by the name of its table and the index among the tables of that
@@ -417,7 +414,7 @@ def _arguments(
         yield _Argument(counter_jib, "length", "counter_jib", length)
     if "efforts" in drives.values:
         efforts = drives.numbers("efforts", 3, "> 0")
-        for drive, effort in zip(_DRIVES, efforts, strict=True):
+        for drive, effort in zip(DRIVES, efforts, strict=True):
             yield _Argument(drives, "efforts", f"{drive}_effort", effort)
 
 
@@ -472,9 +469,7 @@ def _load(load: SiteTable) -> np.ndarray | None:
         return vertices - _hanging_centre(vertices, triangles)
     if "size" not in load.values:
         return None
-    size = np.array(load.numbers("size", 3, "> 0"))
-    signs = np.array(list(itertools.product((-1, 1), repeat=3)))
-    return signs * size / 2.0
+    return np.array(box_corners(*load.numbers("size", 3, "> 0")))
 
 
 def _hanging_centre(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -98,13 +98,19 @@ class Solid(ShortRepr):
         surface.endModel()
         return [surface]
 
-    def meets(self, corners: np.ndarray) -> bool:
-        """Return whether the convex hull of corners [m], shape (n, 3), and the body have a point in
-        common; one inside of the other counts.
+    def meets(
+        self, corners: np.ndarray, shape: coal.Convex, geometries: Iterable[coal.CollisionGeometry]
+    ) -> bool:
+        """Return whether a convex body and this one have a point in common; one inside of the other
+        counts.
+
+        Args:
+            corners: Corners of the convex body [m], shape (n, 3).
+            shape: Their hull, which several solids are compared with.
+            geometries: What `geometries` returns, which several convex bodies are compared with.
         """
-        shape = hull(corners)
         here = coal.Transform3s()
-        for geometry in self.geometries():
+        for geometry in geometries:
             request = coal.CollisionRequest()
             result = coal.CollisionResult()
             if coal.collide(shape, here, geometry, here, request, result):

@@ -16,6 +16,7 @@ from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.coverage import BodyAndObstacle, Pairs
 from cranedyn.planning.fields import Body, Field
 from cranedyn.planning.site import GROUND
+from cranedyn.planning.solids import hull
 from cranedyn.verdict import Check
 
 TOUCHING = 0.01
@@ -53,6 +54,10 @@ def standing_parts(clearance: Clearance) -> Standing:
     parts = {"mast": clearance.bodies.mast}
     if site.base is not None:
         parts["base"] = [site.base_corners]
+    shapes = []
+    for name, hulls in parts.items():
+        for corners in map(_shrunk, hulls):
+            shapes.append((name, corners, hull(corners)))
     level = site.ground - float(site.foot[2])
     below = GROUND if abs(level) <= UNEVEN else ""
     footprint = Body(coal.Box(FOOTPRINT, FOOTPRINT, TOUCHING), 0.0).put(coal.Transform3s())
@@ -61,14 +66,14 @@ def standing_parts(clearance: Clearance) -> Standing:
     for solid in site.seen_by_crane():
         if solid.zone:
             continue
-        field = Field((solid.name, shape) for shape in solid.geometries())
+        geometries = solid.geometries()
+        field = Field((solid.name, shape) for shape in geometries)
         compared.add(BodyAndObstacle("mast", solid.name))
         if not below and field.least(footprint) <= UNEVEN:
             below = solid.name
-        for name, hulls in parts.items():
-            for corners in hulls:
-                if solid.meets(_shrunk(corners)):
-                    inside.append(BodyAndObstacle(name, solid.name))
+        for name, corners, shape in shapes:
+            if solid.meets(corners, shape, geometries):
+                inside.append(BodyAndObstacle(name, solid.name))
     if level > UNEVEN:  # the ground is above the foot
         inside.append(BodyAndObstacle("mast", GROUND))
     each_once = tuple(dict.fromkeys(inside))

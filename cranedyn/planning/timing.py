@@ -28,6 +28,7 @@ from cranedyn.command import uninterrupted_import
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, interpolate_columns
+from cranedyn.planning.site import DRIVES
 from cranedyn.references.flat import recover
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
@@ -37,9 +38,6 @@ RAMP = 0.5
 
 STEP = 0.02
 """Time between the samples of the average [s]."""
-
-_DRIVES = ("slew", "trolley", "hoist")
-"""Names of the drives in the names of limits, in the order of places."""
 
 _GRID_STEP = 0.15
 """Largest distance between two points of TOPP-RA's grid along a path [s]."""
@@ -339,7 +337,7 @@ def _drive_shares(shares: dict[str, float], kind: str) -> np.ndarray:
     """Return the shares of a kind of limit, such as "rate", of slew, trolley and hoist, shape
     (3,).
     """
-    return np.array([shares[f"{kind} of the {drive}"] for drive in _DRIVES])
+    return np.array([shares[f"{kind} of the {drive}"] for drive in DRIVES])
 
 
 def _fit_factor(share: np.ndarray, reduction: float) -> np.ndarray:
@@ -594,7 +592,7 @@ def limit_shares(clearance: Clearance, motion: Motion, limits: Limits) -> dict[s
     changes = np.abs(np.diff(motion.a[:, clearance.drive_joints], axis=0)).max(axis=0)
     jerk = changes / motion.period
     jerk_shares = (jerk * RAMP / np.array(limits.accelerations)).tolist()
-    for drive, share in zip(_DRIVES, jerk_shares, strict=True):
+    for drive, share in zip(DRIVES, jerk_shares, strict=True):
         shares[f"jerk of the {drive}"] = share
     shares["swing"] = float(clearance.tilt(motion.q).max()) / clearance.site.swing
     for name, share in shares.items():

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import shape_corners
-from cranedyn.planning.solids import Solid
+from cranedyn.planning.solids import Solid, hull
 from cranedyn.sites.bodies import group_shapes
 
 TOUCHES = 1e-3
@@ -54,9 +54,11 @@ def first_collision(parts: Sequence[StartPart], solids: Sequence[Solid]) -> tupl
     """Return the names of the first part that has a point in common with a solid, and of this
     solid; None if there is none.
     """
+    geometries = [solid.geometries() for solid in solids]
     for part in parts:
-        for solid in solids:
-            if solid.meets(part.corners):
+        shape = hull(part.corners)
+        for solid, of_solid in zip(solids, geometries, strict=True):
+            if solid.meets(part.corners, shape, of_solid):
                 return part.name, solid.name
     return None
 
