@@ -193,7 +193,7 @@ class SitePlan:
 
     @property
     def least(self) -> float:
-        """Lower bound of the duration of any plan of these lifts [s].
+        """Lower bound of the duration of a plan whose drives end each lift where they do here [s].
 
         It is the longest time that the drives of one crane need from goal to goal, each from rest
         to rest, including the time for which its loads stay at the goals between.
@@ -303,14 +303,15 @@ def plan_site(
         lifts: The lifts; those of one crane follow each other in this order. A crane stands still
             before its first and after its last lift, unless it makes way for another.
         stay: Time for which a load stays at its goal [s].
-        until: Time from which on no lift begins [s]; None for no end.
+        until: Time from which on no crane that is ready is given another lift [s]; the lifts that
+            are left then are no refusals. None for no end.
         strict: Whether a lift for which there is no path raises an error. Otherwise it is left out,
             see `SitePlan.refusals`.
 
     Raises:
         NoWay: If there is no path for a lift: alone, or past the others; or if it would take longer
             than `cranedyn.planning.curve.LONGEST_LIFT`.
-        OutOfRange: If there is no lift, or a time is negative.
+        OutOfRange: If there is no lift, `stay` is negative, or `until` is not positive.
         UnknownName: If there is no crane of a name.
     """
     number("stay", stay, "s", ">= 0")
@@ -671,7 +672,8 @@ def _lean_by_gust(
 def _drives_that_lead(
     station: Station, t: np.ndarray, plumb: np.ndarray, load: np.ndarray, lean: np.ndarray
 ) -> Motion:
-    """Return the motion in which the rope goes through the load at its lean in each row.
+    """Return the motion in which the rope goes through the load at its lean in each row. It is one
+    of the drives: the swing in it is that of a load that hangs plumb.
 
     Args:
         station: The crane at its place.
@@ -696,7 +698,8 @@ def _hang_through(
     With d the vector from the load to the pivot and s the lean, the rope is right where
     d_xy - d_z s = 0: two equations for the drives of the chain, solved by Newton's method. Where
     more than two drives move the pivot, a step is the shortest one. The winch follows: its
-    position is the length of d.
+    position is the length of d, or its negative, which no winch has, where the load would be above
+    the pivot.
 
     Args:
         station: The crane at its place.
@@ -705,8 +708,8 @@ def _hang_through(
         lean: Horizontal extent of the rope over its vertical one, shape (rows, 2) or (1, 2).
 
     Returns:
-        The coordinates, shape (rows, n), and by how much the rope misses the points [m], shape
-        (rows,).
+        The coordinates, shape (rows, n), and by how much the rope missed the points before the last
+        step [m], shape (rows,).
     """
     q = q.copy()
     drives = station.crane.layout.drives
@@ -726,7 +729,8 @@ def _hang_through(
         )
         if np.abs(miss).max() < _NEWTON_TOLERANCE:
             break
-    q[:, drives[station.crane.winch]] = np.linalg.norm(to_pivot, axis=1)
+    length = np.linalg.norm(to_pivot, axis=1)
+    q[:, drives[station.crane.winch]] = np.copysign(length, to_pivot[:, 2])
     return q, np.linalg.norm(miss[:, 0], axis=1)
 
 
@@ -1227,12 +1231,13 @@ def _first_near(
 def _guard_boxes(station: Station, swing: float, motion: Motion) -> np.ndarray:
     """Return what a guard asks for in each slice of a motion, shape (slices, 2, m).
 
-    The slices go from the one before the motion to the one after it, and the motion may be one
-    slice early or late. A guard asks for where the drives stop if they brake now, and for where
-    they get within its `HORIZON`.
+    The slices go from one before the motion to two after it, and the motion may be one slice early
+    or late. A guard asks for where the drives stop if they brake now, and for as far beyond as they
+    get within its `HORIZON`.
     """
     v = motion.v[:, motion.drives]
     brakes = gentle(station, swing)
+    # The rates of a motion are known: the lowest and the highest are the same.
     low, high = brakes.tube(motion.q[:, motion.drives], v, v)
     low = low - brakes.tolerances + HORIZON * np.minimum(v, 0.0)
     high = high + brakes.tolerances + HORIZON * np.maximum(v, 0.0)

@@ -125,6 +125,15 @@ def test_a_lift_of_a_luffing_crane_without_a_way_is_refused(goal: list, words: s
         plan_site(replace(site_of("luffing_between"), solids=solids), [("luffing", goal)])
 
 
+@slow
+def test_a_goal_above_the_jib_is_refused_and_not_mirrored_below_it() -> None:
+    site = site_of()
+    (station,) = (station for station in site.stations if station.name == "north")
+    (pivot,), *_ = station.rope(station.crane.start.q[None])
+    with pytest.raises(CraneError, match="allowed is a place where its load hangs"):
+        plan_site(site, [("north", pivot + np.array([0.0, 0.0, 10.0]))])
+
+
 def test_a_plan_whose_lifts_are_all_left_out_lasts_no_time_and_can_be_printed() -> None:
     plan = plan_site(site_of(), [("north", [500.0, 0.0, 16.0])], strict=False)
     assert plan.refusals[0].startswith("Lift 1 of north alone: ")
