@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from cranedyn.errors import DataError, UnknownName
 from cranedyn.identification.model import Model
-from cranedyn.identification.search import HORIZONS, Search, check_units, initial_values, jacobian
+from cranedyn.identification.search import HORIZONS, Search, check_units, first_values, jacobian
 
 CONFIDENCE = 0.95
 """Confidence level of the intervals."""
@@ -258,7 +258,7 @@ def _fit(model: Model, progress: Callable[[int], object] | None, before: int = 0
         before: Number of predictions by earlier searches.
     """
     search = Search(model, progress, before)
-    values = initial_values(model)
+    values = first_values(model)
     noise = initial_noise(model)
     for share in HORIZONS:
         values = search.solve(values, noise, share)

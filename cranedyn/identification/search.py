@@ -63,7 +63,7 @@ class Linearisation(NamedTuple):
     slope: np.ndarray
 
 
-def initial_values(model: Model) -> np.ndarray:
+def first_values(model: Model) -> np.ndarray:
     """Return the start of the search, shape (parameters,): the prior values, moved off the bounds
     so far that a channel changes by a hundredth of its range; a search that starts at a bound
     leaves it slowly.

@@ -330,7 +330,10 @@ class Run {
   }
 }
 
-/** Effort by which damping and dry friction oppose the rate of a joint [N m or N]. */
+/**
+ * Effort by which damping and dry friction oppose the rate of a joint [N m or N].
+ * @param {CraneData} crane @param {number} joint Index. @param {number} rate [rad/s or m/s].
+ */
 function resistance(crane, joint, rate) {
   const viscous = crane.damping[joint] * rate, dry = crane.friction[joint];
   return dry ? viscous + dry.effort * (rate / Math.sqrt(rate * rate + dry.width * dry.width)) : viscous;
