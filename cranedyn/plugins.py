@@ -3,7 +3,8 @@
 Each is an entry point of the group `cranedyn.engines`, `cranedyn.exporters` or
 `cranedyn.experiments`. A package declares its own in its pyproject.toml, as cranedyn does:
 
-* an engine is a class like `cranedyn.simulation.engine.Engine`;
+* an engine is a module with `run(spec, controller, reference, monitors)` and `begin(spec)`, see
+  `cranedyn.simulation.engine.Engine`;
 * an exporter is a module with `TARGET`, `add_arguments(parser)` and `run(options)`, see
   `cranedyn.bridges`;
 * an experiment is a module with `main(argv)`, which returns the exit code.
@@ -78,13 +79,13 @@ def description(kind: Kind, name: str) -> str:
     return printable(" ".join(documentation.partition("\n\n")[0].split()))
 
 
-_FUNCTIONS: dict[Kind, dict[str, str]] = {
-    "engine": {},
-    "exporter": {"add_arguments": "parser", "run": "options"},
-    "experiment": {"main": "argv"},
-    "command": {"main": "argv"},
+_FUNCTIONS: dict[Kind, dict[str, tuple[str, ...]]] = {
+    "engine": {"run": ("spec", "controller", "reference", "monitors"), "begin": ("spec",)},
+    "exporter": {"add_arguments": ("parser",), "run": ("options",)},
+    "experiment": {"main": ("argv",)},
+    "command": {"main": ("argv",)},
 }
-"""Functions that the module of a plugin needs, and the argument of each."""
+"""Functions that the module of a plugin needs, and the arguments of each."""
 
 
 def _check_parts(kind: Kind, plugin: Any) -> None:
@@ -95,13 +96,12 @@ def _check_parts(kind: Kind, plugin: Any) -> None:
     """
     if kind == "exporter" and not isinstance(plugin.TARGET, str):
         raise AttributeError("its TARGET is not a text")
-    if kind == "engine" and not isinstance(plugin, type):
-        raise AttributeError("it is not a class")
-    for function, argument in _FUNCTIONS[kind].items():
+    for function, arguments in _FUNCTIONS[kind].items():
         try:
-            signature(getattr(plugin, function)).bind(argument)
+            signature(getattr(plugin, function)).bind(*arguments)
         except TypeError as error:
-            raise AttributeError(f"its {function} is no function of ({argument})") from error
+            expected = ", ".join(arguments)
+            raise AttributeError(f"its {function} is no function of ({expected})") from error
 
 
 def _value(kind: Kind, name: str) -> str:

@@ -241,7 +241,7 @@ def _result(
     grounded = None
     if (stands_at_start or stands_at_goal) and certificate.holds:
         whole_lift = from_ground(lift, stands=(stands_at_start, stands_at_goal))
-        run, checks = certify_ground_lift(whole_lift, engine=setup.engine)
+        run, checks = certify_ground_lift(whole_lift)
         grounded = GroundLiftResult(whole_lift, run, checks)
     times.append(time.monotonic())
     perturbed = None

@@ -561,7 +561,7 @@ def _other_claims(worst: OffLead, down: Sequence[SetDown]) -> list[Claim]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser("liftoff", __doc__, engines=("compiled", "pinocchio"))
+    parser = harness.parser("liftoff", __doc__, engines=("compiled",))
     return harness.run_experiment(parser, experiment, argv)
 
 

@@ -42,6 +42,15 @@ def limited() -> Iterator[None]:
     signal.signal(signal.SIGALRM, before)
 
 
+@pytest.fixture(scope="module")
+def oracle() -> Iterator[str]:
+    """Let `simulate` find the engine of `tests.oracles.contact_engine` by the name "oracle"."""
+    from tests.oracles import contact_engine  # imports the compiled engine
+
+    with contact_engine.registered() as name:
+        yield name
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as quick what is neither slow nor long, before `-m` selects."""

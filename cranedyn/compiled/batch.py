@@ -27,9 +27,8 @@ from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import group_lanes, ungroup_lanes
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
-from cranedyn.dynamics.contact import Contacts, Ground
+from cranedyn.dynamics.contact import Contacts, Ground, anchors_at
 from cranedyn.dynamics.converters import Converters
-from cranedyn.dynamics.drives import GroundForces
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
@@ -474,10 +473,9 @@ def _anchors(models: _Models, contacts: Contacts, start: State) -> np.ndarray:
     """Return the anchors of the points that touch the ground at the start, shape (cranes, 3
     points).
     """
-    grounds = [GroundForces(models.distinct[i], contacts) for i in range(len(models.distinct))]
     anchors = []
     for i, q, v in zip(models.index.tolist(), start.q, start.v, strict=True):
-        anchors.append(grounds[i].anchors_at(State(q, v)).T.ravel())
+        anchors.append(anchors_at(models.distinct[i], contacts, State(q, v)).T.ravel())
     return np.array(anchors)
 
 

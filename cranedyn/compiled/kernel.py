@@ -22,7 +22,7 @@ from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
 from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
-from cranedyn.simulation.stepper import DIVERGED
+from cranedyn.simulation.loop_checks import DIVERGED
 
 if TYPE_CHECKING:
     from cranedyn.compiled.horizon.memory import Programme

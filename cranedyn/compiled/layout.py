@@ -9,7 +9,6 @@ from itertools import accumulate
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.model.layout import Layout
-from cranedyn.simulation.log import row_sections
 
 Sections = dict[str, int]
 """Number of doubles in each section of a buffer, in the order of memory."""
@@ -139,6 +138,29 @@ class BufferLayout:
         forces.
         """
         return {"q": self.n, "v": self.n, "command": self.m, "force": 3 * self.points}
+
+
+def row_sections(n: int, m: int, points: int) -> Sections:
+    """Return the sections of a row of the log of `simulate`, for numbers of joints, drives and
+    points of a crane.
+    """
+    return {
+        "setpoint": m,  # positions of the setpoint of the drives
+        "q": n,
+        "v": n,
+        "needed": m,  # efforts that the command asks for
+        "effort": m,  # efforts from the instant on
+        "effort_before": m,  # efforts until the instant
+        "force": 3 * points,  # external forces
+        # A number that is not used, the work of buffers and ground and that of impacts, and the
+        # force of the buffers at the ends of the cable.
+        "outside": 4,
+        "saturated": 1,  # 1 where a command is beyond the largest rate of a converter
+        "energy": 1,
+        "work": m,  # of the drives so far
+        "dissipated": 1,  # energy so far
+        "valid": 1,  # 1 where the model holds and the drives can follow
+    }
 
 
 def size(sections: Sections) -> int:

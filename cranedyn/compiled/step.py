@@ -26,7 +26,9 @@ from cranedyn.dynamics.scalars import array, is_zero
 from cranedyn.errors import OutOfRange
 from cranedyn.plant.plant import Plant
 from cranedyn.plant.rigid_body import ExternalForce
-from cranedyn.simulation.engine import PHASE_CHANGES
+
+PHASE_CHANGES = 2
+"""Changes between a taut and a slack rope that are looked for within a step."""
 
 _TRIES = 10
 """Steps of the Illinois method to the instant at which the rope changes its phase."""

@@ -23,6 +23,7 @@ from cranedyn.dynamics.drives import (
     MotionDrives,
     VelocityDrives,
 )
+from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -149,7 +150,8 @@ def _verify_crane(
             drives.recall(command, 0.0 * command, command[:0].reshape(0, layout.m))
         else:
             drives.take_command(command, State(q, v))
-        drives.settle_rope(State(q, v))
+        if rope is not None and rope.inextensible:
+            drives.free = _free_joints(drives, crane, State(q, v))
         expected = drives.acceleration(q, v)
         query = np.repeat(np.concatenate([q, v, command, force])[:, None], recipe.lanes, axis=1)
         if off := rigid_body.disagreement(answers(code, query, lane_numbers).T, expected, mass):
@@ -157,6 +159,31 @@ def _verify_crane(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
                 f"{off:.1e} of the largest."
             )
+
+
+def _free_joints(drives: Drives, crane: Crane, state: State) -> np.ndarray:
+    """Return the joints that are free to move at a state, by their indices: where an inextensible
+    rope would pull, it holds its stretch.
+
+    Args:
+        drives: The drives, which hold a command.
+        crane: A crane with an inextensible rope.
+        state: Its state.
+    """
+    rope = crane.springs.rope
+    assert rope is not None
+    q, v = state
+    all_joints = (
+        crane.layout.independent if isinstance(drives, EffortDrives) else crane.layout.passive
+    )
+    if q[rope.stretch] < 0.0 or v[rope.stretch] < 0.0:
+        return all_joints
+    drives.free = crane.springs.free(all_joints)
+    acceleration = drives.acceleration(q, v)
+    joint, external = drives.passive_forces(q, v)
+    needed = inverse_dynamics(crane.model, crane.data, q, v, acceleration, joint, external)
+    tension = -float(needed[rope.stretch])
+    return drives.free if tension > 0.0 else all_joints
 
 
 def _drives(

@@ -52,6 +52,9 @@ LEANS = math.radians(1.0)
 SLIDES = 0.01
 """Speed of a point on the ground beyond which its load is lifted off-lead [m/s]."""
 
+_START_DEPTH = 5.0
+"""Static sinks that a load may be in the ground at the start; on one corner it is at four."""
+
 _ITERATIONS = 20
 """Steps in which a load on a rope that leans is put on the ground; each leaves 1 - cos of the lean
 of the error."""
@@ -291,6 +294,27 @@ def standing(crane: Crane, ground: Ground, state: State) -> State:
         )
         q[rope.stretch] -= np.max(contacts.depth(position)[0]) - ground.sink
     return State(q, state.v)
+
+
+def anchors_at(crane: Crane, contacts: Contacts, start: State) -> np.ndarray:
+    """Return the anchors of a load at a start, which are where its points are in the world [m],
+    shape (3, points).
+
+    Raises:
+        OutOfRange: If the load is deeper in the ground than `_START_DEPTH` static sinks.
+    """
+    anchors, _ = body_points(
+        crane.model, crane.data, contacts.body, np.array(contacts.points), *start
+    )
+    depth = float(np.max(contacts.depth(anchors)[0]))
+    weight = crane.payload_mass * crane.gravity
+    # At rest, four points carry the load.
+    static_sink = weight / 4.0 / contacts.stiffness
+    deepest = _START_DEPTH * static_sink
+    if depth > deepest:
+        allowed = f"{deepest:g} at most, above it the load stands"
+        raise OutOfRange("depth of the load in the ground at the start", depth, allowed, "m")
+    return anchors
 
 
 def ground_phases(

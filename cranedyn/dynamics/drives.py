@@ -7,22 +7,15 @@ a state under the last command, and `begin_step` before each physics step.
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import Converters, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops
-from cranedyn.dynamics.pinocchio import body_points, follow_drives, inverse_dynamics, outside_effort
+from cranedyn.dynamics.pinocchio import follow_drives, inverse_dynamics, outside_effort
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.model.crane import Crane, Point
-
-_START_DEPTH = 5.0
-"""Static sinks that a load may be in the ground at the start; on one corner it is at four."""
+from cranedyn.model.crane import Crane
 
 
 def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -46,74 +39,19 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return stops.effort_of(hoist, q[:, stops.drives[hoist]], v[:, stops.drives[hoist]])
 
 
-class GroundForces:
-    """Forces of the ground on the load.
-
-    Attributes:
-        contacts: Its contacts.
-        anchors: Places where its points came to rest, in the world [m], shape (3, points).
-        moved: The same after the state at which the effort was last computed.
-    """
-
-    def __init__(self, crane: Crane, contacts: Contacts) -> None:
-        self.contacts = contacts
-        self._body = contacts.body
-        self._levers = np.array(contacts.points)
-        self._points = [Point("", self._body, lever) for lever in self._levers]
-        self._model = crane.model
-        self._data = crane.model.createData()
-        self._weight = crane.payload_mass * crane.gravity
-        self.anchors = self.moved = np.zeros((3, len(contacts.points)))
-
-    def anchors_at(self, start: State) -> np.ndarray:
-        """Return anchors of a load at a start, shape (3, points).
-
-        Raises:
-            OutOfRange: If it is deeper in the ground than five static sinks.
-        """
-        anchors = self._motion(*start)[0]
-        depth = float(np.max(self.contacts.depth(anchors)[0]))
-        most = _START_DEPTH * self._weight / 4.0 / self.contacts.stiffness
-        if depth > most:
-            allowed = f"{most:g} at most, above it the load stands"
-            raise OutOfRange("depth of the load in the ground at the start", depth, allowed, "m")
-        return anchors
-
-    def touches(self, q: np.ndarray) -> bool:
-        """Return whether a point is in a support."""
-        return bool((self.contacts.depth(self._motion(q, 0.0 * q)[0])[0] > 0.0).any())
-
-    def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return generalized forces [N m or N], shape (n,)."""
-        force, moved = self.contacts.reaction(*self._motion(q, v), self.anchors)
-        self.moved = np.array(moved)
-        forces = np.array(force).T
-        if not forces.any():
-            return np.zeros(len(v))
-        return outside_effort(self._points, self._model, self._data, q, forces)
-
-    def _motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return body_points(self._model, self._data, self._body, self._levers, q, v)
-
-
 class ExternalForces:
-    """Forces on the points of the crane, buffers at the ends of the ranges of the drives, and the
-    ground under the load.
+    """Forces on the points of the crane, and buffers at the ends of the ranges of the drives.
 
     Attributes:
         force: Forces on the points in the world [N], shape (points, 3).
         stops: The buffers; None for none.
         stop_effort: Efforts of the buffers when they were last computed [N m or N], shape (m,).
-        ground: Forces of the ground; None for none.
-        ground_effort: Its generalized forces, held for a step [N m or N], shape (n,).
     """
 
-    def __init__(self, crane: Crane, *, buffers: bool, ground: GroundForces | None = None) -> None:
+    def __init__(self, crane: Crane, *, buffers: bool) -> None:
         self.force = np.zeros((len(crane.points), 3))
         self.stops = Stops.of(crane) if buffers else None
         self.stop_effort = np.zeros(crane.layout.m)
-        self.ground = ground
-        self.ground_effort = np.zeros(crane.layout.n)
         self._points = crane.points
         self._drives = crane.layout.drives
         self._model = crane.model
@@ -129,8 +67,6 @@ class ExternalForces:
         if self.stops is not None:
             self.stop_effort = self.stops.effort(q, v)
             effort[self._drives] += self.stop_effort
-        if self.ground is not None:
-            effort += self.ground_effort
         return effort
 
 
@@ -138,28 +74,23 @@ class _Drives:
     """Model, joint forces and external forces of a crane, which all kinds of drives need.
 
     Attributes:
+        model: Pinocchio's model of the crane.
+        external: External forces; None for none.
         saturated: Whether the last command was beyond the largest rate of a frequency converter.
-        rope: Rope that may go slack; None if there is none.
-        tension: Least tension of a taut inextensible rope since the rope was last taken as taut or
-            slack [N].
+        free: Joints whose motion answers to forces, by their indices. A taut rope that does not
+            stretch holds one of them, see `Springs.free`.
     """
 
     saturated = False
 
-    def __init__(
-        self, crane: Crane, external: ExternalForces | None, answering: np.ndarray | None = None
-    ) -> None:
-        self.model, self._data = crane.model, crane.model.createData()
+    def __init__(self, crane: Crane, external: ExternalForces | None, free: np.ndarray) -> None:
+        self.model = crane.model
+        self.external = external
+        self.free = free
+        self._data = crane.model.createData()
         self._layout = crane.layout
         self._joint = JointForces.of(crane)
-        self.external = external
-        self.rope = crane.springs.rope
-        self.tension = math.inf
         self._coupling = crane.coupling
-        # joints whose motion is not prescribed, and those of them that a taut rope lets move
-        self._answering = crane.layout.passive if answering is None else answering
-        self._free_when_taut = crane.springs.free(self._answering)
-        self._free = self._answering
 
     def begin_step(self, v: np.ndarray) -> None:
         """Prepare for a physics step from rates v, shape (n,)."""
@@ -181,61 +112,7 @@ class _Drives:
         """Return accelerations of all joints, shape (n,)."""
         raise NotImplementedError
 
-    def pull(self, q: np.ndarray, v: np.ndarray) -> float:
-        """Return a force that is positive where the rope pulls [N]."""
-        assert self.rope is not None
-        if not self.rope.inextensible:
-            return float(self._joint.pull(q, v))
-        if q[self.rope.stretch] < 0.0 or v[self.rope.stretch] < 0.0:
-            return -1.0
-        self.take_rope(taut=True)
-        self.acceleration(q, v)
-        return self.tension
-
-    def margin(self, q: np.ndarray, v: np.ndarray, *, taut: bool) -> float:
-        """Return a number that falls below zero where the rope ceases to be taut, or slack."""
-        assert self.rope is not None
-        if taut or not self.rope.inextensible:
-            return self.pull(q, v) if taut else -self.pull(q, v)
-        return -float(q[self.rope.stretch])
-
-    def take_rope(self, *, taut: bool | None) -> None:
-        """Take the rope as taut or as slack from now on; None where the state decides."""
-        self._joint = replace(self._joint, taut=taut)
-        self.tension = math.inf
-        self._free = self._free_when_taut if taut else self._answering
-
-    def impact(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the rates after an inextensible rope has become taut at rates v, shape (n,), and
-        the kinetic energy gained [J], negative for a loss.
-
-        The impact is plastic: the rate of the stretch becomes zero. Joints keep their momentum, but
-        for those whose motion is prescribed, which keep their rates.
-        """
-        assert self.rope is not None
-        model = self.model
-        data = self._data
-        still = np.zeros(len(v))
-        weight = pin.rnea(model, data, q, still, still).copy()
-        change = still.copy()
-        change[self.rope.stretch] = -v[self.rope.stretch]
-        change = follow_drives(model, data, q, still, change, weight, self._free_when_taut)
-        gained = change @ (pin.rnea(model, data, q, still, v + 0.5 * change) - weight)
-        after = v + change
-        after[self.rope.stretch] = 0.0
-        return after, float(gained)
-
-    def settle_rope(self, state: State) -> None:
-        """Take an inextensible rope as taut or as slack as a state says."""
-        if self.rope is not None and self.rope.inextensible:
-            self.take_rope(taut=self.pull(*state) > 0.0)
-
-    def _note_tension(self, needed: np.ndarray) -> None:
-        """Note the tension of a taut rope from the forces that the joints need, shape (n,)."""
-        if self.rope is not None:
-            self.tension = min(self.tension, -float(needed[self.rope.stretch]))
-
-    def _passive_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    def passive_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Return generalized forces of damping, dry friction and springs, and external ones, shape
         (n,) each.
         """
@@ -254,6 +131,7 @@ class EffortDrives(_Drives):
 
     def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
         super().__init__(crane, external, crane.layout.independent)
+        self._all_joints = self.free
         self._least = -crane.effort_limit
         self._largest = crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
@@ -279,27 +157,25 @@ class EffortDrives(_Drives):
             tau = self._tau + self._joint.effort(q, v)
         if self.external is not None:
             tau += self.external.effort(q, v)
-        if self._free is self._answering and self._coupling is None:
+        if self.free is self._all_joints and self._coupling is None:
             return pin.aba(self.model, self._data, q, v, tau, self.convention)
-        a = follow_drives(
+        return follow_drives(
             self.model,
             self._data,
             q,
             v,
             np.zeros(len(v)),
             tau,
-            self._free,
+            self.free,
             coupling=self._coupling,
         )
-        self._note_tension(inverse_dynamics(self.model, self._data, q, v, a, tau))
-        return a
 
 
 class MotionDrives(_Drives):
     """Drives that accelerate as commanded, at whatever effort that takes."""
 
     def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
-        super().__init__(crane, external)
+        super().__init__(crane, external, crane.layout.passive)
         self._command = np.zeros(crane.layout.n)
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -318,22 +194,18 @@ class MotionDrives(_Drives):
 
     def effort(self, state: State) -> np.ndarray:
         """Return the effort exerted at a state [N m or N], shape (m,)."""
-        self.settle_rope(state)
-        joint, external = self._passive_forces(*state)
+        joint, external = self.passive_forces(*state)
         model, data, coupling = self.model, self._data, self._coupling
-        a = follow_drives(model, data, *state, self._command, joint, self._free, external, coupling)
+        a = follow_drives(model, data, *state, self._command, joint, self.free, external, coupling)
         effort = inverse_dynamics(model, data, *state, a, joint, external, coupling)
         return effort[self._layout.drives]
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
-        joint, external = self._passive_forces(q, v)
+        joint, external = self.passive_forces(q, v)
         model, data = self.model, self._data
         coupling = self._coupling
-        a = follow_drives(model, data, q, v, self._command, joint, self._free, external, coupling)
-        if self._free is not self._answering:
-            self._note_tension(inverse_dynamics(model, data, q, v, a, joint, external))
-        return a
+        return follow_drives(model, data, q, v, self._command, joint, self.free, external, coupling)
 
 
 class VelocityDrives(_Drives):
@@ -347,7 +219,7 @@ class VelocityDrives(_Drives):
         dt: float,
         delay_steps: int,
     ) -> None:
-        super().__init__(crane, external)
+        super().__init__(crane, external, crane.layout.passive)
         self._dt = dt
         self._delay_steps = delay_steps
         self._response = converters.response
@@ -379,10 +251,6 @@ class VelocityDrives(_Drives):
         self._heard = queue[0]
         self._queue = queue[1:]
         reference = self._ramp(state.v)[0]
-        if self.rope is not None and self.rope.inextensible:
-            self._reference, before = reference, self._reference
-            self.settle_rope(state)
-            self._reference = before
         _, effort, needed = self._driven(*state, reference)
         return needed, effort
 
@@ -392,7 +260,6 @@ class VelocityDrives(_Drives):
 
     def effort(self, state: State) -> np.ndarray:
         """Return the effort exerted at a state [N m or N], shape (m,)."""
-        self.settle_rope(state)
         return self._driven(*state, self._reference)[1]
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -417,11 +284,12 @@ class VelocityDrives(_Drives):
         data = self._data
         target = np.zeros(len(v))
         target[drives] = self._response.accelerations_at(reference, v[drives].tolist())
-        joint, external = self._passive_forces(q, v)
+        joint, external = self.passive_forces(q, v)
         coupling = self._coupling
-        a = follow_drives(model, data, q, v, target, joint, self._free, external, coupling)
+        a = follow_drives(model, data, q, v, target, joint, self.free, external, coupling)
         forces = inverse_dynamics(model, data, q, v, a, joint, external, coupling)
-        effort = needed = forces[drives]
+        needed = forces[drives]
+        effort = needed
         if not (np.abs(needed) <= self._limit).all():
             mass = pin.crba(model, data, q)
             if coupling is not None:
@@ -429,12 +297,10 @@ class VelocityDrives(_Drives):
             still = np.zeros(len(v))
             bias = inverse_dynamics(model, data, q, v, still, joint, external, coupling)
             a, effort, needed = saturate_acceleration(
-                mass, bias, target[drives], self._limit, drives, self._free
+                mass, bias, target[drives], self._limit, drives, self.free
             )
-            forces = mass @ a + bias
             if coupling is not None:
                 a = coupling.spread(a)
-        self._note_tension(forces)
         return a, effort, needed
 
 

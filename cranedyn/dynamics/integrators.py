@@ -122,5 +122,5 @@ rk4 = Integrator("RK4", _rk4, lead=0.0, smooth=True)
 coordinates are a vector space.
 
 Made for one step per control period, over which commands are constant: the motion within is smooth,
-unless a drive reaches the end of its range (see `cranedyn.simulation.engine`).
+unless a drive reaches the end of its range (see `cranedyn.simulation.pinocchio_engine`).
 """

@@ -150,7 +150,7 @@ def judge(
     unusual = _plausible(site, crane, inputs.chart, inputs.requirements)
 
     certificate = certify(plan_lift(site, limits, crane=crane, period=period), dt=dt, engine=engine)
-    grounded = _grounded(certificate, engine)
+    grounded = _grounded(certificate)
     progress(1)
 
     run_crane = crane if grounded is None else grounded.lift.crane
@@ -213,7 +213,7 @@ def _plausible(
     return refuse(found)
 
 
-def _grounded(certificate: Certificate, engine: EngineName) -> GroundedLift | None:
+def _grounded(certificate: Certificate) -> GroundedLift | None:
     """Return the lift with lift-off and set-down; None if its load hangs at both ends, or the plan
     does not hold and there is nothing to lift off for.
     """
@@ -222,4 +222,4 @@ def _grounded(certificate: Certificate, engine: EngineName) -> GroundedLift | No
     if not any(ends) or not certificate.holds:
         return None
     lift = from_ground(certificate.lift, stands=ends)
-    return GroundedLift(lift, *certify_ground_lift(lift, engine=engine))
+    return GroundedLift(lift, *certify_ground_lift(lift))

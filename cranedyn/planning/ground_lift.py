@@ -24,7 +24,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import OFF_LEAD, Ground, Hull, box_corners, standing
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import body_points, payload_position, point_velocities
-from cranedyn.interfaces import Controller, EngineName, Setpoint, State
+from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import inertial_element, set_placement
@@ -341,14 +341,11 @@ def _refuse_meshes(lift: GroundLift, stands: tuple[bool, bool]) -> None:
             )
 
 
-def certify_ground_lift(
-    lift: GroundLift, *, engine: EngineName = "compiled"
-) -> tuple[Trajectory, list[Check]]:
+def certify_ground_lift(lift: GroundLift) -> tuple[Trajectory, list[Check]]:
     """Simulate a lift from the ground or to it, and check each phase.
 
     Args:
         lift: The lift.
-        engine: Engine of the simulation.
 
     Returns:
         The run, and the checks of its phases.
@@ -370,7 +367,6 @@ def certify_ground_lift(
         start=start,
         duration=motion.arrival,
         control_period=motion.period,
-        engine=engine,
         ground=lift.ground,
     )
     phases = _Phases.of(lift, run)

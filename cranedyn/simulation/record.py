@@ -15,10 +15,8 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
-from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.engine import Engine, Setting
-from cranedyn.simulation.log import Log
+from cranedyn.simulation.run_spec import RunSpec
 from cranedyn.version import __version__
 
 _SHORT = 64
@@ -51,43 +49,48 @@ def controller_notes(controller: object, depth: int = 0) -> dict[str, Any]:
     }
 
 
-class RunRecord:
-    """Record of a run, taken before it begins."""
+def run_parameters(spec: RunSpec, engine: str) -> dict[str, float | str]:
+    """Return the numbers and words that describe a run, by name.
 
-    def __init__(
-        self,
-        setting: Setting,
-        engine: str,
-        validity: str,
-        controller: object,
-        reference: object = None,
-        disturbance: object = None,
-        ground: object = None,
-    ) -> None:
-        crane = setting.crane
-        self._controller = controller
-        actors = {"controller": controller, "reference": reference, "disturbance": disturbance}
-        actors |= {"ground": ground, "converters": setting.converters}
-        self._parameters: dict[str, float | str] = {
-            "dt_s": setting.clocks.dt,
-            "control_period_s": setting.clocks.period,
-            "gravity_m_s2": crane.gravity,
-            "drive": setting.drive,
-            "engine": engine,
-            "integrator": setting.integrator.name,
-            "validity": validity,
-        }
-        self._record = {
-            "crane": dict(crane.record),
-            **{name: json_value(actor) for name, actor in actors.items() if actor is not None},
-            "versions": dict(VERSIONS),
-        }
+    Args:
+        spec: The run.
+        engine: Name of the engine.
+    """
+    return {
+        "dt_s": spec.clocks.dt,
+        "control_period_s": spec.clocks.period,
+        "gravity_m_s2": spec.crane.gravity,
+        "drive": spec.drive,
+        "engine": engine,
+        "integrator": spec.integrator.name,
+        "validity": spec.validity,
+    }
 
-    def trajectory(self, log: Log, engine: Engine) -> Trajectory:
-        """Return a log as a trajectory that carries this record, with the controller's notes."""
-        notes = controller_notes(self._controller)
-        record = self._record | ({"notes": notes} if notes else {})
-        return log.trajectory(engine.energies, self._parameters, record)
+
+def run_record(spec: RunSpec, controller: object, reference: object) -> dict[str, Any]:
+    """Return all that is needed to repeat a run, as values of JSON.
+
+    Take it before the run: a controller may change its own fields in it.
+    """
+    record: dict[str, Any] = {"crane": dict(spec.crane.record)}
+    actors = {
+        "controller": controller,
+        "reference": reference,
+        "disturbance": spec.disturbance,
+        "ground": spec.ground,
+        "converters": spec.converters,
+    }
+    for name, actor in actors.items():
+        if actor is not None:
+            record[name] = json_value(actor)
+    record["versions"] = dict(VERSIONS)
+    return record
+
+
+def with_notes(record: Mapping[str, Any], controller: object) -> dict[str, Any]:
+    """Return a record of a run with what the controller has noted until now."""
+    notes = controller_notes(controller)
+    return {**record, "notes": notes} if notes else dict(record)
 
 
 def json_value(value: object, depth: int = 0) -> Any:

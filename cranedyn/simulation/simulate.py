@@ -1,19 +1,14 @@
-"""The plain loop: reference, controller, drives, log, monitors, step."""
+"""Simulate a crane under a controller: check the arguments, run an engine, return a trajectory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NoReturn, TypedDict, Unpack
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NoReturn
 
-import numpy as np
-
-from cranedyn.checks import number
-from cranedyn.clocks import clocks
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.errors import CraneError, OutOfRange, RunError, format_error
+from cranedyn.errors import CraneError, RunError, format_error
 from cranedyn.interfaces import (
     Controller,
     Disturbance,
@@ -25,47 +20,15 @@ from cranedyn.interfaces import (
     Validity,
 )
 from cranedyn.model.crane import Crane
-from cranedyn.references.simple import checked, hold
-from cranedyn.simulation.engine import Setting, load_engine
-from cranedyn.simulation.log import Log
-from cranedyn.simulation.record import RunRecord
-from cranedyn.simulation.stepper import as_command, as_force, check_bounded, initial_state
+from cranedyn.references.simple import hold
+from cranedyn.simulation.engine import fitting_engine, load_engine
+from cranedyn.simulation.log import EarlyEnd
+from cranedyn.simulation.record import run_parameters, run_record, with_notes
+from cranedyn.simulation.run_spec import make_run_spec
 
-
-class Options(TypedDict, total=False):
-    """Settings of a run that are rarely needed, as keyword arguments of `simulate`.
-
-    Attributes:
-        disturbance: External forces on the points of the crane, such as wind, see
-            `cranedyn.disturbances.wind`; held for a control period, as commands are. None for none.
-        ground: Ground and platforms that the load may touch, see `cranedyn.dynamics.contact`; None,
-            the default, for none.
-        validity: What to do where a joint leaves its range, the rope would have to push, the load
-            swings to 90° or touches the ground, or a motion that is followed exactly needs more
-            effort or rate than a drive has. "stop", the default, ends the run with an error that
-            carries what was recorded. "buffers" catches drives that take efforts at the ends of
-            their ranges. "mark" goes on; the column `valid` is 0 in these rows.
-        integrator: The integrator, by default `semi_implicit_euler`.
-        t_start: Time at the start [s], for a run that continues an earlier one; by default 0.
-        monitors: Called after each row of the log, see `cranedyn.interfaces.Monitor`.
-    """
-
-    disturbance: Disturbance | None
-    ground: Ground | None
-    validity: Validity
-    integrator: Integrator
-    t_start: float
-    monitors: Sequence[Monitor]
-
-
-_DEFAULTS: Options = {
-    "disturbance": None,
-    "ground": None,
-    "validity": "stop",
-    "integrator": semi_implicit_euler,
-    "t_start": 0.0,
-    "monitors": (),
-}
+if TYPE_CHECKING:
+    # Contacts take long to import, and few runs have them.
+    from cranedyn.dynamics.contact import Ground
 
 
 def simulate(
@@ -73,122 +36,127 @@ def simulate(
     controller: Controller,
     reference: Reference | None = None,
     *,
-    start: State | None = None,
+    # when
     duration: float,
+    start: State | None = None,
+    t_start: float = 0.0,
+    # how it is computed
     dt: float = 5e-4,
     control_period: float = 5e-3,
+    integrator: Integrator = semi_implicit_euler,
+    engine: EngineName | str | None = None,
+    # what acts on the crane
     drive: Drive | Converters = "effort",
-    engine: EngineName | str = "pinocchio",
-    **options: Unpack[Options],
+    disturbance: Disturbance | None = None,
+    ground: Ground | None = None,
+    # what is watched
+    validity: Validity = "stop",
+    monitors: Sequence[Monitor] = (),
 ) -> Trajectory:
     """Run a crane under a controller.
 
-    The controller is called once per control period and its command is held until the next one
-    (zero-order hold). Efforts beyond the limits of the drives are cut to them; the log then shows a
-    difference between command and effort.
+    The controller is called once per control period, and its command is held until the next one
+    (zero-order hold). Efforts beyond the limits of the drives are cut to them; the trajectory then
+    shows a difference between command and effort.
 
     Args:
         crane: The crane.
         controller: From time, state and setpoint to commands of the drives.
         reference: From time to the setpoint of the drives. None holds the drives where they start.
-        start: The state at the start; None hangs at rest where the URDF says.
         duration: Length of the run [s], a multiple of the control period.
+        start: State at the start. None hangs at rest where the URDF says.
+        t_start: Time at the start [s], for a run that continues an earlier one.
         dt: Physics step [s].
-        control_period: Time between calls of the controller [s], a multiple of `dt`; one row is
-            logged each time.
-        drive: "effort": commands are efforts, as of a force-controlled drive. "motion": commands
-            are accelerations, which the drives follow exactly. "velocity", or `Converters`:
-            commands are rates, which the drives follow as typical frequency converters, or these,
-            make them, see `cranedyn.dynamics.converters`.
-        engine: "pinocchio" steps by Pinocchio's algorithms. "compiled" steps by code compiled for
-            this crane; it agrees with Pinocchio to round-off and is many times faster, most of all
-            with a controller that is affine in the state, such as `Hold`, `Tracking`,
-            `HoistIntegral` or `Follow`, and no disturbance but a `Wind`. Its angles end at a
-            million rad. It needs the extra `compiled`.
-        options: Settings that are rarely needed, see `Options`.
+        control_period: Time between calls of the controller [s], a multiple of `dt`. The
+            trajectory has one row for each call.
+        integrator: Rule that steps coordinates and rates.
+        engine: "pinocchio" steps by Pinocchio's algorithms in a loop in Python. "compiled" steps by
+            code compiled for this crane: the same numbers up to round-off, many times faster, most
+            of all under a controller that is affine in the state, such as `Hold`, `Tracking`,
+            `HoistIntegral` or `Follow`, with no disturbance but a `Wind`. Its angles end at a
+            million rad. The name of a plugin takes the engine of another package. None takes
+            "pinocchio", but "compiled" where the load may touch the ground or the rope may go
+            slack, which only that one computes; the record of the run says which it was.
+        drive: How the drives take a command. "effort": as efforts [N m or N], as force-controlled
+            drives do. "motion": as accelerations [rad/s² or m/s²], which they follow exactly.
+            "velocity", or `Converters`: as rates [rad/s or m/s], which they follow as typical
+            frequency converters, or these, make them.
+        disturbance: External forces on the points of the crane, such as wind, held for a control
+            period as commands are. None for none.
+        ground: Ground and platforms that the load may touch. None for none.
+        validity: What to do where the model ceases to hold: where a joint leaves its range, the
+            rope would have to push, the load swings to 90° or touches the ground, or a motion that
+            is followed exactly needs more effort or rate than a drive has. "stop" ends the run with
+            an error that carries the trajectory until there. "buffers" is the same, but catches
+            drives that take efforts at the ends of their ranges. "mark" goes on; the column `valid`
+            is 0 in these rows.
+        monitors: Called after each row of the log with its index, its time [s] and the state.
 
     Returns:
-        The trajectory from the start on.
+        The trajectory from the start on, one row for each control instant.
 
     Raises:
         OutOfRange: If an argument is out of its range or has no effect; if the log would take more
-            than 4 GB; if the start is not one finite coordinate and rate for each joint; if the
-            controller was made for a shorter control period. At the first instant also if the
-            command is not one number for each drive or the setpoint is not finite.
-        RunError: If the model ceases to hold; if state, command or setpoint stop being finite; if
-            the run is interrupted; if the controller, the reference, the disturbance or a monitor
-            raises an error, which is then its cause. It carries what was recorded.
+            than 4 GB; if the controller was made for a shorter control period.
+        UnknownName: If there is no such engine.
+        CraneError: If the engine cannot compute such a run; the message names the one that can.
+        RunError: If the run ends early: the model ceases to hold, a number is not finite, the user
+            interrupts it, or the controller, the reference, the disturbance or a monitor raises an
+            error, which is then its cause. Its attribute `trajectory` is what was recorded.
     """
-    settings = _checked(options, drive)
-    t = t_start = settings["t_start"]
-    validity, disturbance = settings["validity"], settings["disturbance"]
-    clock = clocks(duration, dt, control_period)
-    ground = settings["ground"]
-    acting: Any = {"disturbance": disturbance, "buffers": validity == "buffers", "ground": ground}
-    setting = Setting.of(crane, clock, drive, settings["integrator"], **acting)
-    moving = load_engine(engine)(setting, initial_state(crane, start))
-    layout = crane.layout
-    monitors = settings["monitors"]
-    reference = hold(crane, moving.state) if reference is None else reference
-    setpoint_at = checked(reference, layout, t_start, control_period)
-    log = Log(setting, validity, t_start, clock.periods + 1)
-    record = RunRecord(setting, engine, validity, controller, reference, disturbance, ground)
-    if hasattr(controller, "begin_run"):  # looking for a protocol takes ten times as long
-        controller.begin_run(t_start, control_period)
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            for rows, holds in moving.run_ahead(controller, reference, log.t, log.rows):
-                t = log.extend_to(rows, holds=holds)
-                for monitor in monitors:
-                    monitor(rows - 1, t, moving.state)
-            state = moving.state
-            for k in range(len(log), clock.periods + 1):
-                t = t_start + k * control_period
-                check_bounded(layout, t, state)
-                setpoint = setpoint_at(t)
-                force = None if disturbance is None else as_force(disturbance(t, state), layout)
-                command = as_command(controller(t, state, setpoint), t, layout)
-                state_after = moving.advance(command, force, last=k == clock.periods)
-                log.append(moving.row(setpoint))
-                for monitor in monitors:
-                    monitor(k, t, state)
-                state = state_after
-            log.check()
-    except (Exception, KeyboardInterrupt) as error:
-        _end_early(error, t, log, lambda: record.trajectory(log, moving))
-    return record.trajectory(log, moving)
+    spec = make_run_spec(
+        crane,
+        start=start,
+        t_start=t_start,
+        duration=duration,
+        dt=dt,
+        control_period=control_period,
+        drive=drive,
+        integrator=integrator,
+        validity=validity,
+        disturbance=disturbance,
+        ground=ground,
+    )
+    if reference is None:
+        reference = hold(crane, spec.start)
+    engine_name = fitting_engine(spec) if engine is None else engine
+    loaded_engine = load_engine(engine_name)
+    parameters = run_parameters(spec, engine_name)
+    record = run_record(spec, controller, reference)
+    # A test with isinstance and the protocol `Clocked` would take ten times as long.
+    if hasattr(controller, "begin_run"):
+        controller.begin_run(spec.t_start, spec.clocks.period)
+
+    log = loaded_engine.run(spec, controller, reference, monitors)
+
+    early_end = log.early_end
+    if early_end is not None and len(log) == 0 and isinstance(early_end.error, CraneError):
+        # Nothing was recorded, and most often an argument is wrong, such as a controller that
+        # commands too few drives. The error says so itself.
+        raise early_end.error
+
+    trajectory = log.trajectory(parameters, with_notes(record, controller))
+    if early_end is not None:
+        _raise_early_end(early_end, trajectory)
+    return trajectory
 
 
-def _checked(options: Options, drive: Drive | Converters) -> Options:
-    """Return all options, checked."""
-    if unknown := options.keys() - _DEFAULTS.keys():
-        raise TypeError(f"simulate() got an unexpected keyword argument {min(unknown)!r}")
-    settings = _DEFAULTS | options
-    number("time at the start", settings["t_start"], "s", "-1e9 to 1e9")
-    validity = settings["validity"]
-    if validity not in ("stop", "mark") and (validity, drive) != ("buffers", "effort"):
-        allowed = "stop or mark, or buffers where the drives take efforts"
-        raise OutOfRange("validity", validity, allowed)
-    return settings
+def _raise_early_end(early_end: EarlyEnd, trajectory: Trajectory) -> NoReturn:
+    """Raise the error that ended a run, with the trajectory until then.
 
-
-def _end_early(
-    error: BaseException, t: float, log: Log, trajectory: Callable[[], Trajectory]
-) -> NoReturn:
-    """Raise the error of a run that ends at a time [s] by another error."""
+    Raises:
+        RunError: Always.
+    """
+    t = early_end.t
+    error = early_end.error
     if isinstance(error, KeyboardInterrupt):
-        message = f"Interrupted at t = {t:.3f} s."
-        raise RunError(message, t=t, trajectory=trajectory()) from None
-    if isinstance(error, CraneError) and not len(log):
-        raise error
-    if isinstance(error, RunError) and error.trajectory is not None:  # of a run within the run
-        raise error
-    try:
-        log.check()
-    except RunError as event:  # the model ceased to hold before
-        error = event
+        raise RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=trajectory) from None
     if isinstance(error, RunError):
-        error.trajectory = trajectory()
+        # One that has a trajectory already comes from a run within this run, such as that of a
+        # predictive controller. Its trajectory shows what went wrong.
+        if error.trajectory is None:
+            error.trajectory = trajectory
         raise error
-    message = f"At t = {t:.4g} s: {format_error(error)}"  # type: ignore[arg-type]
-    raise RunError(message, t=t, trajectory=trajectory()) from error
+    assert isinstance(error, Exception)
+    message = f"At t = {t:.4g} s: {format_error(error)}"
+    raise RunError(message, t=t, trajectory=trajectory) from error

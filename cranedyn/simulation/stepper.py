@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cranedyn.checks import as_array, finite
-from cranedyn.clocks import clocks
-from cranedyn.dynamics.contact import Ground
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.errors import OutOfRange, RunError
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
-from cranedyn.model.layout import Layout
-from cranedyn.simulation.engine import Setting, load_engine
+from cranedyn.simulation.engine import fitting_engine, load_engine
+from cranedyn.simulation.log import Actuation, Log
+from cranedyn.simulation.loop_checks import as_command, as_force, check_bounded
+from cranedyn.simulation.record import run_parameters, run_record, with_notes
+from cranedyn.simulation.run_spec import RunSpec, make_run_spec
 
-DIVERGED = 1e6
-"""No joint of a crane moves this fast [rad/s or m/s]."""
+if TYPE_CHECKING:
+    # Contacts take long to import, and few runs have them.
+    from cranedyn.dynamics.contact import Ground
 
 
 class Stepper:
@@ -28,9 +29,8 @@ class Stepper:
 
     Attributes:
         crane: The crane.
-        setting: Settings of the run, one control period long.
-        engine: The engine that computes the steps.
         t: Time since the start [s].
+        state: State of the crane.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Stepper:
         buffers: bool = False,
         ground: Ground | None = None,
         integrator: Integrator = semi_implicit_euler,
-        engine: EngineName | str = "pinocchio",
+        engine: EngineName | str | None = None,
     ) -> None:
         """Start at a state.
 
@@ -58,30 +58,45 @@ class Stepper:
             forces: Whether external forces come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
             ground: Ground and platforms that the load may touch; None for none.
-            integrator: The integrator.
-            engine: "pinocchio", "compiled", or the name of a plugin, see `cranedyn.plugins`.
+            integrator: Rule that steps coordinates and rates.
+            engine: Engine that computes the steps, see `cranedyn.simulation.simulate.simulate`.
 
         Raises:
             OutOfRange: If an argument is out of its range or has no effect, or the state is not one
                 of this crane.
             UnknownName: If there is no such engine.
+            CraneError: If the engine cannot compute such a crane.
         """
-        clock = clocks(control_period, dt, control_period)
+        if buffers and drive != "effort":
+            raise OutOfRange("buffers", "True", "False where the drives take no efforts")
         self.crane = crane
+        self._spec = make_run_spec(
+            crane,
+            start=start,
+            t_start=0.0,
+            duration=control_period,
+            dt=dt,
+            control_period=control_period,
+            drive=drive,
+            integrator=integrator,
+            validity="buffers" if buffers else "stop",
+            disturbance=None,
+            ground=ground,
+            has_forces=forces,
+        )
+        engine_name = fitting_engine(self._spec) if engine is None else engine
+        self._moving = load_engine(engine_name).begin(self._spec)
         self._periods = 0
-        acting: Any = {"forces": forces, "buffers": buffers, "ground": ground}
-        self.setting = Setting.of(crane, clock, drive, integrator, **acting)
-        self.engine = load_engine(engine)(self.setting, initial_state(crane, start))
 
     @property
     def t(self) -> float:
         """Time since the start [s]."""
-        return self._periods * self.setting.clocks.period
+        return self._periods * self._spec.clocks.period
 
     @property
     def state(self) -> State:
         """State of the crane."""
-        return self.engine.state
+        return self._moving.state
 
     def reset(self, state: State | None = None) -> State:
         """Return to a state at time 0; None hangs at rest where the URDF says.
@@ -89,9 +104,10 @@ class Stepper:
         Raises:
             OutOfRange: If the state is not one of this crane.
         """
-        self.engine.reset(initial_state(self.crane, state))
+        start = self.crane.start if state is None else state
+        self._moving.reset(self.crane.layout.as_state("start", start))
         self._periods = 0
-        return self.engine.state
+        return self._moving.state
 
     def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
         """Hold a command for a control period; return the state at its end.
@@ -106,72 +122,99 @@ class Stepper:
             RunError: If a command is not finite, or the crane moves beyond all bounds.
         """
         layout = self.crane.layout
-        check_bounded(layout, self.t, self.engine.state)
-        if self.setting.forces:
-            force = as_force(np.zeros((len(layout.points), 3)) if force is None else force, layout)
+        check_bounded(layout, self.t, self.state)
+        if self._spec.has_forces:
+            # Without a force now, the one before must end.
+            force = np.zeros((len(layout.points), 3)) if force is None else as_force(force, layout)
         elif force is not None:
             raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
-        state = self.engine.advance(as_command(command, self.t, layout), force)
+        state = self._moving.step(as_command(command, self.t, layout), force)
         self._periods += 1
         return state
 
 
-def initial_state(crane: Crane, start: State | None) -> State:
-    """Return a state of a crane as a read-only copy; None hangs at rest where the URDF says.
+class RecordedCrane:
+    """A crane in a loop of somebody else, with a log of it that becomes a trajectory.
 
-    Raises:
-        OutOfRange: If it is not as many finite coordinates and rates as the crane has joints.
+    Attributes:
+        crane: The crane.
+        t: Time of the control instant that comes next [s].
+        state: State of the crane then.
+        actuation: What acted on it from the last control instant on.
     """
-    return crane.layout.as_state("start", crane.start if start is None else start)
 
+    def __init__(
+        self,
+        spec: RunSpec,
+        engine: EngineName | str,
+        controller: object,
+    ) -> None:
+        """Begin at the start of a run.
 
-def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
-    """Return the answer of a controller at a time [s] as an array, shape (m,).
+        Args:
+            spec: The run. Its clocks say how many rows the log has room for.
+            engine: Name of the engine.
+            controller: What commands the crane, for the record.
 
-    Raises:
-        OutOfRange: If it is not one number for each drive.
-        RunError: If a number is not finite.
-    """
-    name = "command of the controller"
-    meaning = layout.drives_in_words
-    command = as_array(name, answer, (layout.m,), meaning=meaning)
-    if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
-        joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
-        raise RunError(
-            f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite "
-            "number.",
-            t=t,
-            joint=joint,
-        )
-    return command
+        Raises:
+            UnknownName: If there is no such engine.
+            CraneError: If the engine cannot carry out such a run.
+        """
+        self.crane = spec.crane
+        self._controller = controller
+        self._parameters = run_parameters(spec, engine)
+        self._record = run_record(spec, controller, None)
+        self._log = Log(spec)
+        self._spec = spec
+        self._moving = load_engine(engine).begin(spec)
 
+    @property
+    def t(self) -> float:
+        """Time of the control instant that comes next [s]."""
+        return self._spec.time(len(self._log))
 
-def as_force(answer: object, layout: Layout) -> np.ndarray:
-    """Return the answer of a disturbance as an array of its own [N], shape (points, 3).
+    @property
+    def state(self) -> State:
+        """State of the crane."""
+        return self._moving.state
 
-    Raises:
-        OutOfRange: If it is not a finite vector for each point of the crane.
-    """
-    shape = len(layout.points), 3
-    meaning = f"a vector for each of {', '.join(layout.points)}"
-    return finite("force of the disturbance", answer, shape, unit="N", meaning=meaning).copy()
+    @property
+    def actuation(self) -> Actuation:
+        """What acted on the crane from the last control instant on."""
+        return self._moving.actuation
 
+    def step(
+        self, command: np.ndarray, setpoint: np.ndarray, force: np.ndarray | None = None
+    ) -> State:
+        """Hold a command for a control period, log a row of its begin, and return the state at its
+        end.
 
-def check_bounded(layout: Layout, t: float, state: State) -> None:
-    """Return if no joint moves too fast.
+        Args:
+            command: Commands of the drives, finite, shape (m,).
+            setpoint: Positions of the setpoint of the drives, for the log, shape (m,).
+            force: External forces on the points in the world [N], shape (points, 3); None for none.
 
-    Raises:
-        RunError: If a joint moves at 1e6 rad/s or m/s or more at a time [s].
-    """
-    if math.hypot(*state.v.tolist()) < DIVERGED:
-        return
-    i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
-    name = layout.joints[i].name
-    value = float(state.v[i])
-    raise RunError(
-        f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or "
-        "softer gains may help.",
-        t=t,
-        joint=name,
-        value=value,
-    )
+        Raises:
+            RunError: If a command is not finite, the crane moves beyond all bounds, or the model
+                ceases to hold.
+        """
+        layout = self.crane.layout
+        before = self.state
+        check_bounded(layout, self.t, before)
+        command = as_command(command, self.t, layout)
+        state = self._moving.step(command, force)
+        self._log.append(before, setpoint, self._moving.actuation)
+        return state
+
+    def judge(self) -> None:
+        """Judge the rows that are not judged yet, which the log does by itself in blocks.
+
+        Raises:
+            RunError: If the model ceases to hold.
+        """
+        self._log.judge()
+
+    def trajectory(self) -> Trajectory:
+        """Return all rows so far as a trajectory, with the notes of the controller."""
+        record = with_notes(self._record, self._controller)
+        return self._log.trajectory(self._parameters, record)

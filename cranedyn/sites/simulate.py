@@ -18,13 +18,13 @@ from cranedyn.compiled.fleet import Fleet
 from cranedyn.data.tables import arrow, write_table
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import Speed
+from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange, RunError, format_error, quoted
-from cranedyn.interfaces import EngineName, Setpoint, State
+from cranedyn.interfaces import EngineName, State
 from cranedyn.recording import Obstacle, Run, Scenery, record
-from cranedyn.simulation.log import Log
-from cranedyn.simulation.record import RunRecord
-from cranedyn.simulation.stepper import Stepper
+from cranedyn.simulation.run_spec import make_run_spec
+from cranedyn.simulation.stepper import RecordedCrane
 from cranedyn.sites.bodies import PlacedCapsules, place_crane
 from cranedyn.sites.brakes import CYCLE
 from cranedyn.sites.guard import BoxGrant, BoxRequest, Guard
@@ -361,7 +361,7 @@ def simulate_site(
             the wind that the site states. None reads the wind itself, if the site states one.
         seed: Seed of the losses of messages.
         dt: Physics step [s].
-        engine: Engine of each crane, see `cranedyn.simulation.stepper.Stepper`.
+        engine: Engine of each crane, see `cranedyn.simulation.simulate.simulate`.
 
     Raises:
         OutOfRange: If there is not one operator for each crane, or a number is out of its range; or
@@ -430,7 +430,7 @@ class _SiteRecording:
     def run_cycle(self, t: float) -> None:
         """Run all cranes for a cycle from a time on [s]."""
         self._t = t
-        states = [crane.engine.state for crane in self._cranes]
+        states = [crane.state for crane in self._cranes]
         commands = []
         for crane in self._cranes:
             self._in_turn = crane.name
@@ -451,7 +451,7 @@ class _SiteRecording:
 
         for crane, rates in zip(self._cranes, passed, strict=True):
             self._in_turn = crane.name
-            crane.step(rates, crane.force())
+            crane.step(rates, crane.driven_position(), crane.force())
         self._in_turn = ""
 
         # A cycle counts once all cranes have gone through it, see `result`.
@@ -475,7 +475,7 @@ class _SiteRecording:
         end = (rows - 0.5) * CYCLE
         trajectories = []
         for crane in cranes:
-            trajectory = crane.record.trajectory(crane.log, crane.engine)
+            trajectory = crane.trajectory()
             trajectories.append(trajectory if len(trajectory.t) == rows else trajectory.before(end))
         swings = []
         for crane, run in zip(cranes, trajectories, strict=True):
@@ -696,36 +696,45 @@ class _Network:
         return arrived
 
 
-class _SiteCrane(Stepper):
-    """A crane with its operator, engine and log."""
+class _SiteCrane(RecordedCrane):
+    """A crane with its operator and its wind.
+
+    Attributes:
+        name: Name of the crane.
+    """
 
     def __init__(
         self,
         station: Station,
         operator: SiteOperator,
         wind: SiteWind | None,
-        engine: str,
+        engine: EngineName,
         dt: float,
-        rows: int,
+        cycles: int,
     ) -> None:
-        super().__init__(
+        """Begin at the start of a run of some cycles."""
+        self.name = station.name
+        self._operator = operator
+        self._wind = None if wind is None else wind.on(station)
+        spec = make_run_spec(
             station.crane,
+            start=None,
+            t_start=0.0,
+            duration=cycles * CYCLE,
             dt=dt,
             control_period=CYCLE,
             drive=station.converters,
-            forces=wind is not None,
-            engine=engine,
+            integrator=semi_implicit_euler,
+            validity="mark",
+            disturbance=self._wind,
+            ground=None,
         )
-        self.name = station.name
-        self.operator = operator
-        self._wind = None if wind is None else wind.on(station)
-        self.log = Log(self.setting, "mark", 0.0, rows)
-        self.record = RunRecord(self.setting, engine, "mark", operator, disturbance=self._wind)
+        super().__init__(spec, engine, controller=operator)
 
     def command(self, t: float, states: Sequence[State]) -> np.ndarray:
         """Return the rates that the operator commands, shape (m,)."""
         layout = self.crane.layout
-        rates = self.operator(t, states)
+        rates = self._operator(t, states)
         # A copy, since an operator may return one array again and again, and write into it.
         return as_array("command", rates, (layout.m,), meaning=layout.drives_in_words).copy()
 
@@ -733,14 +742,11 @@ class _SiteCrane(Stepper):
         """Return the forces of the wind [N], shape (points, 3); None for no wind."""
         return None if self._wind is None else self._wind(self.t, self.state)
 
-    def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
-        """Hold rates for a period, and log a row."""
-        # The row is of the begin of the period, as the rates are.
-        position = self.state.q[self.crane.layout.drives]
-        rates = np.asarray(command)
-        state = super().step(command, force)
-        self.log.append(self.engine.row(Setpoint(position, rates, np.zeros_like(rates))))
-        return state
+    def driven_position(self) -> np.ndarray:
+        """Return the positions of the drives, shape (m,). The log takes them for the setpoint: an
+        operator commands rates.
+        """
+        return self.state.q[self.crane.layout.drives]
 
 
 class _Pair(NamedTuple):

@@ -70,7 +70,7 @@ def add_engine(
     """Add the choice of the engine, the default first."""
     text = (
         "what computes a step: Pinocchio's algorithms, or code compiled for the crane, which "
-        "agrees to round-off and is faster"
+        "agrees to round-off, is faster, and alone computes ground and slack ropes"
     )
     parser.add_argument("--engine", choices=engines, default=engines[0], help=text)
 

@@ -60,7 +60,8 @@ class Setup:
         control_period: Time between control instants [s].
         validity: What to do where the model ceases to hold, see
             `cranedyn.simulation.simulate.simulate`.
-        engine: The engine that computes a step.
+        engine: The engine that computes a step. Ground and ropes that may go slack are computed by
+            the compiled engine also where this is "pinocchio".
         integrator: The stepping rule, by its name in `INTEGRATORS`.
         reporter: Shows progress.
 
@@ -113,7 +114,7 @@ class Setup:
             duration=duration,
             dt=self.dt,
             control_period=self.control_period,
-            engine=self.engine,
+            engine=None if self.engine == "pinocchio" else self.engine,
             integrator=INTEGRATORS[self.integrator],
             monitors=[] if show is None else [lambda row, t, state: show(t)],
             # An experiment may ask for another validity than the command line.

@@ -219,7 +219,8 @@ class Bench(NamedTuple):
 
     Attributes:
         build: Makes a crane from numbers of its xacro file.
-        engine: Engine that computes a step.
+        engine: Engine that computes a step. Ground and ropes that may go slack are computed by the
+            compiled engine also where this is "pinocchio".
     """
 
     build: Build
@@ -257,7 +258,8 @@ class Bench(NamedTuple):
             duration=duration,
             dt=dt,
             control_period=substeps * dt,
-            **{"drive": "motion", "validity": "mark", "engine": self.engine, **options},
+            engine=None if self.engine == "pinocchio" else self.engine,
+            **{"drive": "motion", "validity": "mark", **options},
         )
 
     def moved(

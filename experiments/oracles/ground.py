@@ -17,7 +17,6 @@ from scipy.optimize import brentq
 from cranedyn.controllers import Hold
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import Ground, Platform, box_corners
-from cranedyn.interfaces import EngineName
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
@@ -123,7 +122,6 @@ def push(
     force: float,
     duration: float,
     dt: float,
-    engine: EngineName,
     restitution: float = 0.1,
     ground: Ground | None = None,
     **start: float,
@@ -135,7 +133,6 @@ def push(
         force: Force along X [N].
         duration: Duration [s].
         dt: Step [s].
-        engine: Engine that computes a step.
         restitution: Coefficient of restitution of a ground that is not given.
         ground: Ground; level and bare if it is None.
         **start: Coordinates at the start; at rest on the ground unless they are given.
@@ -149,7 +146,6 @@ def push(
         duration=duration,
         dt=dt,
         control_period=2 * dt,
-        engine=engine,
         ground=ground,
         validity="mark",
     )
@@ -161,14 +157,14 @@ def box_on_ground(bench: Bench) -> list[Oracle]:
     largest_friction = FRICTION * MASS * G
 
     def sink(dt: float) -> float:
-        return HEIGHT / 2.0 - float(push(crane, 0.0, 0.2, DT, bench.engine)["z_m"][-1])
+        return HEIGHT / 2.0 - float(push(crane, 0.0, 0.2, DT)["z_m"][-1])
 
     def creep(dt: float) -> float:
-        run = push(crane, HOLDING_RATIO * largest_friction, PUSH_TIME, DT, bench.engine)
+        run = push(crane, HOLDING_RATIO * largest_friction, PUSH_TIME, DT)
         return float(run["x_dot_m_s"][-1])
 
     def slide(dt: float) -> float:
-        run = push(crane, SLIDING_RATIO * largest_friction, PUSH_TIME, DT, bench.engine)
+        run = push(crane, SLIDING_RATIO * largest_friction, PUSH_TIME, DT)
         # Over the last quarter, after the box has settled.
         row = len(run.t) * 3 // 4
         rate = run["x_dot_m_s"]
@@ -181,8 +177,8 @@ def box_on_ground(bench: Bench) -> list[Oracle]:
         """
         low = math.atan(WIDTH / HEIGHT) - TILT
         high = math.atan(WIDTH / HEIGHT) + TILT
-        low_rate = _tipping_rate(crane, low, bench.engine)
-        high_rate = _tipping_rate(crane, high, bench.engine)
+        low_rate = _tipping_rate(crane, low)
+        high_rate = _tipping_rate(crane, high)
         return float(low - low_rate * (high - low) / (high_rate - low_rate))
 
     def rebound(dt: float) -> float:
@@ -191,7 +187,6 @@ def box_on_ground(bench: Bench) -> list[Oracle]:
             0.0,
             REBOUND_TIME,
             dt / SUBSTEPS,
-            bench.engine,
             RESTITUTION,
             z=HEIGHT / 2.0,
             z_dot=-IMPACT_SPEED,
@@ -203,7 +198,7 @@ def box_on_ground(bench: Bench) -> list[Oracle]:
         points = (*box_corners(WIDTH, WIDTH, HEIGHT), (BUMPER_AHEAD, BUMPER_ASIDE, 0.0))
         smooth_ground = Ground(points, (PLATFORM,), friction=0.0, sink=SINK)
         near = _leaning_place() - 0.005
-        run = push(crane, LEANING_FORCE, PUSH_TIME, DT, bench.engine, ground=smooth_ground, x=near)
+        run = push(crane, LEANING_FORCE, PUSH_TIME, DT, ground=smooth_ground, x=near)
         return float(run["x_m"][-1])
 
     slides = (SLIDING_RATIO - 1.0) * FRICTION * G
@@ -241,11 +236,11 @@ def _leaning_place() -> float:
     return side - BUMPER_AHEAD + LEANING_FORCE / (stiffness * cosine**2)
 
 
-def _tipping_rate(crane: Crane, tilt: float, engine: EngineName) -> float:
+def _tipping_rate(crane: Crane, tilt: float) -> float:
     """Return the rate of tipping of a box soon after it is released on its edge [rad/s]."""
     # One edge carries all the weight, by two of the four corners: it sinks twice as far.
     above = 0.5 * (WIDTH * math.sin(tilt) + HEIGHT * math.cos(tilt))
-    run = push(crane, 0.0, 0.02, DT, engine, z=above - 2.0 * SINK, p=tilt)
+    run = push(crane, 0.0, 0.02, DT, z=above - 2.0 * SINK, p=tilt)
     return float(run["p_dot_rad_s"][-1])
 
 

@@ -37,6 +37,8 @@ from experiments.oracles.bench import G as GRAVITY
 from experiments.oracles.ground import HEIGHT, SINK, WIDTH, box_on_ground, free_box
 from tests.helpers import FAST, constant, crane
 
+pytestmark = pytest.mark.usefixtures("oracle")
+
 CORNERS = box_corners(WIDTH, WIDTH, HEIGHT)
 SIDES = (1.5, 3.0, 1.2)
 
@@ -69,7 +71,7 @@ def test_both_engines_let_a_box_fall_tip_and_slide_alike(rule: Any) -> None:
     ground = Ground(CORNERS, (Platform((2.0, 0.0), (1.0, 2.0), 0.5, 0.2),), 0.1)
     start = {"z": HEIGHT / 2.0 + 0.1, "p": 0.1, "x_dot": 3.0}
     options = {"start": start, "ground": ground, "integrator": rule, "dt": 1e-3}
-    plain, compiled = (slid(0.8, engine=name, **options) for name in ("pinocchio", "compiled"))
+    plain, compiled = (slid(0.8, engine=name, **options) for name in ("oracle", "compiled"))
     ahead = slid(0.8, engine="compiled", controller=locked(free_box()), **options)
     for run in (compiled, ahead):
         assert np.allclose(run.q, plain.q, rtol=0.0, atol=1e-9)
@@ -148,9 +150,7 @@ def test_both_engines_lift_a_load_off_lead_by_frequency_converters_alike() -> No
     start = standing(tower, ground, tower.state(l=26.83))
     common = {"start": start, "duration": 1.0, "drive": "velocity", "ground": ground}
     rates = constant(0.02, 0.3, -0.3)
-    plain, compiled = (
-        simulate(tower, rates, engine=e, **common) for e in ("pinocchio", "compiled")
-    )
+    plain, compiled = (simulate(tower, rates, engine=e, **common) for e in ("oracle", "compiled"))
     assert {*plain.phase.tolist()} == {0.0, 2.0, 3.0}
     assert np.array_equal(plain.phase, compiled.phase)
     assert np.allclose(plain.q, compiled.q, rtol=0.0, atol=1e-9)
@@ -184,7 +184,7 @@ def test_a_load_without_restitution_stays_where_it_falls() -> None:
     assert highest(0.0) < 0.0 < 0.01 < highest(0.2)
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("engine", ["oracle", "compiled"])
 def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corners(
     engine: Any,
 ) -> None:
@@ -213,7 +213,7 @@ def test_a_load_that_starts_in_the_ground_is_refused() -> None:
         slid(0.1, start={"z": 0.9})
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("engine", ["oracle", "compiled"])
 def test_a_box_stands_and_slides_on_a_seam_of_two_platforms_as_on_one(engine: Any) -> None:
     if engine == "compiled":
         pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")

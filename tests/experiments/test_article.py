@@ -22,7 +22,7 @@ from cranedyn.data.trajectory import read
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
-from cranedyn.simulation.engine import Setting
+from cranedyn.simulation.run_spec import RunSpec
 from experiments import a1, a2, a3, energy, harness
 from experiments.a1 import identify as a1_identify
 from tests.experiments.conftest import Standard, run_command, write_csv
@@ -360,7 +360,7 @@ def test_the_ledger_of_a_lowered_load_closes_and_does_not_if_the_work_forgets_th
     setup = harness.Setup(engine=FAST)
     left, rounding = energy.lowered(setup, 15.0)
     assert left <= rounding < 1e-8
-    monkeypatch.setattr(Setting, "lead", 0.0)
+    monkeypatch.setattr(RunSpec, "position_lead", 0.0)
     left, rounding = energy.lowered(harness.Setup(), 15.0)
     # half a step at the largest speed of a quintic of 1.5 m in 6 s, 15/8 of the mean, against the
     # weight; the drive yields and is slower

@@ -131,7 +131,8 @@ def test_a_step_that_cannot_be_made_leaves_state_and_time() -> None:
     assert stepper.state is before and stepper.t == 0.0
 
 
-@ENGINE
+@pytest.mark.parametrize("engine", [None, "compiled", "oracle"])
+@pytest.mark.usefixtures("oracle")
 def test_a_load_stands_on_the_ground_of_a_stepper_as_in_simulate_and_in_a_copy(engine: Any) -> None:
     sides = (1.5, 3.0, 1.2)
     tower = crane(**box_load(1000.0, *sides), rope_stiffness=2e7, hoist_max=30.0)

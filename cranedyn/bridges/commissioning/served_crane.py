@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cranedyn.bridges.commissioning import words as w
-from cranedyn.clocks import clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.converters import ROUNDING, STEPS, converters
@@ -18,12 +17,10 @@ from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.dynamics.pinocchio import holding_effort, point_positions, point_velocities
 from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import Setpoint, State
+from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.engine import Setting, load_engine
-from cranedyn.simulation.log import Log
-from cranedyn.simulation.record import RunRecord
-from cranedyn.simulation.stepper import check_bounded, initial_state
+from cranedyn.simulation.run_spec import make_run_spec
+from cranedyn.simulation.stepper import RecordedCrane
 
 DT = 5e-4
 """Physics step of the plant [s]."""
@@ -93,20 +90,30 @@ class ServedCrane:
                 crane.
         """
         self._drive = converters(crane)
-        clock = clocks(duration, DT, PERIOD)
-        setting = Setting.of(
-            crane, clock, self._drive, forces=True, buffers=False, integrator=semi_implicit_euler
+        spec = make_run_spec(
+            crane,
+            start=start,
+            t_start=0.0,
+            duration=duration,
+            dt=DT,
+            control_period=PERIOD,
+            drive=self._drive,
+            integrator=semi_implicit_euler,
+            validity="stop",
+            disturbance=None,
+            ground=None,
+            has_forces=True,
         )
         self.crane = crane
-        self.state = initial_state(crane, start)
+        self.state = spec.start
         if self.state.v.any():
             raise OutOfRange("rates of the start", self.state.v.tolist(), "0", "/s")
         self.fault = 0
         self.cycles = 0
         self.events = list[tuple[float, str]]()
         self.image = w.ProcessImage(w.word_map(crane, self._drive))
-        self._log = Log(setting, "stop", 0.0, setting.clocks.periods + 1)
-        self._record = RunRecord(setting, "compiled", "stop", self)
+        # It is compiled now, so that the first cycle does not wait for that.
+        self._recorded = RecordedCrane(spec, "compiled", controller=self)
 
         self._layout = layout = crane.layout
         self._hoist = layout.drive_of("hoist")
@@ -131,10 +138,6 @@ class ServedCrane:
         self._heard = 0.0
         self._impossible = set[str]()
         self._publish(self._last_commands, holding)
-        self._engine = load_engine("compiled")(setting, self.state)
-        # This compiles what the first cycle shall not wait for.
-        self._engine.advance(self._command, np.zeros((len(layout.points), 3)))
-        self._engine.reset(self.state)
 
     @property
     def t(self) -> float:
@@ -147,7 +150,6 @@ class ServedCrane:
         Raises:
             RunError: If the model ceases to hold, or the crane moves beyond all bounds.
         """
-        check_bounded(self._layout, self.t, self.state)
         commands, impossible = self.image.accepted(self._last_commands)
         # Said once, when it begins.
         for name in sorted(set(impossible) - self._impossible):
@@ -162,13 +164,11 @@ class ServedCrane:
         wind = np.array([commands["wind"] * w.WIND, 0.0, 0.0])
         force = np.zeros((len(self._layout.points), 3))
         force[0] = drag_force(AREA, wind - point_velocities(self.crane, self.state)[0])
-        self.state = self._engine.advance(self._command, force)
-        setpoint = Setpoint(self._setpoint, self._command, np.zeros_like(self._command))
-        self._log.append(self._engine.row(setpoint))
+        self.state = self._recorded.step(self._command, self._setpoint, force)
         if self.cycles % CHECKING == 0:
-            self._log.check()
+            self._recorded.judge()
         self.cycles += 1
-        self._publish(commands, self._engine.actuation.effort)
+        self._publish(commands, self._recorded.actuation.effort)
 
     def _column(self, commands: Mapping[str, int], word: str) -> np.ndarray:
         """Return a command of each drive, shape (m,)."""
@@ -336,4 +336,4 @@ class ServedCrane:
 
     def trajectory(self) -> Trajectory:
         """Return all cycles so far as a trajectory."""
-        return self._record.trajectory(self._log, self._engine)
+        return self._recorded.trajectory()

@@ -1,0 +1,232 @@
+"""Runs without Python in the loop: blocks of control instants under a controller that compiled code
+computes itself.
+
+Such a controller is affine in the state, or a predictive one with a programme. Its tables, the
+setpoints and the wind of a block are computed before the block begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import numpy as np
+
+from cranedyn.checks import equal_rows, finite, read_only
+from cranedyn.compiled.layout import slices
+from cranedyn.compiled.moving_crane import CompiledCrane
+from cranedyn.compiled.tables import gain_table, setpoint_table, without_gains
+from cranedyn.controllers.affine import Affine, affine_form
+from cranedyn.disturbances.wind import Wind
+from cranedyn.errors import Misshapen
+from cranedyn.interfaces import Reference
+from cranedyn.references.tabulated import tabulated
+from cranedyn.simulation.loop_checks import DIVERGED
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.receding import Receding
+
+_LARGEST_BLOCK = 20_000
+"""Largest number of control instants in a block; Ctrl-C is answered between blocks."""
+
+_MOST_STEPS = 1_000_000
+"""Largest number of physics steps in a block."""
+
+_BROKEN = 2.0
+"""Value of the section `worst` of the memory where a number is not finite or a joint too fast."""
+
+
+def run_blocks(
+    moving: CompiledCrane, controller: object, reference: Reference, t: np.ndarray, rows: np.ndarray
+) -> Iterator[int]:
+    """Write rows of the log block by block, and yield how many there are so far.
+
+    It ends where the whole run is written, or where the loop must go on instant by instant: at once
+    under a controller or a disturbance that only Python computes, and later where a function fails
+    or the run diverges. Then the error is raised at the instant where it occurs.
+
+    Args:
+        moving: The crane at the start of the run.
+        controller: The controller.
+        reference: The reference.
+        t: Times of all control instants of the run [s], shape (instants,).
+        rows: Rows of the log, see `cranedyn.compiled.layout.row_sections`, shape (instants,
+            columns).
+
+    Raises:
+        Misshapen: If an array of the controller's affine form or of the reference has another
+            shape.
+    """
+    spec = moving.spec
+    disturbance = spec.disturbance
+    wind = disturbance if type(disturbance) is Wind else None
+    if disturbance is not wind or (wind is not None and wind.crane is not spec.crane):
+        return
+    predictive = cast("Receding", controller) if hasattr(controller, "programme") else None
+    # The code of a predictive controller takes longer to compile than wind to compute.
+    if predictive is not None and (wind or predictive.programme.drive != spec.drive):
+        return
+    blocks = _Blocks(moving, controller, reference, wind, predictive)
+    length = max(1, min(_LARGEST_BLOCK, _MOST_STEPS // spec.clocks.steps))
+    first = 0
+    while length > 0 and first < len(rows):
+        block = rows[first : first + length]
+        times = read_only(t[first : first + length])
+        instants_after = len(rows) - first
+        is_written = blocks.write(block, times, end=instants_after - 1)
+        if is_written is None:
+            return
+        if not is_written:
+            length = _rows_before_divergence(moving, block)
+            continue
+        first += len(block)
+        yield first
+
+
+class _Blocks:
+    """Writer of blocks of rows."""
+
+    def __init__(
+        self,
+        moving: CompiledCrane,
+        controller: object,
+        reference: Reference,
+        wind: Wind | None,
+        predictive: Receding | None,
+    ) -> None:
+        self._moving = moving
+        self._controller = controller
+        self._reference = reference
+        self._wind = wind
+        self._predictive = predictive
+
+    def write(self, rows: np.ndarray, times: np.ndarray, *, end: int) -> bool | None:
+        """Write a block of rows and move the crane on.
+
+        Args:
+            rows: The rows, shape (instants, columns).
+            times: Times of their instants [s], shape (instants,).
+            end: Instant, counted from the first of the block, that no steps follow.
+
+        Returns:
+            Whether the block is written. False restores the crane, for a number was not finite or
+            the run diverged; None says that the block cannot be tabulated.
+
+        Raises:
+            Misshapen: If an array of the controller's affine form or of the reference has another
+                shape.
+        """
+        moving = self._moving
+        tables = self._tabulate(times)
+        horizon = None
+        if self._predictive is not None:
+            horizon = self._predictive.resume_memory(float(times[0]))
+        if tables is None:
+            return None
+        if not self._run(tables, rows, end, horizon):
+            return False
+        if self._predictive is not None:
+            self._predictive.advance_to(float(times[-1]))
+        if hasattr(self._controller, "resume"):
+            integral = moving.memory[moving.places["integral"]].copy()
+            self._controller.resume(float(times[-1]), integral)
+        moving.force[1] = moving.memory[moving.places["pushed"]]
+        moving.read_state()
+        return True
+
+    def _tabulate(self, times: np.ndarray) -> _Tables | None:
+        """Return the affine form of the controller, the setpoints and the wind at the instants of a
+        block; None if one of them fails or lacks a number.
+
+        Raises:
+            Misshapen: If an array of the affine form or of the reference has another shape.
+        """
+        sizes = self._moving.sizes
+        areas: tuple[float, ...] = ()
+        air = self._moving.force
+        try:
+            setpoint = equal_rows(tabulated(self._reference, times, sizes.m).position)
+            if self._wind is not None:
+                areas = tuple(self._wind.areas.tolist())
+                air = self._velocity_of_air(self._wind, times)
+            form: Affine | None
+            if self._predictive is None:
+                form = affine_form(self._controller, times, setpoint, sizes.z)
+            else:
+                form = without_gains(sizes, setpoint)
+        except Misshapen:
+            raise
+        except Exception:
+            # Whatever a function of the user raises is raised again at its instant, by the loop.
+            return None
+        if form is None or form.lacking():
+            return None
+        return _Tables(form, setpoint, areas, air)
+
+    def _velocity_of_air(self, wind: Wind, times: np.ndarray) -> np.ndarray:
+        """Return the velocity of the air at each point that it pushes [m/s], shape (instants, 3
+        points).
+        """
+        speeds = np.array([wind.speed(t) for t in times.tolist()])
+        along = np.tile(wind.along, self._moving.sizes.points)
+        air = np.multiply.outer(speeds, along)
+        return finite("wind", air, air.shape)
+
+    def _run(self, tables: _Tables, rows: np.ndarray, end: int, horizon: np.ndarray | None) -> bool:
+        """Write a block of rows; return False and restore the crane and the predictive controller
+        if a number is not finite or a joint moves too fast.
+        """
+        moving = self._moving
+        form = tables.form
+        memory_before = moving.memory.copy()
+        horizon_before = None if horizon is None else horizon.copy()
+
+        integral = bool(form.integral_gain.any())
+        if not integral:
+            # The code logs the setpoint where integrals take the drives, which is here its own.
+            form = replace(form, target=tables.setpoint)
+        moving.memory[moving.places["integral"]] = form.integral
+        programme = None if self._predictive is None else self._predictive.programme
+        code = moving.code(programme, tables.areas, integral=integral)
+        arrays = (
+            gain_table(moving.sizes, form),
+            setpoint_table(moving.sizes, form, len(rows)),
+            tables.air,
+        )
+        moving.loop(code, arrays, rows, end=end, horizon=horizon).run_groups([0])
+        if integral:
+            rows[:, : moving.sizes.m] = tables.setpoint
+
+        if moving.memory[moving.places["worst"]] < _BROKEN:
+            return True
+        moving.memory[:] = memory_before
+        if horizon is not None:
+            horizon[:] = horizon_before
+        return False
+
+
+class _Tables(NamedTuple):
+    """What a block is computed from.
+
+    Attributes:
+        form: Affine form of the controller at each instant.
+        setpoint: Positions of the setpoint of the drives, shape (instants, m).
+        areas: Drag areas of the points [m²]; empty without wind.
+        air: Velocity of the air at each point that it pushes [m/s], shape (instants, 3 points);
+            unused without wind.
+    """
+
+    form: Affine
+    setpoint: np.ndarray
+    areas: tuple[float, ...]
+    air: np.ndarray
+
+
+def _rows_before_divergence(moving: CompiledCrane, rows: np.ndarray) -> int:
+    """Return how many rows of a block come before the first whose rates are those of a diverged
+    run, or no numbers.
+    """
+    rates = rows[:, slices(moving.sizes.row)["v"]]
+    is_bounded = (rates * rates).sum(axis=1) < DIVERGED**2
+    return int(np.argmin(is_bounded))

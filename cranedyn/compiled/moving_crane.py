@@ -1,0 +1,222 @@
+"""A crane that compiled code moves on by one control period at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+from weakref import ref
+
+import numpy as np
+
+from cranedyn.compiled.binding import Loop
+from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.layout import BufferLayout, size, slices
+from cranedyn.compiled.step import check_rule
+from cranedyn.compiled.tables import command_tables, single_table
+from cranedyn.compiled.verify import crane_kernel
+from cranedyn.dynamics.contact import anchors_at
+from cranedyn.interfaces import State
+from cranedyn.simulation.log import Actuation
+from cranedyn.simulation.run_spec import RunSpec
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.memory import Programme
+
+# Looked up once: a row of a run takes microseconds.
+_frozen = np.frombuffer
+_new_tuple = tuple.__new__
+
+
+class CompiledCrane:
+    """A crane in the memory of compiled code, which also computes what acts at control instants.
+
+    Attributes:
+        spec: The run.
+        sizes: Layout of the memory.
+        memory: The state of the crane, see `BufferLayout.state`.
+        places: Slices of the sections of the memory.
+        force: External forces before and from the last control instant on [N], shape (2, 3
+            points).
+        state: State of the crane.
+        acting: Row of the log of the last control instant, but for the setpoint, see
+            `cranedyn.compiled.layout.row_sections`. It changes with the next step.
+    """
+
+    acting: np.ndarray
+
+    def __init__(self, spec: RunSpec) -> None:
+        """Begin at the start of a run, without command.
+
+        Raises:
+            OutOfRange: If there is no code for the stepping rule.
+        """
+        check_rule(spec.integrator)
+        self.spec = spec
+        delay_steps = None if spec.converters is None else spec.command_delay
+        sizes = BufferLayout.of(spec.crane.layout, delay_steps, spec.contacts)
+        self.sizes = replace(sizes, ledger=True)
+        self.places = slices(self.sizes.state)
+        self.memory = np.zeros(size(self.sizes.state))
+        # Two rows, as the code reads the row of the instant before for the efforts until then.
+        self.force = np.zeros((2, size(self.sizes.force)))
+        # Code bound to the memory: for a control period, and for its first instant alone.
+        self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
+        self._create_views()
+        self.reset(spec.start)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but what is bound to the memory, for a copy with its own memory."""
+        return vars(self) | {"_calls": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy and its views of the memory."""
+        vars(self).update(state)
+        self._create_views()
+
+    def _create_views(self) -> None:
+        """Create the views of the memory."""
+        self._position = self.memory[self.places["q"]]
+        self._rate = self.memory[self.places["v"]]
+
+    def reset(self, start: State) -> None:
+        """Return to a state, without command, force or work; compiled code is kept."""
+        spec = self.spec
+        self.state = start
+        self.memory[:] = 0.0
+        self.force[:] = 0.0
+        self._position[:] = start.q
+        self._rate[:] = start.v
+        if spec.contacts is not None:
+            anchors = anchors_at(spec.crane, spec.contacts, start)
+            self.memory[self.places["anchors"]] = anchors.T.ravel()
+        if spec.converters is not None:
+            driven_rates = start.v[spec.crane.layout.drives]
+            self.memory[self.places["reference"]] = driven_rates
+            unheard = self.memory[self.places["unheard"]].reshape(-1, self.sizes.m)
+            unheard[:] = driven_rates
+
+    def step(self, command: np.ndarray, force: np.ndarray | None) -> State:
+        """Hold a command and external forces for a control period, and return the state at its end,
+        see `cranedyn.simulation.engine.MovingCrane`.
+        """
+        period, _ = self.prepare()
+        self._hold(command, force)
+        period()
+        return self.read_state()
+
+    def hold(self, command: np.ndarray, force: np.ndarray | None) -> None:
+        """Hold a command and external forces, and compute what acts, without moving on."""
+        _, instant = self.prepare()
+        self._hold(command, force)
+        instant()
+
+    def _hold(self, command: np.ndarray, force: np.ndarray | None) -> None:
+        self._command[...] = command
+        if force is not None:
+            self.force[0] = self.force[1]
+            self.force[1] = force.ravel()
+
+    @property
+    def actuation(self) -> Actuation:
+        """What acts on the crane from the last control instant on; its arrays change at the next.
+        Before the first, an AttributeError says that there is none.
+        """
+        rows = self._acting_sections
+        outside = rows["outside"]
+        return Actuation(
+            rows["needed"],
+            rows["effort"],
+            rows["effort_before"],
+            rows["force"] if self.spec.has_forces else None,
+            buffer_work=float(outside[1]),
+            impact_work=float(outside[2]),
+            cable_buffer_force=float(outside[3]),
+            saturated=bool(rows["saturated"][0]),
+        )
+
+    def prepare(self) -> tuple[Callable[[], None], Callable[[], None]]:
+        """Return calls of the code for a control period and for its first instant alone, which
+        compiles it at the first call.
+        """
+        if self._calls is None:
+            rows = np.zeros((2, size(self.sizes.row)))
+            tables = (*command_tables(self.sizes), self.force)
+            self._command = tables[0][0, slices(self.sizes.gain_table)["feed_forward"]]
+            sections = slices(self.sizes.row)
+            self.acting = rows[1, self.sizes.m :]
+            self._acting_sections = {name: rows[1, place] for name, place in sections.items()}
+            # The row of the instant before is the first of the two.
+            loop = self.loop(self.code(), tables, rows, first=1, end=2)
+            self._calls = loop.bind_calls()
+        return self._calls
+
+    def code(
+        self, programme: Programme | None = None, areas: tuple = (), *, integral: bool = False
+    ) -> Kernel:
+        """Return the code, compiled and verified at the first use.
+
+        Args:
+            programme: Predictive controller that the code computes; None for none.
+            areas: Drag areas of the points [m²] where the code computes the wind; empty where it is
+                given forces.
+            integral: Whether the controller has integrals.
+        """
+        spec = self.spec
+        recipe = Recipe(
+            1,
+            spec.drive,
+            spec.integrator,
+            spec.has_buffers,
+            integral=integral,
+            forces=spec.has_forces,
+            log=True,
+            delay_steps=self.sizes.delay_steps,
+            programme=programme,
+            contacts=spec.contacts,
+            ledger=True,
+            areas=areas,
+        )
+        response = None
+        if spec.converters is not None:
+            response = np.concatenate(spec.converters.response).tobytes()
+        return crane_kernel(ref(spec.crane), recipe, response)
+
+    def loop(
+        self,
+        code: Kernel,
+        tables: tuple[np.ndarray, ...],
+        rows: np.ndarray,
+        *,
+        end: int,
+        first: int = 0,
+        horizon: np.ndarray | None = None,
+    ) -> Loop:
+        """Return code bound to the memory of this crane.
+
+        Args:
+            code: The code.
+            tables: Tables of gains, setpoints and forces, with a row for each control instant.
+            rows: Rows of the log that it writes, shape (instants, columns).
+            end: Instant that no steps follow.
+            first: First control instant.
+            horizon: Memory of a predictive controller that the code computes; None for none.
+        """
+        return Loop(
+            code,
+            self.spec.clocks,
+            [single_table(table) for table in tables],
+            first=first,
+            last=len(rows),
+            end=end,
+            state=self.memory.reshape(1, -1, 1),
+            log=rows.reshape(1, -1, 1),
+            horizon=horizon,
+        )
+
+    def read_state(self) -> State:
+        """Read the state from the memory and return it."""
+        # This makes what State(q, v) makes in twice the time, of copies that cannot be written to.
+        arrays = _frozen(self._position.tobytes()), _frozen(self._rate.tobytes())
+        self.state = state = _new_tuple(State, arrays)
+        return state

@@ -1,0 +1,151 @@
+"""What a run is: the crane, its start, its clocks, and what acts on it, all of it checked.
+
+`make_run_spec` checks the arguments of a user once. An engine, the log and the record of a run read
+the result and check nothing again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cranedyn.checks import ShortRepr, check_choice, number
+from cranedyn.clocks import Clocks, clocks
+from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.integrators import Integrator
+from cranedyn.errors import OutOfRange, shown
+from cranedyn.interfaces import Disturbance, Drive, State, Validity
+from cranedyn.model.crane import Crane
+
+if TYPE_CHECKING:
+    from cranedyn.dynamics.contact import Contacts, Ground
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RunSpec(ShortRepr):
+    """A run of a crane with n joints and m drives. Make it with `make_run_spec`, which checks it.
+
+    The controller, the reference and the monitors are not part of it: they may keep a memory of
+    their own, whereas a spec can serve any number of runs.
+
+    Attributes:
+        crane: The crane.
+        start: State of the crane at the start, read-only arrays of shape (n,).
+        t_start: Time at the start [s].
+        clocks: Physics step, control period, and how many there are of each.
+        drive: How the drives take a command: "effort", "motion" or "velocity".
+        converters: Frequency converters of the drives; None unless `drive` is "velocity".
+        command_delay: Control periods from a command to the response of the drives; 0 without
+            converters.
+        integrator: Rule that steps coordinates and rates.
+        validity: What to do where the model ceases to hold: "stop", "buffers" or "mark".
+        disturbance: External forces on the points of the crane; None for none, or where the caller
+            of each step gives them.
+        has_forces: Whether there are external forces on the points of the crane.
+        ground: Ground and platforms that the load may touch; None for none.
+        contacts: Contacts of the load with the ground; None without ground.
+    """
+
+    crane: Crane
+    start: State
+    t_start: float
+    clocks: Clocks
+    drive: Drive
+    converters: Converters | None
+    command_delay: int
+    integrator: Integrator
+    validity: Validity
+    disturbance: Disturbance | None
+    has_forces: bool
+    ground: Ground | None
+    contacts: Contacts | None
+
+    @property
+    def instants(self) -> int:
+        """Number of control instants, and thus of rows of the log. Both ends of the run count."""
+        return self.clocks.periods + 1
+
+    @property
+    def has_buffers(self) -> bool:
+        """Whether buffers catch the drives at the ends of their ranges."""
+        return self.validity == "buffers"
+
+    @property
+    def rope_may_go_slack(self) -> bool:
+        """Whether the crane has a rope that stretches or goes slack."""
+        return self.crane.springs.rope is not None
+
+    @property
+    def position_lead(self) -> float:
+        """Time by which coordinates run ahead of rates [s]; it depends on the integrator."""
+        return self.integrator.lead * self.clocks.dt
+
+    def time(self, instant: int) -> float:
+        """Return the time of a control instant [s], counted from 0."""
+        # A product, not a sum of periods: rounding errors do not grow with the length of the run.
+        return self.t_start + instant * self.clocks.period
+
+
+def make_run_spec(
+    crane: Crane,
+    *,
+    start: State | None,
+    t_start: float,
+    duration: float,
+    dt: float,
+    control_period: float,
+    drive: Drive | Converters,
+    integrator: Integrator,
+    validity: Validity,
+    disturbance: Disturbance | None,
+    ground: Ground | None,
+    has_forces: bool = False,
+) -> RunSpec:
+    """Check the arguments of a run, fill in what is left open, and return them as a spec.
+
+    The arguments are those of `cranedyn.simulation.simulate.simulate`, and `has_forces` for a crane
+    that is stepped by a caller who gives forces with each step.
+
+    Raises:
+        OutOfRange: If an argument is out of its range or has no effect; if there is not one
+            converter for each drive; if the start is not one finite coordinate and rate for each
+            joint.
+    """
+    if isinstance(drive, Converters):
+        drive_kind: Drive = "velocity"
+        converters = fitting(crane, drive_kind, drive)
+    else:
+        check_choice("drive", drive, Drive)
+        drive_kind = drive
+        converters = fitting(crane, drive_kind, None)
+
+    check_choice("validity", validity, Validity)
+    if validity == "buffers" and drive_kind != "effort":
+        # A buffer pushes with a force. A drive that follows its motion exactly would not feel it.
+        allowed = "stop or mark, or buffers where the drives take efforts"
+        raise OutOfRange("validity", validity, allowed)
+
+    if not isinstance(integrator, Integrator):
+        allowed = "an Integrator, such as rk4 of cranedyn.dynamics.integrators"
+        raise OutOfRange("integrator", shown(integrator), allowed)
+
+    run_clocks = clocks(duration, dt, control_period)
+    command_delay = 0
+    if converters is not None:
+        command_delay = converters.delay_steps(run_clocks.dt, run_clocks.period)
+
+    return RunSpec(
+        crane=crane,
+        start=crane.layout.as_state("start", crane.start if start is None else start),
+        t_start=number("time at the start", t_start, "s", "-1e9 to 1e9"),
+        clocks=run_clocks,
+        drive=drive_kind,
+        converters=converters,
+        command_delay=command_delay,
+        integrator=integrator,
+        validity=validity,
+        disturbance=disturbance,
+        has_forces=has_forces or disturbance is not None,
+        ground=ground,
+        contacts=None if ground is None else ground.contacts(crane),
+    )
