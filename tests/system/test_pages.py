@@ -109,8 +109,10 @@ def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_experiment_of_the_how_to_holds_its_claim(folder: Path) -> None:
+def test_the_experiment_of_the_how_to_holds_its_claim_and_writes_its_files(folder: Path) -> None:
     (script,) = scripts(ROOT / "docs/howto/experiment.md")
     scope: dict[str, Any] = {"__name__": "page"}
     exec(compile(script, "experiment.md", "exec", dont_inherit=True), scope)
     assert scope["main"](["--out", str(folder / "out")]) == 0
+    names = ("result.json", "free_swing.parquet", "free_swing.png", "NAME.rrd")
+    assert [name for name in names if not (folder / "out" / name).is_file()] == []
