@@ -19,6 +19,8 @@ Public names:
 * `assumptions.site_assumptions` lists all that the promise of a site rests on.
 * `supervisor.Supervisor` and `guard.Guard` reserve boxes and keep to them.
 * `plan.plan_site` plans lifts in space and time; `plan.SitePlan` is proven slice by slice.
+* `operators.LiftOperator` lifts loads as people do; `adversaries.attacks_on` looks for contacts
+  that the supervisor does not prevent; `zones.static_zones` are boxes that need no supervisor.
 * `simulate.simulate_site` steps all cranes by one clock, with late and lost messages; its run is
   written as a table, as a recording and, by `page.write_page`, as a page.
 
