@@ -150,7 +150,10 @@ def _raise_early_end(early_end: EarlyEnd, trajectory: Trajectory) -> NoReturn:
     t = early_end.t
     error = early_end.error
     if isinstance(error, KeyboardInterrupt):
-        raise RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=trajectory) from None
+        interruption = RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=trajectory)
+        # By the context, `cranedyn.command.interrupted` knows what ended the run.
+        interruption.__context__ = error
+        raise interruption from None
     if isinstance(error, RunError):
         # One that has a trajectory already comes from a run within this run, such as that of a
         # predictive controller. Its trajectory shows what went wrong.

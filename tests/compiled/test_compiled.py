@@ -178,7 +178,7 @@ FORCES: dict[str, Callable[[Crane], Disturbance | None]] = {
 @pytest.mark.parametrize("controller", ["hold", "integral", "python", "follow"])
 @pytest.mark.slow
 def test_a_run_of_many_blocks_is_the_same(controller: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cranedyn.compiled.engine._BLOCK", 2000)
+    monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 2000)
     drive, made = CONTROLLERS[controller]
     c, told = crane(**DAMPED), list[float]()
     tracking = lqr(c, hanging_reference(c, _reference(), 4.2, 2e-3), dt=1e-3)
@@ -551,7 +551,7 @@ def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words(
 def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cranedyn.compiled.engine._BLOCK", 2000)
+    monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 2000)
     c, how = crane(), {"start": _start(), "dt": 1e-3, "control_period": 1e-3, "validity": "mark"}
     stop = {"monitors": [lambda row, t, state: _raise(KeyboardInterrupt())], "engine": "compiled"}
     with pytest.raises(RunError, match=r"Interrupted at t = 1\.999 s\.") as caught:

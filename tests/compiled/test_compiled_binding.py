@@ -187,7 +187,7 @@ def test_a_table_of_a_reference_that_is_not_as_it_should_be_is_refused(
 def test_a_form_that_goes_wrong_later_leaves_what_was_recorded_up_to_then(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cranedyn.compiled.engine._BLOCK", 2000)
+    monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 2000)
     asked: list[float] = []
 
     def answer(form: Affine) -> Affine:

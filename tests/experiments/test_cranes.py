@@ -169,7 +169,8 @@ def test_a_rope_stretches_by_its_load_over_its_stiffness_at_its_length() -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 3000.0])
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("engine", ["oracle", "compiled"])
+@pytest.mark.usefixtures("oracle")
 def test_a_load_thrown_up_is_free_until_its_rope_is_taut_again(
     engine: EngineName, damping: float
 ) -> None:
