@@ -83,9 +83,10 @@ def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_pa
     compiled = CompiledBlock(block, tmp_path)
     inputs, expected = vectors(CRANE, make(), block, rows=200 if "predictive" in name else 900)
     names = [variable.name for variable in block.of_kind("output")]
+    given = block.of_kind("input")
     found = []
     for row in inputs.tolist():
-        for variable, value in zip(block.of_kind("input"), row, strict=True):
+        for variable, value in zip(given, row, strict=True):
             setattr(compiled.memory, variable.name, value)
         assert compiled.call()
         found.append([getattr(compiled.memory, name) for name in names])
@@ -145,6 +146,7 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
         compiled.memory.x_ramp, drives = 0.2, converters(c, accelerations={"x": 0.2})
     commands[:, 2] -= 9810.0 if drive == "effort" else 0.0
     names = [variable.name for variable in block.of_kind("state")]
+    inputs = block.of_kind("input")
     for name, value in zip(names, np.concatenate(start).tolist(), strict=True):
         setattr(compiled.memory, name, value)
     run = simulate(
@@ -157,7 +159,7 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
     )
     found = []
     for command in commands.tolist():
-        for variable, value in zip(block.of_kind("input"), command, strict=False):
+        for variable, value in zip(inputs, command, strict=False):
             setattr(compiled.memory, variable.name, value)
         compiled.call("outputs")
         found.append([getattr(compiled.memory, name) for name in (*names, "energy")])

@@ -131,13 +131,14 @@ def check_hostile(
     used = block.of_kind("input")
     lowest = np.array([max(v.lower, -LARGEST) for v in used])
     limits = np.array([[v.lower, v.upper] for v in block.of_kind("output")]) * (1.0 + slack)
-    last = np.array([variable.start for variable in block.of_kind("output")])
+    at_start = np.array([variable.start for variable in block.of_kind("output")])
+    last = at_start
     began, was_at_fault = 0, False
     for k, row in enumerate(table):
         reset = k % 30 == 0
         if reset:
             was_at_fault = False
-            last = np.array([variable.start for variable in block.of_kind("output")])
+            last = at_start
         outputs, fault = call(row, reset)
         assert np.isfinite(outputs).all(), (row, outputs)
         assert (limits[:, 0] <= outputs).all() and (outputs <= limits[:, 1]).all()
@@ -306,6 +307,7 @@ def test_a_crane_in_c_stands_still_at_a_fault_and_is_never_nan(
     block = crane_block(CRANE, drive=drive)
     compiled = CompiledBlock(block, tmp_path, precision)
     rng = np.random.default_rng(0)
+    states = [v.name for v in block.of_kind("state")]
     computed = [v.name for v in block.of_kind("state", "output")]
     inputs = block.of_kind("input", "parameter")
     faults = 0
@@ -315,7 +317,7 @@ def test_a_crane_in_c_stands_still_at_a_fault_and_is_never_nan(
         for v in inputs:
             if rng.uniform() < 0.03:
                 setattr(compiled.memory, v.name, rng.choice(HOSTILE) * rng.choice([-1.0, 1.0]))
-        state = [getattr(compiled.memory, v.name) for v in block.of_kind("state")]
+        state = [getattr(compiled.memory, name) for name in states]
         sound = compiled.call("outputs" if k % 2 else "step")
         assert np.isfinite([getattr(compiled.memory, name) for name in computed]).all()
         for v in inputs:
@@ -325,7 +327,7 @@ def test_a_crane_in_c_stands_still_at_a_fault_and_is_never_nan(
         if not sound:
             faults += 1
             assert compiled.memory.valid == 0.0
-            assert [getattr(compiled.memory, v.name) for v in block.of_kind("state")] == state
+            assert [getattr(compiled.memory, name) for name in states] == state
     assert faults > 100
 
 
