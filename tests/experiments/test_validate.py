@@ -40,12 +40,14 @@ def result(ran: Callable[..., Ran]) -> Ran:
 # --- the command ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_every_oracle_is_a_claim(result: Ran) -> None:
     tables, claims = result.result["tables"], result.result["claims"]
     assert len(claims) == sum(len(table["rows"]) for table in tables) + 3  # order, two ledgers
     assert [table["title"] for table in tables] == [*validate.PARTS, "Ropes that go slack"]
 
 
+@pytest.mark.long
 def test_the_error_goes_with_the_first_or_second_power_of_the_step(result: Ran) -> None:
     tables = result.result["tables"][: len(validate.PARTS)]
     orders = {row[0]: row[-1] for table in tables for row in table["rows"]}
@@ -59,6 +61,7 @@ def test_the_error_goes_with_the_first_or_second_power_of_the_step(result: Ran) 
             assert orders[name] == pytest.approx(2.0, abs=0.02)
 
 
+@pytest.mark.long
 def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result: Ran) -> None:
     forms, claims = result.result["parameters"]["closed_forms"], len(result.result["claims"])
     assert claims == forms + 3  # the order of the step, two ledgers
