@@ -383,11 +383,12 @@ def test_placement_frames_in_the_innermost_of_many_models_are_read_at_once() -> 
     child = "::".join([*(f"m{i}" for i in reversed(range(depth - 1))), "tip"])
     end = inner.rindex("</model>")
     text = inner[:end] + joint.replace("CHILD", child) + "</joint>" + inner[end:]
-    began = time.perf_counter()
+    began = time.process_time()
     model, _ = built(f'<sdf version="1.9">{text}</sdf>')
     # Every model is where its tip is, at the origin.
     assert_allclose(model.jointPlacements[1].translation, np.zeros(3), atol=1e-12)
-    assert time.perf_counter() - began < 5.0  # it doubled with each model
+    # It doubled with each model. Other processes have had their own time of the processor.
+    assert time.process_time() - began < 5.0
 
 
 def test_a_joint_with_the_name_of_a_link_is_renamed_as_libsdformat_does() -> None:

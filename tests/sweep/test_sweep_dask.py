@@ -30,6 +30,7 @@ from tests.helpers import ROOT, files, python
 from tests.sweep.test_sweep_interrupted import CASES, CHUNK, answered, parts, ran, sweeping, until
 
 pytestmark = [pytest.mark.usefixtures("limited"), pytest.mark.slow]
+dask = pytest.importorskip("dask", reason="the extra dask is not installed")
 pytest.importorskip("distributed", reason="the extra dask is not installed")
 
 
@@ -312,9 +313,13 @@ def test_a_scheduler_that_is_not_there_is_reported_when_it_had_time_to_come(
     assert cluster.CONNECT_TIMEOUT <= 5.0
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
     began = time.monotonic()
-    with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127.*: it timed"):
+    with (
+        # Dask itself would wait for longer than a test may take.
+        dask.config.set({"distributed.comm.timeouts.connect": "1000s"}),
+        pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127.*: it timed"),
+    ):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler="tcp://127.0.0.1:1")
-    assert 0.5 < time.monotonic() - began < 25.0  # Dask itself would wait for 30 s
+    assert time.monotonic() - began > 0.5
 
 
 def test_ctrl_c_is_answered_while_a_scheduler_keeps_silent(tmp_path: Path) -> None:
