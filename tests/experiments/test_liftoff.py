@@ -1,5 +1,5 @@
-"""A load that is lifted off and set down, as the command does it, in a few of its cases; all of them
-are run by test_whole.py.
+"""A load that is lifted off and set down, as the command does it, in a few of its cases;
+`test_whole.py` runs all of them.
 """
 
 from __future__ import annotations
