@@ -76,7 +76,14 @@ def predictive(drive: Any, **settings: Any) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        # Predictive control of efforts, and rates of other controllers, are in the default run.
+        pytest.param(name, marks=[pytest.mark.long] * (name == "predictive, rates"))
+        for name in MADE
+    ],
+)
 def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_path: Path) -> None:
     drive, make = MADE[name]
     block = controller_block(CRANE, make(), drive=drive, duration=20.0)

@@ -174,8 +174,15 @@ def test_a_unit_moves_as_simulate_does(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("controller", [None, "integral"])
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("version", "controller"),
+    [
+        pytest.param(2, None, marks=pytest.mark.long),
+        (2, "integral"),
+        (3, None),
+        pytest.param(3, "integral", marks=pytest.mark.long),
+    ],
+)
 def test_sources_of_a_unit_of_either_version_compile_to_the_same_motion(
     version: Any, controller: str | None, tmp_path: Path
 ) -> None:

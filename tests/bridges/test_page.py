@@ -258,7 +258,7 @@ def test_every_assistance_moves_the_crane_as_simulate_does_for_a_minute() -> Non
     check_itinerary(in_node, 1000, 9500, 12000)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     crane, data = crane_of("tower"), data_of("tower")
     drives, code = converters(crane), partial(webassembly.webassembly, simd=False)
@@ -277,7 +277,7 @@ def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     ("kind", "names"),
     [
         ("elastic", ["none", "lqr"]),
-        ("overhead", ["none", "shaped", "lqr"]),
+        pytest.param("overhead", ["none", "shaped", "lqr"], marks=pytest.mark.long),
         pytest.param("hook", ["none", "shaped", "lqr", "predictive"], marks=pytest.mark.long),
     ],
 )
@@ -587,7 +587,9 @@ PORTAL = """<robot name="portal">
 """A portal crane without visuals, whose joints have names of their own."""
 
 
-@pytest.mark.parametrize(("way", "low", "high"), [(-1, 2.0, 11.0), (1, -11.0, -2.0)])
+@pytest.mark.parametrize(
+    ("way", "low", "high"), [pytest.param(-1, 2.0, 11.0, marks=pytest.mark.long), (1, -11.0, -2.0)]
+)
 def test_a_crane_without_visuals_and_roles_has_a_load_colours_and_the_force_of_its_rope(
     tmp_path: Path, way: int, low: float, high: float
 ) -> None:

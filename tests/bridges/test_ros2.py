@@ -552,7 +552,7 @@ def test_a_rope_that_stretches_is_refused_where_the_drum_is_unknown(tmp_path: Pa
 
 @pytest.mark.slow
 def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_path: Path) -> None:
-    probe = build_probe(tmp_path)
+    probe = build_probe()
     (tmp_path / "bridge.sdf").write_text(BRIDGE)
     cranes = {
         "usual": load_crane(),

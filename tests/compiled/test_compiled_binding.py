@@ -365,7 +365,7 @@ def _digest(*arguments: str, **environment: str) -> list[str]:
     return run.stdout.splitlines()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_public_call_reads_or_writes_beside_an_array_or_what_nobody_has_written() -> None:
     """Between guard pages, and under the checks of the C library with freed memory filled; both
     times the same comes out, to the bit.

@@ -213,7 +213,7 @@ def test_a_load_that_starts_in_the_ground_is_refused() -> None:
         slid(0.1, start={"z": 0.9})
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("engine", [pytest.param("pinocchio", marks=pytest.mark.long), "compiled"])
 def test_a_box_stands_and_slides_on_a_seam_of_two_platforms_as_on_one(engine: Any) -> None:
     if engine == "compiled":
         pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")

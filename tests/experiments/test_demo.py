@@ -226,7 +226,7 @@ def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_th
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-@pytest.mark.parametrize("control", ["none", "flat"])
+@pytest.mark.parametrize("control", [pytest.param("none", marks=pytest.mark.long), "flat"])
 def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
     control: str, monkeypatch: pytest.MonkeyPatch, ran: Callable[..., Ran]
 ) -> None:

@@ -220,7 +220,7 @@ def test_programs_that_a_clone_names_do_not_run(setting: str, tmp_path: Path) ->
     assert not ran.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_records_of_the_same_form_are_identified_and_predicted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

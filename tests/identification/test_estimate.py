@@ -111,7 +111,9 @@ def test_logged_efforts_under_a_swing_of_20_degrees_tell_delay_and_dry_friction(
     assert estimate.value("x_friction") == pytest.approx(truth["x_friction"], rel=2e-3)
 
 
-@pytest.mark.parametrize(("plant", "cranes"), [("simulate", 6), ("mujoco", 3)])
+@pytest.mark.parametrize(
+    ("plant", "cranes"), [("simulate", 6), pytest.param("mujoco", 3, marks=pytest.mark.long)]
+)
 def test_intervals_of_95_percent_hold_the_truth_as_often(plant: str, cranes: int) -> None:
     """Fewer cranes than `python -m experiments.identify --coverage 1000`, by the same study; what
     is allowed is binomial, at one in ten thousand to either side.

@@ -21,7 +21,7 @@ from tests.helpers import ROOT
 from tests.identification.test_estimate import TRUTH, recorded
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Gravity, inertia, damping and gains of Gazebo's world from files alone, and the trial."""
     out = tmp_path / "out"

@@ -174,12 +174,12 @@ def compare(probe: Path, folder: Path, seeds: range) -> None:
 
 @pytest.mark.slow
 def test_random_trees_of_all_versions_move_as_libsdformat_places_them(tmp_path: Path) -> None:
-    compare(build_probe(tmp_path), tmp_path, range(30))
+    compare(build_probe(), tmp_path, range(30))
 
 
 @pytest.mark.long
 def test_300_random_trees_move_as_libsdformat_places_them(tmp_path: Path) -> None:
-    compare(build_probe(tmp_path), tmp_path, range(300))
+    compare(build_probe(), tmp_path, range(300))
 
 
 @pytest.mark.slow

@@ -7,9 +7,12 @@ Robotics, chapters 4 and 8).
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import subprocess
+import tempfile
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +32,11 @@ LIGHT_INERTIA = 1e-9
 """Moment of inertia of that body [kg m²]."""
 
 
-def build_probe(folder: Path) -> Path:
-    """Compile the program that prints what libsdformat makes of a file; skip without it."""
+@cache
+def build_probe() -> Path:
+    """Compile the program that prints what libsdformat makes of a file, once for all tests; skip
+    without libsdformat.
+    """
     compiler, config = shutil.which("g++"), shutil.which("pkg-config")
     if compiler is None or config is None:
         pytest.skip("g++ or pkg-config is not installed: run .ci/sdformat as root")
@@ -39,7 +45,9 @@ def build_probe(folder: Path) -> Path:
     )
     if flags.returncode:
         pytest.skip("libsdformat is not installed: run .ci/sdformat as root")
-    program = folder / "sdformat_probe"
+    folder = tempfile.mkdtemp(prefix="sdformat-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    program = Path(folder) / "sdformat_probe"
     words = [compiler, "-O0", "-std=c++17", str(PROBE), "-o", str(program), *flags.stdout.split()]
     subprocess.run(words, check=True)
     return program
