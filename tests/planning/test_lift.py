@@ -467,6 +467,7 @@ outline = [[-8.0, -3.0], [-4.0, -3.0], [-4.0, 3.0]]
 """
 
 
+@pytest.mark.long
 def test_the_experiment_lifts_from_the_ground_and_leaves_tables_runs_and_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -127,6 +127,7 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
 
+@pytest.mark.long
 def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
