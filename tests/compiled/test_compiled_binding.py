@@ -525,7 +525,7 @@ def test_ctrl_c_is_answered_within_two_seconds_whatever_runs(
     )
 
 
-@pytest.mark.parametrize("run", [simulate, simulate_batch])
+@pytest.mark.parametrize("run", [pytest.param(simulate, marks=pytest.mark.long), simulate_batch])
 @pytest.mark.slow
 def test_ctrl_c_is_answered_within_two_seconds_under_the_longest_horizon(
     run: Callable[..., object],

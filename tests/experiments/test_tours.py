@@ -137,7 +137,7 @@ def test_without_yielding_they_follow() -> None:
     assert_allclose(runs[0].q, runs[1].q, atol=1e-12)  # rounding
 
 
-@pytest.mark.parametrize("control", ["paper", "lqr", "flat"])
+@pytest.mark.parametrize("control", ["paper", pytest.param("lqr", marks=pytest.mark.long), "flat"])
 def test_planned_tours_keep_the_limits(control: str) -> None:
     made, _ = CONTROLS[control](harness.Setup(), LIMITS, 6.0)
     shares = use(harness.Setup().crane, made.motion, LIMITS)  # type: ignore[attr-defined]

@@ -543,6 +543,7 @@ def test_the_counter_jib_of_a_plain_urdf_is_compared_with_the_one_entered(
     assert (check.verdict is Verdict.HOLDS) is verdict and "reaches 9.43 m" in check.sentence
 
 
+@pytest.mark.long
 def test_another_crane_is_not_judged_by_the_chart_of_the_shipped_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

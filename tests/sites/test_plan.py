@@ -171,7 +171,7 @@ def test_lifts_without_a_plan_are_refused_with_the_reason(lifts: list, words: st
         plan_site(site_of(), lifts)
 
 
-@slow
+@pytest.mark.long
 def test_a_lift_for_which_no_crane_can_make_way_does_not_wait() -> None:
     lifts = [("c", [73.7, 69.3, 16.0]), ("c", [35.5, 5.3, 16.0])]
     with pytest.raises(CraneError, match="Lift 2 of c alone: each way that was tried passes"):

@@ -148,7 +148,7 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
 
-@pytest.mark.parametrize("hung", [False, True])
+@pytest.mark.parametrize("hung", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_sweep_on_a_cluster_answers_ctrl_c_within_two_seconds(hung: bool, tmp_path: Path) -> None:
     folder, log = tmp_path / "sweep", tmp_path / "log"
     with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="1.0") as (address, (scheduler, *_)):
