@@ -116,6 +116,7 @@ def test_who_is_off_by_more_than_allowed_is_not_shown_and_it_is_said_by_how_much
     assert 1e-7 < float(found[1]) <= 3.1e-6
 
 
+@pytest.mark.slow
 def test_a_result_that_is_no_number_or_has_no_log_agrees_with_nothing() -> None:
     def broken(ends: float, log: bool) -> Run:
         def run(starts: np.ndarray, duration: float) -> Result:
@@ -169,6 +170,7 @@ def test_a_double_pendulum_is_compared_by_those_that_run_any_crane() -> None:
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
@@ -199,6 +201,7 @@ def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
         assert_allclose(end[:5], q + case.dt * end[5:], rtol=1e-15, atol=1e-15)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_c_keeps_the_drives_within_their_limits() -> None:
     case = Case(crane(trolley_effort=500.0, slew_effort=1000.0))
@@ -213,6 +216,7 @@ def test_c_keeps_the_drives_within_their_limits() -> None:
     assert_allclose(log[:, :10], expected()[:, :10], atol=1e-13)  # rounding of 1000 steps
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_c_with_a_whole_log_has_the_columns_of_a_run() -> None:
     case = Case(crane(damp_slew=3e4, damp_swing=5e3))

@@ -374,6 +374,7 @@ def test_an_input_out_of_range_is_a_fault_until_the_reset(bad: float, tmp_path: 
     assert compiled.call() and compiled.memory.F_x_command == pytest.approx(-3e5)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_nothing(
     tmp_path: Path,
 ) -> None:

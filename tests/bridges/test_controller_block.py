@@ -184,6 +184,7 @@ def test_no_output_in_structured_text_is_nan_or_jumps_at_a_fault(
     assert check_hostile(block, kind, in_structured_text(block), table, 1e-12) > 15
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.floats(), min_size=14, max_size=14))
 def test_yielding_drives_are_never_commanded_what_is_no_number(inputs: list[float]) -> None:
@@ -235,6 +236,7 @@ def test_a_drive_is_not_braked_for_longer_than_from_its_largest_rate() -> None:
     assert braking == pytest.approx(-limit, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_an_observer_believes_in_the_effort_that_acts_not_in_the_one_it_asks_for() -> None:
     weak = crane(trolley_effort=2e4)
     make = CONTROLLERS["observer"][1]
@@ -247,6 +249,7 @@ def test_an_observer_believes_in_the_effort_that_acts_not_in_the_one_it_asks_for
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_rates_keep_to_what_converters_of_a_large_crane_reach() -> None:
     call = in_structured_text(rates())
     row = np.array([v.start for v in rates().of_kind("input")])

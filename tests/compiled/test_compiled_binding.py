@@ -377,6 +377,7 @@ def test_no_public_call_reads_or_writes_beside_an_array_or_what_nobody_has_writt
     assert re.fullmatch(r"60 calls: Misshapen \d+, (OutOfRange \d+, )?ran \d\d", between[0])
 
 
+@pytest.mark.slow
 def test_the_guard_bites() -> None:
     script = """
 import ctypes, numpy as np

@@ -18,6 +18,7 @@ PRODUCTS = 4 * SHAPE.stages * SHAPE.lanes
 above the best one at most."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     importlib.util.find_spec("clarabel") is None,
     reason="clarabel is not installed: pip install 'cranedyn[benchmarks]'",
@@ -84,6 +85,7 @@ def test_problems_of_other_sizes_are_solved_as_well(states: int, inputs: int, st
         check_against_daqp(machine, keepable(rng, shape))
 
 
+@pytest.mark.slow
 def test_the_cost_beyond_the_horizon_is_that_of_a_horizon_as_long_again() -> None:
     shape = HorizonShape(4, 1, 5)  # after many stages more the cost would change no more
     problem = random(np.random.default_rng(8), 1.0, shape)

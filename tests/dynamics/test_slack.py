@@ -134,6 +134,7 @@ def test_a_load_falls_freely_until_the_rope_catches_it_and_then_hangs(engine: An
     assert_allclose(loads(crane, run)["rope_N"], np.where(caught, weight, 0.0), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 def test_a_drum_that_pays_out_faster_than_a_load_falls_leaves_the_rope_slack(engine: Any) -> None:
     crane, rigid = slack_crane(), load_crane(hoist_velocity=20.0, **POINT)

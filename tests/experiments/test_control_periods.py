@@ -120,6 +120,7 @@ def test_a_flat_motion_in_fine_rows_is_that_in_coarse_ones() -> None:
         assert few / many == pytest.approx(each**2, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [2.5e-3, 0.02])
 def test_a_load_heavier_than_believed_ends_where_it_shall_at_any_control_period(
     period: float,

@@ -106,6 +106,7 @@ def test_the_papers_equations_err_little_where_the_trolley_moves_alone_and_much_
 # --- moves ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("site", SITES, ids=lambda site: site.name)
 def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: SiteCrane) -> None:
     large, rounding = crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0), 1.0 + 1e-9
@@ -139,6 +140,7 @@ def test_the_papers_equations_leave_what_a_coasting_trolley_leaves() -> None:
     assert theta == 0.0
 
 
+@pytest.mark.slow
 def test_the_equations_with_all_rates_meet_the_bessel_functions() -> None:
     c = big_crane()
     run = moved(c, c.state(l=10.0, l_dot=0.5, phi=0.05), 40.0, 0.02)

@@ -137,6 +137,7 @@ def _failing(
     return sum(not check_oracle(oracle, HALVINGS).holds for oracle in rows)
 
 
+@pytest.mark.slow
 def test_the_axis_of_the_tangential_swing_is_noticed(tmp_path: Path) -> None:
     for path in XACRO.parent.glob("*.xacro"):
         (tmp_path / path.name).write_text(path.read_text())
@@ -147,6 +148,7 @@ def test_the_axis_of_the_tangential_swing_is_noticed(tmp_path: Path) -> None:
     assert _failing(conserved.oracles, flipped, "total angular momentum") == 1
 
 
+@pytest.mark.slow
 def test_twice_the_gravity_is_noticed() -> None:
     beam = {"fall_spacing": 2.0, "payload_inertia": 1.0}
     heavy, yawing = (
@@ -157,6 +159,7 @@ def test_twice_the_gravity_is_noticed() -> None:
     assert _failing(moves.trolley_moves, heavy, "swing left") == 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("part", "words", "values"),
     [
@@ -177,6 +180,7 @@ def test_another_integrator_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _failing(conserved.oracles, point_crane(), "ripple of the energy", "pinocchio") == 1
 
 
+@pytest.mark.slow
 def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -190,6 +194,7 @@ def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(
     assert _failing(moves.turning_jib, point_crane(), "seen from a jib", "pinocchio") == 2
 
 
+@pytest.mark.slow
 def test_spoilt_cranes_make_claims_fail_and_the_exit_code_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,6 +61,7 @@ def prior(tmp_path_factory: pytest.TempPathFactory) -> Prior:
     return Prior(path, loading={"driven": ["trolley_joint", "winch_joint"]})
 
 
+@pytest.mark.slow
 def test_a_held_column_brings_fresh_values_at_its_own_interval() -> None:
     columns = logged(1)
     t = columns["t_s"]
@@ -286,6 +287,7 @@ def test_a_sensor_that_averages_is_told_from_one_that_is_late(prior: Prior) -> N
     assert 1.0 - late.least_explained[0] > 3.0 * (1.0 - averaged.least_explained[0])
 
 
+@pytest.mark.slow
 def test_delay_stays_below_a_quarter_of_the_swing(prior: Prior) -> None:
     record = Record.of(prior.crane, logged(4))
     assert record.swing_period == pytest.approx(2 * np.pi * np.sqrt(CABLE / GRAVITY), rel=1e-3)

@@ -42,6 +42,7 @@ def test_both_engines_yaw_alike_and_keep_the_ledger(drive: Drive) -> None:
     assert np.abs(plain.unexplained).max() < 1e-5 * c.springs.energy(plain.q[0])
 
 
+@pytest.mark.slow
 def test_a_lane_of_a_batch_yaws_as_its_crane_does_alone() -> None:
     batches = pytest.importorskip("cranedyn.compiled.batch", reason="extra compiled")
     varied = {"fall_spacing": np.array([1.0, 2.0, 3.0]), "payload_mass": np.array([5e2, 1e3, 2e3])}
@@ -53,6 +54,7 @@ def test_a_lane_of_a_batch_yaws_as_its_crane_does_alone() -> None:
         assert_allclose(end, alone.q[-1], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [0.01, 0.5, 1.0])
 def test_the_period_is_that_of_two_falls_but_for_what_is_left_out(amplitude: float) -> None:
     """The energy of real falls gives the period by an integral over sin(ψ/2) = s sin u."""

@@ -18,6 +18,7 @@ def _drawn():
     return figure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".png", ".svg"])
 def test_a_file_is_the_same_alone_or_with_others_of_its_figure(tmp_path, ending):
     alone = save(_drawn(), tmp_path / f"alone{ending}")
@@ -26,6 +27,7 @@ def test_a_file_is_the_same_alone_or_with_others_of_its_figure(tmp_path, ending)
     assert (tmp_path / f"both{ending}").read_bytes() == alone.read_bytes()
 
 
+@pytest.mark.slow
 def test_panels_are_placed_once_for_all_files_and_anew_for_the_next(tmp_path, monkeypatch):
     figure, placed = _drawn(), []
     engine = figure.get_layout_engine()
@@ -38,6 +40,7 @@ def test_panels_are_placed_once_for_all_files_and_anew_for_the_next(tmp_path, mo
     assert figure.get_layout_engine() is engine
 
 
+@pytest.mark.slow
 def test_a_drawing_keeps_its_words_and_inverts_paper_ink_and_grid_by_night():
     drawing = svg(_drawn()).decode()
     assert all(f">{words}</text>" in drawing for words in ("time [s]", "a name that takes room"))
@@ -47,6 +50,7 @@ def test_a_drawing_keeps_its_words_and_inverts_paper_ink_and_grid_by_night():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE_NAMES)
 def test_a_name_is_drawn_as_it_is_wherever_it_stands(name):
     figure, (left, right) = panels(1, 2)

@@ -141,6 +141,7 @@ def test_a_plan_whose_lifts_are_all_left_out_lasts_no_time_and_can_be_printed() 
     assert repr(plan).startswith("Plan of 0 lifts in 0.0 s, drives need 0.0 s; ")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("acceleration", ["1e-300", "1e-9"])
 def test_drives_that_would_need_hours_are_refused_before_a_motion_is_made(
@@ -325,6 +326,7 @@ def test_a_page_of_a_run_takes_names_for_data(name: str, tmp_path: Path) -> None
     assert "<img src=x" not in text and "<script" not in text and "<b>" not in text
 
 
+@pytest.mark.slow
 def test_the_site_file_of_the_how_to_is_read(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "howto" / "several_cranes.md").read_text("utf-8")
     site = site_from(tmp_path, text.partition("```toml")[2].partition("```")[0])

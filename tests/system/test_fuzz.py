@@ -103,6 +103,7 @@ def _raise_broken() -> str:
     raise Broken("a promise", "and how")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("action", "fault"),
     [

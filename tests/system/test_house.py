@@ -54,6 +54,7 @@ def test_a_public_name_of_two_modules_is_found(tmp_path: Path) -> None:
     assert house.ambiguous(sorted(tmp_path.iterdir())) == ["move"]
 
 
+@pytest.mark.slow
 def test_every_mutation_finds_its_code_and_its_test() -> None:
     for mutation in mutations.read_mutations():
         mutations.mutated((house.ROOT / mutation.file).read_text("utf-8"), mutation)
