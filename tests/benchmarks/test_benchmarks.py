@@ -295,7 +295,7 @@ def test_a_run_is_cut_to_its_time_but_not_below_ten_times_its_fixed_cost_nor_bey
     assert stretch(CASE, run, 1, 0.5) == 70.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_engines_leaves_tables_in_a_document_and_a_figure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,7 +34,7 @@ from cranedyn.references.shaped import shaped, zvd
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import BRIDGE, HOOK
 from tests.bridges.c_tools import STRICT, CompiledBlock, output, tool
-from tests.helpers import crane
+from tests.helpers import crane, long_after
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
@@ -104,7 +104,7 @@ def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_pa
     assert np.ptp(expected) > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_predictive_control_in_c_agrees_with_python_at_random_states_within_its_swing_limit(
     tmp_path: Path,
 ) -> None:
@@ -139,8 +139,13 @@ SCALE = {"effort": [2e4, 1.5e3, 500.0], "motion": [0.02, 0.3, 0.2], "velocity": 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drive", SCALE)
-@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize(
+    ("drive", "precision"),
+    [
+        *((drive, "double") for drive in SCALE),
+        *long_after(1, [("motion", "single"), ("effort", "single"), ("velocity", "single")]),
+    ],
+)
 def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path: Path) -> None:
     c = crane(damp_swing=2e3)
     block = crane_block(c, drive=drive)

@@ -33,7 +33,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.planning.optimal import optimal
 from cranedyn.references import flat, hold
 from cranedyn.references.limits import Limits
-from tests.helpers import ROOT, crane, quickly
+from tests.helpers import ROOT, crane, long_after, quickly
 
 pytestmark = pytest.mark.slow
 
@@ -82,7 +82,7 @@ def settled(run: Trajectory, goal: State, moved: Crane, within: float = 0.01) ->
 # ---------------- what is predicted
 
 
-@pytest.mark.parametrize("which", ["tower", "overhead"])
+@pytest.mark.parametrize("which", long_after(1, ["tower", "overhead"]))
 def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane(
     which: str,
 ) -> None:
@@ -283,6 +283,7 @@ def test_noise_of_the_swings_sensors_is_averaged(
     assert least < np.quantile(_swing_left(run, 12.0), 0.9) < most
 
 
+@pytest.mark.long
 def test_what_it_believes_of_the_swing_is_what_swings_where_sensors_are_exact() -> None:
     start, goal = at((0.0, 10.0, 15.0), phi=0.05, theta=-0.03), at((0.3, 15.0, 12.0))
     runs = [
@@ -376,6 +377,7 @@ def test_rates_for_converters_are_those_that_accelerate_the_drives_as_planned() 
     np.testing.assert_allclose(rates, expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.long
 def test_drives_twice_as_late_as_believed_leave_no_swing() -> None:
     typical, goal = converters(crane()), at((0.3, 15.0, 12.0))
     weight = 1e3 * usual_input_weight(np.array(LIMITS.accelerations))

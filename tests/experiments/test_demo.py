@@ -258,6 +258,7 @@ def test_a_short_demo_has_no_parts(ran: Callable[..., Ran]) -> None:
     assert files(short.folder) == names.split()
 
 
+@pytest.mark.long
 def test_a_rate_that_ends_between_control_instants_loses_no_leg_and_units_are_printed(
     ran: Callable[..., Ran],
 ) -> None:

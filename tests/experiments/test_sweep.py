@@ -97,7 +97,10 @@ def _gust(crane: Crane, case: dict[str, Any]) -> Callable[[float, State], np.nda
         ),
         *(
             (name, drive, at_random(name, drive))
-            for name, drive in ((FLAT, "ideal"), (PD, "velocity"), (COMPILED_MPC, "velocity"))
+            for name, drive in ((FLAT, "ideal"), (PD, "velocity"))
+        ),
+        pytest.param(
+            *(COMPILED_MPC, "velocity", at_random(COMPILED_MPC, "velocity")), marks=pytest.mark.long
         ),
     ],
 )

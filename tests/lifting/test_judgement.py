@@ -575,6 +575,7 @@ def test_a_chart_is_entered_in_the_site_and_read_from_its_folder(
     assert "ends at 29.9 m and the crane's trolley reaches 60 m" in unescape(text)
 
 
+@pytest.mark.long
 def test_lift_off_and_set_down_are_part_of_the_report(tmp_path: Path) -> None:
     crane = "values = {hoist_max = 30.0}"
     (tmp_path / "site.toml").write_text(GROUND_SITE.format(crane=crane, z=""))

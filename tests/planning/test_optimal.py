@@ -23,7 +23,7 @@ from cranedyn.interfaces import State
 from cranedyn.references import Motion
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits, fastest, use
-from tests.helpers import G, accelerations, big_crane, crane, quickly, states
+from tests.helpers import G, accelerations, big_crane, crane, long_after, quickly, states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
@@ -376,7 +376,7 @@ def test_the_fastest_combined_move_tracked_by_the_lqr_arrives_without_swing() ->
     assert np.abs(after.q[-1] - goal.q).max() < 1e-3
 
 
-@pytest.mark.parametrize("move", ["trolley", "combined"])
+@pytest.mark.parametrize("move", long_after(1, ["trolley", "combined"]))
 def test_least_swing_is_less_than_that_of_the_flat_motion_in_the_same_time(move: str) -> None:
     ours, theirs = moved(move, duration=20.0), flat(crane(), *ends(move), 20.0)
     assert ours.arrival == pytest.approx(20.0, abs=1e-9)

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cranedyn.plotting.figures import panels, save, svg
-from tests.helpers import HOSTILE_NAMES
+from tests.helpers import HOSTILE_NAMES, long_after
 
 
 def _drawn():
@@ -51,7 +51,7 @@ def test_a_drawing_keeps_its_words_and_inverts_paper_ink_and_grid_by_night():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", HOSTILE_NAMES)
+@pytest.mark.parametrize("name", long_after(4, HOSTILE_NAMES))
 def test_a_name_is_drawn_as_it_is_wherever_it_stands(name):
     figure, (left, right) = panels(1, 2)
     left.plot([0.0, 1.0], [0.0, 1.0], label=name)

@@ -27,7 +27,7 @@ from cranedyn.sites.plan import SLICE, SitePlan, plan_site
 from cranedyn.sites.simulate import SiteRun, simulate_site
 from cranedyn.sites.site import CraneSite, SiteWind
 from cranedyn.sites.site_file import read_crane_site
-from tests.helpers import HOSTILE_NAMES, ROOT
+from tests.helpers import HOSTILE_NAMES, ROOT, long_after
 
 slow = pytest.mark.slow
 
@@ -179,7 +179,7 @@ def test_a_lift_for_which_no_crane_can_make_way_does_not_wait() -> None:
         plan_site(site_of("four_towers"), lifts)
 
 
-@slow
+@pytest.mark.long
 def test_a_lift_goes_around_obstacles_over_which_its_load_cannot_be_raised() -> None:
     walls = tuple(box(f"wall {x}", [x, 20.0], [4.0, 4.0, 36.0], 0.0) for x in (-20.0, 20.0))
     planned = plan_site(replace(site_of(), solids=walls), [("north", [30.0, 0.0, 20.0])])
@@ -311,7 +311,7 @@ def test_a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost(tmp_path: Pat
 
 
 @slow
-@pytest.mark.parametrize("name", HOSTILE_NAMES)
+@pytest.mark.parametrize("name", long_after(2, HOSTILE_NAMES[::-1]))
 def test_a_page_of_a_run_takes_names_for_data(name: str, tmp_path: Path) -> None:
     quoted_name = json.dumps(name)  # a string of TOML, too
     ends = "".join(

@@ -238,6 +238,7 @@ def test_the_commands_of_the_documentation_work(local: tuple[str, pa.Table]) -> 
     assert local[0] == f"{_ALL}2048 cases, 0 bad, 0 of them computed just now\n{_COLUMNS}\n"
 
 
+@pytest.mark.long
 def test_the_documented_cluster_computes_the_same_and_listens_to_nobody_else(
     local: tuple[str, pa.Table], tmp_path: Path
 ) -> None:
@@ -248,6 +249,7 @@ def test_the_documented_cluster_computes_the_same_and_listens_to_nobody_else(
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made by openssl")
+@pytest.mark.long
 def test_with_tls_only_who_has_a_certificate_can_connect(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
