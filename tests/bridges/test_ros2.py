@@ -564,7 +564,7 @@ def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_p
     }
     for name, crane in cranes.items():
         urdf = ros2.export(tmp_path / name, crane) / "urdf" / "crane.urdf"
-        tree = read_with_libsdformat(probe, urdf)
+        (tree,) = read_with_libsdformat(probe, [urdf])
         joints = [joint.name for joint in crane.layout.joints]
         assert sorted(tree.screws) == sorted(joints)
         q = crane.start.q + 0.1

@@ -150,10 +150,12 @@ def test_the_smallest_file_is_read_by_the_command_line(
 def compare(probe: Path, folder: Path, seeds: range) -> None:
     """Compare mass matrix and weight of random trees with those of the poses of libsdformat."""
     joints = 0
-    for seed in seeds:
-        version = 4 + seed % 6
-        text = RandomSdf(seed, version).text
-        tree = read_with_libsdformat(probe, saved(folder, text))
+    texts = [RandomSdf(seed, version=4 + seed % 6).text for seed in seeds]
+    files = [folder / f"{seed}.sdf" for seed in seeds]
+    for file, text in zip(files, texts, strict=True):
+        file.write_text(text)
+    trees = read_with_libsdformat(probe, files)
+    for seed, text, tree in zip(seeds, texts, trees, strict=True):
         model, names = built(text)
         assert set(names) == set(tree.screws)
         joints += len(names)

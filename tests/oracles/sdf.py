@@ -11,6 +11,7 @@ import atexit
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -85,17 +86,24 @@ class Tree:
     springs: dict[str, np.ndarray]
 
 
-def read_with_libsdformat(probe: Path, file: Path) -> Tree:
-    """Return bodies and axes of a file as libsdformat resolves them."""
-    run = subprocess.run([probe, file], capture_output=True, text=True, check=False)
-    assert run.returncode == 0, (run.stderr, file.read_text())
+def read_with_libsdformat(probe: Path, files: Sequence[Path]) -> list[Tree]:
+    """Return bodies and axes of files as libsdformat resolves them, all read by one process."""
+    run = subprocess.run([probe, *files], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    _, *texts = run.stdout.split("file\n")
+    assert len(texts) == len(files)
+    return [_tree(text) for text in texts]
+
+
+def _tree(text: str) -> Tree:
+    """Return the bodies and axes that the lines of a file tell."""
     bodies: dict[str, Body] = {}
     parents: dict[str, str] = {}
     axes_above: dict[str, list[str]] = {}
     screws: dict[str, np.ndarray] = {}
     springs: dict[str, np.ndarray] = {}
     extra: list[tuple[str, int, Body]] = []
-    for line in run.stdout.splitlines():
+    for line in text.splitlines():
         kind, name, *words = line.split()
         if kind == "link":
             numbers = [float(word) for word in words]
