@@ -8,12 +8,13 @@ import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -169,6 +170,17 @@ def within(seconds: float, holds: Callable[[], object]) -> bool:
         if time.process_time() > end:
             return False
     return True
+
+
+def long_after(count: int, values: Sequence[Any]) -> list[Any]:
+    """Return parameters of a test of which the first ones are in the default run. The others, which
+    repeat the same claim, are marked long.
+    """
+    others = [
+        pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.long)
+        for value in values[count:]
+    ]
+    return [*values[:count], *others]
 
 
 def pickled(value: Any) -> Any:

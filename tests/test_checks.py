@@ -400,6 +400,7 @@ def names() -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", MISTAKES.strip().splitlines())
 def test_a_value_out_of_range_is_a_sentence_that_says_what_was_given_and_what_is_allowed(
     row: str,

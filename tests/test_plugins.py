@@ -147,6 +147,7 @@ def test_entry_points_are_read_only_where_a_plugin_is_asked_for() -> None:
     assert python(script).returncode == 0
 
 
+@pytest.mark.slow
 def test_every_plugin_of_ours_can_be_loaded_and_has_a_description() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     kinds: tuple[plugins.Kind, ...] = ("engine", "exporter", "experiment")

@@ -22,6 +22,7 @@ from cranedyn.analysis.swing import (
 T = np.arange(0.0, 60.0, 0.005)
 
 
+@pytest.mark.slow
 @given(
     st.floats(1.5, 12),
     st.floats(-0.005, 0.02),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import matplotlib.image
@@ -29,11 +29,23 @@ from tests.helpers import crane, extrapolated
 from tests.lagrangian import Lagrangian
 
 CASE = Case()
-TRUTH = Truth(CASE)
 RNG = np.random.default_rng(1)
 
 
-def max_deviation(contestant: Contestant, case: Case = CASE, truth: Truth = TRUTH) -> float:
+@cache
+def usual_truth() -> Truth:
+    """The plain loop of the usual case, run once."""
+    return Truth(CASE)
+
+
+@cache
+def undamped() -> tuple[Case, Truth]:
+    """The case of a crane whose load swings without damping, and its plain loop, run once."""
+    case = Case(crane(damp_swing=0.0))
+    return case, Truth(case)
+
+
+def max_deviation(contestant: Contestant, case: Case, truth: Truth) -> float:
     reason = contestant.missing()
     if reason is not None:
         pytest.skip(reason)
@@ -54,11 +66,10 @@ def test_each_contestant_makes_the_trajectory_of_the_plain_loop_but_for_its_damp
     contestant: Contestant,
 ) -> None:
     if contestant.name not in OTHER_DAMPING:
-        assert max_deviation(contestant) < ROUNDING
+        assert max_deviation(contestant, CASE, usual_truth()) < ROUNDING
         return
-    undamped = Case(crane(damp_swing=0.0))
-    assert max_deviation(contestant, undamped, Truth(undamped)) < ROUNDING
-    assert max_deviation(contestant) > 100.0 * ROUNDING
+    assert max_deviation(contestant, *undamped()) < ROUNDING
+    assert max_deviation(contestant, CASE, usual_truth()) > 100.0 * ROUNDING
 
 
 @pytest.mark.slow
@@ -105,6 +116,7 @@ def test_who_is_off_by_more_than_allowed_is_not_shown_and_it_is_said_by_how_much
     assert 1e-7 < float(found[1]) <= 3.1e-6
 
 
+@pytest.mark.slow
 def test_a_result_that_is_no_number_or_has_no_log_agrees_with_nothing() -> None:
     def broken(ends: float, log: bool) -> Run:
         def run(starts: np.ndarray, duration: float) -> Result:
@@ -113,9 +125,9 @@ def test_a_result_that_is_no_number_or_has_no_log_agrees_with_nothing() -> None:
 
         return run
 
-    assert TRUTH.max_deviation(broken(0.0, True), many=False) == 0.0
-    assert TRUTH.max_deviation(broken(np.nan, True), many=False) == np.inf
-    assert TRUTH.max_deviation(broken(0.0, False), many=False) == np.inf
+    assert usual_truth().max_deviation(broken(0.0, True), many=False) == 0.0
+    assert usual_truth().max_deviation(broken(np.nan, True), many=False) == np.inf
+    assert usual_truth().max_deviation(broken(0.0, False), many=False) == np.inf
 
 
 @pytest.mark.slow
@@ -158,6 +170,7 @@ def test_a_double_pendulum_is_compared_by_those_that_run_any_crane() -> None:
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
@@ -188,6 +201,7 @@ def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
         assert_allclose(end[:5], q + case.dt * end[5:], rtol=1e-15, atol=1e-15)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_c_keeps_the_drives_within_their_limits() -> None:
     case = Case(crane(trolley_effort=500.0, slew_effort=1000.0))
@@ -202,6 +216,7 @@ def test_c_keeps_the_drives_within_their_limits() -> None:
     assert_allclose(log[:, :10], expected()[:, :10], atol=1e-13)  # rounding of 1000 steps
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_c_with_a_whole_log_has_the_columns_of_a_run() -> None:
     case = Case(crane(damp_slew=3e4, damp_swing=5e3))
@@ -280,7 +295,7 @@ def test_a_run_is_cut_to_its_time_but_not_below_ten_times_its_fixed_cost_nor_bey
     assert stretch(CASE, run, 1, 0.5) == 70.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_engines_leaves_tables_in_a_document_and_a_figure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,10 +17,14 @@ ONE = sweeping.Way("1 process", 1, None)
 
 
 @pytest.mark.slow
-def test_a_pace_is_that_of_the_parts_and_not_of_the_start() -> None:
+def test_a_pace_is_that_of_the_parts_and_not_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    # By clocks that show the first part 3 s after the start, and one every 50 ms from then on.
+    clock, processor = (itertools.chain([0.0], itertools.count(3.0, each)) for each in (0.05, 0.01))
+    times = SimpleNamespace(perf_counter=clock.__next__, process_time=processor.__next__)
+    monkeypatch.setattr(sweeping, "time", times)
     found = sweeping.pace(sweep_studies.waiting, ONE, 8, 1)
-    # A part waits 50 ms, and is written; to start a process takes longer than several of them.
-    assert sweep_studies.PAUSE <= found.each < found.first
+    assert found.first == 3.0
+    assert found.each == pytest.approx(0.05) and found.busy == pytest.approx(0.01)
 
 
 @pytest.mark.slow

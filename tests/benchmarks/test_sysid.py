@@ -16,6 +16,7 @@ from experiments.measured.pendulum import logged
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.long
 def test_a_table_compares_held_out_errors(capsys: pytest.CaptureFixture[str]) -> None:
     assert sysid.main(["--records", "2"]) == 0
     printed = capsys.readouterr().out

@@ -107,6 +107,7 @@ def test_without_llvmlite_only_the_exporter_that_needs_it_is_missing(tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["crane.xml"]
 
 
+@pytest.mark.slow
 def test_the_help_says_each_door_in_whole_sentences(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments in (["--help"], *([exporter, "--help"] for exporter in EXPORTERS)):
         with pytest.raises(SystemExit):
@@ -141,6 +142,7 @@ gazebo no/c => does not exist
 """Exports, and what is in the sentence with which they are refused."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", BAD.strip().splitlines())
 def test_what_cannot_be_exported_is_a_sentence_and_nothing_is_written(
     row: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -167,6 +169,7 @@ def test_a_target_that_exists_stays_as_it_is(
     assert target.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_a_rope_that_goes_slack_without_stretching_is_refused_with_the_number_that_helps(
     tmp_path: Path,
 ) -> None:
@@ -176,6 +179,7 @@ def test_a_rope_that_goes_slack_without_stretching_is_refused_with_the_number_th
             exporter.export(tmp_path / target, crane)
 
 
+@pytest.mark.slow
 def test_a_link_without_inertia_is_refused_with_the_argument_that_gives_it_one(
     tmp_path: Path,
 ) -> None:
@@ -193,6 +197,7 @@ def test_a_crane_of_another_file_is_told_no_argument_of_the_tower_crane(tmp_path
         mjcf.export(tmp_path / "crane.xml", load_crane(tmp_path / "other.urdf"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "named"), [("--drive velocity", True), ("--controller hold", False)]
 )

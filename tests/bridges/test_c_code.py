@@ -34,7 +34,7 @@ from cranedyn.references.shaped import shaped, zvd
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import BRIDGE, HOOK
 from tests.bridges.c_tools import STRICT, CompiledBlock, output, tool
-from tests.helpers import crane
+from tests.helpers import crane, long_after
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
@@ -76,16 +76,24 @@ def predictive(drive: Any, **settings: Any) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        # Predictive control of efforts, and rates of other controllers, are in the default run.
+        pytest.param(name, marks=[pytest.mark.long] * (name == "predictive, rates"))
+        for name in MADE
+    ],
+)
 def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_path: Path) -> None:
     drive, make = MADE[name]
     block = controller_block(CRANE, make(), drive=drive, duration=20.0)
     compiled = CompiledBlock(block, tmp_path)
     inputs, expected = vectors(CRANE, make(), block, rows=200 if "predictive" in name else 900)
     names = [variable.name for variable in block.of_kind("output")]
+    given = block.of_kind("input")
     found = []
     for row in inputs.tolist():
-        for variable, value in zip(block.of_kind("input"), row, strict=True):
+        for variable, value in zip(given, row, strict=True):
             setattr(compiled.memory, variable.name, value)
         assert compiled.call()
         found.append([getattr(compiled.memory, name) for name in names])
@@ -96,7 +104,7 @@ def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_pa
     assert np.ptp(expected) > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_predictive_control_in_c_agrees_with_python_at_random_states_within_its_swing_limit(
     tmp_path: Path,
 ) -> None:
@@ -131,8 +139,13 @@ SCALE = {"effort": [2e4, 1.5e3, 500.0], "motion": [0.02, 0.3, 0.2], "velocity": 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drive", SCALE)
-@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize(
+    ("drive", "precision"),
+    [
+        *((drive, "double") for drive in SCALE),
+        *long_after(1, [("motion", "single"), ("effort", "single"), ("velocity", "single")]),
+    ],
+)
 def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path: Path) -> None:
     c = crane(damp_swing=2e3)
     block = crane_block(c, drive=drive)
@@ -145,6 +158,7 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
         compiled.memory.x_ramp, drives = 0.2, converters(c, accelerations={"x": 0.2})
     commands[:, 2] -= 9810.0 if drive == "effort" else 0.0
     names = [variable.name for variable in block.of_kind("state")]
+    inputs = block.of_kind("input")
     for name, value in zip(names, np.concatenate(start).tolist(), strict=True):
         setattr(compiled.memory, name, value)
     run = simulate(
@@ -157,7 +171,7 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
     )
     found = []
     for command in commands.tolist():
-        for variable, value in zip(block.of_kind("input"), command, strict=False):
+        for variable, value in zip(inputs, command, strict=False):
             setattr(compiled.memory, variable.name, value)
         compiled.call("outputs")
         found.append([getattr(compiled.memory, name) for name in (*names, "energy")])
@@ -365,6 +379,7 @@ def test_an_input_out_of_range_is_a_fault_until_the_reset(bad: float, tmp_path: 
     assert compiled.call() and compiled.memory.F_x_command == pytest.approx(-3e5)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_nothing(
     tmp_path: Path,
 ) -> None:

@@ -59,6 +59,7 @@ def test_with_the_drives_in_prescribed_motion_the_poles_are_those_of_a_compound_
     assert abs(slowly) == pytest.approx(1.0 / G, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 @pytest.mark.parametrize(
     ("make", "efforts"),
@@ -87,6 +88,7 @@ def test_the_sampled_system_answers_a_small_step_as_the_nonlinear_crane_does(
     assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off
 
 
+@pytest.mark.slow
 def test_a_gain_of_dlqr_runs_compiled_and_the_nonlinear_crane_moves_as_the_closed_linear_loop() -> (
     None
 ):
@@ -241,6 +243,7 @@ def as_system(gain: np.ndarray) -> object:
     return ct.ss([], [], [], -gain[:, ::-1], inputs=names, outputs=commands, dt=PERIOD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feedback", [as_gain, as_system])
 def test_a_gain_of_the_commands_on_their_way_moves_the_crane_as_the_closed_linear_loop(
     feedback: Callable[[np.ndarray], object],

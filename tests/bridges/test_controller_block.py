@@ -131,13 +131,14 @@ def check_hostile(
     used = block.of_kind("input")
     lowest = np.array([max(v.lower, -LARGEST) for v in used])
     limits = np.array([[v.lower, v.upper] for v in block.of_kind("output")]) * (1.0 + slack)
-    last = np.array([variable.start for variable in block.of_kind("output")])
+    at_start = np.array([variable.start for variable in block.of_kind("output")])
+    last = at_start
     began, was_at_fault = 0, False
     for k, row in enumerate(table):
         reset = k % 30 == 0
         if reset:
             was_at_fault = False
-            last = np.array([variable.start for variable in block.of_kind("output")])
+            last = at_start
         outputs, fault = call(row, reset)
         assert np.isfinite(outputs).all(), (row, outputs)
         assert (limits[:, 0] <= outputs).all() and (outputs <= limits[:, 1]).all()
@@ -183,6 +184,7 @@ def test_no_output_in_structured_text_is_nan_or_jumps_at_a_fault(
     assert check_hostile(block, kind, in_structured_text(block), table, 1e-12) > 15
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.floats(), min_size=14, max_size=14))
 def test_yielding_drives_are_never_commanded_what_is_no_number(inputs: list[float]) -> None:
@@ -234,6 +236,7 @@ def test_a_drive_is_not_braked_for_longer_than_from_its_largest_rate() -> None:
     assert braking == pytest.approx(-limit, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_an_observer_believes_in_the_effort_that_acts_not_in_the_one_it_asks_for() -> None:
     weak = crane(trolley_effort=2e4)
     make = CONTROLLERS["observer"][1]
@@ -246,6 +249,7 @@ def test_an_observer_believes_in_the_effort_that_acts_not_in_the_one_it_asks_for
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_rates_keep_to_what_converters_of_a_large_crane_reach() -> None:
     call = in_structured_text(rates())
     row = np.array([v.start for v in rates().of_kind("input")])
@@ -306,6 +310,7 @@ def test_a_crane_in_c_stands_still_at_a_fault_and_is_never_nan(
     block = crane_block(CRANE, drive=drive)
     compiled = CompiledBlock(block, tmp_path, precision)
     rng = np.random.default_rng(0)
+    states = [v.name for v in block.of_kind("state")]
     computed = [v.name for v in block.of_kind("state", "output")]
     inputs = block.of_kind("input", "parameter")
     faults = 0
@@ -315,7 +320,7 @@ def test_a_crane_in_c_stands_still_at_a_fault_and_is_never_nan(
         for v in inputs:
             if rng.uniform() < 0.03:
                 setattr(compiled.memory, v.name, rng.choice(HOSTILE) * rng.choice([-1.0, 1.0]))
-        state = [getattr(compiled.memory, v.name) for v in block.of_kind("state")]
+        state = [getattr(compiled.memory, name) for name in states]
         sound = compiled.call("outputs" if k % 2 else "step")
         assert np.isfinite([getattr(compiled.memory, name) for name in computed]).all()
         for v in inputs:
@@ -325,7 +330,7 @@ def test_a_crane_in_c_stands_still_at_a_fault_and_is_never_nan(
         if not sound:
             faults += 1
             assert compiled.memory.valid == 0.0
-            assert [getattr(compiled.memory, v.name) for v in block.of_kind("state")] == state
+            assert [getattr(compiled.memory, name) for name in states] == state
     assert faults > 100
 
 

@@ -139,6 +139,7 @@ def check_same(found: np.ndarray, run: Trajectory) -> None:
     assert_allclose(found[:, -1], run.energy[:-1], rtol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["compiled", "pinocchio"])
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_unit_moves_as_simulate_does(
@@ -174,8 +175,15 @@ def test_a_unit_moves_as_simulate_does(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("controller", [None, "integral"])
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("version", "controller"),
+    [
+        pytest.param(2, None, marks=pytest.mark.long),
+        (2, "integral"),
+        (3, None),
+        pytest.param(3, "integral", marks=pytest.mark.long),
+    ],
+)
 def test_sources_of_a_unit_of_either_version_compile_to_the_same_motion(
     version: Any, controller: str | None, tmp_path: Path
 ) -> None:
@@ -363,6 +371,7 @@ def test_names_of_a_strangers_joints_are_texts_to_the_unit_and_never_code(tmp_pa
     unit.slave.freeInstance()
 
 
+@pytest.mark.slow
 def test_two_variables_of_one_name_are_refused_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="Two variables of the unit would have the name energy"):
         fmi.export(renamed(tmp_path, "energy"), tmp_path / "crane.fmu")

@@ -59,6 +59,7 @@ def rollout(env: TowerCraneVectorEnv, steps: int, seed: int = 1) -> tuple[np.nda
     return np.array(states), np.array(commands)
 
 
+@pytest.mark.slow
 def test_gymnasium_finds_no_fault_with_one_crane(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -112,6 +113,7 @@ def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(
             assert_allclose(states[:, :, i], np.hstack([run.q, run.v]), atol=apart)
 
 
+@pytest.mark.slow
 def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> None:
     limits = Limits(rates=(0.1, 2.0, 1.5), accelerations=(0.02, 0.8, 0.6))
     for action, dt in (("velocity", 1e-2), ("acceleration", 1e-2), ("velocity", 0.05)):
@@ -132,6 +134,7 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
         assert (gap[1:] < 0.06).all()  # pushed there and stopped, 5 cm before
 
 
+@pytest.mark.slow
 def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> None:
     cranes, reach = [crane(), crane(trolley_max=12.0)], (1.0, 20.0, 20.0)
     env = many(50, crane=cranes, reach=reach, max_episode_steps=10_000)
@@ -145,6 +148,7 @@ def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> No
         many(1, crane=[crane(trolley_min=9.98), crane(trolley_max=10.02)])
 
 
+@pytest.mark.slow
 def test_what_is_shared_among_threads_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for at_once in (0, 10_000):
@@ -272,6 +276,7 @@ def test_pictures_have_one_scale_and_show_the_load_where_it_is() -> None:
     assert across[0] > 2 * down[0] and down[1] > 8.0 / 10.0 * 0.5 * across[0]
 
 
+@pytest.mark.slow
 def test_a_crane_for_which_the_task_is_not_made_is_refused_in_a_sentence() -> None:
     with pytest.raises(ModelError, match="is made for a tower crane of five joints; this one also"):
         many(2, crane=HOOK.crane())
@@ -352,6 +357,7 @@ def test_a_seed_of_numpy_is_the_same_as_that_of_python_and_gymnasiums_own_is_tak
     drawn.reset(seed=drawn.np_random_seed)  # 128 bits
 
 
+@pytest.mark.slow
 def test_the_benchmark_counts_steps(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--rounds", "1", "--seconds", "0"]
     assert environment.main(["--counts", "64", *words]) == 0
@@ -360,6 +366,7 @@ def test_the_benchmark_counts_steps(capsys: pytest.CaptureFixture[str]) -> None:
     assert environment.main(["--counts", "8", *words, "--least", "1e6"]) == 1
 
 
+@pytest.mark.slow
 def test_cranes_can_be_drawn_between_two_ends() -> None:
     found = cranes_between(3, seed=1, payload_mass=(500.0, 3000.0))
     assert len({c.payload_mass for c in found}) == 3 and all(

@@ -292,6 +292,7 @@ def database(path: Path, names: list[str], *, rows: int) -> Path:
     return file.rename(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -312,6 +313,7 @@ def test_a_folder_of_ros_2_is_analysed_and_its_metadata_are_not_read(
     assert row[1:3] == [15.0, pytest.approx(7.8, abs=1e-6)]
 
 
+@pytest.mark.slow
 def test_a_database_of_ros_2_is_read_like_its_folder(tmp_path: Path) -> None:
     file = database(tmp_path / "a.db3", ["swing_radial_joint", "hoist_joint"], rows=30)
     found = bags.read_joint_states(file, ["t_s", "phi_rad", "l_m"])

@@ -121,6 +121,7 @@ def test_the_same_combined_move_of_30_s_under_the_hold_controller_by_its_own_mot
     assert np.abs(np.array(rows) - np.hstack([run.q, run.v])).max() < 2e-13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("xacro", ["tower_crane", "overhead_crane"])
 def test_a_crane_hangs_still_from_its_keyframe_on(xacro: str, tmp_path: Path) -> None:
     mujoco, model, data = opened(tmp_path, load_crane(ROOT / "urdf" / f"{xacro}.urdf.xacro"))
@@ -213,6 +214,7 @@ def state_at_length(c: Crane, stretch: float = 0.0) -> State:
     return State(q, 0.3 * rng.normal(size=c.layout.n))
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_with_a_solid_hook_moves_as_here(tmp_path: Path) -> None:
     c = load_crane(hook_mass=200.0, hook_inertia=20.0, damp_sling=3.0)
     state = state_at_length(c)
@@ -220,6 +222,7 @@ def test_a_double_pendulum_with_a_solid_hook_moves_as_here(tmp_path: Path) -> No
     assert_allclose(there, here, rtol=0.0, atol=1e-12 * np.abs(here).max())  # rounding
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stretch", [0.02, -0.02])
 def test_a_rope_that_stretches_pulls_as_here_and_pushes_as_little(
     stretch: float, tmp_path: Path
@@ -258,6 +261,7 @@ def test_a_crane_with_a_rope_that_stretches_hangs_still_from_its_keyframe_on(
     assert np.abs(data.qpos - start).max() <= 0.5 * rope.stiffness * strain**2 / 2.0 / 5000.0
 
 
+@pytest.mark.slow
 def test_two_falls_resist_yaw_as_here_for_small_yaws(tmp_path: Path) -> None:
     c = load_crane(fall_spacing=1.0, hook_mass=200.0, hook_inertia=20.0)
     state = state_at_length(c)
@@ -302,6 +306,7 @@ def test_a_link_without_mass_is_one_body_with_the_next_and_moves_as_here(tmp_pat
     assert model.numeric("second_rate_limit").data.tolist() == [3.0]
 
 
+@pytest.mark.slow
 def test_dry_friction_is_written_and_read_again(tmp_path: Path) -> None:
     text = crane().urdf.replace('<dynamics damping="0.0"/>', '<dynamics friction="70"/>', 1)
     (tmp_path / "dry.urdf").write_text(text, encoding="utf-8")

@@ -249,6 +249,7 @@ def check_itinerary(drive: Callable[..., list[dict[str, Any]]], *instants: int) 
             check_same(next(done), run, 1e-9, row)
 
 
+@pytest.mark.slow
 def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
     check_itinerary(in_node, 1000, 7000)
 
@@ -258,7 +259,7 @@ def test_every_assistance_moves_the_crane_as_simulate_does_for_a_minute() -> Non
     check_itinerary(in_node, 1000, 9500, 12000)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     crane, data = crane_of("tower"), data_of("tower")
     drives, code = converters(crane), partial(webassembly.webassembly, simd=False)
@@ -273,11 +274,12 @@ def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ends[0] == ends[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "names"),
     [
         ("elastic", ["none", "lqr"]),
-        ("overhead", ["none", "shaped", "lqr"]),
+        pytest.param("overhead", ["none", "shaped", "lqr"], marks=pytest.mark.long),
         pytest.param("hook", ["none", "shaped", "lqr", "predictive"], marks=pytest.mark.long),
     ],
 )
@@ -287,6 +289,7 @@ def test_other_cranes_move_as_simulate_moves_them(kind: str, names: list[str]) -
         check_same(end, in_python(kind, name, 1000), 1e-12)
 
 
+@pytest.mark.slow
 def test_a_shaped_push_leaves_little_swing() -> None:
     # A push and its end three seconds later, while the second half of the push begins.
     inputs = [[0, "sticks", [0.0, 1.0, 0.0]], [600, "sticks", [0.0, 0.0, 0.0]]]
@@ -301,6 +304,7 @@ def test_a_shaped_push_leaves_little_swing() -> None:
     assert swing[0] < 0.03 * swing[1]  # what the jerk limit and the delay in whole periods leave
 
 
+@pytest.mark.slow
 def test_sliders_change_the_crane_as_its_arguments_do() -> None:
     data, crane = data_of("tower"), load_crane(payload_mass=2500.0, damp_swing=400.0)
     inputs = [
@@ -328,6 +332,7 @@ def test_sliders_change_the_crane_as_its_arguments_do() -> None:
     check_same(done, run, 1e-9)  # the numbers are those of the lighter crane plus a difference
 
 
+@pytest.mark.slow
 def test_what_was_driven_is_a_run_with_our_columns(tmp_path: Path) -> None:
     data = data_of("tower")
     done = in_node(data, request("none", 4000, rows=True))[0]
@@ -367,6 +372,7 @@ IMPOSSIBLE: list[list[Any]] = [
 """Inputs of a file to show again that no operator can have given."""
 
 
+@pytest.mark.slow
 def test_an_impossible_input_ends_a_drive_before_it_reaches_the_crane() -> None:
     inputs = [[[0, "sticks", [0.0, 0.5, 0.0]], [50, *wrong]] for wrong in IMPOSSIBLE]
     plain, *done = in_node(
@@ -380,6 +386,7 @@ def test_an_impossible_input_ends_a_drive_before_it_reaches_the_crane() -> None:
         assert (end["k"], end["q"], end["v"]) == (50, plain["q"], plain["v"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["none", "shaped", "yielding", "lqr", "predictive"])
 def test_no_state_makes_an_assistance_command_what_is_no_number(name: str) -> None:
     # The state is put into the kernel, past all checks: readings that no crane has.
@@ -409,6 +416,7 @@ def test_no_state_makes_an_assistance_command_what_is_no_number(name: str) -> No
     assert len(finite) == 100 and all(finite)
 
 
+@pytest.mark.slow
 def test_a_drive_replays_to_the_same_bits() -> None:
     data = data_of("tower")
     first, second = in_node(data, request("lqr", 5000), request("lqr", 5000))
@@ -437,6 +445,7 @@ REFUSED = [
 """What files of a drive hold that are refused as a whole, and why."""
 
 
+@pytest.mark.slow
 def test_a_file_that_holds_no_inputs_of_a_drive_is_refused_as_a_whole() -> None:
     files = [{"file": content} for content, _ in REFUSED]
     fine = [[0, "assist", "lqr"], [0, "sticks", [0, 1, 0]], [7, "stop", True]]
@@ -446,6 +455,7 @@ def test_a_file_that_holds_no_inputs_of_a_drive_is_refused_as_a_whole() -> None:
         assert words in refusal, content
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["none", "shaped", "yielding", "lqr"])
 def test_a_drive_stops_before_the_end_of_its_range_by_any_ramp(name: str) -> None:
     full = [[0, "assist", name], [0, "sticks", [0, 1, 1]], [6000, "sticks", [0, -1, -1]]]
@@ -458,6 +468,7 @@ def test_a_drive_stops_before_the_end_of_its_range_by_any_ramp(name: str) -> Non
         assert 0.0 < way < 0.2
 
 
+@pytest.mark.slow
 def test_predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives() -> None:
     goals = [1.2, 2.0, 3.4], [-2.0, 2.0, 40.0], [1.0, 15.0, 10.0]  # two of them beyond an end
     start = [0, "assist", "predictive"]
@@ -475,6 +486,7 @@ def test_predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives()
         np.testing.assert_allclose(np.array(done["q"])[drives], reached, atol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ASSISTANCES)
 def test_the_hoist_goes_to_a_length_until_its_stick_moves(name: str) -> None:
     inputs = [[0, "assist", name], [0, "slider", ["cable", 8.0]]]
@@ -486,6 +498,7 @@ def test_the_hoist_goes_to_a_length_until_its_stick_moves(name: str) -> None:
     assert (before["q"][4] > 12.0) == (name != "predictive")  # which drives by its goal alone
 
 
+@pytest.mark.slow
 def test_the_share_of_the_chart_is_that_of_a_report() -> None:
     falls = read_chart(CHARTS / "laboratory.toml").on()
     chart = {"least": falls.least, "radii": falls.radii.tolist(), "rated": falls.rated.tolist()}
@@ -515,6 +528,7 @@ def test_obstacles_of_a_site_are_written_once(monkeypatch: pytest.MonkeyPatch) -
     assert (task["parts"], task["solids"]) == (None, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("trolley", "event"), [(-1.0, "The load touched inner wall."), (0.0, None)]
 )
@@ -524,6 +538,7 @@ def test_a_drive_ends_where_the_load_touches_something(trolley: float, event: st
     assert done["event"] == event
 
 
+@pytest.mark.slow
 def test_an_exercise_is_done_when_the_load_is_still() -> None:
     inputs = [[0, "task", "stop"], [0, "assist", "predictive"]]
     done, swinging = in_node(
@@ -537,6 +552,7 @@ def test_an_exercise_is_done_when_the_load_is_still() -> None:
     assert best["ring"]["time"] < best["blind"]["time"]
 
 
+@pytest.mark.slow
 def test_a_mesh_is_drawn_in_its_place_with_as_many_triangles_as_a_page_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -587,7 +603,10 @@ PORTAL = """<robot name="portal">
 """A portal crane without visuals, whose joints have names of their own."""
 
 
-@pytest.mark.parametrize(("way", "low", "high"), [(-1, 2.0, 11.0), (1, -11.0, -2.0)])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("way", "low", "high"), [pytest.param(-1, 2.0, 11.0, marks=pytest.mark.long), (1, -11.0, -2.0)]
+)
 def test_a_crane_without_visuals_and_roles_has_a_load_colours_and_the_force_of_its_rope(
     tmp_path: Path, way: int, low: float, high: float
 ) -> None:
@@ -608,6 +627,7 @@ def test_a_crane_without_visuals_and_roles_has_a_load_colours_and_the_force_of_i
     assert in_node(data, still)[0]["tension"] == pytest.approx(2500.0 * crane.gravity, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_contact_is_that_of_coal() -> None:
     rng, cases, expected = np.random.default_rng(1), [], []
     for _ in range(300):

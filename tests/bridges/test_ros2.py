@@ -515,6 +515,7 @@ def test_a_package_that_would_hide_that_of_its_meshes_is_refused(tmp_path: Path)
     ros2.export(tmp_path / "site_parts", crane, name="site_crane")
 
 
+@pytest.mark.slow
 def test_two_falls_are_exported_with_the_stiffness_of_the_length_at_the_start(
     tmp_path: Path,
 ) -> None:
@@ -544,6 +545,7 @@ def test_a_double_pendulum_on_two_falls_weighs_in_dart_what_it_weighs_here(tmp_p
     assert (np.abs(skeleton.getMassMatrix() - expected) <= 1e-12 * size).all()
 
 
+@pytest.mark.slow
 def test_a_rope_that_stretches_is_refused_where_the_drum_is_unknown(tmp_path: Path) -> None:
     crane = load_crane(rope_stiffness=1e7)
     with pytest.raises(ModelError, match=r"hoist_joint has an armature, .* rope_stiffness 0"):
@@ -552,7 +554,7 @@ def test_a_rope_that_stretches_is_refused_where_the_drum_is_unknown(tmp_path: Pa
 
 @pytest.mark.slow
 def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_path: Path) -> None:
-    probe = build_probe(tmp_path)
+    probe = build_probe()
     (tmp_path / "bridge.sdf").write_text(BRIDGE)
     cranes = {
         "usual": load_crane(),
@@ -562,7 +564,7 @@ def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_p
     }
     for name, crane in cranes.items():
         urdf = ros2.export(tmp_path / name, crane) / "urdf" / "crane.urdf"
-        tree = read_with_libsdformat(probe, urdf)
+        (tree,) = read_with_libsdformat(probe, [urdf])
         joints = [joint.name for joint in crane.layout.joints]
         assert sorted(tree.screws) == sorted(joints)
         q = crane.start.q + 0.1
@@ -579,6 +581,7 @@ def test_libsdformat_with_which_gz_sim_reads_the_urdf_finds_the_same_crane(tmp_p
     assert tree.springs["load_yaw_joint"][0] == pytest.approx(stiffness)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exporter", ["ros2", "gazebo"])
 def test_a_link_so_light_that_gazebo_drops_it_and_all_below_is_refused(
     exporter: str, tmp_path: Path

@@ -6,6 +6,7 @@ import os
 import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -41,33 +42,38 @@ END_CONFIGURATION
 """
 
 
-class SoftPlc:
-    """A block in Structured Text, translated by MATIEC; it runs as a process."""
+def build_plc(block: FunctionBlock, folder: Path) -> Path:
+    """A program that runs a block in Structured Text, translated by MATIEC."""
+    translator = tool("iec2c", "none; see .ci/cross")
+    (folder / "all.st").write_text(structured_text(block) + PROGRAM)
+    output(translator, "-f", "-p", "-I", LIBRARY, "all.st", folder=folder)
+    inputs, outputs = (
+        [f"block.{v.name.upper()}.value" for v in block.of_kind(kind)]
+        for kind in ("input", "output")
+    )
+    reads = " && ".join(f'scanf("%lf", &{name}) == 1' for name in inputs)
+    writes = " ".join(f'printf("%.17g ", {name});' for name in outputs)
+    (folder / "driver.c").write_text(
+        '#include <stdio.h>\n#include "iec_std_lib.h"\nTIME __CURRENT_TIME;\n'
+        'BOOL __DEBUG;\n#include "POUS.h"\n#include "POUS.c"\n'
+        "int main(void) {\n  static CONTROLLER block;\n  int reset;\n"
+        "  CONTROLLER_init__(&block, 0);\n"
+        f'  while (scanf("%d", &reset) == 1 && {reads}) {{\n'
+        "    block.RESET.value = reset != 0;\n    CONTROLLER_body__(&block);\n"
+        f'    {writes}\n    printf("%d\\n", block.FAULT.value);\n    fflush(stdout);\n  }}\n'
+        "  return 0;\n}\n"
+    )
+    include = LIBRARY / "C"
+    output(tool("gcc"), "-w", "-I", include, "driver.c", "-o", "plc", "-lm", folder=folder)
+    return folder / "plc"
 
-    def __init__(self, block: FunctionBlock, folder: Path) -> None:
-        translator = tool("iec2c", "none; see .ci/cross")
-        (folder / "all.st").write_text(structured_text(block) + PROGRAM)
-        output(translator, "-f", "-p", "-I", LIBRARY, "all.st", folder=folder)
-        inputs, outputs = (
-            [f"block.{v.name.upper()}.value" for v in block.of_kind(kind)]
-            for kind in ("input", "output")
-        )
-        reads = " && ".join(f'scanf("%lf", &{name}) == 1' for name in inputs)
-        writes = " ".join(f'printf("%.17g ", {name});' for name in outputs)
-        (folder / "driver.c").write_text(
-            '#include <stdio.h>\n#include "iec_std_lib.h"\nTIME __CURRENT_TIME;\n'
-            'BOOL __DEBUG;\n#include "POUS.h"\n#include "POUS.c"\n'
-            "int main(void) {\n  static CONTROLLER block;\n  int reset;\n"
-            "  CONTROLLER_init__(&block, 0);\n"
-            f'  while (scanf("%d", &reset) == 1 && {reads}) {{\n'
-            "    block.RESET.value = reset != 0;\n    CONTROLLER_body__(&block);\n"
-            f'    {writes}\n    printf("%d\\n", block.FAULT.value);\n    fflush(stdout);\n  }}\n'
-            "  return 0;\n}\n"
-        )
-        include = LIBRARY / "C"
-        output(tool("gcc"), "-w", "-I", include, "driver.c", "-o", "plc", "-lm", folder=folder)
+
+class SoftPlc:
+    """A program of `build_plc` that runs as a process."""
+
+    def __init__(self, program: Path) -> None:
         self._process = subprocess.Popen(
-            [folder / "plc"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
 
     def __call__(self, inputs: np.ndarray, *, reset: bool = False) -> tuple[np.ndarray, bool]:
@@ -85,22 +91,51 @@ class SoftPlc:
 class PythonPlc:
     """A block in Structured Text, which Python runs."""
 
-    def __init__(self, block: FunctionBlock, folder: Path) -> None:
-        self._block, self._interpreted = block, InterpretedBlock(structured_text(block))
+    def __init__(self, block: FunctionBlock) -> None:
+        self._inputs = [variable.name for variable in block.of_kind("input")]
+        self._outputs = [variable.name for variable in block.of_kind("output")]
+        self._interpreted = InterpretedBlock(structured_text(block))
 
     def __call__(self, inputs: np.ndarray, *, reset: bool = False) -> tuple[np.ndarray, bool]:
         """Outputs, and whether the block is at fault."""
-        names = [variable.name for variable in self._block.of_kind("input")]
-        self._interpreted.call(reset=reset, **dict(zip(names, inputs.tolist(), strict=True)))
+        given = dict(zip(self._inputs, inputs.tolist(), strict=True))
+        self._interpreted.call(reset=reset, **given)
         memory = self._interpreted.memory
-        outputs = [memory[variable.name] for variable in self._block.of_kind("output")]
+        outputs = [memory[name] for name in self._outputs]
         return np.array(outputs, dtype=float), memory["fault"]
 
     def end(self) -> None:
         """Nothing runs."""
 
 
-PLCS = {"Python": PythonPlc, "MATIEC": SoftPlc}
+@cache
+def block_of(name: str) -> FunctionBlock:
+    """The block of a usual controller."""
+    drive, make = CONTROLLERS[name]
+    return controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
+
+
+MakePlc = Callable[[str, str], PythonPlc | SoftPlc]
+"""From what a block runs on, and the name of its controller, to the block at its start."""
+
+PLCS = ["Python", "MATIEC"]
+"""What a block in Structured Text runs on."""
+
+
+@pytest.fixture(scope="module")
+def make_plc(tmp_path_factory: pytest.TempPathFactory) -> MakePlc:
+    """Makes a block that runs; each program is built once."""
+
+    @cache
+    def program(name: str) -> Path:
+        return build_plc(block_of(name), tmp_path_factory.mktemp("plc"))
+
+    def make(plc_name: str, name: str) -> PythonPlc | SoftPlc:
+        return PythonPlc(block_of(name)) if plc_name == "Python" else SoftPlc(program(name))
+
+    return make
+
+
 NAMES = [name for name in CONTROLLERS if name != "predictive"]
 """Controllers without loops, which the straight code of Structured Text has not."""
 
@@ -109,13 +144,12 @@ NAMES = [name for name in CONTROLLERS if name != "predictive"]
 @pytest.mark.parametrize("plc_name", PLCS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_controller_in_structured_text_commands_what_it_commands_in_python(
-    name: str, plc_name: str, tmp_path: Path
+    name: str, plc_name: str, make_plc: MakePlc
 ) -> None:
-    drive, make = CONTROLLERS[name]
-    block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
-    plc = PLCS[plc_name](block, tmp_path)
+    _, make = CONTROLLERS[name]
+    plc = make_plc(plc_name, name)
     # The shaper's line of 777 calls runs around twice.
-    inputs, expected = vectors(CRANE, make(CRANE, 5e-3), block, rows=2000)
+    inputs, expected = vectors(CRANE, make(CRANE, 5e-3), block_of(name), rows=2000)
     found = np.array([plc(row)[0] for row in inputs])
     plc.end()
     off = np.abs(found - expected).max(axis=0)
@@ -125,10 +159,10 @@ def test_a_controller_in_structured_text_commands_what_it_commands_in_python(
 
 
 @pytest.mark.slow
-def test_a_plc_with_the_block_moves_the_crane_as_python_does(tmp_path: Path) -> None:
-    drive, make = CONTROLLERS["integral"]
-    block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
-    plc = SoftPlc(block, tmp_path)
+def test_a_plc_with_the_block_moves_the_crane_as_python_does(make_plc: MakePlc) -> None:
+    _, make = CONTROLLERS["integral"]
+    block = block_of("integral")
+    plc = make_plc("MATIEC", "integral")
     runs = []
     variables = [variable.name for variable in block.variables if variable.kind == "input"]
     used = [variables.index(variable.name) for variable in block.of_kind("input")]
@@ -162,10 +196,10 @@ def bang_ramp(c: Any, goal: State) -> Callable[[float], Setpoint]:
 @pytest.mark.parametrize("plc_name", PLCS)
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1.0000001e12, -1.0000001e12])
 def test_an_input_out_of_range_is_a_fault_until_the_reset(
-    bad: float, plc_name: str, tmp_path: Path
+    bad: float, plc_name: str, make_plc: MakePlc
 ) -> None:
-    block = controller_block(CRANE, CONTROLLERS["integral"][1](CRANE, 5e-3))
-    plc = PLCS[plc_name](block, tmp_path)
+    block = block_of("integral")
+    plc = make_plc(plc_name, "integral")
     inputs = np.array([variable.start for variable in block.of_kind("input")])
     first, fault = plc(inputs + 0.01)
     assert not fault

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -38,8 +39,9 @@ def random(rng: np.random.Generator, tight: float, shape: HorizonShape) -> Horiz
     )
 
 
+@cache
 def made(shape: HorizonShape) -> Machine:
-    """The solver's code."""
+    """The solver's code, made once for each shape."""
     module = ir.Module()
     riccati.emit(module, shape, {})
     interior.emit(module, shape)

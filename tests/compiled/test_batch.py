@@ -244,6 +244,7 @@ class _Scheduled:
         )
 
 
+@pytest.mark.slow
 def test_a_controller_that_looks_at_its_reference_does_so_for_each_crane() -> None:
     controller, references, starts = _Scheduled(), _references(9), _starts(9)
     batch = simulate_batch(crane(), controller, references, start=starts, record=1, **CLOCK)
@@ -253,6 +254,7 @@ def test_a_controller_that_looks_at_its_reference_does_so_for_each_crane() -> No
         _same(crane(), alone, batch, i)
 
 
+@pytest.mark.slow
 def test_controllers_that_remember_begin_with_it_and_are_left_as_they_are() -> None:
     pair = [HoistIntegral(crane(), _tracking(0), 2e3, 1.3e4, integral=i) for i in (-0.3, 0.0)]
     batch, again = (
@@ -289,6 +291,7 @@ def _bits(batch: Batch, order: Sequence[int]) -> list[bytes]:
     return [(getattr(batch, name)[list(order)] + 0.0).tobytes() for name in SUMMARY + RECORDED]
 
 
+@pytest.mark.slow
 def test_neither_the_order_of_the_cranes_nor_the_number_of_threads_changes_a_bit() -> None:
     usual, order = _bits(_many(range(20)), range(20)), np.random.default_rng(8).permutation(20)
     assert _bits(_many(order.tolist()), np.argsort(order).tolist()) == usual
@@ -316,6 +319,7 @@ def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
 # --- what is kept ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
     # strong enough for a ramp that is followed exactly from its first instant
@@ -352,6 +356,7 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
     assert_allclose(batch.t, since + PERIOD * np.arange(ROWS), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_by_default_the_swing_left_at_the_end_is_residual() -> None:
     brake, starts = hold_controller(crane(), gravity=G), _starts(3)
     for since in (0.0, 1e6 + 0.1):
@@ -382,6 +387,7 @@ def _peak(call: Callable[[], Any]) -> float:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_what_is_not_recorded_takes_no_memory() -> None:
     c, brake = crane(), hold_controller(crane(), gravity=G)
     starts = State(np.tile(c.start.q, (256, 1)), np.zeros((256, 5)))
@@ -504,6 +510,7 @@ def test_starts_of_their_own_take_a_fifth_more_memory_than_equal_ones_at_most() 
     assert own_peak < 1.2 * equal_peak
 
 
+@pytest.mark.slow
 def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_table_of_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -547,6 +554,7 @@ def test_tables_that_would_not_fit_are_refused_while_they_are_made(
 # --- imperfect sensors ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_noisy_late_sensors_in_a_batch_are_those_of_each_crane_alone() -> None:
     cranes, starts, delays = _cranes(10), _starts(10), [0, 3, 1, 0, 7, 2, 49, 60, 1, 5]
     controllers = [hold_controller(cranes[0])] * 10
@@ -569,6 +577,7 @@ def test_noisy_late_sensors_in_a_batch_are_those_of_each_crane_alone() -> None:
     assert (np.abs(found.q - quiet.q).max(axis=(1, 2)) > 1e-7).all()  # that it does something
 
 
+@pytest.mark.slow
 def test_one_delay_is_that_of_all_and_none_is_no_other_code() -> None:
     def end(**delay: Any) -> np.ndarray:
         c = crane()

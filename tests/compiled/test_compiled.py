@@ -196,6 +196,7 @@ def test_a_run_of_many_blocks_is_the_same(controller: str, monkeypatch: pytest.M
     assert told[4201:] == pytest.approx(after_blocks, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
     c = crane(**DAMPED, trolley_effort=2e3, slew_effort=1e4, hoist_effort=9.9e3)
     for made in (lambda: hold_controller(c, gravity=G), _plain_function):
@@ -203,6 +204,7 @@ def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
             assert (np.abs(found.effort).max(axis=0) == c.effort_limit).all()
 
 
+@pytest.mark.slow
 def test_a_run_that_begins_late_is_the_same() -> None:
     c, late = crane(), 5e4
     reference = ramp(c, hold(c, _start()), "x", 0.3, rate=1.0, at=late + 0.1)
@@ -274,6 +276,7 @@ def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "name"), [("effort", "hold"), ("motion", "follow")])
 def test_code_that_moves_otherwise_is_refused(
     drive: Any, name: str, monkeypatch: pytest.MonkeyPatch
@@ -346,6 +349,7 @@ except CraneError as error:
 # --- controllers that remember --------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None:
     c, made = crane(payload_mass=1100.0), list[HoistIntegral]()
 
@@ -445,6 +449,7 @@ def test_a_hoist_that_pushes_the_rope_ends_both_runs() -> None:
     assert "the rope would have to push" in str(failure)
 
 
+@pytest.mark.slow
 def test_a_run_that_diverges_ends_alike() -> None:
     c = crane(hoist_effort=1e12)
     wild = hold_controller(c, damping=(1e6, 5e4, 1e6))
@@ -561,6 +566,7 @@ def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done(
     agree(c, plain, caught.value.trajectory)
 
 
+@pytest.mark.slow
 def test_a_loop_of_very_small_steps_is_looked_at_before_long() -> None:
     told: list[float] = []
     look = {"monitors": [lambda row, t, state: told.append(t)], "engine": "compiled"}
@@ -638,6 +644,7 @@ def test_the_error_of_rk4_falls_with_the_fourth_power_of_the_step(engine: Any) -
     assert coarse / fine == pytest.approx(16.0, rel=0.15)
 
 
+@pytest.mark.slow
 @IN_BOTH
 def test_rk4_keeps_the_energy_of_a_swing(engine: Any) -> None:
     c = crane(damp_swing=0.0)

@@ -365,7 +365,7 @@ def _digest(*arguments: str, **environment: str) -> list[str]:
     return run.stdout.splitlines()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_public_call_reads_or_writes_beside_an_array_or_what_nobody_has_written() -> None:
     """Between guard pages, and under the checks of the C library with freed memory filled; both
     times the same comes out, to the bit.
@@ -377,6 +377,7 @@ def test_no_public_call_reads_or_writes_beside_an_array_or_what_nobody_has_writt
     assert re.fullmatch(r"60 calls: Misshapen \d+, (OutOfRange \d+, )?ran \d\d", between[0])
 
 
+@pytest.mark.slow
 def test_the_guard_bites() -> None:
     script = """
 import ctypes, numpy as np
@@ -525,7 +526,7 @@ def test_ctrl_c_is_answered_within_two_seconds_whatever_runs(
     )
 
 
-@pytest.mark.parametrize("run", [simulate, simulate_batch])
+@pytest.mark.parametrize("run", [pytest.param(simulate, marks=pytest.mark.long), simulate_batch])
 @pytest.mark.slow
 def test_ctrl_c_is_answered_within_two_seconds_under_the_longest_horizon(
     run: Callable[..., object],

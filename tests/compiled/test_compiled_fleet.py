@@ -79,6 +79,7 @@ def _check_alone(
         assert_allclose(found[:, :, i], np.hstack([run.q, run.v])[1:], atol=1e-11)
 
 
+@pytest.mark.slow
 def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
     rng, kinds = np.random.default_rng(1), [crane(), crane(payload_mass=2500.0, trolley_effort=5e2)]
     fleet = Fleet(kinds, COUNT, drive="effort", control_period=2e-2, dt=1e-3)
@@ -163,6 +164,7 @@ def _steered(fleet: Fleet, seed: int, steps: int = 4) -> np.ndarray:
     return np.array([fleet.step(rng.normal(size=(3, fleet.count))).copy() for _ in range(steps)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "threads"), [(COUNT, 1), (600, 2)])
 def test_a_copy_of_a_fleet_goes_on_by_itself_from_where_the_original_was(
     count: int, threads: int
@@ -181,6 +183,7 @@ def test_a_copy_of_a_fleet_goes_on_by_itself_from_where_the_original_was(
         assert np.array_equal(_steered(fleet, seed), _steered(alone, seed))
 
 
+@pytest.mark.slow
 def test_a_fleet_on_threads_goes_on_in_a_forked_process() -> None:
     fleet = Fleet(crane(), 600, threads=2)
     _steered(fleet, 0)
@@ -254,6 +257,7 @@ def test_a_call_that_could_harm_is_refused_in_a_sentence_and_changes_nothing(
         fleet.z[0] = 1.0
 
 
+@pytest.mark.slow
 def test_forces_act_until_something_else_is_said() -> None:
     fleet = Fleet(crane(), 2, control_period=1e-2, forces=True)
     fleet.push(np.array([1]), np.array([[0.0, -300.0, 0.0, 0.0, 0.0, 0.0]]))

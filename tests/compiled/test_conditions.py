@@ -29,6 +29,7 @@ _JOINT = """<joint name="{name}" type="prismatic"><parent link="{above}"/><child
 <limit lower="-5" upper="5" effort="100" velocity="9"/></joint>"""
 
 
+@pytest.mark.slow
 def test_a_crane_whose_load_stays_at_one_height_runs_in_code(tmp_path: Path) -> None:
     parts = [
         '<robot name="table"><link name="base"/>',
@@ -63,6 +64,7 @@ def test_where_code_says_that_the_model_holds_nobody_asks_again(asked: list[str]
     assert not asked and (run.valid == 1.0).all()
 
 
+@pytest.mark.slow
 def test_rows_are_marked_where_code_says_that_the_model_does_not_hold() -> None:
     start, brake = crane().state(phi=1.5, theta=1.5), hold_controller(crane())
     plain, code = (

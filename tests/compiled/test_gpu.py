@@ -190,6 +190,7 @@ def test_a_run_on_the_gpu_goes_on_from_piece_to_piece_to_the_bit(
     assert _apart(whole, simulate_batch(**given)) == 0.0
 
 
+@pytest.mark.slow
 def test_code_that_does_otherwise_on_the_gpu_is_refused(
     stand_in: Callable[..., SimpleNamespace],
 ) -> None:
@@ -243,6 +244,7 @@ def test_what_the_assembler_refuses_is_no_success() -> None:
         gpu.assemble(assembler, text.replace("fma.rn.f64", "fma.f64", 1), "sm_90")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_after_another")
 def test_the_benchmark_of_a_gpu_runs_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gpu, "COUNTS", (3, 40))

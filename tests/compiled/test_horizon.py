@@ -33,7 +33,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.planning.optimal import optimal
 from cranedyn.references import flat, hold
 from cranedyn.references.limits import Limits
-from tests.helpers import ROOT, crane, quickly
+from tests.helpers import ROOT, crane, long_after, quickly
 
 pytestmark = pytest.mark.slow
 
@@ -82,7 +82,7 @@ def settled(run: Trajectory, goal: State, moved: Crane, within: float = 0.01) ->
 # ---------------- what is predicted
 
 
-@pytest.mark.parametrize("which", ["tower", "overhead"])
+@pytest.mark.parametrize("which", long_after(1, ["tower", "overhead"]))
 def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane(
     which: str,
 ) -> None:
@@ -146,7 +146,13 @@ def _limits(moved: Crane) -> Limits:
 
 @pytest.mark.parametrize(
     ("name", "drive"),
-    [("trolley", "effort"), ("slew", "effort"), ("combined", "effort"), ("combined", "motion")],
+    [
+        # A combined move is one of the trolley and one of the slew, too.
+        pytest.param("trolley", "effort", marks=pytest.mark.long),
+        pytest.param("slew", "effort", marks=pytest.mark.long),
+        ("combined", "effort"),
+        ("combined", "motion"),
+    ],
 )
 def test_it_settles_within_one_and_a_half_times_the_least_time_and_keeps_all_limits(
     name: str, drive: Drive
@@ -231,7 +237,7 @@ def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> N
         assert run.t[np.flatnonzero(off > within)[-1]] < published
 
 
-@pytest.mark.parametrize("drive", ["effort", "motion"])
+@pytest.mark.parametrize("drive", ["effort", pytest.param("motion", marks=pytest.mark.long)])
 def test_it_never_commands_a_slack_rope_however_fast_the_hoist_may_be(drive: Drive) -> None:
     fast = Limits(rates=(0.5, 5.0, 8.0), accelerations=(0.5, 5.0, 40.0))
     rng = np.random.default_rng(3)
@@ -250,7 +256,7 @@ def test_it_never_commands_a_slack_rope_however_fast_the_hoist_may_be(drive: Dri
         assert tension.min() >= made.programme.taut * (1.0 - 1e-9)
 
 
-@pytest.mark.parametrize("load", [500.0, 1500.0])
+@pytest.mark.parametrize("load", [pytest.param(500.0, marks=pytest.mark.long), 1500.0])
 def test_a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated(
     load: float,
 ) -> None:
@@ -277,6 +283,7 @@ def test_noise_of_the_swings_sensors_is_averaged(
     assert least < np.quantile(_swing_left(run, 12.0), 0.9) < most
 
 
+@pytest.mark.long
 def test_what_it_believes_of_the_swing_is_what_swings_where_sensors_are_exact() -> None:
     start, goal = at((0.0, 10.0, 15.0), phi=0.05, theta=-0.03), at((0.3, 15.0, 12.0))
     runs = [
@@ -337,7 +344,13 @@ def test_on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_co
 
 
 @pytest.mark.parametrize(
-    ("drive", "moving"), [("effort", False), ("motion", True), ("velocity", True)]
+    ("drive", "moving"),
+    [
+        ("effort", False),
+        ("motion", True),
+        # In the default run a batch at rates does what each crane does alone.
+        pytest.param("velocity", True, marks=pytest.mark.long),
+    ],
 )
 def test_the_compiled_loop_does_what_python_does_to_the_bit(drive: Drive, moving: bool) -> None:
     start, goal = map(at, MOVES["combined"])
@@ -364,6 +377,7 @@ def test_rates_for_converters_are_those_that_accelerate_the_drives_as_planned() 
     np.testing.assert_allclose(rates, expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.long
 def test_drives_twice_as_late_as_believed_leave_no_swing() -> None:
     typical, goal = converters(crane()), at((0.3, 15.0, 12.0))
     weight = 1e3 * usual_input_weight(np.array(LIMITS.accelerations))
@@ -473,7 +487,7 @@ GLITCHES = (0.1, 1.0, 30.0, 1257.0, 1e8)
 """Once added to a reading; an encoder that wraps in a control period of 5 ms reads 1257 rad/s."""
 
 
-@pytest.mark.parametrize("drive", ["effort", "velocity"])
+@pytest.mark.parametrize("drive", ["effort", pytest.param("velocity", marks=pytest.mark.long)])
 def test_one_wrong_reading_of_any_size_leaves_nothing(drive: Drive) -> None:
     goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
     offset = np.zeros((1 + 10 * len(GLITCHES), 402, 10))

@@ -56,6 +56,7 @@ def test_a_stage_is_the_exponential_of_the_linear_crane_to_the_fourth_power_of_i
     assert np.abs(found - exact).max() > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "changes"),
     [(LUFFING, (-0.2, 0.0, 0.3)), (ECCENTRIC, (-2.0, -0.2, 0.3, 2.0))],

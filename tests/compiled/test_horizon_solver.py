@@ -13,12 +13,12 @@ from cranedyn.compiled.machine import Machine
 from tests.compiled.programmes import Solved, made, random, solved
 
 SHAPE = HorizonShape(10, 3, 40)
-MACHINE = made(SHAPE)
 PRODUCTS = 4 * SHAPE.stages * SHAPE.lanes
 """Slacks with multipliers: the sum of their products is the gap of duality, by which a cost is
 above the best one at most."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     importlib.util.find_spec("clarabel") is None,
     reason="clarabel is not installed: pip install 'cranedyn[benchmarks]'",
@@ -28,7 +28,7 @@ def test_what_it_finds_costs_no_more_than_what_clarabel_finds(tight: float) -> N
     rng = np.random.default_rng(int(10 * tight))
     for _ in range(4):
         problem = random(rng, tight, SHAPE)
-        ours, theirs = solved(MACHINE, problem), by_clarabel(problem)()
+        ours, theirs = solved(made(SHAPE), problem), by_clarabel(problem)()
         assert ours.report["flag"] == 1.0
         assert problem.gap(ours.found) < 1e-9  # rounding
         best = problem.value(theirs)
@@ -64,13 +64,13 @@ def keepable(rng: np.random.Generator, shape: HorizonShape) -> HorizonProblem:
 
 def test_bounds_that_can_be_kept_are_kept_at_the_cost_that_daqp_finds() -> None:
     rng = np.random.default_rng(5)
-    met = [check_against_daqp(MACHINE, keepable(rng, SHAPE)) for _ in range(8)]
+    met = [check_against_daqp(made(SHAPE), keepable(rng, SHAPE)) for _ in range(8)]
     assert sum(one.report["iterations"] > 0.0 for one in met) >= 4
 
 
 def test_without_a_bound_in_the_way_it_is_the_riccati_solution_at_once() -> None:
     problem = random(np.random.default_rng(3), 1e-3, SHAPE)
-    ours = solved(MACHINE, problem)
+    ours = solved(made(SHAPE), problem)
     assert ours.report["iterations"] == 0.0
     assert ours.report["excess"] < 0.0
     np.testing.assert_allclose(ours.found, by_daqp(problem)(), atol=1e-9)  # rounding
@@ -85,6 +85,7 @@ def test_problems_of_other_sizes_are_solved_as_well(states: int, inputs: int, st
         check_against_daqp(machine, keepable(rng, shape))
 
 
+@pytest.mark.slow
 def test_the_cost_beyond_the_horizon_is_that_of_a_horizon_as_long_again() -> None:
     shape = HorizonShape(4, 1, 5)  # after many stages more the cost would change no more
     problem = random(np.random.default_rng(8), 1.0, shape)

@@ -18,7 +18,15 @@ pytest.importorskip("llvmlite")
 from cranedyn.compiled.load_filter import compile_load_estimate
 
 
-@pytest.mark.parametrize("sensors", ["drives", "swing", "imu"])
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        # The encoders of the drives are read in both of the others, too.
+        pytest.param("drives", marks=pytest.mark.long),
+        "swing",
+        "imu",
+    ],
+)
 @pytest.mark.slow
 def test_compiled_and_plain_filters_make_the_same_run(sensors: Sensors) -> None:
     motion, start = at_rest(crane()), crane().state(**REST, phi=0.05, theta=-0.03)

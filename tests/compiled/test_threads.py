@@ -64,6 +64,7 @@ def _in_wind(c: Crane, x: float, engine: Any) -> Trajectory:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", sorted({"pinocchio", FAST}))
 def test_one_crane_runs_in_two_threads_as_in_one(engine: Any, restless: None) -> None:
     c, names = crane(), ("q", "v", "force", "energy", "outside", "effort")
@@ -94,6 +95,7 @@ def test_what_a_crane_is_asked_in_two_threads_it_answers_as_in_one(restless: Non
     _check_together(asked, 8.0, 20.0)
 
 
+@pytest.mark.slow
 def test_motions_are_planned_and_controllers_made_in_two_threads_as_in_one(restless: None) -> None:
     c = crane()
 
@@ -128,6 +130,7 @@ def test_a_crane_that_comes_from_another_process_has_scratch_memory_of_its_own()
     assert dynamics.energy(c, c.start) == dynamics.energy(crane(), crane().start)
 
 
+@pytest.mark.slow
 def test_cranes_are_loaded_in_several_threads(restless: None) -> None:
     masses = [1100.0, 1200.0, 1300.0]
     found = together(

@@ -108,6 +108,7 @@ def test_rates_told_in_other_units_do_not_drift() -> None:
     assert np.abs(runs[0].q - runs[1].q).max() < 5e-14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [0.05, 0.5])
 def test_long_steps_that_turn_far_are_those_of_pinocchio(period: float) -> None:
     start = crane().state(phi=0.1, phi_dot=4.0, theta_dot=-0.5)

@@ -202,6 +202,7 @@ def test_nothing_outside_of_since_and_until_is_judged(tmp_path: Path) -> None:
 # --- MATLAB, HDF5, workbooks, Parquet -------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_vectors_matrices_and_fields_of_matlab_are_columns(tmp_path: Path) -> None:
     log = {"time": T, "y": np.stack([PHI, np.full(50, 15.0)], axis=1), "name": "crane"}
     savemat(tmp_path / "a.mat", {"log": log, "rate": 50.0, "picture": np.zeros((300, 300))})
@@ -217,6 +218,7 @@ def test_vectors_of_different_lengths_are_no_table(tmp_path: Path) -> None:
         read(tmp_path / "a.mat")
 
 
+@pytest.mark.slow
 def test_a_file_of_matlab_7_3_is_hdf5_with_rows_first(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py", reason="extra hdf5 is not installed")
     with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
@@ -231,6 +233,7 @@ def test_a_file_of_matlab_7_3_is_hdf5_with_rows_first(tmp_path: Path) -> None:
     assert open_log(tmp_path / "a.mat").names[1:3] == ("both(:,1)", "both(:,2)")
 
 
+@pytest.mark.slow
 def test_data_of_hdf5_in_other_files_are_not_opened(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py", reason="extra hdf5 is not installed")
     (tmp_path / "secret.bin").write_bytes(bytes(400))
@@ -248,6 +251,7 @@ def test_data_of_hdf5_in_other_files_are_not_opened(tmp_path: Path) -> None:
         open_log(tmp_path / "b.h5")
 
 
+@pytest.mark.slow
 def test_a_workbook_may_have_lines_above_its_header_and_several_sheets(tmp_path: Path) -> None:
     pytest.importorskip("python_calamine", reason="extra excel is not installed")
     numbers = zip(T.tolist(), PHI.tolist(), strict=True)
@@ -349,6 +353,7 @@ def test_a_file_that_crashes_its_reader_is_a_sentence(tmp_path: Path) -> None:
         open_log(tmp_path / "a.mat")
 
 
+@pytest.mark.slow
 def test_memory_time_and_size_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.mat"
     savemat(path, {"t": np.zeros(20_000_000), "y": np.zeros(9)}, do_compression=True)

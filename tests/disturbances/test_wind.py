@@ -162,6 +162,7 @@ def test_gusts_have_their_shapes() -> None:
     )
 
 
+@pytest.mark.slow
 def test_turbulence_has_its_intensity_and_its_time_scale_and_repeats_with_its_seed() -> None:
     one, two = (
         wind.turbulence(

@@ -79,6 +79,7 @@ def test_both_engines_let_a_box_fall_tip_and_slide_alike(rule: Any) -> None:
     assert plain.outside[-1, 1] < -1000.0
 
 
+@pytest.mark.slow
 def test_a_box_on_the_ground_meets_its_closed_forms() -> None:
     checks = [check_oracle(oracle, 3) for oracle in box_on_ground(Bench(point_crane, FAST))]
     assert [check.oracle.name for check in checks if not check.holds] == []
@@ -120,6 +121,7 @@ def test_a_box_is_stopped_by_the_side_of_a_platform_and_stands_on_its_top() -> N
     assert above["z_m"][-1] == pytest.approx(3.0 + HEIGHT / 2.0 - SINK, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_load_stands_below_a_slack_rope_until_it_is_lifted() -> None:
     values = {"rope_stiffness": 2e7, "rope_damping": 2e4, "hoist_max": 30.0}
     tower = crane(**box_load(MASS, *SIDES), **values)
@@ -184,6 +186,7 @@ def test_a_load_without_restitution_stays_where_it_falls() -> None:
     assert highest(0.0) < 0.0 < 0.01 < highest(0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["oracle", "compiled"])
 def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corners(
     engine: Any,
@@ -213,7 +216,8 @@ def test_a_load_that_starts_in_the_ground_is_refused() -> None:
         slid(0.1, start={"z": 0.9})
 
 
-@pytest.mark.parametrize("engine", ["oracle", "compiled"])
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", [pytest.param("oracle", marks=pytest.mark.long), "compiled"])
 def test_a_box_stands_and_slides_on_a_seam_of_two_platforms_as_on_one(engine: Any) -> None:
     if engine == "compiled":
         pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")

@@ -105,6 +105,7 @@ def test_a_cart_under_more_than_its_friction_accelerates_by_the_rest(cart: Crane
     assert run.v[-1, 0] / 2.0 == pytest.approx((150.0 - FRICTION) / MASS, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_friction_dissipates_what_the_motion_loses(crane: Crane) -> None:
     start = crane.state(x_dot=1.0, swing=0.5)
     run = simulate(crane, hold_controller(crane), start=start, duration=6.0, dt=2e-4)

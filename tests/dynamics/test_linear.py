@@ -119,7 +119,13 @@ def test_a_tiny_swing_in_the_loop_is_the_mode(coordinate: str, clocks: dict[str,
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("gravity", "length"), [(9.80665, 15.0), (20.0, 10.0), (3.7, 4.0), (9.8, 26.0)]
+    ("gravity", "length"),
+    [
+        (9.80665, 15.0),
+        (3.7, 4.0),
+        pytest.param(20.0, 10.0, marks=pytest.mark.long),
+        pytest.param(9.8, 26.0, marks=pytest.mark.long),
+    ],
 )
 def test_the_free_swing_is_predicted(gravity: float, length: float) -> None:
     case = a1.run(harness.Setup(gravity), length)

@@ -99,6 +99,7 @@ def test_the_second_view_follows_the_payload(moving: Trajectory) -> None:
     assert tracked == payload_entity(run) == "/one/scene/hook_link/box"
 
 
+@pytest.mark.slow
 def test_the_tour_without_control_waits_for_the_other_leg_by_leg() -> None:
     setup = harness.Setup()
     leader, _ = CONTROLS["shaped"](setup, TOUR_LIMITS, 12.0)

@@ -43,6 +43,7 @@ def test_a_control_period_too_long_is_the_reason_in_the_table_of_the_tour(
     assert str(compare_runs.tour_results(setup, "shaped")).startswith(reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", [LQR, FLAT, MPC])
 @pytest.mark.parametrize(
     "setup",

@@ -151,6 +151,7 @@ def done(ran: Callable[..., Ran]) -> Ran:
     return ran("compare", "--only", *COMPARED, "--engine", FAST, "--jobs", "1")
 
 
+@pytest.mark.long
 def test_the_command_compares_the_ways_asked_for(done: Ran) -> None:
     assert (done.code, done.failed()) == (0, [])
     rows = {row["strategy"]: row for row in done.table("Move combined: (0.0, 10.0, 15.0) to")}
@@ -164,6 +165,7 @@ def test_the_command_compares_the_ways_asked_for(done: Ran) -> None:
     assert missing(told, "README.md") == []
 
 
+@pytest.mark.long
 def test_feedback_outlives_every_case_and_a_swing_at_the_start(done: Ran) -> None:
     later = {row["strategy"]: row for row in done.table("Swing 20 s after the arrival")}
     alone = later["spline alone"][NOMINAL.name]
@@ -173,12 +175,14 @@ def test_feedback_outlives_every_case_and_a_swing_at_the_start(done: Ran) -> Non
     assert swinging[FLAT][column] < 1e-2 * swinging["spline alone"][column]
 
 
+@pytest.mark.long
 def test_documents_show_the_ways_asked_for_as_printed(done: Ran) -> None:
     tables = [ResultTable.of(kept) for kept in done.result["tables"]]
     document = read_document(ROOT / "docs/results/control.md", "compare")
     assert document.stale(tables, subset=True) == []
 
 
+@pytest.mark.long
 def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(done: Ran) -> None:
     expected = {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"}
     assert expected <= {path.name for path in done.folder.iterdir()}

@@ -62,7 +62,15 @@ def test_the_page_on_drives_shows_it_as_printed(found: dict[str, Results]) -> No
     assert document.stale(made, subset=True) == []
 
 
-@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])
+@pytest.mark.parametrize(
+    "strategy",
+    [
+        # The compiled MPC about a motion is that to the goal otherwise.
+        pytest.param(name, marks=[pytest.mark.long] * (name == COMPILED_MPC))
+        for name in STRATEGIES
+        if not name.startswith("least")
+    ],
+)
 def test_every_strategy_runs_on_converters(strategy: str) -> None:
     if strategy == MPC:
         pytest.importorskip("daqp", reason="extra mpc (daqp) is not installed")

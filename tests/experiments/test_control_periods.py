@@ -19,7 +19,15 @@ from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from experiments.scenarios.moves import RestToRest
-from experiments.scenarios.strategies import COMPILED_MPC, FLAT, LQR, MPC, PAPER, STRATEGIES
+from experiments.scenarios.strategies import (
+    COMPILED_MPC,
+    FLAT,
+    LQR,
+    MPC,
+    PAPER,
+    STRATEGIES,
+    TO_GOAL,
+)
 from tests.helpers import FAST
 
 MOVE = RestToRest("short", (0.0, 10.0, 12.0), (0.1, 11.0, 11.0), 8.0)
@@ -61,7 +69,7 @@ def _peak(run: Trajectory) -> np.ndarray:
 @pytest.mark.parametrize(
     "strategy",
     [
-        pytest.param(name, marks=[pytest.mark.long] * (name == COMPILED_MPC))
+        pytest.param(name, marks=[pytest.mark.long] * (name in (COMPILED_MPC, TO_GOAL)))
         for name in STRATEGIES
         if not name.startswith("least")
     ],
@@ -112,6 +120,7 @@ def test_a_flat_motion_in_fine_rows_is_that_in_coarse_ones() -> None:
         assert few / many == pytest.approx(each**2, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [2.5e-3, 0.02])
 def test_a_load_heavier_than_believed_ends_where_it_shall_at_any_control_period(
     period: float,

@@ -296,6 +296,7 @@ def test_the_outline_of_the_setpoint_hangs_where_the_slung_load_hangs_at_rest(
     assert_allclose(place[0] + body, load, atol=1e-5)  # float32
 
 
+@pytest.mark.slow
 @each
 def test_all_that_can_be_seen_of_a_crane_is_in_its_box(relative: Relative) -> None:
     c = relative_crane(relative)
@@ -307,6 +308,7 @@ def test_all_that_can_be_seen_of_a_crane_is_in_its_box(relative: Relative) -> No
     assert np.linalg.norm(high - low) > 30.0
 
 
+@pytest.mark.slow
 def test_hoisting_a_stretching_rope_steadily_does_not_make_it_bounce() -> None:
     """As the cable shortens the stretch shrinks with it: s = m g l/EA at every length."""
     c = ROPE.crane(**POINT)

@@ -101,6 +101,7 @@ def test_residual_is_the_amplitude_of_a_known_swing(pieces: list[Trajectory]) ->
     assert residual(replace(run, q=swing)) == pytest.approx(0.05, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
     pieces: list[Trajectory], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -139,6 +140,7 @@ def test_what_is_left_in_the_dwells_is_the_same_from_pieces_as_from_the_whole_ru
         assert row.deviation == pytest.approx(row.swing * rest.q[-1, 4], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(
     pieces: list[Trajectory], tmp_path: Path
 ) -> None:
@@ -226,7 +228,7 @@ def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_th
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-@pytest.mark.parametrize("control", ["none", "flat"])
+@pytest.mark.parametrize("control", [pytest.param("none", marks=pytest.mark.long), "flat"])
 def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
     control: str, monkeypatch: pytest.MonkeyPatch, ran: Callable[..., Ran]
 ) -> None:
@@ -256,6 +258,7 @@ def test_a_short_demo_has_no_parts(ran: Callable[..., Ran]) -> None:
     assert files(short.folder) == names.split()
 
 
+@pytest.mark.long
 def test_a_rate_that_ends_between_control_instants_loses_no_leg_and_units_are_printed(
     ran: Callable[..., Ran],
 ) -> None:

@@ -52,16 +52,17 @@ def test_every_claim_holds_and_the_exit_code_says_so(name: str, standard: Standa
     assert found.text.count("\nholds      ") == len(found.result["claims"]) >= 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(PLAIN))
 def test_an_experiment_prints_the_same_whatever_computes_its_steps(
     name: str, standard: Standard, ran: Callable[..., Ran]
 ) -> None:
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
-    compiled = ran(name, "--gravity", "9.8", "--engine", "compiled")
-    assert compiled.code == 0
-    assert _printed(compiled) == _printed(standard(name))
+    compiled, plain = standard(name), ran(name, "--gravity", "9.8")
+    assert compiled.code == plain.code == 0
+    assert _printed(compiled) == _printed(plain)
     assert compiled.result["parameters"]["engine"] == "compiled"
+    assert plain.result["parameters"]["engine"] == "pinocchio"
 
 
 FILES = {

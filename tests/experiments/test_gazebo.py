@@ -50,6 +50,7 @@ def test_every_recording_is_compared(found: dict[str, gazebo.RecordedPair]) -> N
     assert recorded == {*RUNS, "swing_overwritten"} == {*found, "swing_overwritten"}
 
 
+@pytest.mark.slow
 def test_a_world_of_another_gravity_or_inertia_would_not_pass() -> None:
     """0.07 % of gravity, or half of the dummy links' inertia, is many times what is allowed: the
     comparison can fail.
@@ -127,6 +128,7 @@ def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_t
     assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/results/article.md") == []
 
 
+@pytest.mark.slow
 def test_what_it_took_cannot_be_judged_in_another_world() -> None:
     outcome = energy_overwritten.experiment(replace(WORLD, gravity=9.81), 0.15, 15.0)
     assert [claim.holds for claim in outcome.claims] == [True, None, None]

@@ -17,7 +17,7 @@ from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Setpoint, State
-from experiments import linear_vs_full
+from experiments import harness, linear_vs_full
 from experiments.linear.model import Miss, all_rates, dropped, integrate, miss, paper
 from experiments.linear.moves import (
     SITES,
@@ -26,6 +26,7 @@ from experiments.linear.moves import (
     SiteCrane,
     jobs,
     reaches,
+    run_cases,
     short_slews,
     slow_slews,
 )
@@ -43,6 +44,7 @@ def result(ran: Callable[..., Ran]) -> Ran:
 # --- the command ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_readme_tells_its_largest_errors(result: Ran) -> None:
     rows = [row for site in SITES for row in result.table(f"{site.name}: error")]
     alone = [row["both rms [%]"] for row in rows if row["move"] in ALONE]
@@ -51,6 +53,7 @@ def test_the_readme_tells_its_largest_errors(result: Ran) -> None:
     assert missing([told], "README.md") == []
 
 
+@pytest.mark.long
 def test_every_crane_makes_every_move_and_errors_of_both_angles_make_up_the_whole(
     result: Ran,
 ) -> None:
@@ -64,6 +67,7 @@ def test_every_crane_makes_every_move_and_errors_of_both_angles_make_up_the_whol
             assert row["both rms [%]"] <= row["peak [%]"]
 
 
+@pytest.mark.long
 def test_the_centrifugal_share_of_a_slew_is_twice_the_angle_of_its_ramp(result: Ran) -> None:
     # Ω² x over x Ω/t_r is Ω t_r; the load that swings out by 10° and more adds l φ to x
     for site, rate in (("71 EC-B 5", 0.8), ("L1-24", 0.5)):
@@ -71,6 +75,7 @@ def test_the_centrifugal_share_of_a_slew_is_twice_the_angle_of_its_ramp(result: 
         assert row["γ̇² (x - lφ) [%]"] == pytest.approx(100.0 * rate * math.pi / 30.0 * 5.0, rel=0.1)
 
 
+@pytest.mark.long
 def test_slow_hoisting_tells_the_equations_apart(result: Ran) -> None:
     # m l² φ̇ has the frequency √(g/l) and the action l^(3/2) A²; φ̇ alone, as in Eq. (8), l^(-1/2)
     # A²
@@ -79,9 +84,29 @@ def test_slow_hoisting_tells_the_equations_apart(result: Ran) -> None:
         assert row["Eq. (8)"] == pytest.approx(0.25, abs=5e-3)
 
 
+def test_the_papers_equations_err_little_where_the_trolley_moves_alone_and_much_in_a_slew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Two of the eight moves of one of the cranes, as the command makes and judges them all."""
+    setup = replace(
+        harness.Setup(engine=FAST),
+        dt=linear_vs_full.DT,
+        control_period=linear_vs_full.CONTROL_PERIOD,
+    )
+    site = SITES[1]
+    large = site.crane(setup)
+    two = [job for job in jobs(site, large) if job.name in ("trolley", "slew")]
+    monkeypatch.setattr("experiments.linear.moves.jobs", lambda *_: two)
+    cases = {case.job.name: case for case in run_cases(setup, site, large)}
+    assert cases["trolley"].paper.rms < 1e-3 < 0.3 < cases["slew"].paper.rms
+    # The equations with all rates are those of a small swing.
+    assert cases["slew"].rates.rms < 0.05
+
+
 # --- moves ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("site", SITES, ids=lambda site: site.name)
 def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: SiteCrane) -> None:
     large, rounding = crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0), 1.0 + 1e-9
@@ -115,6 +140,7 @@ def test_the_papers_equations_leave_what_a_coasting_trolley_leaves() -> None:
     assert theta == 0.0
 
 
+@pytest.mark.slow
 def test_the_equations_with_all_rates_meet_the_bessel_functions() -> None:
     c = big_crane()
     run = moved(c, c.state(l=10.0, l_dot=0.5, phi=0.05), 40.0, 0.02)

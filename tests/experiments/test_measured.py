@@ -92,6 +92,7 @@ def test_a_workbook_has_a_record_a_sheet_and_headings_in_the_first(tmp_path: Pat
     np.testing.assert_allclose(second["x_m"], 0.1 * np.arange(7))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
@@ -125,6 +126,7 @@ def mat(**arrays: np.ndarray) -> bytes:
     return file.getvalue()
 
 
+@pytest.mark.slow
 def test_a_mat_file_has_times_and_angles() -> None:
     t, newer = np.arange(10.0), b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400)
     columns = read_mat(mat(t=t, y=0.1 * t), "a")
@@ -220,7 +222,7 @@ def test_programs_that_a_clone_names_do_not_run(setting: str, tmp_path: Path) ->
     assert not ran.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_records_of_the_same_form_are_identified_and_predicted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,6 +79,7 @@ def run(controller: Controller, start: State, duration: float) -> np.ndarray:
     return np.hstack([made.q, made.v, made.command])
 
 
+@pytest.mark.slow
 @compiled
 @pytest.mark.parametrize("inner", CONTROLLERS)
 def test_a_misread_cable_runs_in_code_as_it_does_step_by_step(
@@ -92,6 +93,7 @@ def test_a_misread_cable_runs_in_code_as_it_does_step_by_step(
     assert_allclose(quickly, slowly, atol=1e-7)
 
 
+@pytest.mark.slow
 @compiled
 def test_a_cycle_runs_in_code_as_it_does_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
     # three cycles of 8 s, whose ends are not those of the blocks of 10 s

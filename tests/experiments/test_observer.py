@@ -12,6 +12,7 @@ from experiments import harness, observer
 from tests.helpers import FAST
 
 
+@pytest.mark.slow
 def test_a_corner_of_the_grid_is_made_judged_and_holds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -315,6 +315,7 @@ def test_results_that_are_there_are_collected_not_run_again(
     assert report.main(["--out", str(made), "--only", "mass_ratio"]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE_NAMES)
 def test_what_a_result_says_is_data_of_the_page(name: str, tmp_path: Path) -> None:
     claims = [{"sentence": name, "holds": False}]

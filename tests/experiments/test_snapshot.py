@@ -106,6 +106,7 @@ def test_the_cable_is_seen_all_the_way_from_trolley_to_load(scenes: list[np.ndar
     assert (beside.max(axis=-1).min(axis=1) < 110).all()
 
 
+@pytest.mark.slow
 @drawn
 def test_the_dashboard_shows_scene_and_curves(file: Path, tmp_path: Path):
     (path,) = snapshot(file, [3.0], tmp_path, size=(1280, 720))
@@ -117,6 +118,7 @@ def test_the_dashboard_shows_scene_and_curves(file: Path, tmp_path: Path):
     assert np.count_nonzero(steel(left)) > 2000 and np.count_nonzero(load(left)) > 200
 
 
+@pytest.mark.slow
 @drawn
 def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(
     crane: Crane, moving: Trajectory, tmp_path: Path
@@ -131,6 +133,7 @@ def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(
     assert np.argwhere(second)[:, 1].mean() - np.argwhere(load(picture))[:, 1].mean() > 40
 
 
+@pytest.mark.slow
 @drawn
 def test_a_gif_lasts_as_long_as_its_span_and_moves(file: Path, tmp_path: Path):
     seen: list[int] = []
@@ -146,6 +149,7 @@ def test_a_gif_lasts_as_long_as_its_span_and_moves(file: Path, tmp_path: Path):
     assert np.count_nonzero(load(frames[0]) != load(frames[-1])) > 50
 
 
+@pytest.mark.slow
 @drawn
 def test_a_time_outside_of_the_recording_leaves_neither_a_picture_nor_a_viewer(
     file: Path, tmp_path: Path
@@ -158,6 +162,7 @@ def test_a_time_outside_of_the_recording_leaves_neither_a_picture_nor_a_viewer(
     assert {child.pid for child in psutil.Process().children(recursive=True)} <= before
 
 
+@pytest.mark.slow
 @drawn
 def test_a_file_that_only_begins_like_a_recording_is_refused(file: Path, tmp_path: Path):
     broken = tmp_path / "broken.rrd"
@@ -174,6 +179,7 @@ def test_without_a_driver_the_package_to_install_is_named(
         snapshot(file, [0.0], tmp_path)
 
 
+@pytest.mark.slow
 @drawn
 def test_the_command_writes_what_it_names(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -97,7 +97,10 @@ def _gust(crane: Crane, case: dict[str, Any]) -> Callable[[float, State], np.nda
         ),
         *(
             (name, drive, at_random(name, drive))
-            for name, drive in ((FLAT, "ideal"), (PD, "velocity"), (COMPILED_MPC, "velocity"))
+            for name, drive in ((FLAT, "ideal"), (PD, "velocity"))
+        ),
+        pytest.param(
+            *(COMPILED_MPC, "velocity", at_random(COMPILED_MPC, "velocity")), marks=pytest.mark.long
         ),
     ],
 )
@@ -277,6 +280,7 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(
     assert "another" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_draws_goes_on_and_refuses_what_has_no_effect(tmp_path: Path) -> None:
     words = ["--cases", "8", "--only", FLAT, PD, "--drive", "velocity", "--workers", "1"]
     assert sweep.main([*words, "--out", str(tmp_path)]) in (0, 1)

@@ -107,6 +107,7 @@ def test_without_a_terminal_a_claim_is_one_line_and_columns_are_80(
     assert max(map(len, capsys.readouterr().out.splitlines())) > 150
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [60, 80])
 def test_a_screen_has_24_lines_the_failed_claim_whole_and_says_what_is_left_out(
     width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -56,6 +56,7 @@ def test_a_flat_path_with_a_cruise_starts_and_ends_with_the_load_at_rest_where_a
         assert_allclose(q[2:4], 0.0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_tour_joins_its_legs_without_a_jump_and_repeats() -> None:
     made = tour(crane(), ARTICLE_TOUR, in_ten_seconds, dwell=3.0)
     assert made.duration == pytest.approx(7 * 13.0)
@@ -68,6 +69,7 @@ def test_a_tour_joins_its_legs_without_a_jump_and_repeats() -> None:
         assert_allclose(made(stage.end + made.duration).position, stage.target, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
     point = big_crane()
     start = point.state(x=30.0, l=20.0, phi=0.01, theta=0.01)
@@ -84,6 +86,7 @@ def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
         assert tops[1] / tops[0] == pytest.approx(decrement, rel=0.03)
 
 
+@pytest.mark.slow
 def test_drives_that_yield_keep_their_rates_and_accelerations() -> None:
     start = crane().state(phi=0.3)
     limits = Limits((0.08, 0.1, 0.8), (0.02, 0.4, 0.4))
@@ -124,6 +127,7 @@ def test_a_controller_made_for_a_shorter_control_period_is_refused(
     run(exact)
 
 
+@pytest.mark.slow
 def test_without_yielding_they_follow() -> None:
     start = crane().state(phi=0.1)
     reference = spline(crane(), start, [(0.1, 12.0, 14.0)], [10.0])
@@ -137,7 +141,8 @@ def test_without_yielding_they_follow() -> None:
     assert_allclose(runs[0].q, runs[1].q, atol=1e-12)  # rounding
 
 
-@pytest.mark.parametrize("control", ["paper", "lqr", "flat"])
+@pytest.mark.slow
+@pytest.mark.parametrize("control", ["paper", pytest.param("lqr", marks=pytest.mark.long), "flat"])
 def test_planned_tours_keep_the_limits(control: str) -> None:
     made, _ = CONTROLS[control](harness.Setup(), LIMITS, 6.0)
     shares = use(harness.Setup().crane, made.motion, LIMITS)  # type: ignore[attr-defined]

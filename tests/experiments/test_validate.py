@@ -40,12 +40,14 @@ def result(ran: Callable[..., Ran]) -> Ran:
 # --- the command ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_every_oracle_is_a_claim(result: Ran) -> None:
     tables, claims = result.result["tables"], result.result["claims"]
     assert len(claims) == sum(len(table["rows"]) for table in tables) + 3  # order, two ledgers
     assert [table["title"] for table in tables] == [*validate.PARTS, "Ropes that go slack"]
 
 
+@pytest.mark.long
 def test_the_error_goes_with_the_first_or_second_power_of_the_step(result: Ran) -> None:
     tables = result.result["tables"][: len(validate.PARTS)]
     orders = {row[0]: row[-1] for table in tables for row in table["rows"]}
@@ -59,6 +61,7 @@ def test_the_error_goes_with_the_first_or_second_power_of_the_step(result: Ran) 
             assert orders[name] == pytest.approx(2.0, abs=0.02)
 
 
+@pytest.mark.long
 def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result: Ran) -> None:
     forms, claims = result.result["parameters"]["closed_forms"], len(result.result["claims"])
     assert claims == forms + 3  # the order of the step, two ledgers
@@ -134,6 +137,7 @@ def _failing(
     return sum(not check_oracle(oracle, HALVINGS).holds for oracle in rows)
 
 
+@pytest.mark.slow
 def test_the_axis_of_the_tangential_swing_is_noticed(tmp_path: Path) -> None:
     for path in XACRO.parent.glob("*.xacro"):
         (tmp_path / path.name).write_text(path.read_text())
@@ -144,6 +148,7 @@ def test_the_axis_of_the_tangential_swing_is_noticed(tmp_path: Path) -> None:
     assert _failing(conserved.oracles, flipped, "total angular momentum") == 1
 
 
+@pytest.mark.slow
 def test_twice_the_gravity_is_noticed() -> None:
     beam = {"fall_spacing": 2.0, "payload_inertia": 1.0}
     heavy, yawing = (
@@ -154,6 +159,7 @@ def test_twice_the_gravity_is_noticed() -> None:
     assert _failing(moves.trolley_moves, heavy, "swing left") == 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("part", "words", "values"),
     [
@@ -174,6 +180,7 @@ def test_another_integrator_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _failing(conserved.oracles, point_crane(), "ripple of the energy", "pinocchio") == 1
 
 
+@pytest.mark.slow
 def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -187,6 +194,7 @@ def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(
     assert _failing(moves.turning_jib, point_crane(), "seen from a jib", "pinocchio") == 2
 
 
+@pytest.mark.slow
 def test_spoilt_cranes_make_claims_fail_and_the_exit_code_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,10 +14,16 @@ from experiments.report import page
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, ROOT, files
 
-CRANES = pytest.param("cranes", marks=pytest.mark.long)
-"""The longest experiment; tests/experiments/test_cranes.py tests its quantities one by one."""
-
-WHOLE = ("b1", CRANES, "factors", "gazebo", "liftoff", "linear_vs_full", "validate")
+WHOLE = [
+    "b1",
+    "factors",
+    "gazebo",
+    # The longest; test files of their names test them in parts.
+    *(
+        pytest.param(name, marks=pytest.mark.long)
+        for name in ("cranes", "liftoff", "linear_vs_full", "validate")
+    ),
+]
 
 NEEDED = {"cranes": ("llvmlite", "mujoco"), "factors": ("llvmlite",), "liftoff": ("llvmlite",)}
 """Modules of extras without which an experiment is skipped."""

@@ -111,7 +111,9 @@ def test_logged_efforts_under_a_swing_of_20_degrees_tell_delay_and_dry_friction(
     assert estimate.value("x_friction") == pytest.approx(truth["x_friction"], rel=2e-3)
 
 
-@pytest.mark.parametrize(("plant", "cranes"), [("simulate", 6), ("mujoco", 3)])
+@pytest.mark.parametrize(
+    ("plant", "cranes"), [("simulate", 6), pytest.param("mujoco", 3, marks=pytest.mark.long)]
+)
 def test_intervals_of_95_percent_hold_the_truth_as_often(plant: str, cranes: int) -> None:
     """Fewer cranes than `python -m experiments.identify --coverage 1000`, by the same study; what
     is allowed is binomial, at one in ten thousand to either side.
@@ -130,6 +132,7 @@ def test_intervals_of_95_percent_hold_the_truth_as_often(plant: str, cranes: int
     assert np.std(1.96 * scores) == pytest.approx(1.0, abs=5.0 / np.sqrt(2.0 * count))
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_of_cranes_whose_encoders_count_whole_centimetres() -> None:
     """Fewer cranes than `python -m experiments.identify --coverage 60 --resolution 0.01`. The
     intervals may be wider than needed, since errors of a smoothed motion have a memory, but not by

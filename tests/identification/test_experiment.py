@@ -21,7 +21,7 @@ from tests.helpers import ROOT
 from tests.identification.test_estimate import TRUTH, recorded
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Gravity, inertia, damping and gains of Gazebo's world from files alone, and the trial."""
     out = tmp_path / "out"
@@ -150,7 +150,7 @@ def test_a_twin_with_its_damping_goes_through_compare(
     assert damped.values["damp_swing"] == 5000.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_coverage_counts_intervals_that_hold_the_truth(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert identify.main(["--coverage", "1", "--workers", "1", "--out", str(out)]) == 0

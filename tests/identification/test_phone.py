@@ -72,6 +72,7 @@ def test_apps_differ_in_their_columns_only(tmp_path: Path) -> None:
     assert peak == pytest.approx(0.07 * np.sqrt(9.79 / 8.35), rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_rate_counts_where_no_angle_is_and_degrees_are_noticed(tmp_path: Path) -> None:
     crane, file = Prior().crane, record(tmp_path, 8.0, duration=20.0)
     rates = load_record(file, crane)

@@ -59,6 +59,7 @@ def pinocchio_wrench(
     return -at.rotation @ held.linear, -at.rotation @ held.angular, at.translation
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(states, efforts, st.integers(0, 4), st.integers(0, 2**32 - 1))
 def test_what_passes_through_a_joint_is_what_pinocchio_says(

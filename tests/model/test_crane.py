@@ -385,6 +385,7 @@ def test_a_crane_whose_hoist_no_drive_moves_has_its_payload_as_the_last_point(
     assert [point.name for point in crane.points] == ["payload", "trolley"]
 
 
+@pytest.mark.slow
 def test_a_chain_of_joints_that_would_take_all_memory_is_refused(tmp_path: Path) -> None:
     inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"'
     parts = ['<link name="l0"/>']

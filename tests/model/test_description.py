@@ -206,6 +206,7 @@ def test_a_word_without_mark_is_refused() -> None:
 # --- command line ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_joints_and_writes_the_urdf(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

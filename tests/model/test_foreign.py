@@ -71,6 +71,7 @@ def saved(folder: Path, text: str, name: str = "crane.urdf") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_rigid_crane_in_other_directions_swings_as_that_of_this_project(tmp_path: Path) -> None:
     ours = cd.load_crane(dummy_mass=1.0, dummy_inertia=1e-3, damp_swing=1.0)
     theirs = cd.load_crane(saved(tmp_path, RIGID), swing={"damping": 1.0})
@@ -246,6 +247,7 @@ def test_describe_says_what_was_assumed(tmp_path: Path, capsys: pytest.CaptureFi
     assert "of --role is not of the form" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exporter", ["mjcf", "ros2", "fmu", "gazebo"])
 @pytest.mark.parametrize("options", [["rigid.urdf", "--swing"], ["bridge.xml"]])
 def test_a_foreign_crane_is_exported(tmp_path: Path, exporter: str, options: list[str]) -> None:

@@ -169,7 +169,14 @@ RATES = {
 
 
 @pytest.mark.slow
-@both
+@pytest.mark.parametrize(
+    "text",
+    [
+        # tests/compiled/test_horizon_model.py has a boom that luffs in the default run.
+        pytest.param(LUFFING, marks=pytest.mark.long, id="luffing"),
+        pytest.param(ECCENTRIC, id="eccentric"),
+    ],
+)
 def test_predictive_control_takes_a_load_to_where_it_hangs(text: str) -> None:
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     from cranedyn.compiled.batch import simulate_batch

@@ -46,6 +46,7 @@ def test_a_machine_swings_at_the_period_and_the_damping_of_its_numbers(name: str
     assert fit.period / damped == pytest.approx(1.0, abs=amplitude_factor(AMPLITUDE) - 1.0 + 1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", machine_names())
 def test_a_machine_says_its_source_and_how_sure_each_number_is(name: str) -> None:
     machine = read_machine(name)

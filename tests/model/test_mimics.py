@@ -116,6 +116,7 @@ def test_accelerations_are_those_of_pinocchios_own_mimic_joints(
     np.testing.assert_allclose(holding_effort(crane, state.q), weight[drives], rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["effort", "motion", "velocity"])
 def test_both_engines_move_followers_with_their_leaders(crane: Crane, drive: str) -> None:
     start = crane.state(out1=0.3, swing=0.4, swing_dot=-0.3, luff=0.2)
@@ -152,6 +153,7 @@ def test_the_energy_of_a_coupled_crane_is_kept(crane: Crane) -> None:
     assert np.abs(run.unexplained).max() < 1e-3 * np.ptp(crane.payload_mass * crane.gravity * run.q)
 
 
+@pytest.mark.slow
 def test_a_batch_moves_followers(crane: Crane) -> None:
     starts = [crane.state(swing=angle) for angle in (0.1, 0.3)]
     controller = hold_controller(crane)
@@ -179,6 +181,7 @@ def test_the_linear_crane_has_the_derivatives_of_its_accelerations(crane: Crane)
         np.testing.assert_allclose(by_z[n + at, i], slope[at], rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_controller_designed_on_the_linear_crane_brings_it_to_rest(crane: Crane) -> None:
     goal = crane.state(out1=0.5)
     controller = lqr(crane, hanging_reference(crane, hold(crane, goal), 30.0))

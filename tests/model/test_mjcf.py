@@ -19,6 +19,7 @@ from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.identification.prior import Prior
 from cranedyn.model import mjcf
 from cranedyn.model.load import load_crane
+from tests.helpers import long_after
 from tests.model.mjcf_models import random_model
 
 pytest.importorskip("mujoco", reason="extra mujoco is not installed")
@@ -48,7 +49,7 @@ def cart(**parts: str) -> str:
     return CART.format(**{**places, **parts})
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 6, 9, 21])
+@pytest.mark.parametrize("seed", long_after(3, [1, 2, 9, 0, 6, 21]))
 def test_a_random_model_is_what_mujoco_compiles(tmp_path: Path, seed: int) -> None:
     crane = loaded(tmp_path, random_model(seed))
     compare(crane, tmp_path, seed)

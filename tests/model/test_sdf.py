@@ -150,10 +150,12 @@ def test_the_smallest_file_is_read_by_the_command_line(
 def compare(probe: Path, folder: Path, seeds: range) -> None:
     """Compare mass matrix and weight of random trees with those of the poses of libsdformat."""
     joints = 0
-    for seed in seeds:
-        version = 4 + seed % 6
-        text = RandomSdf(seed, version).text
-        tree = read_with_libsdformat(probe, saved(folder, text))
+    texts = [RandomSdf(seed, version=4 + seed % 6).text for seed in seeds]
+    files = [folder / f"{seed}.sdf" for seed in seeds]
+    for file, text in zip(files, texts, strict=True):
+        file.write_text(text)
+    trees = read_with_libsdformat(probe, files)
+    for seed, text, tree in zip(seeds, texts, trees, strict=True):
         model, names = built(text)
         assert set(names) == set(tree.screws)
         joints += len(names)
@@ -174,12 +176,12 @@ def compare(probe: Path, folder: Path, seeds: range) -> None:
 
 @pytest.mark.slow
 def test_random_trees_of_all_versions_move_as_libsdformat_places_them(tmp_path: Path) -> None:
-    compare(build_probe(tmp_path), tmp_path, range(30))
+    compare(build_probe(), tmp_path, range(12))  # twice each version
 
 
 @pytest.mark.long
 def test_300_random_trees_move_as_libsdformat_places_them(tmp_path: Path) -> None:
-    compare(build_probe(tmp_path), tmp_path, range(300))
+    compare(build_probe(), tmp_path, range(300))
 
 
 @pytest.mark.slow
@@ -383,11 +385,12 @@ def test_placement_frames_in_the_innermost_of_many_models_are_read_at_once() -> 
     child = "::".join([*(f"m{i}" for i in reversed(range(depth - 1))), "tip"])
     end = inner.rindex("</model>")
     text = inner[:end] + joint.replace("CHILD", child) + "</joint>" + inner[end:]
-    began = time.perf_counter()
+    began = time.process_time()
     model, _ = built(f'<sdf version="1.9">{text}</sdf>')
     # Every model is where its tip is, at the origin.
     assert_allclose(model.jointPlacements[1].translation, np.zeros(3), atol=1e-12)
-    assert time.perf_counter() - began < 5.0  # it doubled with each model
+    # It doubled with each model. Other processes have had their own time of the processor.
+    assert time.process_time() - began < 5.0
 
 
 def test_a_joint_with_the_name_of_a_link_is_renamed_as_libsdformat_does() -> None:

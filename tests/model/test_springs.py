@@ -18,7 +18,7 @@ from cranedyn.interfaces import Drive
 from cranedyn.plant.cranes import load_cranes
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import crossing, locked
-from tests.helpers import crane
+from tests.helpers import crane, long_after
 
 FALLS = {"fall_spacing": 2.0, "payload_izz": 500.0, "hoist_init": 6.0}
 TWISTED = {"phi": 0.2, "theta": -0.1, "load_yaw": 0.9, "l_dot": -0.3}
@@ -42,6 +42,7 @@ def test_both_engines_yaw_alike_and_keep_the_ledger(drive: Drive) -> None:
     assert np.abs(plain.unexplained).max() < 1e-5 * c.springs.energy(plain.q[0])
 
 
+@pytest.mark.slow
 def test_a_lane_of_a_batch_yaws_as_its_crane_does_alone() -> None:
     batches = pytest.importorskip("cranedyn.compiled.batch", reason="extra compiled")
     varied = {"fall_spacing": np.array([1.0, 2.0, 3.0]), "payload_mass": np.array([5e2, 1e3, 2e3])}
@@ -53,7 +54,8 @@ def test_a_lane_of_a_batch_yaws_as_its_crane_does_alone() -> None:
         assert_allclose(end, alone.q[-1], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("amplitude", [0.01, 0.5, 1.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("amplitude", long_after(1, [0.5, 0.01, 1.0]))
 def test_the_period_is_that_of_two_falls_but_for_what_is_left_out(amplitude: float) -> None:
     """The energy of real falls gives the period by an integral over sin(ψ/2) = s sin u."""
     mass, inertia, a, length, s = 1000.0, 500.0, 1.0, 6.0, math.sin(amplitude / 2.0)

@@ -7,9 +7,13 @@ Robotics, chapters 4 and 8).
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import subprocess
+import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +33,11 @@ LIGHT_INERTIA = 1e-9
 """Moment of inertia of that body [kg m²]."""
 
 
-def build_probe(folder: Path) -> Path:
-    """Compile the program that prints what libsdformat makes of a file; skip without it."""
+@cache
+def build_probe() -> Path:
+    """Compile the program that prints what libsdformat makes of a file, once for all tests; skip
+    without libsdformat.
+    """
     compiler, config = shutil.which("g++"), shutil.which("pkg-config")
     if compiler is None or config is None:
         pytest.skip("g++ or pkg-config is not installed: run .ci/sdformat as root")
@@ -39,7 +46,9 @@ def build_probe(folder: Path) -> Path:
     )
     if flags.returncode:
         pytest.skip("libsdformat is not installed: run .ci/sdformat as root")
-    program = folder / "sdformat_probe"
+    folder = tempfile.mkdtemp(prefix="sdformat-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    program = Path(folder) / "sdformat_probe"
     words = [compiler, "-O0", "-std=c++17", str(PROBE), "-o", str(program), *flags.stdout.split()]
     subprocess.run(words, check=True)
     return program
@@ -77,17 +86,24 @@ class Tree:
     springs: dict[str, np.ndarray]
 
 
-def read_with_libsdformat(probe: Path, file: Path) -> Tree:
-    """Return bodies and axes of a file as libsdformat resolves them."""
-    run = subprocess.run([probe, file], capture_output=True, text=True, check=False)
-    assert run.returncode == 0, (run.stderr, file.read_text())
+def read_with_libsdformat(probe: Path, files: Sequence[Path]) -> list[Tree]:
+    """Return bodies and axes of files as libsdformat resolves them, all read by one process."""
+    run = subprocess.run([probe, *files], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    _, *texts = run.stdout.split("file\n")
+    assert len(texts) == len(files)
+    return [_tree(text) for text in texts]
+
+
+def _tree(text: str) -> Tree:
+    """Return the bodies and axes that the lines of a file tell."""
     bodies: dict[str, Body] = {}
     parents: dict[str, str] = {}
     axes_above: dict[str, list[str]] = {}
     screws: dict[str, np.ndarray] = {}
     springs: dict[str, np.ndarray] = {}
     extra: list[tuple[str, int, Body]] = []
-    for line in run.stdout.splitlines():
+    for line in text.splitlines():
         kind, name, *words = line.split()
         if kind == "link":
             numbers = [float(word) for word in words]

@@ -1,5 +1,5 @@
-// Print what libsdformat makes of a file: poses of links and joints in the world, inertials, axes,
-// springs and damping. A line is "link NAME pose mass pose inertia", "joint NAME TYPE PARENT CHILD
+// Print what libsdformat makes of files: poses of links and joints in the world, inertials, axes,
+// springs and damping. Each file begins with a line "file". The others are "link NAME pose mass pose inertia", "joint NAME TYPE PARENT CHILD
 // pose axes" or "spring NAME stiffness reference damping"; a pose is x y z, then the quaternion
 // w x y z; an inertia is xx yy zz xy xz yz.
 #include <sdf/sdf.hh>
@@ -64,14 +64,22 @@ static void print_model(const sdf::Model &model, const std::string &prefix, cons
   }
 }
 
-int main(int, char **arguments) {
+static bool print_file(const char *path) {
+  std::printf("file\n");
   sdf::Root root;
-  const auto errors = root.Load(arguments[1]);
-  for (const auto &error : errors) std::fprintf(stderr, "%s\n", error.Message().c_str());
-  if (!errors.empty()) return 1;
+  const auto errors = root.Load(path);
+  for (const auto &error : errors) std::fprintf(stderr, "%s: %s\n", path, error.Message().c_str());
+  if (!errors.empty()) return false;
   if (root.Model()) print_model(*root.Model(), "", Pose());
   for (uint64_t i = 0; i < root.WorldCount(); ++i) {
     const auto &world = *root.WorldByIndex(i);
     for (uint64_t j = 0; j < world.ModelCount(); ++j) print_model(*world.ModelByIndex(j), "", Pose());
   }
+  return true;
+}
+
+int main(int count, char **arguments) {
+  bool good = true;
+  for (int i = 1; i < count; ++i) good = print_file(arguments[i]) && good;
+  return good ? 0 : 1;
 }

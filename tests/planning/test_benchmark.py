@@ -30,6 +30,7 @@ def test_a_random_site_is_planned_certified_and_set_beside_other_means(
     assert 1.0 < least < planned
 
 
+@pytest.mark.slow
 def test_the_sites_are_the_same_for_the_same_seed() -> None:
     from tests.planning.sites import crane
 

@@ -142,6 +142,7 @@ def test_the_hook_keeps_from_the_own_mast_by_the_way_between_them() -> None:
         assert found.distance == pytest.approx(by_hand, abs=1e-6)  # coal's tolerance
 
 
+@pytest.mark.slow
 def test_rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws() -> None:
     """Two posts a metre beside the plumb line at 10 m, one at half of the rope, one at the jib."""
     block = max(_drawn(5), key=lambda part: float(part[:, 2].max()))
@@ -157,6 +158,7 @@ def test_rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws() 
         assert asked.margin(q) == pytest.approx(found.distance - 0.5, abs=2e-4)  # ROUNDING
 
 
+@pytest.mark.slow
 def test_the_rope_of_a_parked_neighbour_is_in_the_way() -> None:
     """A ball beside it, ten metres above its load and as far below its trolley."""
     place = {"slew": 0.0, "trolley": 15.0, "cable": 24.0}

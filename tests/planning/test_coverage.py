@@ -163,6 +163,7 @@ def test_a_foot_stands_on_the_ground_or_an_obstacle(
     assert words in standing_check(standing_parts(here)).sentence
 
 
+@pytest.mark.slow
 def test_a_load_keeps_from_the_crane_s_own_base_and_upper_structure() -> None:
     """On a cable of 27.3 m the load, a cubic metre, is at the height of the base."""
     broad = Clearance(crane(), site(base=Base(12.0, 6e4)))
@@ -200,6 +201,7 @@ def test_no_margin_is_more_than_that_of_the_upper_structure_however_far_below_it
     assert where.margin(q) <= (upper - where.site.distance if upper > 0.0 else 0.0)
 
 
+@pytest.mark.slow
 def test_the_base_that_is_entered_is_a_body_too() -> None:
     """A base of 6 m, turned with the site, reaches 3 m and across its corners 4.2 m."""
     for heading, centre, is_in in (
@@ -478,6 +480,7 @@ def test_no_slew_angle_that_is_none_is_free() -> None:
         assert where.slewing_margin(gamma) == -math.inf
 
 
+@pytest.mark.slow
 def test_a_parked_crane_is_an_obstacle_of_all_its_parts() -> None:
     (parked,) = neighbour(
         NAME, np.array([30.0, 0.0, 0.0]), 0.0, {"slew": 0.0, "trolley": 0.0, "cable": 0.0}, {}

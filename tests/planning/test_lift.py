@@ -53,6 +53,7 @@ def red(certified: Certificate) -> list[str]:
     return [check.sentence for check in certified.checks if not check.holds]
 
 
+@pytest.mark.long
 def test_a_crane_with_slow_drives_is_planned_for_and_certified_at_its_own_rates() -> None:
     slow = load_crane(gravity=G, slew_velocity=0.03, trolley_velocity=0.3, hoist_velocity=0.2)
     planned = plan_lift(site(WALL), LIMITS, crane=slow)
@@ -467,6 +468,7 @@ outline = [[-8.0, -3.0], [-4.0, -3.0], [-4.0, 3.0]]
 """
 
 
+@pytest.mark.long
 def test_the_experiment_lifts_from_the_ground_and_leaves_tables_runs_and_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -23,7 +23,7 @@ from cranedyn.interfaces import State
 from cranedyn.references import Motion
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits, fastest, use
-from tests.helpers import G, accelerations, big_crane, crane, quickly, states
+from tests.helpers import G, accelerations, big_crane, crane, long_after, quickly, states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
@@ -270,7 +270,14 @@ def test_a_fast_hoist_lets_the_load_fall_until_the_rope_is_nearly_slack_then_bra
 
 
 @pytest.mark.parametrize(
-    ("move", "swing"), [("trolley", 0.05), ("slew", 0.1), ("combined", 0.05), ("combined", 0.1)]
+    ("move", "swing"),
+    [
+        # A combined move is one of the trolley and one of the slew, too.
+        pytest.param("trolley", 0.05, marks=pytest.mark.long),
+        pytest.param("slew", 0.1, marks=pytest.mark.long),
+        pytest.param("combined", 0.05, marks=pytest.mark.long),
+        ("combined", 0.1),
+    ],
 )
 def test_a_move_of_least_time_exceeds_no_limit_at_any_instant_and_uses_one_fully(
     move: str, swing: float
@@ -310,7 +317,10 @@ def test_an_optimal_motion_obeys_the_equations_of_motion_and_its_rows_their_deri
     )
 
 
-@pytest.mark.parametrize("move", ENDS)
+@pytest.mark.parametrize(
+    "move",
+    [pytest.param(move, marks=[pytest.mark.long] * (move in ("trolley", "slew"))) for move in ENDS],
+)
 def test_an_optimal_motion_begins_and_ends_with_the_load_at_rest_where_asked(move: str) -> None:
     motion, (start, goal) = moved(move), ends(move)
     for k, end in ((0, start), (-1, goal)):
@@ -366,7 +376,7 @@ def test_the_fastest_combined_move_tracked_by_the_lqr_arrives_without_swing() ->
     assert np.abs(after.q[-1] - goal.q).max() < 1e-3
 
 
-@pytest.mark.parametrize("move", ["trolley", "combined"])
+@pytest.mark.parametrize("move", long_after(1, ["trolley", "combined"]))
 def test_least_swing_is_less_than_that_of_the_flat_motion_in_the_same_time(move: str) -> None:
     ours, theirs = moved(move, duration=20.0), flat(crane(), *ends(move), 20.0)
     assert ours.arrival == pytest.approx(20.0, abs=1e-9)

@@ -203,6 +203,7 @@ def test_the_jib_is_stopped_by_a_tower_at_the_angle_that_its_tip_has_there() -> 
     assert asked.slewing_margin(found.high + 0.01) < asked.slewing_margin(found.high - 0.2)
 
 
+@pytest.mark.slow
 def test_a_grid_finds_the_way_through_the_only_gap_and_says_when_there_is_none() -> None:
     gap = clearance(
         box("left", (4.0, 0.0), (6.0, 1.0, 30.0), 0.0),

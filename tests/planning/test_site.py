@@ -136,6 +136,7 @@ def test_the_examples_are_read_by_name_and_their_lifts_begin_and_end_free(name: 
     assert min(asked.swing_margin(asked.place(point)) for point in (here.start, here.goal)) > 0.05
 
 
+@pytest.mark.slow
 def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
     (tmp_path / "yard.toml").write_text(WHOLE)
     here = read_site(tmp_path / "yard.toml")
@@ -296,6 +297,7 @@ def test_a_mesh_stands_where_it_is_put_and_its_hull_is_asked_for(tmp_path: Path)
     assert not exact.holds(np.array([14.0, 5.0, 3.0]))
 
 
+@pytest.mark.slow
 def test_a_neighbour_stands_turned_where_the_site_says_with_its_rope_down(tmp_path: Path) -> None:
     entry = (
         '[[neighbour]]\nname = "n"\nposition = [40.0, 0.0, 1.0]\nheading = 180.0\ntrolley = '

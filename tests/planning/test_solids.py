@@ -30,6 +30,7 @@ def clouds(draw: st.DrawFn) -> np.ndarray:
     return points.reshape(-1, 3) * sizes @ axes + far
 
 
+@pytest.mark.slow
 @given(clouds(), st.tuples(*[st.integers(-9, 9)] * 3).filter(any).map(np.array))
 def test_a_hull_of_any_points_reaches_as_far_as_the_points_in_every_direction(
     points: np.ndarray, direction: np.ndarray
@@ -43,6 +44,7 @@ def test_a_hull_of_any_points_reaches_as_far_as_the_points_in_every_direction(
     assert expected - 1e-6 <= distance <= expected + 4e-8
 
 
+@pytest.mark.slow
 @given(clouds())
 def test_triangles_of_a_hull_are_closed_and_turn_outward(points: np.ndarray) -> None:
     vertices, triangles = convex_hull(points)

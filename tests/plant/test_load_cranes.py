@@ -95,6 +95,7 @@ def test_ten_thousand_take_less_than_two_seconds() -> None:
     assert time.process_time() - began < 2.0  # some 0.5 s
 
 
+@pytest.mark.slow
 def test_an_overhead_crane_has_them_too() -> None:
     cranes = load_cranes(
         ROOT / "urdf" / "overhead_crane.urdf.xacro",
@@ -132,6 +133,7 @@ def test_what_no_cranes_can_be_made_of_is_refused(values: dict[str, Any], senten
         load_cranes(**values)
 
 
+@pytest.mark.slow
 def test_a_description_that_is_no_polynomial_of_its_arguments_is_refused(tmp_path: Path) -> None:
     text = (ROOT / "urdf" / "tower_crane.urdf.xacro").read_text()
     mass = '<mass value="$(arg payload_mass)"/>'

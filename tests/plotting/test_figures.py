@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cranedyn.plotting.figures import panels, save, svg
-from tests.helpers import HOSTILE_NAMES
+from tests.helpers import HOSTILE_NAMES, long_after
 
 
 def _drawn():
@@ -18,6 +18,7 @@ def _drawn():
     return figure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".png", ".svg"])
 def test_a_file_is_the_same_alone_or_with_others_of_its_figure(tmp_path, ending):
     alone = save(_drawn(), tmp_path / f"alone{ending}")
@@ -26,6 +27,7 @@ def test_a_file_is_the_same_alone_or_with_others_of_its_figure(tmp_path, ending)
     assert (tmp_path / f"both{ending}").read_bytes() == alone.read_bytes()
 
 
+@pytest.mark.slow
 def test_panels_are_placed_once_for_all_files_and_anew_for_the_next(tmp_path, monkeypatch):
     figure, placed = _drawn(), []
     engine = figure.get_layout_engine()
@@ -38,6 +40,7 @@ def test_panels_are_placed_once_for_all_files_and_anew_for_the_next(tmp_path, mo
     assert figure.get_layout_engine() is engine
 
 
+@pytest.mark.slow
 def test_a_drawing_keeps_its_words_and_inverts_paper_ink_and_grid_by_night():
     drawing = svg(_drawn()).decode()
     assert all(f">{words}</text>" in drawing for words in ("time [s]", "a name that takes room"))
@@ -47,7 +50,8 @@ def test_a_drawing_keeps_its_words_and_inverts_paper_ink_and_grid_by_night():
     }
 
 
-@pytest.mark.parametrize("name", HOSTILE_NAMES)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", long_after(4, HOSTILE_NAMES))
 def test_a_name_is_drawn_as_it_is_wherever_it_stands(name):
     figure, (left, right) = panels(1, 2)
     left.plot([0.0, 1.0], [0.0, 1.0], label=name)

@@ -85,6 +85,7 @@ def test_a_mesh_that_cannot_be_drawn_is_refused(folder: Path, name: str, message
         _hook(name, folder)
 
 
+@pytest.mark.slow
 def test_meshes_are_drawn_only_with_a_folder_and_the_text_says_so(
     folder: Path, tmp_path: Path
 ) -> None:

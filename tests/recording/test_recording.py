@@ -89,6 +89,7 @@ def test_numbers_are_those_of_fifty_rows_a_second_and_of_all_jumps_of_an_effort(
     assert {*range(0, len(moving), 4), *ends, *(ends + 1)} == {*kept} and 0 < len(ends) < 100
 
 
+@pytest.mark.slow
 def test_the_coordinates_stand_in_the_recording_as_text_ten_times_a_second(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
@@ -114,6 +115,7 @@ def test_two_numbers_stand_at_every_axis_whatever_its_range(values: tuple[float,
     assert np.floor(high / tick) - np.ceil(low / tick) >= 1
 
 
+@pytest.mark.slow
 def test_both_swings_of_two_runs_have_four_colours(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
@@ -156,6 +158,7 @@ def test_the_layout_travels_in_the_file(file: Path, crane: Crane) -> None:
     }  # and beside it the legend
 
 
+@pytest.mark.slow
 def test_another_set_of_runs_is_another_application_for_the_viewer(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
@@ -170,6 +173,7 @@ def test_another_set_of_runs_is_another_application_for_the_viewer(
     assert len(ids) == 3 and all(re.fullmatch(r"[A-Za-z0-9-]+", name) for name in ids)
 
 
+@pytest.mark.slow
 def test_the_text_has_title_description_parameters_and_the_scale_of_the_arrows(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
@@ -284,6 +288,7 @@ def test_a_crane_without_visuals_still_shows_a_payload(
     assert boxes == {"/bare/scene/hook_link/box", "/bare/scene/setpoint/box"}
 
 
+@pytest.mark.slow
 def test_two_runs_share_the_clock_but_neither_a_frame_nor_an_entity(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
@@ -332,6 +337,7 @@ def test_a_path_that_cannot_be_written_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["folder.rrd"]
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_the_recording_that_was_there(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
@@ -413,6 +419,7 @@ def test_two_falls_are_drawn_from_the_pivot_to_the_load_and_turn_with_it() -> No
     np.testing.assert_allclose(lengths, [1.0, fall, 2.0, fall, 1.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_slack_rope_sags_between_the_same_ends_as_long_as_it_is() -> None:
     slack = load_crane(rope_stiffness=np.inf)
     q = np.array([slack.state(phi=0.3, rope_stretch=by).q for by in (0.0, -0.2, -1.0)])
@@ -428,6 +435,7 @@ def test_a_slack_rope_sags_between_the_same_ends_as_long_as_it_is() -> None:
     assert bent[0] < 1e-9 < 0.1 < bent[1] < bent[2]
 
 
+@pytest.mark.slow
 def test_a_load_that_stands_has_marks_at_its_lowest_corners_until_it_is_lifted(
     tmp_path: Path,
 ) -> None:

@@ -255,6 +255,7 @@ def test_only_later_cranes_of_a_place_are_transparent_and_arrows_are_of_one_scal
     assert payload_entity(runs[0]).startswith("/a/scene/hook_link/")
 
 
+@pytest.mark.slow
 def test_of_two_cranes_in_one_place_the_first_is_opaque_and_the_second_is_not(
     crane: Crane, tmp_path: Path
 ) -> None:
@@ -289,6 +290,7 @@ def test_the_outline_of_a_load_on_a_lug_stands_where_the_load_would(tmp_path: Pa
     assert_allclose(frames["one: setpoint"][:3, 3], frames["one: hook_link"][:3, 3], atol=FLOAT32)
 
 
+@pytest.mark.slow
 def test_a_setpoint_that_changes_for_one_drive_is_drawn(crane: Crane, tmp_path: Path) -> None:
     reference = ramp(crane, hold(crane), "l", -0.1, rate=0.5, at=0.2)
     run = simulate(crane, hold_controller(crane), reference, duration=0.6)

@@ -30,6 +30,7 @@ def _port() -> int:
     return next(port for port in iter(free_port, None) if is_free(port + 1) and port < 65534)
 
 
+@pytest.mark.slow
 def test_serving_answers_on_this_machine_alone_and_ends(file: Path) -> None:
     with serve(file, port=(port := _port())) as server:
         assert urllib.request.urlopen(server.address, timeout=60).status == 200

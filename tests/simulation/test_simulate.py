@@ -50,6 +50,7 @@ def _held(c: Crane, **arguments: Any) -> Trajectory:
 # --- the loop -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_a_crane_of_one_joint_swings_or_slides_as_its_equation_says(
@@ -134,6 +135,7 @@ def test_a_controller_may_answer_with_a_buffer_of_its_own() -> None:
     assert_allclose(found.effort[:, 1], found.t)
 
 
+@pytest.mark.slow
 def test_another_integrator_takes_its_place() -> None:
     c, dt = big_crane(), 5e-3
     found = simulate(
@@ -175,6 +177,7 @@ def test_without_reference_the_drives_hold_where_they_are_first_seen() -> None:
 # --- physics through the loop ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("drive", "command", "dt", "remainder"),
     [("effort", (2e4, 500.0, -9700.0), 2e-3, 2e-7), ("motion", (0.02, 0.1, -0.05), 4e-3, 1e-6)],
@@ -232,6 +235,7 @@ def test_joint_damping_of_the_urdf_damps_the_swing_as_the_closed_form_says(
     assert expected == pytest.approx(0.01, rel=0.02)
 
 
+@pytest.mark.slow
 def test_efforts_returned_by_prescribed_motion_reproduce_the_motion_through_effort_drives() -> None:
     c, period = crane(**DAMPED), 1e-3
     run = {
@@ -271,6 +275,7 @@ def test_efforts_beyond_the_limits_are_cut_and_the_log_shows_it() -> None:
 # --- energy ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_under_a_constant_force_the_ledger_closes_to_rounding() -> None:
     # a trolley with next to no load: a constant acceleration, for which effort times displacement
     # is exact once the lead is taken off
@@ -290,6 +295,7 @@ def test_under_a_constant_force_the_ledger_closes_to_rounding() -> None:
     assert_allclose(found.unexplained, 0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_what_the_ledger_leaves_open_halves_with_the_step(drive: Any) -> None:
     c = crane(**DAMPED)
@@ -323,6 +329,7 @@ def test_what_the_ledger_leaves_open_halves_with_the_step(drive: Any) -> None:
     assert ratio == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_wide_conical_swing_gains_energy_slowly_and_in_proportion_to_the_step() -> None:
     c = big_crane()
     start = c.state(l=20.0, phi=0.5, theta_dot=0.2)
@@ -471,6 +478,7 @@ def test_ctrl_c_at_once_keeps_an_empty_record() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_plain_loop_of_the_example_does_the_same_to_round_off() -> None:
     example = runpy.run_path(str(ROOT / "examples" / "plain_loop.py"))
     run = simulate(

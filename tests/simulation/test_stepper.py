@@ -83,6 +83,7 @@ def test_a_force_acts_for_the_period_with_which_it_comes(engine: Any) -> None:
     assert np.array_equal(run.q[1:], [pushed.q, left.q])
 
 
+@pytest.mark.slow
 @ENGINE
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_copy_goes_on_by_itself_from_where_the_original_was(
@@ -131,6 +132,7 @@ def test_a_step_that_cannot_be_made_leaves_state_and_time() -> None:
     assert stepper.state is before and stepper.t == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", [None, "compiled", "oracle"])
 @pytest.mark.usefixtures("oracle")
 def test_a_load_stands_on_the_ground_of_a_stepper_as_in_simulate_and_in_a_copy(engine: Any) -> None:

@@ -141,6 +141,7 @@ def test_a_record_names_the_converters() -> None:
 # --- what drives cannot do ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_motion_that_needs_more_effort_than_a_drive_has_is_refused_or_marked() -> None:
     c = crane(trolley_effort=2e3)
     jumps = follow(c, ramp(c, hold(c), "x", 1.0, rate=0.5, at=0.1))  # half a metre a second at once
@@ -158,6 +159,7 @@ def test_a_motion_that_needs_more_effort_than_a_drive_has_is_refused_or_marked()
     assert batch.valid_until.tolist() == [pytest.approx(marked.t[np.argmax(beyond)])] * 2
 
 
+@pytest.mark.slow
 def test_a_motion_faster_than_a_drive_is_refused_or_marked() -> None:
     c = crane(trolley_velocity=0.4)
     fast = follow(c, ramp(c, hold(c), "x", 1.0, rate=0.5, at=0.1))
@@ -186,6 +188,7 @@ def test_converters_that_are_told_more_than_their_rate_are_cut_and_marked(engine
     assert ((run.valid == 0.0) == told).all()
 
 
+@pytest.mark.slow
 def test_a_batch_says_when_a_converter_was_first_told_more_than_its_rate() -> None:
     c = crane()
     law = as_velocity_command(c, hold_controller(c), drive="effort")  # 6 m/s for a jump of 1 m

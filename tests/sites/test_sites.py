@@ -83,6 +83,7 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
                 assert np.min(gaps, axis=0).max() <= 1e-6
 
 
+@pytest.mark.slow
 def test_rope_and_load_of_a_box_lie_in_those_of_any_larger_box() -> None:
     site, rng = site_of("four_towers"), np.random.default_rng(5)
     for _ in range(20):
@@ -146,6 +147,7 @@ def test_no_sample_of_the_largest_proven_boxes_is_too_near_by_the_distances_of_c
     assert cut
 
 
+@pytest.mark.slow
 def test_a_crane_stops_within_its_stopping_distance_and_no_rate_is_larger_than_that() -> None:
     station = site_of().stations[0]
     for name in ("converters", "gears"):

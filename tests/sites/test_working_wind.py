@@ -187,6 +187,7 @@ def tight(tmp_path: Path, extra: str) -> CraneSite:
     return read_crane_site(file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("extra", "words"),
     [

@@ -30,6 +30,7 @@ from tests.helpers import ROOT, files, python
 from tests.sweep.test_sweep_interrupted import CASES, CHUNK, answered, parts, ran, sweeping, until
 
 pytestmark = [pytest.mark.usefixtures("limited"), pytest.mark.slow]
+dask = pytest.importorskip("dask", reason="the extra dask is not installed")
 pytest.importorskip("distributed", reason="the extra dask is not installed")
 
 
@@ -126,6 +127,7 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
 
+@pytest.mark.long
 def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,7 +148,7 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
 
-@pytest.mark.parametrize("hung", [False, True])
+@pytest.mark.parametrize("hung", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_sweep_on_a_cluster_answers_ctrl_c_within_two_seconds(hung: bool, tmp_path: Path) -> None:
     folder, log = tmp_path / "sweep", tmp_path / "log"
     with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="1.0") as (address, (scheduler, *_)):
@@ -236,6 +238,7 @@ def test_the_commands_of_the_documentation_work(local: tuple[str, pa.Table]) -> 
     assert local[0] == f"{_ALL}2048 cases, 0 bad, 0 of them computed just now\n{_COLUMNS}\n"
 
 
+@pytest.mark.long
 def test_the_documented_cluster_computes_the_same_and_listens_to_nobody_else(
     local: tuple[str, pa.Table], tmp_path: Path
 ) -> None:
@@ -246,6 +249,7 @@ def test_the_documented_cluster_computes_the_same_and_listens_to_nobody_else(
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made by openssl")
+@pytest.mark.long
 def test_with_tls_only_who_has_a_certificate_can_connect(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -312,9 +316,13 @@ def test_a_scheduler_that_is_not_there_is_reported_when_it_had_time_to_come(
     assert cluster.CONNECT_TIMEOUT <= 5.0
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
     began = time.monotonic()
-    with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127.*: it timed"):
+    with (
+        # Dask itself would wait for longer than a test may take.
+        dask.config.set({"distributed.comm.timeouts.connect": "1000s"}),
+        pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127.*: it timed"),
+    ):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler="tcp://127.0.0.1:1")
-    assert 0.5 < time.monotonic() - began < 25.0  # Dask itself would wait for 30 s
+    assert time.monotonic() - began > 0.5
 
 
 def test_ctrl_c_is_answered_while_a_scheduler_keeps_silent(tmp_path: Path) -> None:

@@ -26,6 +26,9 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="signals and pip
 COUNTS = {
     **{"file signals": 30, "file building model": 10, "file site": 100},
     **{"line trial": 60, "api lifting": 20},
+    # A process reads each of these files, and starting it takes most of the time.
+    **dict.fromkeys(("file MATLAB", "file HDF5", "file MJCF"), 60),
+    **dict.fromkeys(("file database", "file workbook"), 60),
 }
 """Cases of each kind; of all others those of `_OTHERS`."""
 
@@ -101,6 +104,7 @@ def _raise_broken() -> str:
     raise Broken("a promise", "and how")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("action", "fault"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -53,7 +54,24 @@ def test_a_public_name_of_two_modules_is_found(tmp_path: Path) -> None:
     assert house.ambiguous(sorted(tmp_path.iterdir())) == ["move"]
 
 
+@pytest.mark.slow
 def test_every_mutation_finds_its_code_and_its_test() -> None:
-    for mutation in mutations.read_table(mutations.TABLE):
+    for mutation in mutations.read_mutations():
         mutations.mutated((house.ROOT / mutation.file).read_text("utf-8"), mutation)
-        mutations.find_test(mutation.test, house.ROOT)
+        mutations.check_test_exists(mutation, house.ROOT)
+
+
+@pytest.mark.parametrize("text", ["", "a = 1\n", "b = a\nc = a\nb = a\n"])
+def test_a_mutation_whose_code_is_not_there_exactly_once_is_refused(text: str) -> None:
+    mutation = mutations.Mutation("module.py", "tests/test.py::test_b", "B is 0.", "b = a", "b = 0")
+    with pytest.raises(SystemExit, match=r"module\.py must hold the code 'b = a' exactly once"):
+        mutations.mutated(text, mutation)
+
+
+def test_a_mutation_whose_test_is_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "test.py").write_text("\ndef test_b(): ...\n")
+    there = mutations.Mutation("module.py", "test.py::test_b[1]", "B is 0.", "b = a", "b = 0")
+    mutations.check_test_exists(there, tmp_path)
+    renamed = dataclasses.replace(there, test="test.py::test_c")
+    with pytest.raises(SystemExit, match=r"test\.py does not define the test test_c"):
+        mutations.check_test_exists(renamed, tmp_path)

@@ -178,7 +178,10 @@ for call in sys.argv[2:]:
     [
         ("trimesh.path", wedge := "body('wedge', np.eye(4, 3), faces)", wedge),
         ("pandas._libs.tslibs.timedeltas", "run.table()", "run.to_pandas()"),
-        ("pandas._libs.tslibs.timedeltas", "run.to_pandas()", "run.to_pandas()"),
+        pytest.param(
+            *("pandas._libs.tslibs.timedeltas", "run.to_pandas()", "run.to_pandas()"),
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_an_interruption_of_an_import_is_neither_swallowed_nor_leaves_half_a_library(

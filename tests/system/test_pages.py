@@ -17,7 +17,10 @@ PAGES = sorted([*(ROOT / "docs").glob("**/*.md"), ROOT / "README.md"])
 KINDS = ("tutorial", "howto", "concepts", "results")
 ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 """Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
-LONG = {"control.md", "drive.md", "first_lift.md", "judge_lift.md", "lift_from_ground.md"}
+LONG = {
+    *("control.md", "drive.md", "drives.md", "first_lift.md", "judge_lift.md"),
+    *("lift_from_ground.md", "planning.md", "several_cranes.md"),
+}
 """Pages whose code takes longest."""
 MODULES = {"compiled": "llvmlite", "optimal": "casadi", "planning": "toppra"}
 """Module to look for by the name of its extra, where they differ."""
