@@ -633,23 +633,23 @@ cranedyn/compiled/load_filter.py
 cranedyn/compiled/horizon/control.py
 * what the drives did does not move the swing that is expected
 ? horizon::what_it_believes_of_the_swing_is_what_swings_where_sensors_are_exact
-- done = (v[drives] - rates_before) / period
-+ done = 0.0 * (v[drives] - rates_before)
+- drive_accelerations = (v[drives] - rates_before) / period
++ drive_accelerations = 0.0 * (v[drives] - rates_before)
 * a plan for converters begins with the rates measured
 ? horizon::drives_twice_as_late_as_believed_leave_no_swing
-- v[drives], self.programme.rate_share
-+ v[drives], 1.0
+- reading.v[drives], self.programme.rate_gain
++ reading.v[drives], 1.0
 * a predictive controller learns from what it did not read
 ? horizon::what_was_not_read_teaches_nothing_of_what_disturbs
-- gain = learns * (programme.share / programme.period)
-+ gain = programme.share / programme.period
+- gain = learns * (programme.disturbance_gain / programme.period)
++ gain = programme.disturbance_gain / programme.period
 * a planned hoist may let go of the load
 ? horizon::it_never_commands_a_slack_rope_however_fast_the_hoist_may_be[motion]
-- acceleration[hoist] = code.chosen(over > 0.0, reduced, acceleration[hoist])
+- acceleration[hoist] = self.code.chosen(over > 0.0, reduced, acceleration[hoist])
 + acceleration[hoist] = acceleration[hoist]
 * what disturbs a drive is not taken off
 ? horizon::a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated
-- crane.answer(q, v, acceleration - estimate, None)
+- crane.answer(q, v, acceleration - disturbance, None)
 + crane.answer(q, v, acceleration, None)
 cranedyn/compiled/horizon/memory.py
 * what is the same in every stage is left out of the recursion
@@ -2258,12 +2258,12 @@ cranedyn/bridges/c_code.py
 cranedyn/compiled/horizon/planning.py
 * failures of a plan are not counted
 ? horizon::after_each_failure_the_next_plan_begins_farther_from_its_bounds
-- self._mark("failures") + code.chosen(solved, 0.0, 1.0)
-+ code.chosen(solved, 0.0, 1.0)
+- self._mark("failures") + code.chosen(is_solved, 0.0, 1.0)
++ code.chosen(is_solved, 0.0, 1.0)
 * a plan on a motion forgets the accelerations of the motion
 ? horizon::on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_cost
-- rising = (coming - now)
-+ rising = 0.0 * (coming - now)
+- accelerations = (coming - now)
++ accelerations = 0.0 * (coming - now)
 cranedyn/bridges/margins.py
 * margins overlook half of the sampling rate
 ? margins::a_drive_is_unstable_just_beyond_what_its_margins_say
