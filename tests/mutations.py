@@ -2128,8 +2128,8 @@ cranedyn/compiled/crane_block.py
 + value for value in heard
 * frequency converters in C start from rest
 ? c_code::a_crane_in_c_moves_as_in_simulate
-- begins = compared("==",
-+ begins = compared("<",
+- is_first_call = build.icmp_signed("==",
++ is_first_call = build.icmp_signed("<",
 cranedyn/bridges/controller_block.py
 * a shaper at fault goes to the start of the crane
 ? controller_block::a_shaper_at_fault_holds_its_position_until_a_reset
