@@ -1977,8 +1977,8 @@ cranedyn/bridges/mcap.py
 + reliability: 1, durability: 2
 * a recording tells what acted as what was commanded
 ? mcap::a_command_that_a_drive_cuts_is_told_as_it_was_given
-- np.empty(0), run.command[k])
-+ np.empty(0), run.effort[k])
+- no_rates, run.command[k])
++ no_rates, run.effort[k])
 cranedyn/model/options.py
 * a run is read with a crane that has other coordinates
 ? mcap::a_run_of_another_crane_is_refused_with_the_coordinates_of_both
@@ -2216,7 +2216,7 @@ cranedyn/bridges/commissioning/serve.py
 cranedyn/bridges/matlab.py
 * the delay of converters is not in the sampled system
 ? matlab::the_file_has_the_matrices_with_names_and_units
-- delay = converters.delay_steps(dt, control_period) if converters else 0
+- delay = converters.delay_steps(dt, control_period)
 + delay = 0
 cranedyn/bridges/templates/page/assist.js
 * a drive brakes by its usual ramps, whatever they are
