@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -35,33 +35,54 @@ _ZSTANDARD = b"\x28\xb5\x2f\xfd"
 """First bytes of a compressed message; one that is not compressed begins with a zero."""
 
 TYPE = "sensor_msgs/msg/JointState"
+"""Type of the messages that are read."""
+
 TOPIC = "/joint_states"
+"""Topic from which they are taken where there are several."""
 
 NAMES = {role.symbol: role.joint for role in ROLES.values()}
 """Default names of the joints by the symbols of their coordinates."""
 
-_KINDS = {
-    column: (field, role.symbol)
-    for role in ROLES.values()
-    for unit, effort in [("m", "F_{}_N") if role.kind == "prismatic" else ("rad", "T_{}_Nm")]
-    for field, column in (
-        ("position", f"{role.symbol}_{unit}"),
-        ("velocity", f"{role.symbol}_dot_{unit}_s"),
-        ("effort", effort.format(role.symbol)),
-    )
-}
+
+class _Source(NamedTuple):
+    """Where the numbers of a column are in a message.
+
+    Attributes:
+        field: Field of the message: "position", "velocity" or "effort".
+        symbol: Symbol of the coordinate.
+    """
+
+    field: str
+    symbol: str
+
+
+def _sources() -> dict[str, _Source]:
+    """Return the sources of all columns that a message can have, by the name of the column."""
+    sources = {}
+    for role in ROLES.values():
+        symbol = role.symbol
+        is_length = role.kind == "prismatic"
+        unit = "m" if is_length else "rad"
+        effort = f"F_{symbol}_N" if is_length else f"T_{symbol}_Nm"
+        sources[f"{symbol}_{unit}"] = _Source("position", symbol)
+        sources[f"{symbol}_dot_{unit}_s"] = _Source("velocity", symbol)
+        sources[effort] = _Source("effort", symbol)
+    return sources
+
+
+_SOURCES = _sources()
 """Field of joint states and coordinate, by the name of the column."""
 
-_MOST = 100_000_000
+_MAX_CHUNK_SIZE = 100_000_000
 """Largest size of a compressed chunk of a file, decompressed [bytes]."""
 
-_BLOCK = 1_000_000
-"""Bytes of a chunk that are decompressed at a time."""
+_BLOCK_SIZE = 1_000_000
+"""Size of the pieces in which a chunk is decompressed [bytes]."""
 
 _ROUND_OFF = 1e-9
 """Round-off of a time at which a record begins or ends [s]."""
 
-_END = struct.pack("<BQ20x8B", 2, 20, *b"\x89MCAP0\r\n")
+_MCAP_END = struct.pack("<BQ20x8B", 2, 20, *b"\x89MCAP0\r\n")
 """Footer of an MCAP file, at which its reader ends."""
 
 Raw = tuple[str, int, bytes]
@@ -116,11 +137,13 @@ def joint_state_columns(path: str | Path, names: Mapping[str, str] | None = None
     with _parsing(Path(path), names) as named:
         _, first = next(_states(Path(path)))
     indices = {name: i for i, name in enumerate(first.name)}
-    return [
-        column
-        for column, (kind, symbol) in _KINDS.items()
-        if indices.get(named[symbol], math.inf) < len(getattr(first, kind))
-    ]
+    columns = []
+    for column, source in _SOURCES.items():
+        # A field may be empty, or shorter than the names.
+        index = indices.get(named[source.symbol], math.inf)
+        if index < len(getattr(first, source.field)):
+            columns.append(column)
+    return columns
 
 
 def is_recording(path: str | Path) -> bool:
@@ -193,9 +216,23 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[dict[str, 
 def _columns(
     path: Path, columns: Sequence[str], names: Mapping[str, str], since: float, until: float
 ) -> dict[str, np.ndarray]:
-    """Return columns in the order of their times, which count from the first [s]."""
+    """Return columns in the order of their times, which count from the first message [s].
+
+    Args:
+        path: File or folder to read.
+        columns: Names of the columns.
+        names: Names of the joints by the symbols of coordinates.
+        since: Time of the first row [s].
+        until: Time of the last row [s].
+
+    Raises:
+        DataError: If a number is not finite, or times are not two or more that increase.
+    """
     requested = [column for column in columns if column != "t_s"]
-    stamps, logged, values = array("q"), array("q"), array("d")
+    # Arrays of the standard library grow by single numbers, and take eight bytes for each.
+    stamps = array("q")
+    logged = array("q")
+    values = array("d")
     for time, message in _states(path):
         logged.append(time)
         stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
@@ -207,13 +244,16 @@ def _columns(
     t = (times - times[:1]) / 1e9
     rows = np.array(values).reshape(len(times), -1)[order]
     within = (t >= since - _ROUND_OFF) & (t <= until + _ROUND_OFF)
-    times, t, rows = times[within], t[within], rows[within]
+    times = times[within]
+    t = t[within]
+    rows = rows[within]
     for column, numbers in zip(requested, rows.T, strict=True):
         if not np.isfinite(numbers).all():
             message = order[within][np.argmin(np.isfinite(numbers))] + 1
-            kind, symbol = _KINDS[column]
+            source = _SOURCES[column]
             raise DataError(
-                f"{path}: {kind} of {names[symbol]} is not finite in its message {message}."
+                f"{path}: {source.field} of {names[source.symbol]} is not finite in its message "
+                f"{message}."
             )
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise DataError(
@@ -238,29 +278,35 @@ def _states(path: Path) -> Iterator[tuple[int, Any]]:
         raise DataError(
             f"{path} has joint states on {names}; allowed are messages on {TOPIC}, or on one topic."
         )
+    chosen_topic = TOPIC if TOPIC in topics else topics[0]
     for topic, time, raw in source():
-        if topic == (TOPIC if TOPIC in topics else topics[0]):
+        if topic == chosen_topic:
             yield time, decode(raw, TYPE)  # by the standard definition of JointState
 
 
 def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, str]) -> float:
-    """Return a coordinate, rate or effort of message k."""
-    if column not in _KINDS:
+    """Return the number of a column in message k, counted from 1.
+
+    Raises:
+        DataError: If the message has none.
+    """
+    if column not in _SOURCES:
         raise DataError(
             f"{path} cannot have a column {column}: joint states have positions, velocities and "
             "efforts."
         )
-    kind, symbol = _KINDS[column]
+    field, symbol = _SOURCES[column]
     joint = names[symbol]
-    numbers = getattr(message, kind)
+    numbers = getattr(message, field)
     if joint not in message.name:
         present = ", ".join(map(quoted, message.name[:20])) or "none"
         raise DataError(
             f"{path} has no joint {joint}, but {present}; say which is {symbol} by --joints "
             f"{symbol}=NAME."
         )
-    if (i := message.name.index(joint)) >= len(numbers):
-        raise DataError(f"{path} has no {kind} of {joint} in its message {k}; {column} needs one.")
+    i = message.name.index(joint)
+    if i >= len(numbers):
+        raise DataError(f"{path} has no {field} of {joint} in its message {k}; {column} needs one.")
     return float(numbers[i])
 
 
@@ -276,8 +322,9 @@ def _database_messages(path: Path) -> Iterator[Raw]:
     result = read_bounded(path, "rosbag2")
     count = int(result.header["messages"])
     unpack = _Unpacker()
-    table = result.content[: 24 * count].view("<i8").reshape(count, 3)
-    begin = 24 * count
+    # Three whole numbers for each message, topic, time and size, and then the messages.
+    begin = 3 * 8 * count
+    table = result.content[:begin].view("<i8").reshape(count, 3)
     for topic, time, size in table.tolist():
         data = result.content[begin : begin + size].tobytes()
         begin += size
@@ -309,9 +356,9 @@ def _mcap_records(file: BinaryIO) -> Iterator[Any]:
     from mcap.stream_reader import StreamReader
 
     unpack = _Unpacker()
-    for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST).records:
+    for record in StreamReader(file, emit_chunks=True, record_size_limit=_MAX_CHUNK_SIZE).records:
         if isinstance(record, Chunk):
-            content = BytesIO(unpack(record.compression, record.data) + _END)
+            content = BytesIO(unpack(record.compression, record.data) + _MCAP_END)
             yield from StreamReader(content, skip_magic=True, emit_chunks=True).records
         else:
             yield record
@@ -324,11 +371,11 @@ def _bag_messages(path: Path) -> Iterator[Raw]:
 
     unpack = _Unpacker()
     with Reader(path) as reader:
+        # In place of its own decompressors the reader takes one with a limit.
+        names = {function: name for name, function in decompressors.items()}
         for key, chunk in reader.chunks.items():
-            name = next(
-                name for name, function in decompressors.items() if function is chunk.decompressor
-            )
-            reader.chunks[key] = chunk._replace(decompressor=partial(unpack, name))
+            limited = partial(unpack, names[chunk.decompressor])
+            reader.chunks[key] = chunk._replace(decompressor=limited)
         connections = [c for c in reader.connections if c.msgtype == TYPE]
         if connections:
             for connection, time, raw in reader.messages(connections=connections):
@@ -361,18 +408,21 @@ def _decompressed(compression: str, data: bytes) -> bytes:
         DataError: If it is larger than 100 MB, or of an unknown compression.
     """
     if compression == "bz2":
-        content = bz2.BZ2Decompressor().decompress(data, _MOST + 1)
+        content = bz2.BZ2Decompressor().decompress(data, _MAX_CHUNK_SIZE + 1)
     elif compression == "lz4":
         import lz4.frame
 
-        content = lz4.frame.LZ4FrameDecompressor().decompress(data, _MOST + 1)
+        content = lz4.frame.LZ4FrameDecompressor().decompress(data, _MAX_CHUNK_SIZE + 1)
     elif compression == "zstd":
         import zstandard
 
         reader = zstandard.ZstdDecompressor().stream_reader(data)
         unpacked = bytearray()
         # Its buffer is as large as the requested size.
-        while len(unpacked) <= _MOST and (block := reader.read(_BLOCK)):
+        while len(unpacked) <= _MAX_CHUNK_SIZE:
+            block = reader.read(_BLOCK_SIZE)
+            if not block:
+                break
             unpacked += block
         content = bytes(unpacked)
     elif compression in ("", "none"):
@@ -382,6 +432,6 @@ def _decompressed(compression: str, data: bytes) -> bytes:
             f"A piece of the recording is compressed by {quoted(compression)}; allowed are zstd, "
             "lz4 and bz2."
         )
-    if len(content) > _MOST:
-        raise DataError(f"A piece of the recording holds more than {_MOST / 1e6:g} MB.")
+    if len(content) > _MAX_CHUNK_SIZE:
+        raise DataError(f"A piece of the recording holds more than {_MAX_CHUNK_SIZE / 1e6:g} MB.")
     return content

@@ -20,19 +20,21 @@ from cranedyn.bridges.target import check_free, name_default_rates, new_folder
 from cranedyn.bridges.usual_controllers import CONTROLLERS
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
-from cranedyn.compiled.block import FunctionBlock
+from cranedyn.compiled.block import FunctionBlock, Variable
 from cranedyn.compiled.c_text import Precision, c_header, c_source
 from cranedyn.compiled.crane_block import COMMUNICATION, crane_block
 from cranedyn.dynamics.converters import fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.interfaces import Drive
+from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 from cranedyn.simulation.simulate import simulate
 
 TARGET = "DIR"
+"""What the command line calls the target of the export."""
+
 EXAMPLE = "controller_c --controller lqr"
-"""Target of the command line."""
+"""Example of a target, for the help of the command line."""
 
 TOLERANCE = {"double": 1e-12, "single": 1e-3, "predictive": 1e-8}
 """Largest difference between C and Python over the larger of 1 and the largest value: round-off of
@@ -40,18 +42,25 @@ sums in another order; in single precision that of 2,000 physics steps; of predi
 tolerance of an optimisation, whose last iteration round-off may decide."""
 
 _TEMPLATES = Path(__file__).with_name("templates")
+"""Folder of the texts that do not depend on the crane."""
+
+_TEST_ROWS = 200
+"""Rows of the test of a crane."""
+
+_ROWS_OF_COMMAND = 20
+"""Rows for which a command of that test holds."""
 
 
 @dataclass(frozen=True)
 class BlockTest:
-    """Rows of a test: inputs, calls of step, and expected values.
+    """Test of a block: in each row it gets inputs and is called, and has expected values then.
 
     Attributes:
         block: The block.
         calls: Calls of step for each row.
-        inputs: Shape (rows, inputs).
+        inputs: Values of its inputs, shape (rows, inputs).
         names: Names of the expected values.
-        expected: Shape (rows, names).
+        expected: Values of these after the calls, shape (rows, names).
     """
 
     block: FunctionBlock
@@ -115,22 +124,31 @@ def export(
 
 
 def crane_test(crane: Crane, drive: Drive, dt: float, integrator: Integrator) -> BlockTest:
-    """Return a test of a crane's block: its state in a run of `simulate` under random commands."""
+    """Return a test of a crane's block: its state in a run of `simulate` under random commands.
+
+    Args:
+        crane: The crane.
+        drive: What the drives take.
+        dt: Physics step [s].
+        integrator: The stepping rule.
+    """
     block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)
     rng = np.random.default_rng(0)
-    layout = crane.layout
-    rows = 200
-    inputs = np.tile([variable.start for variable in block.of_kind("input")], (rows, 1))
-    commands = inputs[:, : layout.m]
-    inertia = np.diag(crane.mass_matrix(crane.start.q))[layout.drives]
-    drives = fitting(crane, drive, None)
-    size = drives.rates if drives else 0.5 * (inertia if drive == "effort" else np.ones(layout.m))
-    commands += rng.uniform(-size, size, (rows // 20, layout.m)).repeat(20, axis=0)
+    m = crane.layout.m
+    largest = _largest_test_commands(crane, drive)
+    changes = rng.uniform(-largest, largest, (_TEST_ROWS // _ROWS_OF_COMMAND, m))
+    inputs = np.tile([variable.start for variable in block.of_kind("input")], (_TEST_ROWS, 1))
+    commands = inputs[:, :m]  # a view: the commands are the first inputs
+    commands += changes.repeat(_ROWS_OF_COMMAND, axis=0)
     period = COMMUNICATION * dt
+
+    def commanded(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        return commands[min(round(t / period), _TEST_ROWS - 1)]
+
     run = simulate(
         crane,
-        lambda t, state, setpoint: commands[min(round(t / period), rows - 1)],
-        duration=rows * period,
+        commanded,
+        duration=_TEST_ROWS * period,
         dt=dt,
         control_period=period,
         drive=drive,
@@ -141,30 +159,69 @@ def crane_test(crane: Crane, drive: Drive, dt: float, integrator: Integrator) ->
     return BlockTest(block, COMMUNICATION, inputs, names, np.hstack([run.q, run.v])[1:])
 
 
+def _largest_test_commands(crane: Crane, drive: Drive) -> np.ndarray:
+    """Return the largest changes of the commands in the test of a crane, shape (m,): the rates of
+    converters, or what accelerates each drive by half a rad/s² or m/s².
+    """
+    layout = crane.layout
+    converters = fitting(crane, drive, None)
+    if converters is not None:
+        return converters.rates
+    if drive == "effort":
+        inertia = np.diag(crane.mass_matrix(crane.start.q))[layout.drives]
+        return 0.5 * inertia
+    return 0.5 * np.ones(layout.m)
+
+
 def _test_program(tests: Sequence[BlockTest], precision: Precision) -> str:
     """Return the program that compares the blocks with Python."""
-    number = "double" if precision == "double" else "float"
     lines = ["/* Compares the blocks with numbers of Python. */", "#include <stdio.h>", ""]
-    lines += [f'#include "{test.block.name}.h"' for test in tests]
     for test in tests:
-        name = test.block.name
-        for title, rows in (("inputs", test.inputs), ("expected", test.expected)):
-            lines += ["", f"static const double {name}_{title}[{len(rows)}][{rows.shape[1]}] = {{"]
-            lines += [f"  {{{', '.join(map(repr, row))}}}," for row in rows.tolist()] + ["};"]
-        inputs = enumerate(v.name for v in test.block.of_kind("input"))
-        terms = {
-            **{"name": name, "number": number, "rows": len(test.inputs), "calls": test.calls},
-            "sizes": ", ".join(map(repr, np.fmax(np.abs(test.expected).max(axis=0), 1.0).tolist())),
-            "setting": "\n".join(f"    block.{v} = ({number})in[{i}];" for i, v in inputs),
-            "found": ", ".join(f"block.{name}" for name in test.names),
-            "values": len(test.names),
-            "tables": sum(table.size for table in test.block.tables.values()),
-        }
-        lines += ["", Template((_TEMPLATES / "test_block.c.in").read_text()).substitute(terms)[:-1]]
-    bounds = [TOLERANCE["predictive" if t.block.routines else precision] for t in tests]
-    pairs = zip(tests, bounds, strict=True)
-    worst = " || ".join(f"!(test_{test.block.name}() <= {bound!r})" for test, bound in pairs)
-    return "\n".join([*lines, "", "int main(void) {", f"  return {worst};", "}", ""])
+        lines.append(f'#include "{test.block.name}.h"')
+    failures = []
+    for test in tests:
+        lines += _test_function(test, precision)
+        tolerance = TOLERANCE["predictive" if test.block.routines else precision]
+        # So written, a difference that is NaN fails.
+        failures.append(f"!(test_{test.block.name}() <= {tolerance!r})")
+    any_fails = " || ".join(failures)
+    return "\n".join([*lines, "", "int main(void) {", f"  return {any_fails};", "}", ""])
+
+
+def _test_function(test: BlockTest, precision: Precision) -> list[str]:
+    """Return the numbers of a test in C, and the function that returns the largest difference."""
+    block = test.block
+    number = "double" if precision == "double" else "float"
+    lines = []
+    for title, rows in (("inputs", test.inputs), ("expected", test.expected)):
+        size = f"[{len(rows)}][{rows.shape[1]}]"
+        lines += ["", f"static const double {block.name}_{title}{size} = {{"]
+        for row in rows.tolist():
+            lines.append(f"  {{{_numbers(row)}}},")
+        lines.append("};")
+
+    assignments = []
+    for i, variable in enumerate(block.of_kind("input")):
+        assignments.append(f"    block.{variable.name} = ({number})in[{i}];")
+    largest_values = np.fmax(np.abs(test.expected).max(axis=0), 1.0)
+    terms = {
+        "name": block.name,
+        "number": number,
+        "rows": len(test.inputs),
+        "calls": test.calls,
+        "sizes": _numbers(largest_values.tolist()),
+        "setting": "\n".join(assignments),
+        "found": ", ".join(f"block.{name}" for name in test.names),
+        "values": len(test.names),
+        "tables": sum(table.size for table in block.tables.values()),
+    }
+    template = Template((_TEMPLATES / "test_block.c.in").read_text())
+    return [*lines, "", template.substitute(terms).removesuffix("\n")]
+
+
+def _numbers(values: Sequence[float]) -> str:
+    """Return numbers in C, exact to the bit."""
+    return ", ".join(repr(value) for value in values)
 
 
 def _readme(tests: Sequence[BlockTest], precision: Precision) -> str:
@@ -172,13 +229,11 @@ def _readme(tests: Sequence[BlockTest], precision: Precision) -> str:
     lines = []
     for test in tests:
         block = test.block
-        inputs, outputs = (
-            ", ".join(f"`{v.name}`{f' [{v.unit}]' if v.unit else ''}" for v in block.of_kind(kind))
-            for kind in ("input", "output")
-        )
         lines += [f"## {block.name}.c", "", block.about, ""]
         lines += [f"`{block.name}_step` is called every {block.period:g} s.", ""]
-        lines += [f"Inputs: {inputs}.", "", f"Outputs: {outputs}.", "", block.at_fault, ""]
+        lines += [f"Inputs: {_listed(block.of_kind('input'))}.", ""]
+        lines += [f"Outputs: {_listed(block.of_kind('output'))}.", ""]
+        lines += [block.at_fault, ""]
         for name, identifier in block.renamed.items():
             lines += [f"`{name}` is called `{identifier}`.", ""]
     text = (_TEMPLATES / "c_readme.md").read_text()
@@ -186,17 +241,35 @@ def _readme(tests: Sequence[BlockTest], precision: Precision) -> str:
     return text.replace("NAME", name).replace("PRECISION", precision) + "\n".join(lines)
 
 
+def _listed(variables: Sequence[Variable]) -> str:
+    """Return the names of variables with their units, in Markdown."""
+    entries = []
+    for variable in variables:
+        unit = f" [{variable.unit}]" if variable.unit else ""
+        entries.append(f"`{variable.name}`{unit}")
+    return ", ".join(entries)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the folder and the crane."""
-    add = parser.add_argument
+    # A controller says itself what its drives take.
     either = parser.add_mutually_exclusive_group()
     either.add_argument("--controller", choices=CONTROLLERS, help="controller beside the crane")
-    text = "what the drives of a crane without controller take (default effort)"
-    either.add_argument("--drive", choices=get_args(Drive), default="effort", help=text)
-    add("--single", action="store_true", help="numbers in single precision")
-    text = "time from one call of the controller to the next [s]"
-    add("--period", type=float, default=5e-3, metavar="T", help=text)
-    add("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+    either.add_argument(
+        "--drive",
+        choices=get_args(Drive),
+        default="effort",
+        help="what the drives of a crane without controller take (default effort)",
+    )
+    parser.add_argument("--single", action="store_true", help="numbers in single precision")
+    parser.add_argument(
+        "--period",
+        type=float,
+        default=5e-3,
+        metavar="T",
+        help="time from one call of the controller to the next [s]",
+    )
+    parser.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
 
 
 def run(options: argparse.Namespace) -> Path:
@@ -209,6 +282,12 @@ def run(options: argparse.Namespace) -> Path:
         controller = make(crane, options.period)
     if drive != "effort" or options.controller == "predictive":
         name_default_rates(crane)
-    precision: Precision = "single" if options.single else "double"
-    clock = {"dt": options.dt, "control_period": options.period}
-    return export(crane, options.target, controller, drive=drive, precision=precision, **clock)
+    return export(
+        crane,
+        options.target,
+        controller,
+        drive=drive,
+        dt=options.dt,
+        control_period=options.period,
+        precision="single" if options.single else "double",
+    )

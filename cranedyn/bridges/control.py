@@ -50,9 +50,18 @@ def to_control(crane: Crane, state: State | None = None, **options: Any) -> ct.S
         OutOfRange, UnknownName: As `linear_system`.
     """
     system = linear_system(crane, state, **options)
-    names = {kind: getattr(system, kind) for kind in ("states", "inputs", "outputs")}
-    matrices = system.a, system.b, system.c, np.zeros((len(system.c), crane.layout.m))
-    return ct.ss(*matrices, dt=system.period, name="crane", **names)
+    no_feedthrough = np.zeros((len(system.c), crane.layout.m))
+    return ct.ss(
+        system.a,
+        system.b,
+        system.c,
+        no_feedthrough,
+        dt=system.period,
+        name="crane",
+        states=system.states,
+        inputs=system.inputs,
+        outputs=system.outputs,
+    )
 
 
 @dataclass(eq=False)
@@ -61,7 +70,9 @@ class StateSpaceController:
     starts each run at x = 0.
 
     Attributes:
-        a, b, c: Shapes (k, k), (k, 2 n) and (m, k).
+        a: Matrix of its states in their next values, shape (k, k).
+        b: Matrix of the deviation from the setpoint in these, shape (k, 2 n).
+        c: Matrix of its states in the command, shape (m, k).
         tracking: The rest of the command, and the setpoint.
         period: Its control period [s]; None for one without a period of its own, which remembers
             its last commands alone.
@@ -86,11 +97,11 @@ class StateSpaceController:
             OutOfRange: If the control period of the run [s] is another one, or the delay of the
                 converters is another number of its control periods than that of the feedback.
         """
-        if self.period is not None and (
-            abs(control_period - self.period) > SAME_PERIOD * self.period
-        ):
-            allowed = f"that of the controller, {self.period:g}"
-            raise OutOfRange("control period of the run", control_period, allowed, "s")
+        if self.period is not None:
+            difference = abs(control_period - self.period)
+            if difference > SAME_PERIOD * self.period:
+                allowed = f"that of the controller, {self.period:g}"
+                raise OutOfRange("control period of the run", control_period, allowed, "s")
         if self.converters is not None:
             steps = self.converters.delay_steps(0.0, control_period)
             if steps != self.delay:
@@ -106,10 +117,9 @@ class StateSpaceController:
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command of a control instant, shape (m,), and go on to the next one."""
         table = self.tracking.setpoint
-        deviation = np.concatenate(state) - interpolate(
-            table, *locate(t, self.tracking.period, len(table))
-        )
-        x = self._x + np.zeros(len(self.a))
+        place = locate(t, self.tracking.period, len(table))
+        deviation = np.concatenate(state) - interpolate(table, *place)
+        x = self._x + np.zeros(len(self.a))  # at the start of a run it is the number 0
         self._x = self.a @ x + self.b @ deviation
         return self.tracking(t, state, setpoint) + self.c @ x
 
@@ -152,46 +162,98 @@ def from_control(
     check_choice("drive", drive, Drive)
     converters = fitting(crane, drive, converters)
     names = state_names(crane)
-    m = crane.layout.m
+    inputs = input_names(crane, drive)
     if isinstance(about, Motion):
         at = State(about.q[0], about.v[0])
     else:
         at = crane.layout.as_state("rest", about)
     moving = np.setdiff1d(np.arange(len(names)), held_states(crane, at))
-    delay = _commands_on_their_way(feedback, len(moving), input_names(crane, drive), drive)
+    delay = _commands_on_their_way(feedback, len(moving), inputs, drive)
     feedback_names = [names[i] for i in moving]
     for periods in range(delay, 0, -1):  # the order of `linear_system`
-        feedback_names += [f"{name}_{periods}" for name in input_names(crane, drive)]
-    law = _matrices(feedback, feedback_names, input_names(crane, drive))
+        feedback_names += [f"{name}_{periods}" for name in inputs]
+    law = _matrices(feedback, feedback_names, inputs)
     selection = np.eye(len(names))[moving]
     gain = law.gain[:, : len(moving)] @ selection
-    a, b, c = _with_memory(law, len(moving), delay, selection)
+    memory = _with_memory(law, len(moving), delay, selection)
     if isinstance(about, Motion):
-        table = linearised(crane, about, dt=dt, every=len(about.q))
-        rates = {"motion": about.a, "velocity": about.v}
-        commands = table.efforts if drive == "effort" else rates[drive][:, about.drives]
-        gains = np.broadcast_to(gain, (len(commands), *gain.shape))
-        tracking = Tracking(about.period, commands, gains, table.setpoint)
+        tracking = _along(crane, about, gain, drive, dt)
     else:
-        if at.v.any():
-            allowed = "0; a motion is given as a Motion"
-            raise OutOfRange("rates of the rest", at.v.tolist(), allowed, "/s")
-        command = holding_effort(crane, at.q) if drive == "effort" else np.zeros(m)
-        tracking = Tracking(1.0, command[None], gain[None], np.concatenate(at)[None])
-    if not len(a):
+        tracking = _at_rest(crane, at, gain, drive)
+    if not len(memory.a):
         return tracking
-    finite("matrices of the feedback", np.concatenate([a.ravel(), b.ravel(), c.ravel()]), ("k",))
+    elements = [memory.a.ravel(), memory.b.ravel(), memory.c.ravel()]
+    finite("matrices of the feedback", np.concatenate(elements), ("k",))
+    # A memory of commands alone takes any control period whose delay fits.
     period = float(feedback.dt) if len(law.a) else None  # type: ignore[attr-defined]
-    return StateSpaceController(a, b, c, tracking, period, delay, converters if delay else None)
+    return StateSpaceController(
+        memory.a,
+        memory.b,
+        memory.c,
+        tracking,
+        period,
+        delay,
+        converters if delay else None,
+    )
+
+
+def _along(crane: Crane, motion: Motion, gain: np.ndarray, drive: Drive, dt: float) -> Tracking:
+    """Return the feedback of a gain about a motion, whose commands are fed forward."""
+    table = linearised(crane, motion, dt=dt, every=len(motion.q))
+    if drive == "effort":
+        commands = table.efforts
+    elif drive == "motion":
+        commands = motion.a[:, motion.drives]
+    else:
+        commands = motion.v[:, motion.drives]
+    gains = np.broadcast_to(gain, (len(commands), *gain.shape))
+    return Tracking(motion.period, commands, gains, table.setpoint)
+
+
+def _at_rest(crane: Crane, rest: State, gain: np.ndarray, drive: Drive) -> Tracking:
+    """Return the feedback of a gain about a rest, whose command is fed forward.
+
+    Raises:
+        OutOfRange: If something moves there.
+    """
+    if rest.v.any():
+        allowed = "0; a motion is given as a Motion"
+        raise OutOfRange("rates of the rest", rest.v.tolist(), allowed, "/s")
+    command = np.zeros(crane.layout.m)
+    if drive == "effort":
+        command = holding_effort(crane, rest.q)
+    any_period = 1.0  # of a table of one row
+    return Tracking(any_period, command[None], gain[None], np.concatenate(rest)[None])
 
 
 class _Law(NamedTuple):
-    """A feedback u = c x - gain z, after which x becomes a x + b z."""
+    """A feedback u = c x - gain z, after which x becomes a x + b z.
+
+    Attributes:
+        a: Shape (k, k).
+        b: Shape (k, z).
+        c: Shape (m, k).
+        gain: Shape (m, z).
+    """
 
     a: np.ndarray
     b: np.ndarray
     c: np.ndarray
     gain: np.ndarray
+
+
+class _Memory(NamedTuple):
+    """What a feedback remembers, x: it adds c x to the command, and x becomes a x + b z.
+
+    Attributes:
+        a: Shape (k, k).
+        b: Shape (k, 2 n).
+        c: Shape (m, k).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
 
 
 def _commands_on_their_way(feedback: Any, states: int, inputs: Sequence[str], drive: Drive) -> int:
@@ -209,10 +271,8 @@ def _commands_on_their_way(feedback: Any, states: int, inputs: Sequence[str], dr
     return further // len(inputs) if further > 0 and further % len(inputs) == 0 else 0
 
 
-def _with_memory(
-    law: _Law, states: int, delay: int, selection: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a, b and c of a feedback that remembers its last commands, as far as it feeds them
+def _with_memory(law: _Law, states: int, delay: int, selection: np.ndarray) -> _Memory:
+    """Return the memory of a feedback that remembers its last commands, as far as it feeds them
     back.
 
     With the commands p on their way, the oldest first, and the last columns of b and of the gain
@@ -226,39 +286,41 @@ def _with_memory(
         selection: The states among coordinates and rates, shape (states, 2 n).
     """
     if not delay:
-        return law.a, law.b @ selection, law.c
+        return _Memory(law.a, law.b @ selection, law.c)
     m = law.gain.shape[0]
     k = len(law.a)
-    from_states, from_memory = np.split(law.b, [states], axis=1)
-    gain_of_states, gain_of_memory = np.split(law.gain, [states], axis=1)
+    from_states = law.b[:, :states]
+    from_memory = law.b[:, states:]
+    gain_of_states = law.gain[:, :states]
+    gain_of_memory = law.gain[:, states:]
     moved_on = np.eye(m * delay, k=m)
     newest = np.zeros((m * delay, m))
     newest[-m:] = np.eye(m)
     a = np.block([[law.a, from_memory], [newest @ law.c, moved_on - newest @ gain_of_memory]])
     b = np.vstack([from_states, -newest @ gain_of_states]) @ selection
-    return a, b, np.hstack([law.c.reshape(m, k), -gain_of_memory])
+    return _Memory(a, b, np.hstack([law.c.reshape(m, k), -gain_of_memory]))
 
 
 def _matrices(feedback: Any, names: Sequence[str], commands: Sequence[str]) -> _Law:
-    """Return a feedback of the states of these names that gives these commands."""
-    nz, m = len(names), len(commands)
+    """Return a feedback of the states of these names that gives these commands.
+
+    Args:
+        feedback: A gain, or a system of python-control.
+        names: Names of the states that it may feed back.
+        commands: Names of the commands.
+
+    Raises:
+        OutOfRange: If it is neither, or a gain of another shape or not finite.
+        CraneError: If the system has other outputs or inputs, or states in continuous time.
+    """
     if not isinstance(feedback, ct.InputOutputSystem):
-        try:
-            gain = np.asarray(feedback, dtype=float)
-        except (TypeError, ValueError):
-            allowed = "a gain or a system of python-control"
-            raise OutOfRange("feedback", short_repr(feedback), allowed) from None
-        columns_meaning = (
-            f"of {m} rows and {nz} columns, a row for each command ({', '.join(commands)}) and a "
-            f"column for each state ({', '.join(names)})"
-        )
-        gain = finite("gain of the feedback", gain, (m, nz), meaning=columns_meaning)
-        return _Law(np.zeros((0, 0)), np.zeros((0, nz)), np.zeros((m, 0)), gain)
+        return _gain_matrices(feedback, names, commands)
     if not isinstance(feedback, ct.StateSpace):
         raise CraneError(
             f"The feedback is a {type(feedback).__name__}; allowed is a StateSpace from states of "
             "the crane to the commands of its drives, such as control.ss makes of it."
         )
+    m = len(commands)
     if feedback.noutputs != m:
         raise CraneError(
             f"The feedback has {feedback.noutputs} outputs ({', '.join(feedback.output_labels)}); "
@@ -266,22 +328,62 @@ def _matrices(feedback: Any, names: Sequence[str], commands: Sequence[str]) -> _
             "a notch, is put in series with a gain of all drives first."
         )
     k = feedback.nstates
-    labels = list(feedback.input_labels)
     if k and (feedback.dt is True or not feedback.dt):
         raise CraneError(
             f"The feedback has {k} states in continuous time or without a period; "
             "control.sample_system makes it one of the control period."
         )
+    by_state = _by_state(feedback, names)
+    gain = finite("gain of the feedback", -by_state[k:], (m, len(names)))
+    return _Law(feedback.A, by_state[:k], feedback.C.reshape(m, k), gain)
+
+
+def _gain_matrices(gain: Any, names: Sequence[str], commands: Sequence[str]) -> _Law:
+    """Return a feedback of a gain, which has no states of its own, see `_matrices`."""
+    states = len(names)
+    m = len(commands)
+    try:
+        gain = np.asarray(gain, dtype=float)
+    except (TypeError, ValueError):
+        allowed = "a gain or a system of python-control"
+        raise OutOfRange("feedback", short_repr(gain), allowed) from None
+    columns_meaning = (
+        f"of {m} rows and {states} columns, a row for each command ({', '.join(commands)}) and a "
+        f"column for each state ({', '.join(names)})"
+    )
+    gain = finite("gain of the feedback", gain, (m, states), meaning=columns_meaning)
+    return _Law(np.zeros((0, 0)), np.zeros((0, states)), np.zeros((m, 0)), gain)
+
+
+def _by_state(feedback: Any, names: Sequence[str]) -> np.ndarray:
+    """Return what the next states of a system and its commands get from each state of the crane,
+    shape (k + m, states).
+
+    Inputs without any of these names are taken in their order. Further inputs must be those of
+    `control.create_statefbk_iosystem`: the desired states and commands, from which the states are
+    subtracted and to which the commands are added.
+
+    Args:
+        feedback: The system, of k states.
+        names: Names of the states of the crane.
+
+    Raises:
+        CraneError: If a gain lacks a state, or there are other inputs.
+    """
+    k = feedback.nstates
+    labels = list(feedback.input_labels)
     output = np.vstack([feedback.B, feedback.D])  # of the next states and of the commands
-    positional = len(labels) == nz and not set(labels) & set(names)
-    columns = {name: i for i, name in enumerate(names if positional else labels)}
-    if lacking := [name for name in names if name not in columns and not k]:
+    is_positional = len(labels) == len(names) and not set(labels) & set(names)
+    columns = {name: i for i, name in enumerate(names if is_positional else labels)}
+    lacking = [name for name in names if name not in columns]
+    if lacking and not k:
         raise CraneError(
             f"The feedback has no input {lacking[0]}; its inputs are to be {', '.join(names)}."
         )
-    fed = [name for name in names if name in columns]
-    by_state = np.zeros((len(output), nz))
-    by_state[:, [names.index(name) for name in fed]] = output[:, [columns[n] for n in fed]]
+    by_state = np.zeros((len(output), len(names)))
+    for i, name in enumerate(names):
+        if name in columns:
+            by_state[:, i] = output[:, columns[name]]
     further = output[:, [i for name, i in columns.items() if name not in names]]
     desired = np.hstack([-by_state, np.eye(len(output))[:, k:]])
     if further.size and not np.array_equal(further, desired):
@@ -289,5 +391,4 @@ def _matrices(feedback: Any, names: Sequence[str], commands: Sequence[str]) -> _
             f"The feedback has {further.shape[1]} inputs besides the states; allowed are the "
             "desired states and inputs of control.create_statefbk_iosystem, or none."
         )
-    gain = finite("gain of the feedback", -by_state[k:], (m, nz))
-    return _Law(feedback.A, by_state[:k], feedback.C.reshape(m, k), gain)
+    return by_state

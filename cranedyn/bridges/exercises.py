@@ -22,6 +22,13 @@ SWING = math.radians(0.5)
 """Swing within which a load counts as still [rad]."""
 
 
+GOAL_SLEW = 1.4
+"""Slew angle of the goals [rad]; the start is at 0."""
+
+WALL_THICKNESS = 2.0
+"""Thickness of a wall [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Best:
     """What the planned motion of an exercise needs.
@@ -42,11 +49,13 @@ class Exercise:
     """An exercise with a tower crane.
 
     Attributes:
-        name, title, text: Name, title, and what to do.
+        name: Name.
+        title: Title.
+        text: What to do.
         start: State at the start.
         goal: Where the centre of the load is to be [m], shape (3,); None for anywhere.
         radius: Distance from there that is allowed [m].
-        solids: Obstacles; none for those of the site.
+        solids: Obstacles; none where those of the site are the obstacles.
         blind: Whether it is seen from the cabin only.
         best: What the planner needs; None if there is no plan.
     """
@@ -67,43 +76,54 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
     planned.
     """
     reach = float(crane.upper[crane.layout.role("trolley", "An exercise")])
-    low = 0.2 * _height(crane)
-    # the load swings as far
+    height = _height(crane)
+    low = 0.2 * height
     near = 0.6 * reach
     far = 0.75 * reach
-    aside = _height(crane) / 8.0
     start = _hanging(crane, 0.0, near, low)
     yield Exercise(
-        "stop",
-        "Stop the swing",
-        "The load swings. Bring it to rest, anywhere.",
-        crane.state(phi=0.12, theta=0.08),
+        name="stop",
+        title="Stop the swing",
+        text="The load swings. Bring it to rest, anywhere.",
+        start=crane.state(phi=0.12, theta=0.08),
     )
-    goal = _point(1.4, far, 0.1 * _height(crane))
-    yield _planned(
-        crane,
-        limits,
-        Exercise("ring", "Land in the ring", "Hold the load still in the ring.", start, goal),
+
+    ring = Exercise(
+        name="ring",
+        title="Land in the ring",
+        text="Hold the load still in the ring.",
+        start=start,
+        goal=_point(GOAL_SLEW, far, 0.1 * height),
     )
-    walls = tuple(
-        _wall(name, 0.7, first, last, 0.8 * _height(crane))
-        for name, first, last in (
-            ("inner wall", 0.1 * reach, near - aside),
-            ("outer wall", near + aside, 1.1 * reach),
-        )
+    yield _planned(crane, limits, ring)
+
+    # The load may swing by half the width of the gap.
+    aside = height / 8.0
+    walls = (
+        _wall("inner wall", 0.7, 0.1 * reach, near - aside, 0.8 * height),
+        _wall("outer wall", 0.7, near + aside, 1.1 * reach, 0.8 * height),
     )
-    goal = _point(1.4, near, low)
-    text = "Take the load through the gap between the walls."
-    yield _planned(
-        crane, limits, Exercise("gap", "Through the gap", text, start, goal, solids=walls)
+    gap = Exercise(
+        name="gap",
+        title="Through the gap",
+        text="Take the load through the gap between the walls.",
+        start=start,
+        goal=_point(GOAL_SLEW, near, low),
+        solids=walls,
     )
-    house = (_wall("house", 1.0, near - 5.0, near + 5.0, 0.45 * _height(crane)),)
-    text = "Set the load behind the house. The cabin is your only view: watch the shadow."
-    yield _planned(
-        crane,
-        limits,
-        Exercise("blind", "Blind behind the wall", text, start, goal, solids=house, blind=True),
+    yield _planned(crane, limits, gap)
+
+    house = _wall("house", 1.0, near - 5.0, near + 5.0, 0.45 * height)
+    blind = Exercise(
+        name="blind",
+        title="Blind behind the wall",
+        text="Set the load behind the house. The cabin is your only view: watch the shadow.",
+        start=start,
+        goal=_point(GOAL_SLEW, near, low),
+        solids=(house,),
+        blind=True,
     )
+    yield _planned(crane, limits, blind)
 
 
 def lift_exercise(crane: Crane, limits: Limits, site: Site) -> Exercise | None:
@@ -118,24 +138,28 @@ def lift_exercise(crane: Crane, limits: Limits, site: Site) -> Exercise | None:
 
 
 def _height(crane: Crane) -> float:
+    """Return the height of the pivot at the start [m]."""
     return float(pivot_position(crane, crane.start.q)[2])
 
 
 def _point(slew: float, radius: float, height: float) -> np.ndarray:
+    """Return a point below the jib at a slew angle [rad], a radius and a height [m], shape (3,); at
+    0 the jib points along -Y.
+    """
     return np.array([radius * math.sin(slew), -radius * math.cos(slew), height])
 
 
 def _hanging(crane: Crane, slew: float, radius: float, height: float) -> State:
-    """Return the state at rest with the load at a height [m]."""
+    """Return the state at rest with the load at a slew angle [rad], a radius and a height [m]."""
     above = float(payload_position(crane, crane.start.q)[2]) - height
     length = float(crane.start.q[crane.layout.role("hoist", "An exercise")]) + above
     return crane.state(gamma=slew, x=radius, l=length)
 
 
 def _wall(name: str, slew: float, first: float, last: float, height: float) -> Solid:
-    """Return a wall along the jib at a slew angle, from one radius to another, 2 m thick."""
+    """Return a wall along the jib at a slew angle, from one radius to another [m]."""
     middle = _point(slew, (first + last) / 2.0, 0.0)[:2]
-    size = (last - first, 2.0, height)
+    size = (last - first, WALL_THICKNESS, height)
     return box(name, middle.tolist(), size, 0.0, slew - math.pi / 2.0)
 
 
@@ -153,11 +177,12 @@ def _planned(
     except CraneError:
         return exercise
     rates = motion.v[:, motion.drives]
-    power = np.clip((motion_efforts(crane, motion) * rates).sum(axis=1), 0.0, None)
+    power = (motion_efforts(crane, motion) * rates).sum(axis=1)
+    power_put_in = np.clip(power, 0.0, None)
     swings = motion.q[:, crane.swings] - crane.rest.angle
     best = Best(
-        motion.arrival,
-        float(np.linalg.norm(swings, axis=1).max()),
-        float(power.sum() * motion.period),
+        time=motion.arrival,
+        swing=float(np.linalg.norm(swings, axis=1).max()),
+        energy=float(power_put_in.sum() * motion.period),
     )
     return replace(exercise, start=State(motion.q[0], motion.v[0]), best=best)

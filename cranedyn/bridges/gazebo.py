@@ -38,6 +38,7 @@ from cranedyn.references import hold
 from cranedyn.references.tabulated import tabulated
 
 _TEMPLATES = Path(__file__).with_name("templates") / "gazebo"
+"""Folder of the texts that do not depend on the crane: the plugin, its build and the scripts."""
 
 SOLVERS = {"world": {"type": "world"}, "quick": {"type": "quick", "iters": "50"}}
 """Solvers of ODE: the exact one of the article's world, and Gazebo's default."""
@@ -165,8 +166,8 @@ def export(
             (draft / "README.md").write_text(readme("crane", notes), encoding="utf-8")
         (draft / "world.sdf").write_bytes(xml_bytes(scene))
         for name, rows in tables.items():
-            text = "".join(",".join(map(repr, row)) + "\n" for row in rows.tolist())
-            (draft / f"{name}.csv").write_text(text)
+            lines = [",".join(repr(number) for number in row) + "\n" for row in rows.tolist()]
+            (draft / f"{name}.csv").write_text("".join(lines))
     return folder
 
 
@@ -177,6 +178,7 @@ def _plugin(
     clock = program.clock
     tag = ET.Element("gazebo")
     plugin = add(tag, "plugin", name="drives", filename="libcrane_drives.so")
+    # The plugin reads these by their names, see the templates.
     settings = {
         "steps_per_control": clock.steps,
         "rows": clock.periods + 1,
@@ -214,9 +216,9 @@ def world(gravity: float, dt: float, solver: str, erp: float) -> ET.Element:
     add(physics, "max_step_size", repr(dt))
     add(physics, "real_time_update_rate", "0")  # as fast as it goes
     ode = add(physics, "ode")
-    chosen = add(ode, "solver")
+    solver_element = add(ode, "solver")
     for name, value in SOLVERS[solver].items():
-        add(chosen, name, value)
+        add(solver_element, name, value)
     constraints = add(ode, "constraints")
     add(constraints, "cfm", "0")
     add(constraints, "erp", repr(erp))

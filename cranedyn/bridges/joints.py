@@ -66,17 +66,24 @@ def input_names(crane: Crane, drive: str) -> list[str]:
     """Return the names of the commands: torque T or force F of each drive, such as F_x, with
     "motion" its acceleration, such as x_ddot, or with "velocity" its rate, such as x_dot_command.
     """
-    ending = {"motion": "ddot", "velocity": "dot_command"}.get(drive)
-    return [
-        joint.effort_name if ending is None else f"{joint.symbol}_{ending}"
-        for joint in crane.layout.driven
-    ]
+    driven = crane.layout.driven
+    if drive == "effort":
+        return [joint.effort_name for joint in driven]
+    ending = "ddot" if drive == "motion" else "dot_command"
+    return [f"{joint.symbol}_{ending}" for joint in driven]
 
 
 def finite_form(
     controller: Controller, times: np.ndarray, positions: np.ndarray, width: int, program: str
 ) -> Affine:
     """Return the affine form of a controller for another program, see `affine_form`.
+
+    Args:
+        controller: The controller.
+        times: Control instants [s], shape (rows,).
+        positions: Setpoint of the drives at these [rad or m], shape (rows, m).
+        width: Number of coordinates and rates, 2 n.
+        program: The program, for the error message.
 
     Raises:
         DataError: If there is none.
@@ -88,7 +95,8 @@ def finite_form(
             f"The controller {type(controller).__name__} is not affine in the state, or has run "
             f"before; {program} runs tables, not Python."
         )
-    if lacking := form.lacking():
+    lacking = form.lacking()
+    if lacking:
         name = f"{lacking} of the controller"
         raise OutOfRange(name, "not finite in some row", "finite numbers")
     return form
@@ -99,7 +107,8 @@ class ExportedJoint(Joint):
     """Joint of a layout with the properties that exporters write.
 
     Attributes:
-        lower, upper: Range [rad or m].
+        lower: Lower end of its range [rad or m].
+        upper: Upper end of its range [rad or m].
         effort: Largest effort [N m or N].
         start: Coordinate at the start of a run [rad or m].
         holding: Effort of the drive that holds the crane at rest there [N m or N], 0 of a joint
@@ -123,17 +132,19 @@ def urdf_element(crane: Crane, *, keep_package_meshes: bool = False) -> ET.Eleme
     for link in robot.iterfind("link"):
         for body in [*link.iterfind("visual"), *link.iterfind("collision")]:
             mesh = body.find("geometry/mesh")
-            kept = keep_package_meshes and mesh is not None and package_of(mesh)
-            if mesh is not None and not kept:
-                link.remove(body)  # a file of its own
+            # A mesh is a file of its own, which the export does not carry.
+            if mesh is not None and not (keep_package_meshes and package_of(mesh)):
+                link.remove(body)
     for material in robot.iter("material"):
         for texture in material.findall("texture"):
             if not (keep_package_meshes and package_of(texture)):
                 material.remove(texture)
     for axis in robot.iter("axis"):
-        if xyz := axis.get("xyz"):
+        xyz = axis.get("xyz")
+        if xyz:
             numbers = vector(xyz).tolist()
-            if not math.isclose(length := math.hypot(*numbers), 1.0):
+            length = math.hypot(*numbers)
+            if not math.isclose(length, 1.0):
                 axis.set("xyz", " ".join(repr(number / length) for number in numbers))
     return robot
 
@@ -186,7 +197,7 @@ class LengthSpring:
         stiffness: Stiffness at that length [N/m or N m/rad].
         length: The length [m].
         pulls_only: Whether it does not push.
-        validity: Where it holds, in whole sentences.
+        validity: Where it holds, in whole sentences, for the reader of the export.
     """
 
     joint: str
@@ -218,7 +229,8 @@ def freeze_length(crane: Crane, robot: ET.Element, program: str) -> LengthSpring
             block.remove(child)
         if len(block) == 0:
             robot.remove(block)
-    rope, falls = crane.springs.rope, crane.springs.bifilar
+    rope = crane.springs.rope
+    falls = crane.springs.bifilar
     names = [joint.name for joint in crane.layout.joints]
     if rope is not None:
         if rope.inextensible:
@@ -229,24 +241,25 @@ def freeze_length(crane: Crane, robot: ET.Element, program: str) -> LengthSpring
             )
         length = float(crane.start.q[rope.length])
         return LengthSpring(
-            names[rope.stretch],
-            float(rope.stiffness) / length,
-            length,
-            True,
-            f"The rope has the stiffness EA/l = {rope.stiffness / length:.9g} N/m of the length "
-            f"l = {length:.9g} m at the start. At another length l the true stiffness is "
+            joint=names[rope.stretch],
+            stiffness=float(rope.stiffness) / length,
+            length=length,
+            pulls_only=True,
+            validity=f"The rope has the stiffness EA/l = {rope.stiffness / length:.9g} N/m of the "
+            f"length l = {length:.9g} m at the start. At another length l the true stiffness is "
             f"{length:.9g} m/l times that. The force EA (s/l)²/2 of a stretched rope on the hoist, "
             "with the stretch s, is neglected.",
         )
     if falls is not None:
         length = float(crane.start.q[falls.length])
         return LengthSpring(
-            names[falls.yaw],
-            float(falls.stiffness) / length,
-            length,
-            False,
-            f"The two falls have the yaw stiffness W a²/l = {falls.stiffness / length:.9g} N m/rad "
-            f"of the length l = {length:.9g} m at the start. At another length l the true "
+            joint=names[falls.yaw],
+            stiffness=float(falls.stiffness) / length,
+            length=length,
+            pulls_only=False,
+            validity="The two falls have the yaw stiffness "
+            f"W a²/l = {falls.stiffness / length:.9g} N m/rad of the length "
+            f"l = {length:.9g} m at the start. At another length l the true "
             f"stiffness is {length:.9g} m/l times that. The torque is linear in the yaw ψ instead "
             "of proportional to sin ψ, 1 % too large at 14 degrees, and the lift of the load by "
             "its yaw is neglected.",
@@ -277,7 +290,9 @@ def write_length_spring(crane: Crane, robot: ET.Element) -> list[str]:
 
 def readme(name: str, notes: Sequence[str]) -> str:
     """Return the README of an exported folder: its title, and what the export left out."""
-    listed = "".join(f"* {note}\n" for note in notes) or "* Nothing was left out but meshes.\n"
+    listed = "".join(f"* {note}\n" for note in notes)
+    if not notes:
+        listed = "* Nothing was left out but meshes.\n"
     return (
         f"# {name}\n\nA crane, written by cranedyn. What differs from the file of the crane, and "
         f"where it holds:\n\n{listed}"
@@ -309,7 +324,8 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
 
 def ends(joint: ET.Element) -> tuple[str, str]:
     """Return the names of the links that a joint of a URDF connects, parent and child."""
-    parent, child = joint.find("parent"), joint.find("child")
+    parent = joint.find("parent")
+    child = joint.find("child")
     assert parent is not None and child is not None  # the URDF was checked
     return parent.get("link", ""), child.get("link", "")
 
@@ -356,7 +372,6 @@ def check_inertias(
     """
     names = {joint.name for joint in crane.layout.joints}
     moving = {ends(joint)[1] for joint in robot.iterfind("joint") if joint.get("name") in names}
-    own_crane = "arguments" in crane.record
     for link in robot.iterfind("link"):
         name = link.get("name", "")
         if name not in moving or name in merged:
@@ -370,8 +385,9 @@ def check_inertias(
                 "kg",
             )
         if len(numbers) != 4 or min(numbers) <= 0.0:
-            arguments = _MASS_ARGUMENTS.get(name) if own_crane else None
-            advice = f", by {arguments}" if arguments else ""
+            advice = ""
+            if "arguments" in crane.record and name in _MASS_ARGUMENTS:
+                advice = f", by {_MASS_ARGUMENTS[name]}"
             raise ModelError(
                 f"The link {quoted(name)} has no mass or no inertia, with which {program} drops "
                 f"it; allowed are numbers > 0{advice}."
@@ -409,7 +425,8 @@ def _mass_and_moments(link: ET.Element) -> list[float]:
     for tag, keys in (("mass", ["value"]), ("inertia", ["ixx", "iyy", "izz"])):
         for element in inertial.iterfind(tag):
             for key in keys:
-                if (text := element.get(key)) is not None:
+                text = element.get(key)
+                if text is not None:
                     numbers.append(float(text))
     return numbers
 
@@ -425,23 +442,11 @@ def anchor_to_world(crane: Crane, robot: ET.Element, program: str) -> ET.Element
         ModelError: If another link than the root has that name, or a joint has an armature, which
             Gazebo does not support.
     """
-    for joint in robot.iterfind("joint"):
-        dynamics = joint.find("dynamics")
-        if dynamics is not None and float(dynamics.get("armature", "0")):
-            name = joint.get("name", "")
-            argument = _ARMATURE_ARGUMENTS.get(name) if "arguments" in crane.record else None
-            advice = f", which {argument} gives" if argument else ""
-            raise ModelError(
-                f"The joint {quoted(name)} has an armature, the inertia of its motor, which Gazebo "
-                f"does not know; allowed is 0{advice}."
-            )
+    _check_armatures(crane, robot)
     children = {ends(joint)[1] for joint in robot.iterfind("joint")}
     links = {link.get("name", ""): link for link in robot.iterfind("link")}
     (root,) = links.keys() - children
-    rigid = [ends(joint) for joint in robot.iterfind("joint") if joint.get("type") == "fixed"]
-    fixed = {root}
-    while further := {child for parent, child in rigid if parent in fixed} - fixed:
-        fixed |= further
+    fixed = _links_fixed_to(root, robot)
     if root != "world":
         if "world" in links:
             raise ModelError(
@@ -458,3 +463,34 @@ def anchor_to_world(crane: Crane, robot: ET.Element, program: str) -> ET.Element
             add(inertial, "mass", value="1")
             add(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
     return robot
+
+
+def _check_armatures(crane: Crane, robot: ET.Element) -> None:
+    """Check that no joint has an armature.
+
+    Raises:
+        ModelError: If one has.
+    """
+    for joint in robot.iterfind("joint"):
+        dynamics = joint.find("dynamics")
+        if dynamics is None or not float(dynamics.get("armature", "0")):
+            continue
+        name = joint.get("name", "")
+        advice = ""
+        if "arguments" in crane.record and name in _ARMATURE_ARGUMENTS:
+            advice = f", which {_ARMATURE_ARGUMENTS[name]} gives"
+        raise ModelError(
+            f"The joint {quoted(name)} has an armature, the inertia of its motor, which Gazebo "
+            f"does not know; allowed is 0{advice}."
+        )
+
+
+def _links_fixed_to(root: str, robot: ET.Element) -> set[str]:
+    """Return the names of a link and of all that fixed joints connect to it."""
+    rigid = [ends(joint) for joint in robot.iterfind("joint") if joint.get("type") == "fixed"]
+    fixed = {root}
+    while True:
+        further = {child for parent, child in rigid if parent in fixed} - fixed
+        if not further:
+            return fixed
+        fixed |= further

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from scipy.io import savemat
@@ -23,15 +23,24 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
+"""What the command line calls the target of the export."""
+
 EXAMPLE = "crane.mat"
+"""Example of a target, for the help of the command line."""
 
 
 class LinearSystem(NamedTuple):
-    """dz/dt = a z + b u, or z after a period = a z + b u, and y = c z; deviations in SI units.
+    """A linear system dz/dt = a z + b u, or z after a period = a z + b u, with y = c z.
+
+    States z, inputs u and outputs y are deviations in SI units.
 
     Attributes:
-        a, b, c: Matrices.
-        states, inputs, outputs: Names.
+        a: Matrix of the states.
+        b: Matrix of the inputs.
+        c: Matrix of the outputs.
+        states: Names of the states.
+        inputs: Names of the inputs.
+        outputs: Names of the outputs.
         period: Control period [s]; 0 in continuous time.
     """
 
@@ -78,37 +87,54 @@ def linear_system(
     """
     check_choice("drive", drive, Drive)
     state = crane.start if state is None else state
-    kind = "motion" if drive != "effort" else drive
-    continuous = linear(crane, state, effort, drive=kind)  # type: ignore[arg-type]
-    names = state_names(crane)
-    m = crane.layout.m
-    delay = 0
-    moving = np.setdiff1d(np.arange(len(names)), continuous.held)
-    names = [names[i] for i in moving]
+    # Drives that take velocities are linearised by their accelerations first.
+    kind: Literal["effort", "motion"] = "effort" if drive == "effort" else "motion"
+    continuous = linear(crane, state, effort, drive=kind)
+    every_name = state_names(crane)
+    moving = np.setdiff1d(np.arange(len(every_name)), continuous.held)
+    names = [every_name[i] for i in moving]
     selected = names if outputs is None else list(outputs)
     for name in selected:
         if name not in names:
             raise UnknownName("state", str(name), names)
+
     converters = fitting(crane, drive, converters)
-    if converters is not None:  # T dv/dt = u - v
-        a, b = continuous.a.copy(), continuous.b / converters.lags
-        a[:, crane.layout.n + crane.layout.drives] -= b
-        continuous = replace(continuous, a=a, b=b)
+    if converters is not None:
+        continuous = _behind_lags(crane, continuous, converters)
     system: Linear | Sampled = continuous
+    delay = 0
     if control_period is not None:
         system = continuous.sampled(dt=dt, control_period=control_period)
-        delay = converters.delay_steps(dt, control_period) if converters else 0
+        if converters is not None:
+            delay = converters.delay_steps(dt, control_period)
     a = system.a[np.ix_(moving, moving)]
     b = system.b[moving]
     inputs = input_names(crane, drive)
-    for k in range(delay, 0, -1):  # the command of k periods ago, on its way
-        a, b = (
-            np.block([[a, b], [np.zeros((m, len(a) + m))]]),
-            np.vstack([np.zeros_like(b), np.eye(m)]),
-        )
-        names = [*names, *(f"{name}_{k}" for name in inputs)]
+    for periods in range(delay, 0, -1):
+        a, b = _delayed_by_a_period(a, b)
+        names = [*names, *(f"{name}_{periods}" for name in inputs)]
     c = np.eye(len(a))[[names.index(name) for name in selected]]
     return LinearSystem(a, b, c, names, inputs, selected, control_period or 0.0)
+
+
+def _behind_lags(crane: Crane, system: Linear, converters: Converters) -> Linear:
+    """Return a system whose inputs are accelerations with rates as inputs instead: a drive with the
+    lag T follows the rate u by T dv/dt = u - v.
+    """
+    a = system.a.copy()
+    b = system.b / converters.lags
+    a[:, crane.layout.n + crane.layout.drives] -= b
+    return replace(system, a=a, b=b)
+
+
+def _delayed_by_a_period(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sampled system whose inputs take effect a period later, with these as further
+    states: z ← a z + b p and p ← u.
+    """
+    m = b.shape[1]
+    delayed_a = np.block([[a, b], [np.zeros((m, len(a) + m))]])
+    delayed_b = np.vstack([np.zeros_like(b), np.eye(m)])
+    return delayed_a, delayed_b
 
 
 def to_matlab(
@@ -128,30 +154,64 @@ def to_matlab(
     """
     file = with_ending(file, ".mat")
     system = linear_system(crane, state, drive=drive, **options)
-    units = {joint.symbol: joint.unit for joint in crane.layout.joints}
-    units |= {f"{symbol}_dot": f"{unit}/s" for symbol, unit in units.items()}
-    per = {"motion": "/s^2", "velocity": "/s"}.get(drive)
-    for joint, name in zip(crane.layout.driven, system.inputs, strict=True):
-        units[name] = joint.effort_unit if per is None else joint.unit + per
+    units = _units(crane, drive, system.inputs)
+    names = {"state": system.states, "input": system.inputs, "output": system.outputs}
+
     content: dict[str, Any] = {"A": system.a, "B": system.b, "C": system.c, "Ts": system.period}
     content["D"] = np.zeros((len(system.c), crane.layout.m))
-    z0 = dict(zip(state_names(crane), np.concatenate(state or crane.start), strict=True))
-    content["z0"] = np.array([[z0[name]] for name in system.states if name in z0])
-    for kind in ("state", "input", "output"):
-        names = content[f"{kind}s"] = np.array(getattr(system, f"{kind}s"), dtype=object)
-        known = [units.get(name) or units[name.rpartition("_")[0]] for name in names]
-        content[f"{kind}_units"] = np.array(known, dtype=object)
+    about = crane.start if state is None else state
+    z0_of = dict(zip(state_names(crane), np.concatenate(about), strict=True))
+    # Commands on their way, which are states too, are no part of the crane's state.
+    content["z0"] = np.array([[z0_of[name]] for name in system.states if name in z0_of])
+    for kind, names_of_kind in names.items():
+        units_of_kind = [_unit_of(name, units) for name in names_of_kind]
+        content[f"{kind}s"] = np.array(names_of_kind, dtype=object)
+        content[f"{kind}_units"] = np.array(units_of_kind, dtype=object)
     with new_file(file) as draft, draft.open("wb") as stream:
         savemat(stream, content)
     return file
 
 
+def _units(crane: Crane, drive: Drive, inputs: Sequence[str]) -> dict[str, str]:
+    """Return the units of states and inputs by their names."""
+    units = {}
+    for joint in crane.layout.joints:
+        units[joint.symbol] = joint.unit
+        units[f"{joint.symbol}_dot"] = f"{joint.unit}/s"
+    for joint, name in zip(crane.layout.driven, inputs, strict=True):
+        if drive == "effort":
+            units[name] = joint.effort_unit
+        elif drive == "motion":
+            units[name] = f"{joint.unit}/s^2"
+        else:
+            units[name] = f"{joint.unit}/s"
+    return units
+
+
+def _unit_of(name: str, units: dict[str, str]) -> str:
+    """Return the unit of a state or input; that of a command on its way, whose name ends in the
+    number of periods, is that of the input.
+    """
+    if name in units:
+        return units[name]
+    input_name, _, _ = name.rpartition("_")
+    return units[input_name]
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
-    text = "kind of the inputs: efforts, accelerations, or rates of frequency converters"
-    parser.add_argument("--drive", choices=get_args(Drive), default="effort", help=text)
-    text = "of a sampled system [s]; continuous if left out"
-    parser.add_argument("--control-period", type=float, metavar="T", help=text)
+    parser.add_argument(
+        "--drive",
+        choices=get_args(Drive),
+        default="effort",
+        help="kind of the inputs: efforts, accelerations, or rates of frequency converters",
+    )
+    parser.add_argument(
+        "--control-period",
+        type=float,
+        metavar="T",
+        help="of a sampled system [s]; continuous if left out",
+    )
 
 
 def run(options: argparse.Namespace) -> Path:

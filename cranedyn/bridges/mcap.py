@@ -23,10 +23,16 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_of_run
 
 TARGET = "FILE"
+"""What the command line calls the target of the export."""
+
 EXAMPLE = "run.mcap --trajectory out/a1/a1_l5.parquet"
+"""Example of a target, for the help of the command line."""
 
 FRAME_PERIOD = 0.02
 """Least time between messages of frames [s]; joints have a message at every row."""
+
+_ROUND_OFF = 1e-9
+"""Round-off of the times of rows [s]."""
 
 TYPES = {
     "/joint_states": "sensor_msgs/msg/JointState",
@@ -38,16 +44,18 @@ TYPES = {
 """Topics by their usual names, with the types of their messages."""
 
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
+"""Largest duration of ROS 2, which stands for no limit of time."""
 
-PROFILES = {
-    topic: "- {history: 1, depth: 1, reliability: 1, durability: 1, "
+_LATCHED = (
+    "- {history: 1, depth: 1, reliability: 1, durability: 1, "
     f"deadline: {_FOREVER}, lifespan: {_FOREVER}, liveliness: 1, "
     f"liveliness_lease_duration: {_FOREVER}, avoid_ros_namespace_conventions: false}}"
-    for topic in ("/tf_static", "/robot_description")
-}
-"""Quality of service of the topics that have one message, in the numbers of rmw, which rosbag2
-reads from Humble on: reliable and transient local, so that a later subscriber receives it.
-"""
+)
+"""Quality of service in the numbers of rmw, which rosbag2 reads from Humble on: reliable and
+transient local, so that a later subscriber receives the last message."""
+
+PROFILES = {"/tf_static": _LATCHED, "/robot_description": _LATCHED}
+"""Quality of service of the topics that have one message only."""
 
 Message = tuple[str, int, dict[str, Any]]
 """Topic, time [ns], message."""
@@ -101,7 +109,9 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     with new_file(file) as draft, draft.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2")
-        schemas, encoders, channels = {}, {}, {}
+        schemas = {}
+        encoders = {}
+        channels = {}
         for name in dict.fromkeys(TYPES.values()):
             definition = typestore.generate_msgdef(name, ros_version=2)[0]
             schemas[name] = writer.register_schema(name, "ros2msg", definition.encode())
@@ -117,53 +127,83 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
 
 
 def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Message]:
+    """Yield the messages of a run in the order of their times."""
     moving = joints(crane, robot)
     driven = [joint for joint in moving if joint.driven]
-    names, drives = [joint.name for joint in moving], [joint.name for joint in driven]
+    names = [joint.name for joint in moving]
+    drives = [joint.name for joint in driven]
     times = np.rint(1e9 * run.t).astype(int).tolist()
     efforts = np.zeros_like(run.q)
     efforts[:, [moving.index(joint) for joint in driven]] = run.effort
+    no_rates = np.empty(0)
+
+    # The links of joints that move, and of the fixed ones.
     links = {element.get("name", ""): ends(element) for element in robot.iterfind("joint")}
     frames = [links.pop(joint.name) for joint in moving]
+    fixed_frames = list(links.values())
     yield "/robot_description", times[0], {"data": crane.urdf}
-    yield "/tf_static", times[0], _transforms(crane, run.q[0], times[0], [*links.values()])
+    yield "/tf_static", times[0], _transforms(crane, run.q[0], times[0], fixed_frames)
     last_frame = -np.inf
     for k, time in enumerate(times):
-        for topic, joint_names, *columns in (
-            ("/joint_states", names, run.q[k], run.v[k], efforts[k]),
-            ("/joint_setpoints", drives, run.setpoint[k], np.empty(0), run.command[k]),
-        ):
-            fields = zip(("position", "velocity", "effort"), columns, strict=True)
-            numbers = {field: column.tolist() for field, column in fields}
-            yield topic, time, {"header": _header(time), "name": joint_names, **numbers}
-        if run.t[k] > last_frame + FRAME_PERIOD - 1e-9:
+        yield "/joint_states", time, _joint_state(time, names, run.q[k], run.v[k], efforts[k])
+        setpoint = _joint_state(time, drives, run.setpoint[k], no_rates, run.command[k])
+        yield "/joint_setpoints", time, setpoint
+        if run.t[k] > last_frame + FRAME_PERIOD - _ROUND_OFF:
             last_frame = run.t[k]
             yield "/tf", time, _transforms(crane, run.q[k], time, frames)
 
 
+def _joint_state(
+    time: int,
+    names: Sequence[str],
+    position: np.ndarray,
+    velocity: np.ndarray,
+    effort: np.ndarray,
+) -> dict[str, Any]:
+    """Return a message of joint states at a time [ns]; an array may be empty."""
+    return {
+        "header": _header(time),
+        "name": names,
+        "position": position.tolist(),
+        "velocity": velocity.tolist(),
+        "effort": effort.tolist(),
+    }
+
+
 def _header(time: int, frame: str = "") -> dict[str, Any]:
+    """Return the header of a message with a time [ns] and a frame."""
     return {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": frame}
 
 
 def _transforms(
     crane: Crane, q: np.ndarray, time: int, links: Sequence[tuple[str, str]]
 ) -> dict[str, Any]:
-    """Return the frames of links in those of their parents, pairs of parent and child, at
-    coordinates q and a time [ns].
+    """Return a message of the frames of links in those of their parents.
+
+    Args:
+        crane: The crane.
+        q: Coordinates, shape (n,).
+        time: Time [ns].
+        links: Names of the parent and of the link.
     """
     model = crane.model
     data = crane.data
     transforms = []
     pin.framesForwardKinematics(model, data, q)
-    for names in links:
-        parent, child = (data.oMf[model.getFrameId(name, pin.BODY)] for name in names)
+    for parent_name, child_name in links:
+        parent = data.oMf[model.getFrameId(parent_name, pin.BODY)]
+        child = data.oMf[model.getFrameId(child_name, pin.BODY)]
         x, y, z, *rotation = pin.SE3ToXYZQUAT(parent.actInv(child)).tolist()
-        transform = {
-            "translation": {"x": x, "y": y, "z": z},
-            "rotation": dict(zip("xyzw", rotation, strict=True)),
-        }
-        header = _header(time, names[0])
-        transforms.append({"header": header, "child_frame_id": names[1], "transform": transform})
+        transforms.append(
+            {
+                "header": _header(time, parent_name),
+                "child_frame_id": child_name,
+                "transform": {
+                    "translation": {"x": x, "y": y, "z": z},
+                    "rotation": dict(zip("xyzw", rotation, strict=True)),
+                },
+            }
+        )
     return {"transforms": transforms}
 
 

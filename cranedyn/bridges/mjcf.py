@@ -35,10 +35,17 @@ from cranedyn.model.options import crane_from_options
 from cranedyn.model.urdf import joint_axis, joint_placement, numbers_text
 
 TARGET = "FILE"
+"""What the command line calls the target of the export."""
+
 EXAMPLE = "crane.xml"
+"""Example of a target, for the help of the command line."""
 
 SLACK_LENGTH = 1e3
 """Length by which a rope may be slack in MuJoCo [m]: further than any hoist reaches."""
+
+
+_FULL_INERTIA = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
+"""Rows and columns of the components of a full inertia in MJCF: xx, yy, zz, xy, xz, yz."""
 
 
 def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
@@ -80,18 +87,19 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
 def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
     """Return the crane as MJCF, from its URDF as XML; physics step in s."""
     root = ET.Element("mujoco", model=robot.get("name", "crane"))
-    # angles in radians, roll pitch yaw about fixed axes; what has no inertial has no mass
+    # As in a URDF, roll, pitch and yaw are about fixed axes, and a link without an inertial has no
+    # mass, whatever its looks.
     add(
         root, "compiler", angle="radian", eulerseq="XYZ", inertiafromgeom="false", autolimits="true"
     )
     gravity = f"0 0 {-crane.gravity!r}"
     option = add(root, "option", timestep=repr(dt), gravity=gravity, integrator="Euler")
+    # Damping acts at the rates before the step, as in `simulate`.
     add(option, "flag", eulerdamp="disable")
-    colours = {
-        m.get("name", ""): c.get("rgba", "")
-        for m in robot.iterfind("material")
-        for c in m.iterfind("color")
-    }
+    colours = {}
+    for material in robot.iterfind("material"):
+        for colour in material.iterfind("color"):
+            colours[material.get("name", "")] = colour.get("rgba", "")
     moving = joints(crane, robot)
     spring = freeze_length(crane, robot, "MuJoCo")
     _Tree(crane, robot, colours).grow(add(root, "worldbody"))
@@ -234,13 +242,20 @@ class _Tree:
                 inner.append(element)
         else:
             inner.attrib |= _pose(joint)
-        if (i := self.moving.get(joint.get("name", ""))) is not None:
-            inner.append(_joint(self.crane, i, joint.find("axis")))
-        if (inertial := self.links[child].find("inertial")) is not None:
+        coordinate = self.moving.get(joint.get("name", ""))
+        if coordinate is not None:
+            inner.append(_joint(self.crane, coordinate, joint.find("axis")))
+        inertial = self.links[child].find("inertial")
+        if inertial is not None:
             inner.append(_inertial(inertial))
         self._fill(inner, child)
 
     def _geom(self, body: ET.Element, visual: ET.Element, link: str) -> None:
+        """Append the shape of a visual to a body.
+
+        Raises:
+            ModelError: If the shape has no size.
+        """
         for shape in visual.iterfind("geometry/*"):
             if shape.tag == "box":
                 size = (vector(shape.get("size", "")) / 2.0).tolist()
@@ -254,13 +269,20 @@ class _Tree:
                     "takes no file; allowed are numbers > 0."
                 )
             geom = add(body, "geom", type=shape.tag, size=" ".join(map(repr, size)))
+            # It is seen, and touches nothing.
             geom.attrib |= {"contype": "0", "conaffinity": "0", "group": "2", **_pose(visual)}
-            material = visual.find("material")
-            if material is not None:
-                colour = material.find("color")
-                named = self.colours.get(material.get("name", ""), "")
-                if rgba := named if colour is None else colour.get("rgba", ""):
-                    geom.set("rgba", rgba)
+            rgba = self._colour(visual.find("material"))
+            if rgba:
+                geom.set("rgba", rgba)
+
+    def _colour(self, material: ET.Element | None) -> str:
+        """Return the colour of a material, its own or that of its name; empty for none."""
+        if material is None:
+            return ""
+        colour = material.find("color")
+        if colour is None:
+            return self.colours.get(material.get("name", ""), "")
+        return colour.get("rgba", "")
 
 
 def _pose(element: ET.Element) -> dict[str, str]:
@@ -301,21 +323,27 @@ def _inertial(inertial: ET.Element) -> ET.Element:
     """Return mass and inertia; a rotated inertia is expressed in the body's axes, since MJCF takes
     a full inertia in these only.
     """
-    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    mass = inertial.find("mass")
+    inertia = inertial.find("inertia")
     assert mass is not None and inertia is not None  # the URDF was checked
     pose = _pose(inertial)
     keys = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
     tensor = np.array([[float(inertia.get(key, "0")) for key in row] for row in keys])
-    if rpy := pose.pop("euler", ""):
+    rpy = pose.pop("euler", "")
+    if rpy:
         turn = pin.rpy.rpyToMatrix(vector(rpy))
         tensor = turn @ tensor @ turn.T
-    diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
-    components = np.diag(tensor) if diagonal else tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    name = "diaginertia" if diagonal else "fullinertia"
+    is_diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
+    if is_diagonal:
+        name = "diaginertia"
+        components = np.diag(tensor)
+    else:
+        name = "fullinertia"
+        components = tensor[_FULL_INERTIA]
     entries = {
         "pos": pose.get("pos", "0 0 0"),
         "mass": mass.get("value", ""),
-        name: " ".join(map(repr, components.tolist())),
+        name: " ".join(repr(component) for component in components.tolist()),
     }
     return ET.Element("inertial", entries)
 

@@ -19,8 +19,10 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "FILE"
+"""What the command line calls the target of the export."""
+
 EXAMPLE = "controller.st --controller lqr"
-"""Target of the command line."""
+"""Example of a target, for the help of the command line."""
 
 
 def export(crane: Crane, path: str | Path, controller: Any, **options: Any) -> Path:
@@ -52,10 +54,16 @@ def export(crane: Crane, path: str | Path, controller: Any, **options: Any) -> P
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
-    add = parser.add_argument
-    add("--controller", choices=CONTROLLERS, default="lqr", help="the controller (default lqr)")
-    text = "cycle of the task that calls the block [s]"
-    add("--period", type=float, default=5e-3, metavar="T", help=text)
+    parser.add_argument(
+        "--controller", choices=CONTROLLERS, default="lqr", help="the controller (default lqr)"
+    )
+    parser.add_argument(
+        "--period",
+        type=float,
+        default=5e-3,
+        metavar="T",
+        help="cycle of the task that calls the block [s]",
+    )
 
 
 def run(options: argparse.Namespace) -> Path:

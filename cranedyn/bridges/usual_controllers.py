@@ -26,6 +26,15 @@ from cranedyn.references import hold
 from cranedyn.references.motion import Motion
 from cranedyn.references.shaped import shaped, zv
 
+YIELDING_RECOVERY = 0.2
+"""Share of the distance from the setpoint that drives which yield correct in a second [1/s]."""
+
+PREDICTIVE_STAGES = 20
+"""Stages of the horizon of predictive control."""
+
+PREDICTIVE_STAGE = 0.6
+"""Length of a stage of predictive control [s], rounded to whole control periods."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SetpointRegulator(Tracking):
@@ -47,51 +56,74 @@ class SetpointRegulator(Tracking):
         return replace(super().affine(times, positions), setpoint=self.setpoint + shifts)
 
     def _shift(self, position: np.ndarray) -> np.ndarray:
+        """Return by how much a setpoint of the drives moves the setpoint of the state, shape
+        (2 n,).
+        """
         drives = self.crane.layout.drives
-        return at_drives(
-            self.crane, (position - self.setpoint[0, drives])[None], np.zeros((1, len(drives)))
-        )[0]
+        distances = position - self.setpoint[0, drives]
+        no_rates = np.zeros((1, len(drives)))
+        return at_drives(self.crane, distances[None], no_rates)[0]
 
 
 def _at_rest(crane: Crane, period: float) -> Motion:
     """Return the motion of a crane that stands at its start, of one row."""
-    still = np.zeros((1, crane.layout.n))
-    return Motion(period, crane.resting(crane.start.q)[None], still, still, crane.layout.drives)
+    no_motion = np.zeros((1, crane.layout.n))
+    q = crane.resting(crane.start.q)[None]
+    return Motion(period, q, no_motion, no_motion, crane.layout.drives)
+
+
+def _hold(crane: Crane, period: float) -> Any:
+    """Return a controller of each drive by itself."""
+    return hold_controller(crane)
 
 
 def _lqr(crane: Crane, period: float) -> SetpointRegulator:
-    return SetpointRegulator(**vars(lqr(crane, _at_rest(crane, period))), crane=crane)
+    """Return an LQR about the start."""
+    tracking = lqr(crane, _at_rest(crane, period))
+    return SetpointRegulator(
+        tracking.period, tracking.feed_forward, tracking.gain, tracking.setpoint, crane
+    )
 
 
 def _integral(crane: Crane, period: float) -> HoistIntegral:
+    """Return the LQR with an integral of the hoist, whose gain is that of the paper."""
+    _, integral_gain, _ = HOIST
     limit = float(crane.effort_limit @ crane.layout.along("l"))
-    return HoistIntegral(crane, _lqr(crane, period), HOIST[1], limit)
+    return HoistIntegral(crane, _lqr(crane, period), integral_gain, limit)
+
+
+def _observer(crane: Crane, period: float) -> Any:
+    """Return the LQR behind an observer of the swing."""
+    return with_observer(_lqr(crane, period), crane, _at_rest(crane, period))
 
 
 def _yielding(crane: Crane, period: float) -> Any:
-    options: dict[str, Any] = {"limits": usual_limits(converters(crane)), "control_period": period}
-    return with_damping(crane, hold(crane), recovery=0.2, **options)
+    """Return drives that yield to the swing."""
+    limits = usual_limits(converters(crane))
+    return with_damping(
+        crane, hold(crane), recovery=YIELDING_RECOVERY, limits=limits, control_period=period
+    )
+
+
+def _shaper(crane: Crane, period: float) -> Any:
+    """Return input shaping of the setpoints for the swing at the start."""
+    return shaped(hold(crane), zv(), swing_period(crane, crane.start.q))
 
 
 def _predictive(crane: Crane, period: float) -> Any:
-    stage = whole_periods(0.6, period)
+    """Return predictive control with few and long stages."""
     limits = usual_limits(converters(crane))
-    return receding(crane, limits, control_period=period, stages=20, stage=stage)
+    stage = whole_periods(PREDICTIVE_STAGE, period)
+    return receding(crane, limits, control_period=period, stages=PREDICTIVE_STAGES, stage=stage)
 
 
 CONTROLLERS: dict[str, tuple[Drive, Callable[[Crane, float], Any]]] = {
-    "hold": ("effort", lambda crane, period: hold_controller(crane)),
+    "hold": ("effort", _hold),
     "lqr": ("effort", _lqr),
     "integral": ("effort", _integral),
-    "observer": (
-        "effort",
-        lambda crane, t: with_observer(_lqr(crane, t), crane, _at_rest(crane, t)),
-    ),
+    "observer": ("effort", _observer),
     "yielding": ("motion", _yielding),
-    "shaper": (
-        "effort",
-        lambda crane, period: shaped(hold(crane), zv(), swing_period(crane, crane.start.q)),
-    ),
+    "shaper": ("effort", _shaper),
     "predictive": ("effort", _predictive),
 }
 """Drives, and the controller of a crane for a control period [s], by name: each drive by itself, an

@@ -23,14 +23,16 @@ Kind = Literal["input", "parameter", "output", "state"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 LARGEST = 1e12
-"""Inputs and parameters beyond it are faults, as NaN is."""
+"""Largest magnitude of an input or a parameter; one beyond it is a fault, as NaN is."""
 
 LARGEST_RESULT = 1e30
-"""Results beyond it are faults, as NaN is. It lies within single precision, and compilers of
-Structured Text refuse larger literals."""
+"""Largest magnitude of a result; one beyond it is a fault, as NaN is.
+
+It lies within single precision, and compilers of Structured Text refuse larger literals.
+"""
 
 FAULT = "fault"
-"""Name of the function that gives the outputs of a block which is at fault; `FunctionBlock`."""
+"""Name of the function that gives the outputs of a block at fault, see `FunctionBlock`."""
 
 FINITE_CHECK = "check.finite"
 """Name of the call by which the code of a block demands that a result is a number, of at most
@@ -48,6 +50,12 @@ _RESERVED = frozenset(
 )
 """Words of C and of Structured Text, and names of the printers, which no variable may have."""
 
+_PRINTERS_NAME = re.compile(r"v\d+|.*_now")
+"""Names that the printers give to local constants, which no variable may have either."""
+
+_MAX_NAME_LENGTH = 40
+"""Largest number of characters of an identifier before a number that makes it distinct."""
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -58,7 +66,9 @@ class Variable:
         kind: Whether it is an input, a parameter, an output or memory.
         unit: Unit; empty for a pure number.
         start: Value after a reset.
-        lower, upper: Range. Outputs are cut to it; an input or a parameter beyond it is a fault.
+        lower: Lower end of its range. Outputs are clipped to the range; an input or a parameter
+            beyond it is a fault.
+        upper: Upper end of its range.
         about: Description.
     """
 
@@ -77,12 +87,37 @@ class Variable:
 
     @staticmethod
     def several(
-        names: Sequence[str], kind: Kind, units: Any, *numbers: Any, about: str = ""
+        names: Sequence[str],
+        kind: Kind,
+        units: str | Sequence[str],
+        start: float | Sequence[float] | np.ndarray = 0.0,
+        lower: float | Sequence[float] | np.ndarray = -np.inf,
+        upper: float | Sequence[float] | np.ndarray = np.inf,
+        *,
+        about: str = "",
     ) -> list[Variable]:
-        """Return variables whose units, starts and limits are one for all or one for each."""
-        numbers += (0.0, -np.inf, np.inf)[len(numbers) :]
-        columns = np.broadcast_arrays(np.array(names, dtype=object), kind, units, *numbers, about)
-        return [Variable(*row) for row in zip(*(x.tolist() for x in columns), strict=True)]
+        """Return variables of one kind; units and numbers are one for all or one for each.
+
+        Args:
+            names: Their names.
+            kind: Their kind.
+            units: Their units.
+            start: Values after a reset.
+            lower: Lower ends of their ranges.
+            upper: Upper ends of their ranges.
+            about: Description of all.
+        """
+        count = len(names)
+        unit_of = [units] * count if isinstance(units, str) else units
+        start_of = np.broadcast_to(start, count).tolist()
+        lower_of = np.broadcast_to(lower, count).tolist()
+        upper_of = np.broadcast_to(upper, count).tolist()
+        variables = []
+        for i, name in enumerate(names):
+            variables.append(
+                Variable(name, kind, unit_of[i], start_of[i], lower_of[i], upper_of[i], about)
+            )
+        return variables
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +135,14 @@ class FunctionBlock:
         about: Sentence that says what it does.
         at_fault: Sentence that says what its outputs do at a fault.
         period: Time from one call of `step` to the next [s].
-        variables: Its variables.
+        variables: Its variables, in the order of memory.
         arrays: Arrays in its memory, by name, with their values after a reset.
-        tables: Constant tables by name, one after another row.
-        last, first: Number of a call after which the count of calls goes on with `first`.
-        renamed: Identifiers by names that are none.
+        tables: Constant tables by name, row by row.
+        last: Number of the call after which the count of calls goes on with `first`.
+        first: That number.
+        renamed: Identifiers of the signals whose names are no identifiers, by those names.
         functions: Its functions by name; "step" is one, and `FAULT`.
-        routines: What they call: functions with loops, on arrays.
+        routines: Functions with loops that they call, on arrays.
     """
 
     name: str
@@ -129,19 +165,27 @@ class FunctionBlock:
 
     def of_kind(self, *kinds: Kind) -> list[Variable]:
         """Return the variables of some kinds; only inputs and parameters that the code uses."""
-        loaded = {
-            self.variables[int(instruction.operands[0].operands[1].constant)].name
-            for function in self.functions.values()
-            for instruction in uses(function)
-            if instruction.opname == "load"
-            and instruction.operands[0].operands[0] is function.args[0]
-        }
-        return [
-            variable
-            for variable in self.variables
-            if variable.kind in kinds
-            and (variable.kind not in ("input", "parameter") or variable.name in loaded)
-        ]
+        loaded = self._loaded_names()
+        variables = []
+        for variable in self.variables:
+            is_used = variable.name in loaded or variable.kind not in ("input", "parameter")
+            if variable.kind in kinds and is_used:
+                variables.append(variable)
+        return variables
+
+    def _loaded_names(self) -> set[str]:
+        """Return the names of the variables that its functions load."""
+        loaded = set()
+        for function in self.functions.values():
+            memory_of_block = function.args[0]
+            for instruction in uses(function):
+                if instruction.opname != "load":
+                    continue
+                address = instruction.operands[0]
+                base, index = address.operands
+                if base is memory_of_block:
+                    loaded.add(self.variables[int(index.constant)].name)
+        return loaded
 
     def emit(
         self,
@@ -149,15 +193,16 @@ class FunctionBlock:
         text: Callable[[BlockCode], Mapping[str, Any]],
         copies: Mapping[str, str] | None = None,
     ) -> None:
-        """Add a function from its text: the values of outputs and memory by name.
+        """Add a function.
 
-        Outputs are cut to their ranges. Values are checked before they are cut, since an infinite
-        command means that the block has failed, although a limit would make it finite.
+        Outputs are clipped to their ranges. Values are checked before they are clipped, since an
+        infinite command means that the block has failed, although a limit would make it finite.
 
         Args:
             name: Name of the function.
-            text: Emits its statements and returns the values.
-            copies: Memory that keeps an output as it was cut: name of the output by that of memory.
+            text: Emits its statements, and returns the values of outputs and memory by name.
+            copies: Memory that keeps an output as clipped: name of the output by that of the
+                memory.
         """
         code = BlockCode(self, name)
         values = dict(text(code))
@@ -165,10 +210,10 @@ class FunctionBlock:
             for value in values.values():
                 code.demand_finite(value)
         for variable in self.of_kind("output"):
-            if variable.name in values and np.isfinite([variable.lower, variable.upper]).any():
+            is_limited = np.isfinite([variable.lower, variable.upper]).any()
+            if variable.name in values and is_limited:
                 value = code.value(values[variable.name])
-                limits = (variable.lower, variable.upper)
-                values[variable.name] = code.clipped(value, *limits)
+                values[variable.name] = code.clipped(value, variable.lower, variable.upper)
         for memory, output in (copies or {}).items():
             values[memory] = values[output]
         for variable_name, value in values.items():
@@ -199,7 +244,7 @@ class BlockCode(Code):
 
     @property
     def count(self) -> ir.Value:
-        """Number of calls since the reset, up to the last of the block."""
+        """Number of calls since the reset, as far as the block counts, see `FunctionBlock.last`."""
         return self.load_one(self.argument["count"], 0, INTEGER)
 
     def element(self, name: str, index: Any) -> Value:
@@ -235,27 +280,32 @@ class Tables:
     """Tables of a block: columns that do not change are numbers in its code.
 
     Attributes:
-        packed: The other columns by name of the table.
+        packed: The other columns by name of the table; a table without such columns has no entry.
         rows: Largest number of rows.
     """
 
     def __init__(self, **tables: np.ndarray) -> None:
-        shortened = {name: drop_repeated_rows(table) for name, table in tables.items()}
-        self._first = {name: table[0] for name, table in shortened.items()}
-        self._varying = {
-            name: np.flatnonzero((table != table[0]).any(axis=0))
-            for name, table in shortened.items()
-        }
-        self.packed = {
-            name: table[:, self._varying[name]]
-            for name, table in shortened.items()
-            if len(self._varying[name])
-        }
-        self.rows = max(len(table) for table in shortened.values())
+        """Take the tables by name, shape (rows, columns) each."""
+        self._first: dict[str, np.ndarray] = {}
+        self._varying: dict[str, np.ndarray] = {}
+        self.packed: dict[str, np.ndarray] = {}
+        self.rows = 0
+        for name, table in tables.items():
+            shortened = drop_repeated_rows(table)
+            varying = np.flatnonzero((shortened != shortened[0]).any(axis=0))
+            self._first[name] = shortened[0]
+            self._varying[name] = varying
+            if len(varying):
+                self.packed[name] = shortened[:, varying]
+            self.rows = max(self.rows, len(shortened))
 
     def row(self, code: BlockCode, name: str, index: ir.Value | None = None) -> np.ndarray:
-        """Return the row of a table for a count, that of calls unless another is given; beyond the
-        last row the last.
+        """Return a row of a table, shape (columns,); beyond the last row the last.
+
+        Args:
+            code: The function under construction.
+            name: Name of the table.
+            index: Number of the row; None for the count of calls.
         """
         values: list[Any] = self._first[name].tolist()
         if name in self.packed:
@@ -268,18 +318,33 @@ class Tables:
 
 
 def identifiers(names: Sequence[str]) -> dict[str, str]:
-    """Return a distinct identifier of C and Structured Text for each name."""
-    chosen: dict[str, str] = {}
+    """Return a distinct identifier of C and Structured Text for each name.
+
+    They differ by more than case, which Structured Text does not distinguish.
+    """
+    identifier_of: dict[str, str] = {}
     taken: set[str] = set()
     for name in names:
-        plain = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")[:40] or "joint"
-        if plain[0].isdigit() or plain.lower() in _RESERVED or re.fullmatch(r"v\d+|.*_now", plain):
-            plain = f"the_{plain.removesuffix('_now')}"
+        plain = _identifier(name)
         candidate = plain
         number = 2
         while candidate.lower() in taken:
             candidate = f"{plain}_{number}"
             number = number + 1
         taken.add(candidate.lower())
-        chosen[name] = candidate
-    return chosen
+        identifier_of[name] = candidate
+    return identifier_of
+
+
+def _identifier(name: str) -> str:
+    """Return an identifier like a name: Structured Text allows no underscores side by side, at the
+    beginning or at the end.
+    """
+    with_underscores = re.sub(r"[^A-Za-z0-9]", "_", name)
+    plain = re.sub(r"_+", "_", with_underscores).strip("_")[:_MAX_NAME_LENGTH]
+    if not plain:
+        plain = "joint"
+    is_reserved = plain.lower() in _RESERVED or _PRINTERS_NAME.fullmatch(plain) is not None
+    if plain[0].isdigit() or is_reserved:
+        return f"the_{plain.removesuffix('_now')}"
+    return plain

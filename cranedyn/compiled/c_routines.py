@@ -11,17 +11,33 @@ from cranedyn.compiled.code import uses
 from cranedyn.compiled.printing import ATOM, LONGEST, SUM, Expression, Language, Walk
 
 _TYPES = {"double": "real", "i64": "int32_t", "i1": "bool"}
+"""Types of C by those of LLVM."""
 
 
 def routines(functions: Iterable[ir.Function], language: Language, name: str) -> list[Routine]:
-    """Return the text of functions that are defined, each below those that it calls."""
-    defined = [function for function in functions if function.blocks]
-    plain = [f for f in defined if isinstance(f.function_type.return_type, ir.VoidType)]
-    return [Routine(function, language, name) for function in plain]
+    """Return the texts of functions of a module, each below those that it calls.
+
+    Functions without statements, such as intrinsics, have no text, and neither have those that
+    return something: sine and cosine together, for which the text in C has functions of its own.
+
+    Args:
+        functions: The functions, each below those that it calls.
+        language: The language.
+        name: Name of the block, which stands before the names of functions.
+    """
+    texts = []
+    for function in functions:
+        returns_nothing = isinstance(function.function_type.return_type, ir.VoidType)
+        if function.blocks and returns_nothing:
+            texts.append(Routine(function, language, name))
+    return texts
 
 
 class Routine(Walk):
-    """Text of a function.
+    """Text of a function with loops and conditions, whose arguments are arrays.
+
+    Its basic blocks are those that `Code.loop` and `Code.when` make. Arguments are called p1, p2
+    and so on, local variables s, constants v and counters of loops k, with a number each.
 
     Attributes:
         lines: Its lines.
@@ -29,8 +45,16 @@ class Routine(Walk):
     """
 
     def __init__(self, function: ir.Function, language: Language, name: str) -> None:
+        """Print a function.
+
+        Args:
+            function: The function.
+            language: The language.
+            name: Name of the block.
+        """
         self._language = language
         self._prefix = name
+        # Names of arguments, and of local variables, by their addresses.
         self._argument = {argument: f"p{i + 1}" for i, argument in enumerate(function.args)}
         self._text = {}
         self.functions = set()
@@ -39,79 +63,107 @@ class Routine(Walk):
         self._depth = 1
         self._changed = set[str]()
         self._lines: list[str] = []
-        self._sequence(function.entry_basic_block, None)
-        names = [self._argument[argument] for argument in function.args]
-        arguments = ", ".join(f"{'const ' * (n not in self._changed)}real *{n}" for n in names)
-        heading = f"static void {name}_{function.name}({arguments}) {{"
+        self._print_blocks(function.entry_basic_block, None)
+
+        arguments = []
+        for argument in function.args:
+            argument_name = self._argument[argument]
+            qualifier = "" if argument_name in self._changed else "const "
+            arguments.append(f"{qualifier}real *{argument_name}")
+        heading = f"static void {name}_{function.name}({', '.join(arguments)}) {{"
         self.lines = [heading, *self._lines, "}", ""]
 
-    def _sequence(self, block: Any, end: Any) -> None:
-        """Print blocks up to one."""
-        while block is not end:
+    def _print_blocks(self, block: Any, last: Any) -> None:
+        """Print the code of the basic blocks from one up to, and not including, the last; None for
+        all up to the end of the function.
+        """
+        while block is not last:
             for instruction in block.instructions[:-1]:
                 self._print(instruction)
             if isinstance(block.terminator, ir.instructions.Ret):
                 return
             targets = block.terminator.operands
             if len(targets) == 1:
-                if targets[0] is end:
+                # A branch without condition leads to the head of a loop, or back to that.
+                if targets[0] is last:
                     return
-                block = self._for(targets[0])
+                block = self._print_loop(targets[0])
             else:
                 condition, body, block = targets
-                self._braces(f"if ({self._of(condition).text})", body, block)
+                self._print_braces(f"if ({self._of(condition).text})", body, block)
 
-    def _for(self, head: Any) -> Any:
-        """Print a loop and return the block after it."""
+    def _print_loop(self, head: Any) -> Any:
+        """Print a loop, given its first basic block, and return the one after it."""
         counter, compared = head.instructions[:2]
         begin = self._of(counter.incomings[0][0])
         last = self._of(compared.operands[1])
-        name = self._new("k")
+        name = self._new_name("k")
         self._text[counter] = Expression(name)
         heading = f"for (int32_t {name} = {begin.text}; {name} < {last.text}; {name}++)"
         _, body, after = head.terminator.operands
-        self._braces(heading, body, head)
+        self._print_braces(heading, body, head)
         return after
 
-    def _braces(self, heading: str, body: Any, end: Any) -> None:
-        self._line(f"{heading} {{")
+    def _print_braces(self, heading: str, body: Any, last: Any) -> None:
+        """Print basic blocks up to the last in braces below a heading."""
+        self._add_line(f"{heading} {{")
         self._depth += 1
-        self._sequence(body, end)
+        self._print_blocks(body, last)
         self._depth -= 1
-        self._line("}")
+        self._add_line("}")
 
-    def _line(self, text: str) -> None:
+    def _add_line(self, text: str) -> None:
         self._lines.append("  " * self._depth + text)
 
-    def _new(self, letter: str) -> str:
+    def _new_name(self, letter: str) -> str:
+        """Return a name that nothing has yet."""
         self._count += 1
         return f"{letter}{self._count}"
 
     def _print(self, instruction: Any) -> None:
-        operation, operands = instruction.opname, instruction.operands
+        """Print an instruction, or keep its expression until it is needed."""
+        operation = instruction.opname
         if operation == "store":
-            value, pointer = operands
-            kind = ""
-            if _local(pointer) and pointer not in self._argument:  # the first value of a variable
-                self._argument[pointer], kind = self._new("s"), "real "
-            whole = "(real)" * (str(value.type) == "i64")
-            self._line(f"{kind}{self._at(pointer)} = {whole}{self._of(value).text};")
-            self._changed.add(self._address(pointer)[0])
+            self._print_store(instruction)
         elif operation == "call" and str(instruction.type) == "void":
-            places = list(map(self._address, operands[1:]))
-            arguments = ", ".join(" + ".join(filter(None, place)) for place in places)
-            self._line(f"{self._prefix}_{instruction.callee.name}({arguments});")
-            self._changed |= {name for name, _ in places}
+            self._print_call(instruction)
         elif instruction in self._needed and operation not in ("alloca", "getelementptr", "phi"):
-            self._name(instruction, self._needed[instruction])
+            self._keep(instruction, self._needed[instruction])
 
-    def _name(self, instruction: Any, count: int) -> None:
-        """Keep the expression of an instruction."""
+    def _print_store(self, instruction: Any) -> None:
+        """Print an assignment to an element of an array, or to a local variable, which its first
+        value declares.
+        """
+        value, pointer = instruction.operands
+        declaration = ""
+        if _is_local(pointer) and pointer not in self._argument:
+            self._argument[pointer] = self._new_name("s")
+            declaration = "real "
+        # Whole numbers are kept among real ones.
+        cast = "(real)" if str(value.type) == "i64" else ""
+        self._add_line(f"{declaration}{self._at(pointer)} = {cast}{self._of(value).text};")
+        self._changed.add(self._address(pointer)[0])
+
+    def _print_call(self, instruction: Any) -> None:
+        """Print the call of another routine, which may change each array that it is given."""
+        arguments = []
+        for operand in instruction.operands[1:]:
+            base, index = self._address(operand)
+            arguments.append(f"{base} + {index}" if index else base)
+            self._changed.add(base)
+        self._add_line(f"{self._prefix}_{instruction.callee.name}({', '.join(arguments)});")
+
+    def _keep(self, instruction: Any, count: int) -> None:
+        """Keep the expression of an instruction that is used `count` times, as a local constant if
+        it is used several times or is long.
+
+        What is loaded becomes a constant in any case, since it may be stored before it is used.
+        """
         expression = self._expression(instruction)
         compound = count > 1 and expression.binding < ATOM
         if instruction.opname in ("load", "select") or compound or len(expression.text) > LONGEST:
-            name = self._new("v")
-            self._line(f"const {_TYPES[str(instruction.type)]} {name} = {expression.text};")
+            name = self._new_name("v")
+            self._add_line(f"const {_TYPES[str(instruction.type)]} {name} = {expression.text};")
             expression = Expression(name)
         self._text[instruction] = expression
 
@@ -121,27 +173,36 @@ class Routine(Walk):
             return self._argument[pointer], ""
         base, offset = self._address(pointer.operands[0])
         index = self._of(pointer.operands[1]).within(SUM)
-        return base, " + ".join(x for x in (offset, index) if x not in ("", "0"))
+        terms = [term for term in (offset, index) if term not in ("", "0")]
+        return base, " + ".join(terms)
 
     def _at(self, pointer: Any) -> str:
+        """Return the variable or the element at an address."""
         base, index = self._address(pointer)
-        return base if _local(pointer) else f"{base}[{index or '0'}]"
+        return base if _is_local(pointer) else f"{base}[{index or '0'}]"
 
     def _expression(self, instruction: Any) -> Expression:
-        operation, operands = instruction.opname, instruction.operands
+        """Return the expression of an instruction.
+
+        Raises:
+            ModelError: If it is none that a block can have.
+        """
+        operation = instruction.opname
+        operands = instruction.operands
         if operation == "load":
-            whole = "(int32_t)" * (str(instruction.type) == "i64")
-            return Expression(f"{whole}{self._at(operands[0])}")
+            cast = "(int32_t)" if str(instruction.type) == "i64" else ""
+            return Expression(f"{cast}{self._at(operands[0])}")
         if operation == "extractvalue":
+            # Sine and cosine are one call in LLVM, whose expression is the angle, see below.
             angle = self._text[operands[0]].text
             function = ("sin", "cos")[instruction.indices[0]]
             self.functions.add(function)
             return Expression(f"{self._prefix}_{function}({angle})")
-        if operation == "call" and "." not in instruction.callee.name:  # sine and cosine
+        if operation == "call" and "." not in instruction.callee.name:
             return self._of(operands[1])
         return super()._expression(instruction)
 
 
-def _local(pointer: Any) -> bool:
+def _is_local(pointer: Any) -> bool:
     """Return whether an address is a variable of the function."""
     return getattr(pointer, "opname", "") == "alloca"

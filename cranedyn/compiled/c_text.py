@@ -20,7 +20,16 @@ Precision = Literal["double", "single"]
 """Type of all numbers: double or float."""
 
 _FUNCTIONS = Path(__file__).with_name("functions.c.in")
+"""Template of the functions that C without its library lacks, with an empty line between two."""
+
+_FUNCTION_NAMES = ("within", "fabs", "rint", "sqrt", "turned", "sin", "cos")
+"""Names of these functions, in the order of the template."""
+
 _TYPES = {"real": "real", "integer": "int32_t", "truth": "bool"}
+"""Types of C of local constants, by their kind, see `Assignment`."""
+
+_NUMBERS_IN_LINE = 6
+"""Numbers of a table in a line."""
 
 _NEEDS_NAN = (
     "#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__",
@@ -31,6 +40,8 @@ _NEEDS_NAN = (
 
 
 class _C(Language):
+    """C99; the name of the block stands before the names of its functions and tables."""
+
     and_or: ClassVar = {"and": "&&", "or": "||"}
     comparison: ClassVar = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
     remainder = "%"
@@ -52,8 +63,10 @@ class _C(Language):
         return f"{self.name}_{name}[{index}]" if table else f"self->{name}[{index}]"
 
     def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
-        operands = [part.within(CHOICE, right=True) for part in (condition, yes, no)]
-        return Expression("{} ? {} : {}".format(*operands), CHOICE)
+        condition_text = condition.within(CHOICE, right=True)
+        yes_text = yes.within(CHOICE, right=True)
+        no_text = no.within(CHOICE, right=True)
+        return Expression(f"{condition_text} ? {yes_text} : {no_text}", CHOICE)
 
     def call(self, function: str, operand: Expression) -> Expression:
         return Expression(f"{self.name}_{function}({operand.text})", ATOM)
@@ -62,13 +75,14 @@ class _C(Language):
         return f"{self.name}_within({value}, {self.signed(low)}, {self.signed(high)})"
 
     def routine(self, name: str, arrays: Sequence[str]) -> str:
-        return f"{self.name}_{name}({', '.join(f'self->{array}' for array in arrays)})"
+        arguments = ", ".join(f"self->{array}" for array in arrays)
+        return f"{self.name}_{name}({arguments})"
 
 
 def c_header(block: FunctionBlock, precision: Precision = "double") -> str:
     """Return the header of a block."""
     name = block.name
-    number = "double" if precision == "double" else "float"
+    number = _type_name(precision)
     lines = [
         f"/* {block.about} */",
         f"#ifndef {name.upper()}_H",
@@ -80,22 +94,37 @@ def c_header(block: FunctionBlock, precision: Precision = "double") -> str:
         "typedef struct {",
     ]
     for kind in KINDS:
-        if variables := block.of_kind(kind):
+        variables = block.of_kind(kind)
+        if variables:
             lines.append(f"  /* {kind}s */")
-            lines += [f"  {number} {v.name};{_comment(v)}" for v in variables]
-    lines += [f"  {number} {array}[{len(v)}];" for array, v in block.arrays.items()]
-    lines += ["  int32_t count; /* calls since the reset, up to the last row of its tables */"]
+        for variable in variables:
+            lines.append(f"  {number} {variable.name};{_comment(variable)}")
+    for array, values in block.arrays.items():
+        lines.append(f"  {number} {array}[{len(values)}];")
     lines += [
-        "  bool fault; /* a value was out of range or a result not finite; until the reset */"
+        "  int32_t count; /* calls since the reset, up to the last row of its tables */",
+        "  bool fault; /* a value was out of range or a result not finite; until the reset */",
+        f"}} {name};",
+        "",
+        "/* Set parameters and memory to their values at the start. */",
+        f"void {name}_reset({name} *self);",
     ]
-    lines += [f"}} {name};", "", "/* Set parameters and memory to their values at the start. */"]
-    lines += [f"void {name}_reset({name} *self);"]
     for function in block.calls:
-        when = f", every {block.period:g} s" if function == "step" else ""
-        lines += ["", f"/* Compute outputs{' and memory' * bool(when)}{when}; return no fault."]
-        lines += [f"   {block.at_fault} */"]
-        lines += [f"bool {name}_{function}({name} *self);"]
+        task = "Compute outputs; return no fault."
+        if function == "step":
+            task = f"Compute outputs and memory, every {block.period:g} s; return no fault."
+        lines += [
+            "",
+            f"/* {task}",
+            f"   {block.at_fault} */",
+            f"bool {name}_{function}({name} *self);",
+        ]
     return "\n".join([*lines, "", "#endif", ""])
+
+
+def _type_name(precision: Precision) -> str:
+    """Return the type of C of all numbers."""
+    return "double" if precision == "double" else "float"
 
 
 def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
@@ -108,55 +137,91 @@ def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
         raise ModelError("Predictive control needs double precision: its optimisation would stop.")
     language = _C(block.name, precision)
     name = block.name
-    real = "double" if precision == "double" else "float"
     walks = {key: Walk(block, function, language) for key, function in block.functions.items()}
     below = routines(block.routines, language, name)
-    called = set().union(*(text.functions for text in (*walks.values(), *below)))
-    lines = [f'#include "{name}.h"', "", *_NEEDS_NAN, "", f"typedef {real} real;", ""]
+    called: set[str] = set()
+    for walk in walks.values():
+        called |= walk.functions
+    for routine in below:
+        called |= routine.functions
+
+    lines = [f'#include "{name}.h"', "", *_NEEDS_NAN, ""]
+    lines += [f"typedef {_type_name(precision)} real;", ""]
     for table, values in block.tables.items():
-        lines += [f"static const real {name}_{table}[{values.size}] = {{"]
-        lines += _rows([language.signed(x) for x in values.ravel().tolist()])
+        lines.append(f"static const real {name}_{table}[{values.size}] = {{")
+        lines += _rows([language.signed(number) for number in values.ravel().tolist()])
         lines += ["};", ""]
     lines += _helpers(called, language)
-    lines += [line for text in below for line in text.lines]
-    lines += [f"void {name}_reset({name} *self) {{"]
-    for v in block.of_kind(*KINDS):
-        lines.append(f"  self->{v.name} = {language.signed(v.start)};")
-    for array, values in block.arrays.items():
-        lines.append(f"  for (int32_t i = 0; i < {len(values)}; i++) self->{array}[i] = 0;")
-        for i in np.flatnonzero(values).tolist():
-            lines.append(f"  self->{array}[{i}] = {language.signed(float(values[i]))};")
-    lines += ["  self->count = 0;", "  self->fault = false;", "}", ""]
-    lines += [f"/* {block.at_fault} */", f"static bool {name}_at_fault({name} *self) {{"]
-    lines += ["  self->fault = true;"]
-    if FAULT in walks:
-        lines += [*_statements(walks[FAULT].assignments), *_statements(walks[FAULT].results)]
-    lines += ["  return false;", "}", ""]
+    for routine in below:
+        lines += routine.lines
+    lines += _reset_function(block, language)
+    lines += _fault_function(block, walks.get(FAULT))
     for function in block.calls:
-        walk = walks[function]
-        lines += [f"bool {name}_{function}({name} *self) {{", *_input_check(block, language)]
-        lines += _statements(walk.assignments)
-        lines += _return_if_any_fails(walk.checks, language)
-        lines += _statements(walk.results)
-        if function == "step" and block.last:
-            text = f"self->count < {block.last} ? self->count + 1 : {block.first}"
-            lines.append(f"  self->count = {text};")
-        lines += ["  return true;", "}", ""]
+        lines += _called_function(block, function, walks[function], language)
     return "\n".join(lines)
 
 
+def _reset_function(block: FunctionBlock, language: _C) -> list[str]:
+    """Return the function that sets parameters and memory to their values at the start."""
+    name = block.name
+    lines = [f"void {name}_reset({name} *self) {{"]
+    for variable in block.of_kind(*KINDS):
+        lines.append(f"  self->{variable.name} = {language.signed(variable.start)};")
+    for array, values in block.arrays.items():
+        # Most numbers of an array are zero; the others are set one by one.
+        lines.append(f"  for (int32_t i = 0; i < {len(values)}; i++) self->{array}[i] = 0;")
+        for i in np.flatnonzero(values).tolist():
+            lines.append(f"  self->{array}[{i}] = {language.signed(float(values[i]))};")
+    return [*lines, "  self->count = 0;", "  self->fault = false;", "}", ""]
+
+
+def _fault_function(block: FunctionBlock, walk: Walk | None) -> list[str]:
+    """Return the function that ends a call at fault, with the outputs of `FAULT` if it has one."""
+    name = block.name
+    lines = [f"/* {block.at_fault} */", f"static bool {name}_at_fault({name} *self) {{"]
+    lines.append("  self->fault = true;")
+    if walk is not None:
+        lines += _statements(walk.assignments)
+        lines += _statements(walk.results)
+    return [*lines, "  return false;", "}", ""]
+
+
+def _called_function(block: FunctionBlock, function: str, walk: Walk, language: _C) -> list[str]:
+    """Return a function that a caller runs.
+
+    It checks all inputs before it computes, and all results before it stores one.
+    """
+    name = block.name
+    lines = [f"bool {name}_{function}({name} *self) {{", *_input_check(block, language)]
+    lines += _statements(walk.assignments)
+    lines += _return_if_any_fails(walk.checks, language)
+    lines += _statements(walk.results)
+    if function == "step" and block.last:
+        count = f"self->count < {block.last} ? self->count + 1 : {block.first}"
+        lines.append(f"  self->count = {count};")
+    return [*lines, "  return true;", "}", ""]
+
+
 def _statements(assignments: Sequence[Assignment]) -> list[str]:
+    """Return the lines of assignments and calls."""
     lines = []
     for assignment in assignments:
-        kind = f"const {_TYPES[assignment.kind]} " if assignment.kind else ""
-        target = f"{kind}{assignment.target} = " if assignment.target else ""
-        lines.append(f"  {target}{assignment.value};")
+        text = assignment.value
+        if assignment.target:
+            text = f"{assignment.target} = {text}"
+        if assignment.kind:
+            text = f"const {_TYPES[assignment.kind]} {text}"
+        lines.append(f"  {text};")
     return lines
 
 
 def _comment(variable: Variable) -> str:
-    notes = [f"[{variable.unit}]"] if variable.unit else []
-    notes += [variable.about] if variable.about else []
+    """Return unit, description and range of a variable as a comment; empty if it has none."""
+    notes = []
+    if variable.unit:
+        notes.append(f"[{variable.unit}]")
+    if variable.about:
+        notes.append(variable.about)
     if math.isfinite(variable.lower) and math.isinf(variable.upper):
         notes.append(f"at least {variable.lower:.9g}")
     elif math.isfinite(variable.lower) or math.isfinite(variable.upper):
@@ -165,7 +230,11 @@ def _comment(variable: Variable) -> str:
 
 
 def _rows(numbers: Sequence[str]) -> list[str]:
-    return [f"  {', '.join(numbers[i : i + 6])}," for i in range(0, len(numbers), 6)]
+    """Return the lines of the numbers of a table."""
+    lines = []
+    for first in range(0, len(numbers), _NUMBERS_IN_LINE):
+        lines.append(f"  {', '.join(numbers[first : first + _NUMBERS_IN_LINE])},")
+    return lines
 
 
 def _input_check(block: FunctionBlock, language: _C) -> list[str]:
@@ -179,6 +248,7 @@ def _input_check(block: FunctionBlock, language: _C) -> list[str]:
 
 
 def _return_if_any_fails(checks: Sequence[str], language: _C) -> list[str]:
+    """Return the statements that end a call at fault unless all conditions hold."""
     if not checks:
         return []
     every = " &&\n        ".join(checks)
@@ -186,23 +256,42 @@ def _return_if_any_fails(checks: Sequence[str], language: _C) -> list[str]:
 
 
 def _helpers(called: set[str], language: _C) -> list[str]:
-    """Return the functions that the code calls."""
-    number = language.signed
-    numbers = {"quarters": 2.0 / math.pi, "far": LARGEST_ANGLE, "one": 1.0}
-    numbers["whole"] = 2.0**52 if language.precision == "double" else 2.0**23
-    numbers |= zip(("first", "second", "third"), HALF_PI, strict=True)
-    series = {"sine": _horner(SINE, number), "cosine": _horner(COSINE, number)}
-    terms = {key: number(value) for key, value in numbers.items()} | series
-    texts = Template(_FUNCTIONS.read_text()).substitute(terms, name=language.name).split("\n\n")
-    trigonometric = called & {"sin", "cos"}
-    needed = called | {"within"} | ({"rint", "turned"} if trigonometric else set())
-    names = ("within", "fabs", "rint", "sqrt", "turned", "sin", "cos")
-    keyed = zip(names, texts, strict=True)
-    return [line for key, text in keyed if key in needed for line in [*text.splitlines(), ""]]
+    """Return the lines of the functions that the code calls, for C without its library.
+
+    Sine and cosine are polynomials within an eighth of a turn, to which `turned` reduces an angle.
+    """
+    is_double = language.precision == "double"
+    first, second, third = HALF_PI
+    terms = {
+        "name": language.name,
+        "quarters": language.signed(2.0 / math.pi),
+        "far": language.signed(LARGEST_ANGLE),
+        "one": language.signed(1.0),
+        # A number so large has no digits behind the point: to add and subtract it rounds.
+        "whole": language.signed(2.0**52 if is_double else 2.0**23),
+        "first": language.signed(first),
+        "second": language.signed(second),
+        "third": language.signed(third),
+        "sine": _horner(SINE, language.signed),
+        "cosine": _horner(COSINE, language.signed),
+    }
+    texts = Template(_FUNCTIONS.read_text()).substitute(terms).split("\n\n")
+    needed = called | {"within"}
+    if called & {"sin", "cos"}:
+        needed |= {"rint", "turned"}
+    lines = []
+    for name, text in zip(_FUNCTION_NAMES, texts, strict=True):
+        if name in needed:
+            lines += [*text.splitlines(), ""]
+    return lines
 
 
 def _horner(coefficients: Sequence[float], number: Callable[[float], str]) -> str:
+    """Return the polynomial of `square` with some coefficients, the constant first, in C, by
+    Horner's rule.
+    """
     text = ""
     for coefficient in reversed(coefficients):
-        text = f"{number(coefficient)}{f' + square * ({text})' if text else ''}"
+        further = f" + square * ({text})" if text else ""
+        text = f"{number(coefficient)}{further}"
     return text

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from types import SimpleNamespace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from llvmlite import ir
 
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
@@ -28,15 +28,41 @@ from cranedyn.plant.plant import Plant, Topology, numbers, plant
 COMMUNICATION = 10
 """Physics steps from one usual change of the inputs to the next."""
 
-_CONVERTER = {
-    "rate_limit": ("{}/s", 1e-9, "commands beyond are cut to it"),
-    "ramp": ("{}/s2", 1e-9, "largest acceleration of the ramp"),
-    "jerk": ("{}/s3", 1e-9, "largest jerk of the ramp"),
-    "lag": ("s", None, "time constant of the speed control"),
-    "resolution": ("{}/s", 0.0, "to which commands are rounded"),
-}
-"""Units, lower limits and descriptions of the numbers of a frequency converter, in the order of
-`Response`; a lag is no less than the physics step."""
+_MIN_PAYLOAD_MASS = 1e-3
+"""Smallest mass of the load that a block takes [kg]."""
+
+_MAX_PAYLOAD_MASS = 1e9
+"""Largest mass of the load that a block takes [kg]."""
+
+_MIN_LIMIT = 1e-9
+"""Smallest rate limit, acceleration or jerk of a converter that a block takes, in their units."""
+
+
+@dataclass(frozen=True)
+class _ConverterNumber:
+    """A number of a frequency converter, which is a parameter of a block.
+
+    Attributes:
+        name: Name, behind the symbol of the joint.
+        unit: Unit, in which {} stands for that of the joint.
+        lower: Smallest value; None for the physics step.
+        about: Description.
+    """
+
+    name: str
+    unit: str
+    lower: float | None
+    about: str
+
+
+_CONVERTER = (
+    _ConverterNumber("rate_limit", "{}/s", _MIN_LIMIT, "commands beyond are cut to it"),
+    _ConverterNumber("ramp", "{}/s2", _MIN_LIMIT, "largest acceleration of the ramp"),
+    _ConverterNumber("jerk", "{}/s3", _MIN_LIMIT, "largest jerk of the ramp"),
+    _ConverterNumber("lag", "s", None, "time constant of the speed control"),
+    _ConverterNumber("resolution", "{}/s", 0.0, "to which commands are rounded"),
+)
+"""Numbers of a frequency converter, in the order of `Response`."""
 
 
 def crane_block(
@@ -68,7 +94,8 @@ def crane_block(
     check_choice("drive", drive, Drive)
     clocks(dt, dt, dt)
     check_rule(integrator)
-    if (rope := crane.springs.rope) and (rope.inextensible or integrator.smooth):
+    rope = crane.springs.rope
+    if rope is not None and (rope.inextensible or integrator.smooth):
         raise ModelError(
             "The rope may go slack, which a block cannot follow within a step; give a finite "
             "rope_stiffness and semi-implicit Euler, or 0 for a rope that is always taut."
@@ -76,49 +103,44 @@ def crane_block(
     response = np.zeros(0)
     delay = 0
     arrays = {}
-    if (drives := fitting(crane, drive, None)) is not None:
+    drives = fitting(crane, drive, None)
+    if drives is not None:
         response = np.concatenate(drives.response)
         delay = COMMUNICATION * drives.delay_steps(dt, COMMUNICATION * dt)
+        # Rows of memory: reference, slope, first rates, and a ring of the commands on their way.
         arrays = {"converters": np.zeros((3 + max(delay, 1)) * crane.layout.m)}
+    # The kernel itself is not needed: to compile it compares the code with Pinocchio.
     recipe = Recipe(1, drive, integrator, forces=True, delay_steps=0 if arrays else None)
-    compile_kernel([crane], recipe, response if arrays else None)  # compares it with Pinocchio
-    names, identifier = _names(crane, drive)
+    compile_kernel([crane], recipe, response if arrays else None)
+
+    names = _names(crane, drive)
     block = FunctionBlock(
         "crane",
         f"A crane of drive mode {drive}.",
         dt,
         _variables(crane, drive, names, response, dt),
         arrays,
+        # The count of calls gives the row of the ring, its remainder by the delay, and tells the
+        # calls before a whole delay has passed. After 2 delay - 1 it goes on at the delay.
         last=max(2 * delay - 1, 1) if arrays else 0,
         first=max(delay, 1),
-        renamed={name: new for name, new in identifier.items() if name != new},
+        renamed={name: new for name, new in names.identifier.items() if name != new},
         at_fault="At a fault the crane stands still as it is, and valid is 0.",
     )
 
     def outputs(code: BlockCode) -> Mapping[str, Any]:
-        text = _Text(code, crane, drive, names)
-        command = text.followed(code, delay, dt, keep=False)
-        a, effort, needed, _ = text.plant.answer(text.q, text.v, command, text.forces)
-        hoist = crane.layout.drive_of("hoist")
-        hoist_force = 0.0 if hoist is None else effort[hoist]
-        conditions = text.plant.conditions(text.q, text.v, hoist_force, needed)
-        if text.plant.response is not None:
-            cuts = text.plant.response.cuts(text.command)
-            conditions += [code.chosen(cut, 1.0, 0.0) < 0.5 for cut in cuts]
-        return {
-            **dict(zip(names.accelerations, a, strict=True)),
-            **dict(zip(names.efforts, effort, strict=True)),
-            "energy": text.plant.energy(text.q, text.v),
-            "valid": code.chosen(code.both(*conditions), 1.0, 0.0),
-        }
+        return _outputs(_CraneCode(code, crane, drive, names), names, delay, dt)
 
     def step(code: BlockCode) -> Mapping[str, Any]:
-        text = _Text(code, crane, drive, names)
-        command = text.followed(code, delay, dt, keep=True)
-        rule = Step(integrator, text.plant, command, text.forces, dt, 1.0, 1)
-        q, v, *_ = rule.after(StepState(text.q, text.v, array([0.0, 0.0])))
-        q = array([reading - offset for reading, offset in zip(q, text.offset, strict=True)])
-        return dict(zip(names.state, [*q, *v], strict=True))
+        crane_code = _CraneCode(code, crane, drive, names)
+        command = crane_code.followed_command(delay, dt, keep=True)
+        rule = Step(integrator, crane_code.plant, command, crane_code.forces, dt, 1.0, 1)
+        no_work = array([0.0, 0.0])
+        after = rule.after(StepState(crane_code.q, crane_code.v, no_work))
+        readings = []
+        for coordinate, offset in zip(after.q, crane_code.offset, strict=True):
+            readings.append(coordinate - offset)
+        return dict(zip(names.state, [*readings, *after.v], strict=True))
 
     block.emit(FAULT, lambda code: {"valid": 0.0})
     block.emit("outputs", outputs)
@@ -133,83 +155,180 @@ def force_names(crane: Crane) -> list[str]:
     return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]
 
 
-def _names(crane: Crane, drive: str) -> tuple[SimpleNamespace, dict[str, str]]:
-    """Return lists of identifiers by what they are, and identifiers by the names of signals."""
+@dataclass(frozen=True)
+class _Names:
+    """Identifiers of the variables of a crane's block.
+
+    Attributes:
+        state: Coordinates, then rates.
+        accelerations: Accelerations of the coordinates.
+        efforts: Efforts of the drives.
+        commands: Commands of the drives.
+        forces: External forces, see `force_names`.
+        dampings: Viscous damping of each joint.
+        converters: Numbers of the frequency converters, those of all drives for each; empty without
+            converters.
+        identifier: Identifiers by the names of the signals.
+    """
+
+    state: list[str]
+    accelerations: list[str]
+    efforts: list[str]
+    commands: list[str]
+    forces: list[str]
+    dampings: list[str]
+    converters: list[str]
+    identifier: dict[str, str]
+
+
+def _names(crane: Crane, drive: str) -> _Names:
+    """Choose the identifiers of the variables."""
     layout = crane.layout
-    velocity = drive == "velocity"
     symbols = layout.symbols
     driven = [joint.symbol for joint in layout.driven]
     efforts = [joint.effort_name for joint in layout.driven]
-    rates = [f"{symbol}_{'dot' if velocity else 'ddot'}" for symbol in driven]
-    groups = {
-        "state": [*symbols, *(f"{symbol}_dot" for symbol in symbols)],
-        "accelerations": [f"{symbol}_ddot" for symbol in symbols],
-        "efforts": efforts,
-        "commands": [f"{name}_command" for name in (efforts if drive == "effort" else rates)],
-        "forces": force_names(crane),
-        "dampings": [f"{symbol}_damping" for symbol in symbols],
-        "converters": [f"{s}_{name}" for name in _CONVERTER if velocity for s in driven],
-    }
-    others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area"]
-    every = [*others, "energy", "valid", *(name for group in groups.values() for name in group)]
-    identifier = identifiers(every)
-    lists = {group: [identifier[name] for name in names] for group, names in groups.items()}
-    return SimpleNamespace(**lists), identifier
+    state = [*symbols, *(f"{symbol}_dot" for symbol in symbols)]
+    accelerations = [f"{symbol}_ddot" for symbol in symbols]
+    ending = "dot" if drive == "velocity" else "ddot"
+    commanded = efforts if drive == "effort" else [f"{symbol}_{ending}" for symbol in driven]
+    commands = [f"{name}_command" for name in commanded]
+    forces = force_names(crane)
+    dampings = [f"{symbol}_damping" for symbol in symbols]
+    converters = []
+    if drive == "velocity":
+        for number in _CONVERTER:
+            converters += [f"{symbol}_{number.name}" for symbol in driven]
+
+    # All at once: an identifier is distinct among the names that are given together.
+    others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area", "energy", "valid"]
+    signals = [
+        *others,
+        *state,
+        *accelerations,
+        *efforts,
+        *commands,
+        *forces,
+        *dampings,
+        *converters,
+    ]
+    identifier = identifiers(signals)
+    return _Names(
+        state=[identifier[name] for name in state],
+        accelerations=[identifier[name] for name in accelerations],
+        efforts=[identifier[name] for name in efforts],
+        commands=[identifier[name] for name in commands],
+        forces=[identifier[name] for name in forces],
+        dampings=[identifier[name] for name in dampings],
+        converters=[identifier[name] for name in converters],
+        identifier=identifier,
+    )
 
 
 def _variables(
-    crane: Crane, drive: str, names: SimpleNamespace, response: np.ndarray, dt: float
+    crane: Crane, drive: str, names: _Names, response: np.ndarray, dt: float
 ) -> tuple[Variable, ...]:
-    layout, add = crane.layout, Variable.several
-    efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
+    """Return the variables of the block in the order of its memory.
+
+    Args:
+        crane: The crane.
+        drive: What its inputs are.
+        names: Identifiers of the variables.
+        response: Usual numbers of the converters, in the order of `_CONVERTER`; none without.
+        dt: Physics step [s].
+    """
+    layout = crane.layout
+    several = Variable.several
+    effort_units = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
     per = "/s" if drive == "velocity" else "/s2"
+    command_units = [f"{joint.unit}{per}" for joint in layout.driven]
     holding = np.zeros(layout.m)
-    units = [f"{joint.unit}{per}" for joint in layout.driven]
     if drive == "effort":
-        units = efforts
+        command_units = effort_units
         holding = holding_effort(crane, crane.start.q)
-    found = add(names.commands, "input", units, holding, about="command of the drive")
-    found += add(names.forces, "input", "N", about="external force in the world")
-    mass = crane.payload_mass
-    found += add(["payload_mass"], "parameter", "kg", mass, 1e-3, 1e9, about="the load")
+
+    variables = several(
+        names.commands, "input", command_units, holding, about="command of the drive"
+    )
+    variables += several(names.forces, "input", "N", about="external force in the world")
+    variables += _parameters(crane, names, response, dt)
+
+    state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    unbounded = np.full(layout.n, np.inf)
+    lower = np.append(crane.lower, -unbounded)
+    upper = np.append(crane.upper, unbounded)
+    start = np.concatenate(crane.start)
+    variables += several(names.state, "state", state_units, start, lower, upper)
+    acceleration_units = [f"{unit}/s2" for unit in layout.units]
+    variables += several(names.accelerations, "output", acceleration_units)
+    variables += several(names.efforts, "output", effort_units, about="effort of the drive")
+    about = "mechanical, zero of height at the ground"
+    variables.append(Variable("energy", "output", "J", about=about))
+    about = "1 where the model holds, 0 where it does not"
+    variables.append(Variable("valid", "output", about=about))
+    return tuple(variables)
+
+
+def _parameters(crane: Crane, names: _Names, response: np.ndarray, dt: float) -> list[Variable]:
+    """Return the parameters of the block, see `_variables`."""
+    layout = crane.layout
+    several = Variable.several
+    parameters = [
+        Variable(
+            "payload_mass",
+            "parameter",
+            "kg",
+            crane.payload_mass,
+            _MIN_PAYLOAD_MASS,
+            _MAX_PAYLOAD_MASS,
+            "the load",
+        )
+    ]
     if layout.has("hoist"):
         about = "cable beyond the coordinate of the hoist"
-        found += add(["cable_offset"], "parameter", "m", about=about)
-    units = ["N.m.s/rad" if joint.kind == "revolute" else "N.s/m" for joint in layout.joints]
-    found += add(names.dampings, "parameter", units, crane.damping, 0.0, about="viscous damping")
-    for i, (unit, low, about) in enumerate(_CONVERTER.values() if len(response) else ()):
-        part = slice(i * layout.m, (i + 1) * layout.m)
-        units = [unit.format(x.unit) for x in layout.driven]
-        least = dt if low is None else low
-        found += add(names.converters[part], "parameter", units, response[part], least, about=about)
-    found += add(["wind_x", "wind_y"], "parameter", "m/s", about="wind on the load in the world")
+        parameters.append(Variable("cable_offset", "parameter", "m", about=about))
+
+    units = []
+    for joint in layout.joints:
+        units.append("N.m.s/rad" if joint.kind == "revolute" else "N.s/m")
+    about = "viscous damping"
+    parameters += several(names.dampings, "parameter", units, crane.damping, 0.0, about=about)
+
+    if len(response):
+        for i, number in enumerate(_CONVERTER):
+            of_drives = slice(i * layout.m, (i + 1) * layout.m)
+            parameters += several(
+                names.converters[of_drives],
+                "parameter",
+                [number.unit.format(joint.unit) for joint in layout.driven],
+                response[of_drives],
+                # In a step longer than its lag a rate would pass beyond its reference.
+                dt if number.lower is None else number.lower,
+                about=number.about,
+            )
+
+    about = "wind on the load in the world"
+    parameters += several(["wind_x", "wind_y"], "parameter", "m/s", about=about)
     about = "drag coefficient times area of the load"
-    found += add(["payload_area"], "parameter", "m2", 0.0, 0.0, about=about)
-    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
-    free = [np.inf] * layout.n
-    lows = np.append(crane.lower, np.negative(free))
-    highs = np.append(crane.upper, free)
-    found += add(names.state, "state", units, np.concatenate(crane.start), lows, highs)
-    found += add(names.accelerations, "output", [f"{unit}/s2" for unit in layout.units])
-    found += add(names.efforts, "output", efforts, about="effort of the drive")
-    found += add(["energy"], "output", "J", about="mechanical, zero of height at the ground")
-    found += add(["valid"], "output", "", about="1 where the model holds, 0 where it does not")
-    return tuple(found)
+    parameters.append(Variable("payload_area", "parameter", "m2", lower=0.0, about=about))
+    return parameters
 
 
-class _Text:
+class _CraneCode:
     """State, inputs and crane in the code of a function.
 
     Attributes:
-        plant: The crane.
-        q, v: Coordinates and rates, shape (n,) each; the cable has its true length.
+        code: The function.
+        plant: The crane, with its parameters.
+        q: Coordinates, shape (n,); the cable has its true length.
+        v: Rates, shape (n,).
         offset: Coordinates less their readings, shape (n,).
         command: Commands of the drives, shape (m,).
         forces: External forces with wind [N], shape (3 points,).
     """
 
-    def __init__(self, code: BlockCode, crane: Crane, drive: str, names: SimpleNamespace) -> None:
+    def __init__(self, code: BlockCode, crane: Crane, drive: str, names: _Names) -> None:
         layout = crane.layout
+        self.code = code
         self.plant = _plant(code, crane, drive, names)
         z = code.get_all(names.state)
         self.offset = array([0.0] * layout.n)
@@ -218,58 +337,113 @@ class _Text:
         self.q = z[: layout.n] + self.offset
         self.v = z[layout.n :]
         self.command = code.get_all(names.commands)
-        self.forces = code.get_all(names.forces)
-        area = {"payload": code.get("payload_area")}
-        areas = array([area.get(point, 0.0) for point in layout.points])
-        air = array([code.get("wind_x"), code.get("wind_y"), 0.0] * len(areas))
-        self.forces = self.forces + self.plant.drag(self.q, self.v, air, areas)
+        forces = code.get_all(names.forces)
+        payload_area = code.get("payload_area")
+        areas = array([payload_area if point == "payload" else 0.0 for point in layout.points])
+        wind = [code.get("wind_x"), code.get("wind_y"), 0.0]
+        air = array(wind * len(areas))
+        self.forces = forces + self.plant.drag(self.q, self.v, air, areas)
 
-    def followed(self, code: BlockCode, delay: int, dt: float, *, keep: bool) -> np.ndarray:
-        """Return the command that the plant follows in a step: efforts within the limits,
-        accelerations, or reference rates of converters, whose memory then goes on if kept.
+    def followed_command(self, delay: int, dt: float, *, keep: bool) -> np.ndarray:
+        """Return the command that the plant follows in a step, shape (m,): efforts within the
+        limits, accelerations, or reference rates of converters.
+
+        Converters remember the reference rate of their ramp, its slope, the rates of the first
+        call, and the commands of the last `delay` calls in a ring. Until the first command has
+        passed the delay, they are commanded the rates of the first call: those with which the
+        drives begin.
+
+        Args:
+            delay: Time from a command to its effect, in physics steps.
+            dt: Physics step [s].
+            keep: Whether the memory of the converters goes on.
         """
+        code = self.code
+        build = code.builder
         response = self.plant.response
         m = len(self.command)
-        integer = code.integer
         if response is None:
             return self.plant.within(self.command)
         rates = self.v[self.plant.topology.layout.drives]
-        compared = code.builder.icmp_signed
         memory = array([code.element("converters", i) for i in range(3 * m)])
-        reference, slope, first = memory.reshape(3, m)
-        begins = compared("==", code.count, integer(0))
-        for past in (reference, first):
-            past[:] = [code.chosen(begins, *pair) for pair in zip(rates, past, strict=True)]
-        heard = sent = response.heard(self.command)
-        row = code.builder.srem(code.count, integer(max(delay, 1)))
+        stored_reference, slope, stored_first = memory.reshape(3, m)
+        is_first_call = build.icmp_signed("==", code.count, code.integer(0))
+        reference = self._chosen(is_first_call, rates, stored_reference)
+        first = self._chosen(is_first_call, rates, stored_first)
+
+        heard = response.heard(self.command)
+        sent: Any = heard
+        row = build.srem(code.count, code.integer(max(delay, 1)))
         places = [code.plus(code.product(row, m), 3 * m + i) for i in range(m)]
         if delay:
-            early = compared("<", code.count, integer(delay))
-            waiting = [code.element("converters", place) for place in places]
-            sent = [code.chosen(early, *pair) for pair in zip(first, waiting, strict=True)]
-        after, slopes = response.ramped(sent, reference, slope, rates, dt)
+            is_early = build.icmp_signed("<", code.count, code.integer(delay))
+            waiting = array([code.element("converters", place) for place in places])
+            sent = self._chosen(is_early, first, waiting)
+        ramped, slopes = response.ramped(sent, reference, slope, rates, dt)
         if keep:
-            values = [*after, *slopes, *first, *heard]
-            for place, value in zip([*range(3 * m), *places], values, strict=True):
+            for i, value in enumerate([*ramped, *slopes, *first]):
+                code.put("converters", i, value)
+            for place, value in zip(places, heard, strict=True):
                 code.put("converters", place, value)
-        return array(after)
+        return array(ramped)
+
+    def _chosen(self, condition: ir.Value, yes: np.ndarray, no: np.ndarray) -> np.ndarray:
+        """Return one array where a condition holds, and another elsewhere."""
+        values = []
+        for if_so, if_not in zip(yes, no, strict=True):
+            values.append(self.code.chosen(condition, if_so, if_not))
+        return array(values)
 
 
-def _plant(code: BlockCode, crane: Crane, drive: str, names: SimpleNamespace) -> Plant:
-    """Return the crane with its parameters in place of their numbers."""
+def _outputs(crane_code: _CraneCode, names: _Names, delay: int, dt: float) -> dict[str, Any]:
+    """Emit the outputs of a crane at its state under its inputs, and return them by name.
+
+    Args:
+        crane_code: The crane in the code of the function.
+        names: Identifiers of the variables.
+        delay: Time from a command to its effect, in physics steps.
+        dt: Physics step [s].
+    """
+    code = crane_code.code
+    crane = crane_code.plant
+    q = crane_code.q
+    v = crane_code.v
+    command = crane_code.followed_command(delay, dt, keep=False)
+    dynamics = crane.answer(q, v, command, crane_code.forces)
+    hoist = crane.topology.layout.drive_of("hoist")
+    hoist_force = 0.0 if hoist is None else dynamics.effort[hoist]
+    conditions = crane.conditions(q, v, hoist_force, dynamics.needed)
+    if crane.response is not None:
+        for cut in crane.response.cuts(crane_code.command):
+            conditions.append(code.chosen(cut, 1.0, 0.0) < 0.5)
+    outputs = dict(zip(names.accelerations, dynamics.acceleration, strict=True))
+    outputs |= dict(zip(names.efforts, dynamics.effort, strict=True))
+    outputs["energy"] = crane.energy(q, v)
+    outputs["valid"] = code.chosen(code.both(*conditions), 1.0, 0.0)
+    return outputs
+
+
+def _plant(code: BlockCode, crane: Crane, drive: str, names: _Names) -> Plant:
+    """Return the crane with its parameters in place of their numbers.
+
+    The numbers of a crane are affine in the mass of its load, with a slope that one kilogram more
+    shows. Of those that change with the damping of a joint, there is one for each joint.
+    """
     usual = numbers(crane)
     values: list[Any] = usual.tolist()
     model = crane.model.copy()
-    joint = crane.payload.body + 1
+    joint = crane.payload.body + 1  # joint 0 of Pinocchio is the world
     load = model.inertias[joint]
     model.inertias[joint] = pin.Inertia(load.mass + 1.0, load.lever, load.inertia)
     heavier = numbers(replace(crane, model=model))
     for i in np.flatnonzero(heavier != usual).tolist():
         slope = float(heavier[i] - usual[i])
-        values[i] = code.get("payload_mass") * slope + float(usual[i] - slope * crane.payload_mass)
-    damping = replace(crane, damping=crane.damping + 1.0)
-    (places,) = np.nonzero(numbers(damping) != usual)
-    for i, name in zip(places.tolist(), names.dampings, strict=True):
+        at_no_load = float(usual[i] - slope * crane.payload_mass)
+        values[i] = code.get("payload_mass") * slope + at_no_load
+
+    more_damped = numbers(replace(crane, damping=crane.damping + 1.0))
+    places = np.flatnonzero(more_damped != usual).tolist()
+    for i, name in zip(places, names.dampings, strict=True):
         values[i] = code.get(name)
     values += code.get_all(names.converters).tolist()
     return plant(Topology.of(crane), values, drive, buffers=False)

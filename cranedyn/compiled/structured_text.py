@@ -12,11 +12,24 @@ from cranedyn.compiled.printing import ATOM, Assignment, Expression, Language, W
 from cranedyn.errors import ModelError
 
 _FUNCTIONS = {"fabs": "ABS", "sqrt": "SQRT", "sin": "SIN", "cos": "COS"}
+"""Functions of Structured Text by the names of LLVM's intrinsics."""
+
 _TYPES = {"real": "LREAL", "integer": "DINT", "truth": "BOOL"}
+"""Types of Structured Text of local constants, by their kind, see `Assignment`."""
+
 _SECTIONS = {"input": "VAR_INPUT", "output": "VAR_OUTPUT", "local": "VAR"}
+"""Sections of declarations, with the words that begin them in Structured Text."""
+
+_NUMBERS_IN_LINE = 6
+"""Numbers of a table in a line."""
+
+_CREATED = "2000-01-01T00:00:00"
+"""Time in the head of XML files, fixed so that equal blocks give equal files."""
 
 
 class _StructuredText(Language):
+    """Structured Text, in which names of a block stand alone."""
+
     and_or: ClassVar = {"and": "AND", "or": "OR"}
     comparison: ClassVar = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "="}
     remainder: ClassVar = "MOD"
@@ -46,8 +59,15 @@ class _StructuredText(Language):
 
 @dataclass(frozen=True)
 class _Declaration:
-    """Variable of a block: where it is declared, its type, initial values, and a description;
-    an array has a length.
+    """Declaration of a variable of a block.
+
+    Attributes:
+        section: Section in which it is declared, one of `_SECTIONS`.
+        name: Name of the variable.
+        kind: Its type, or that of the elements of an array.
+        start: Initial values; none for the default of the type.
+        about: Description.
+        length: Number of elements of an array; 0 for a single variable.
     """
 
     section: str
@@ -59,11 +79,18 @@ class _Declaration:
 
     def text(self) -> str:
         """Return the declaration in Structured Text."""
-        kind = f"ARRAY [0..{self.length - 1}] OF {self.kind}" if self.length else self.kind
-        start = f" := {', '.join(self.start)}" if self.start else ""
-        if self.length and self.start:
-            rows = [", ".join(self.start[i : i + 6]) for i in range(0, self.length, 6)]
-            start = f" := [{(',' + chr(10) + '    ').join(rows)}]"
+        kind = self.kind
+        if self.length:
+            kind = f"ARRAY [0..{self.length - 1}] OF {self.kind}"
+        start = ""
+        if self.start and not self.length:
+            start = f" := {', '.join(self.start)}"
+        elif self.start:
+            rows = []
+            for first in range(0, self.length, _NUMBERS_IN_LINE):
+                rows.append(", ".join(self.start[first : first + _NUMBERS_IN_LINE]))
+            numbers = ",\n    ".join(rows)
+            start = f" := [{numbers}]"
         about = f" (* {self.about} *)" if self.about else ""
         return f"  {self.name} : {kind}{start};{about}"
 
@@ -92,10 +119,17 @@ def structured_text(block: FunctionBlock) -> str:
         ModelError: If its code has a function that Structured Text lacks.
     """
     declarations, body = _parts(block)
-    lines = [f"(* {block.about} Called every {block.period:g} s. *)", f"(* {block.at_fault} *)"]
-    lines += [f"FUNCTION_BLOCK {block.name}"]
+    lines = [
+        f"(* {block.about} Called every {block.period:g} s. *)",
+        f"(* {block.at_fault} *)",
+        f"FUNCTION_BLOCK {block.name}",
+    ]
     for section, title in _SECTIONS.items():
-        lines += [title, *(d.text() for d in declarations if d.section == section), "END_VAR"]
+        lines.append(title)
+        for declaration in declarations:
+            if declaration.section == section:
+                lines.append(declaration.text())
+        lines.append("END_VAR")
     return "\n".join([*lines, *body, "END_FUNCTION_BLOCK", ""])
 
 
@@ -106,10 +140,9 @@ def plcopen_xml(block: FunctionBlock) -> bytes:
         ModelError: As of `structured_text`.
     """
     declarations, body = _parts(block)
-    when = "2000-01-01T00:00:00"  # fixed, so that equal blocks give equal files
     root = ET.Element("project", xmlns="http://www.plcopen.org/xml/tc6_0201")
     about = {"companyName": "cranedyn", "productName": "cranedyn", "productVersion": "1"}
-    ET.SubElement(root, "fileHeader", about, creationDateTime=when)
+    ET.SubElement(root, "fileHeader", about, creationDateTime=_CREATED)
     header = ET.SubElement(root, "contentHeader", name=block.name)
     coordinates = ET.SubElement(header, "coordinateInfo")
     for kind in ("fbd", "ld", "sfc"):
@@ -132,7 +165,7 @@ def plcopen_xml(block: FunctionBlock) -> bytes:
 
 
 def _parts(block: FunctionBlock) -> tuple[list[_Declaration], list[str]]:
-    """Return declarations and body of a block."""
+    """Return the declarations of a block, and the lines of its body."""
     language = _StructuredText()
     step = Walk(block, block.functions["step"], language)
     # The constants of both functions are variables of the block, so their names must differ.
@@ -142,23 +175,35 @@ def _parts(block: FunctionBlock) -> tuple[list[_Declaration], list[str]]:
     return [*declarations], [*_body(block, step, fault, language)]
 
 
+def _declaration(section: str, variable: Variable, language: _StructuredText) -> _Declaration:
+    """Return the declaration of a variable, with its unit and description."""
+    notes = []
+    if variable.unit:
+        notes.append(f"[{variable.unit}]")
+    if variable.about:
+        notes.append(variable.about)
+    start = [language.signed(variable.start)]
+    return _Declaration(section, variable.name, "LREAL", start, " ".join(notes))
+
+
 def _declarations(
     block: FunctionBlock, assignments: Sequence[Assignment], language: _StructuredText
 ) -> Iterator[_Declaration]:
-    def declaration(section: str, variable: Variable) -> _Declaration:
-        unit = f"[{variable.unit}]" if variable.unit else ""
-        about = " ".join(filter(None, (unit, variable.about)))
-        start = [language.signed(variable.start)]
-        return _Declaration(section, variable.name, "LREAL", start, about)
+    """Yield the declarations of a block.
 
+    Args:
+        block: The block.
+        assignments: Statements of its body; local constants that they assign are declared, too.
+        language: The language.
+    """
     yield _Declaration("input", "reset", "BOOL", about="memory to its start")
     for variable in block.of_kind("input", "parameter"):
-        yield declaration("input", variable)
+        yield _declaration("input", variable, language)
     yield _Declaration("output", "fault", "BOOL", about="until the reset")
     for variable in block.of_kind("output"):
-        yield declaration("output", variable)
+        yield _declaration("output", variable, language)
     for variable in block.of_kind("state"):
-        yield declaration("local", variable)
+        yield _declaration("local", variable, language)
     yield _Declaration("local", "count", "DINT", ["0"], "calls since the reset")
     for name, values in block.arrays.items():
         yield _Declaration("local", name, "LREAL", length=values.size)
@@ -173,6 +218,14 @@ def _declarations(
 def _body(
     block: FunctionBlock, step: Walk, fault: Walk, language: _StructuredText
 ) -> Iterator[str]:
+    """Yield the lines of the body of a block.
+
+    Args:
+        block: The block.
+        step: Its function "step".
+        fault: Its function `FAULT`.
+        language: The language.
+    """
     yield "IF reset THEN"
     yield "  fault := FALSE;"
     yield "  count := 0;"
@@ -201,6 +254,7 @@ def _body(
 
 
 def _statements(assignments: Sequence[Assignment]) -> Iterator[str]:
+    """Yield the lines of assignments."""
     for assignment in assignments:
         yield f"  {assignment.target} := {assignment.value};"
 

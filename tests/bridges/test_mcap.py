@@ -501,7 +501,7 @@ def test_a_recording_of_many_joint_states_takes_the_memory_of_its_columns(tmp_pa
     tracemalloc.stop()
     assert found["l_m"].tolist() == [15.0 + k for k in range(count)]
     # A chunk of 0.75 MB twice, a part of it, and five arrays of eight bytes a message.
-    assert peak < 2 * 0.75e6 + bags._BLOCK + 40 * count
+    assert peak < 2 * 0.75e6 + bags._BLOCK_SIZE + 40 * count
 
 
 def test_what_cannot_be_written_is_a_sentence(

@@ -170,7 +170,7 @@ def test_it_settles_within_one_and_a_half_times_the_least_time_and_keeps_all_lim
     assert (np.abs(faster) <= np.array(LIMITS.accelerations) * (1.0 + tolerance)).all()
     # The swing is kept at the stages' ends; between them it bulges by its curvature.
     curvature = np.abs(np.diff(run.v[:, crane().swings], axis=0)).max() / 5e-3
-    bulge = made.programme.length**2 * curvature / 8.0
+    bulge = made.programme.stage_length**2 * curvature / 8.0
     assert np.abs(run.q[:, crane().swings]).max() < 0.1 + bulge < 0.103
 
 
@@ -253,7 +253,7 @@ def test_it_never_commands_a_slack_rope_however_fast_the_hoist_may_be(drive: Dri
         run = to(goal, start, made, duration=2.0, drive=drive)
         tension = -hoisting(crane(), run.effort)
         # A tenth of the weight, which the effort of a held acceleration meets at control instants.
-        assert tension.min() >= made.programme.taut * (1.0 - 1e-9)
+        assert tension.min() >= made.programme.min_tension * (1.0 - 1e-9)
 
 
 @pytest.mark.parametrize("load", [pytest.param(500.0, marks=pytest.mark.long), 1500.0])
@@ -326,14 +326,14 @@ def test_on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_co
         crane(), LIMITS, motion=motion, drive="motion", swing_limit=0.3, input_weight=weight
     )
     made.begin_run(0.0, 5e-3)
-    drives, stage = crane().layout.drives, round(made.programme.length / 5e-3)
+    drives, stage = crane().layout.drives, round(made.programme.stage_length / 5e-3)
     largest, worst = np.abs(motion.a[:, drives]).max(axis=0), 0.0
     for k in range(1600):
         setpoint = Setpoint(motion.q[k, drives], motion.v[k, drives], motion.a[k, drives])
         planned = made(5e-3 * k, State(motion.q[k], motion.v[k]), setpoint)
         # The first plan begins with a crane at rest, and one iteration does not undo that.
         if k and k % made.programme.ratio == 0:
-            mean = (motion.v[k + stage] - motion.v[k])[drives] / made.programme.length
+            mean = (motion.v[k + stage] - motion.v[k])[drives] / made.programme.stage_length
             worst = max(worst, float((np.abs(planned - mean) / largest).max()))
     # Plans hold accelerations over a stage; those of the motion change by some percent in it.
     assert worst < 0.02

@@ -1,4 +1,9 @@
-"""Parameters of a predictive controller, the layout of its memory, and access to it in code."""
+"""Parameters of a predictive controller, the layout of its memory, and access to it in code.
+
+The memory of an optimisation, the *work*, is a table of rows of doubles: first the rows that all
+stages of the horizon share, then the rows of each stage, see `HorizonShape`. Where several cranes
+are optimised at once, each number of the table is one number of each crane, side by side.
+"""
 
 from __future__ import annotations
 
@@ -16,21 +21,47 @@ from cranedyn.dynamics.scalars import array
 from cranedyn.model.layout import Layout
 from cranedyn.plant.plant import Plant, Topology, plant
 
+_VECTOR_LENGTH = 8
+"""Doubles in the widest vector of a processor and in a line of its cache.
+
+Rows and sections of memory are filled up to whole vectors, so that each begins where one does.
+"""
+
+
+def _whole_vectors(count: int) -> int:
+    """Round a number of doubles up to whole vectors."""
+    return -(-count // _VECTOR_LENGTH) * _VECTOR_LENGTH
+
+
+_BOUND_ROWS = (
+    "slack",
+    "excess",
+    "multiplier",
+    "excess_multiplier",
+    "inverse_multiplier",
+    "inverse_excess_multiplier",
+    "stiffness",
+    "slack_step",
+    "excess_step",
+    "multiplier_step",
+)
+"""Quantities of the interior-point method that each bound has, in the order of memory."""
+
 
 @dataclass(frozen=True)
 class HorizonShape:
-    """Dimensions of a problem, and of the code that solves it.
+    """Dimensions of a quadratic programme, and of the code that solves it.
 
-    A row of memory holds the states of a stage, its inputs, and the values of its other bounded
-    functions, one linear function for each input. A number of memory is one of each crane.
+    A row of memory holds the states of a stage, its inputs, and its further bounded quantities,
+    which are linear functions of both, one for each input.
 
     Attributes:
-        states: Numbers of a state.
-        inputs: Numbers of an input.
+        states: Length of a state.
+        inputs: Length of an input.
         stages: Number of stages of the horizon.
         width: Lanes of the vectors in which numbers of one crane are computed together, where they
-            do not depend on each other; 1 for code without vectors.
-        cranes: Number of problems that are solved at once, one in each lane.
+            do not depend on each other; a power of two; 1 for code without vectors.
+        cranes: Number of programmes that are solved at once, one in each lane.
     """
 
     states: int
@@ -41,52 +72,79 @@ class HorizonShape:
 
     @property
     def both(self) -> int:
-        """States and inputs together."""
+        """Number of states and inputs together."""
         return self.states + self.inputs
 
     @property
     def lanes(self) -> int:
-        """Numbers in a row: all bounded values, in whole vectors."""
-        return -(-(self.both + self.inputs) // 8) * 8
+        """Length of a row: states, inputs and further quantities, in whole vectors."""
+        return _whole_vectors(self.both + self.inputs)
 
     @property
-    def wide(self) -> int:
-        """Lanes of the widest vectors: of numbers of one crane, or of one number of each."""
+    def vector_lanes(self) -> int:
+        """Lanes of the widest vectors: several numbers of one crane, or one number of each."""
         return self.width if self.cranes == 1 else self.cranes
 
     @cached_property
     def common(self) -> dict[str, int]:
-        """Numbers of rows that all stages share, by name.
+        """Number of rows of each quantity that all stages share, by its name and in the order of
+        memory.
 
-        They are weights; the first state; bounds and the price of exceeding them; least and largest
-        plausible state; cost-to-go at the end and its gradient; cost-to-go of a stage; the goal;
-        and the report, see `REPORT`.
+        They are the weight of states and inputs; the state at the start; the bounds, and the price
+        of exceeding each of them by one; the least and largest plausible state; the cost-to-go of
+        the state after the last stage, and its gradient; the cost-to-go of the stage that the
+        Riccati recursion has reached; the goal; and the report, see `REPORT`.
         """
-        rows = {"weight": self.both, "start": 1}
-        rows |= dict.fromkeys(("low", "high", "price", "least", "most"), 1)
-        rows |= {"end": self.states, "end_gradient": 1, "togo": self.states}
-        return rows | {"goal": 1, "report": 1}
+        return {
+            "weight": self.both,
+            "start": 1,
+            "low": 1,
+            "high": 1,
+            "price": 1,
+            "least_plausible": 1,
+            "most_plausible": 1,
+            "end": self.states,
+            "end_gradient": 1,
+            "cost_to_go": self.states,
+            "goal": 1,
+            "report": 1,
+        }
 
     @cached_property
     def stage(self) -> dict[str, int]:
-        """Numbers of rows of each stage, by name.
+        """Number of rows of each quantity of a stage, by its name and in the order of memory.
 
-        The model is next state = forward @ (state, input) + shift, and the other bounded values are
-        extra @ (state, input) + extra_shift. The others are the gradient of the cost; bounded
-        values at the node of linearisation, at the iterate, and at the trial point; feedback; and
-        slacks, multipliers and terms of an iteration for the upper and lower bounds.
+        The model of a stage is next state = forward @ (state, input) + shift, and its further
+        quantities are extra @ (state, input) + extra_shift. `gradient` is that of the cost,
+        `total_gradient` and `barrier_curvature` are those of an iteration. `shift_gradient`,
+        `feedback` and `open_loop` are results of the Riccati recursion, see
+        `cranedyn.compiled.horizon.riccati`. All bounded quantities are kept at the node of the
+        linearisation, at the iterate, and at the trial point. The others belong to the upper and
+        to the lower bounds, see `cranedyn.compiled.horizon.interior`.
         """
-        sides = ("slack", "excess", "force", "relief", "per_force", "per_relief")
-        steps = ("stiff", "dslack", "dexcess", "dforce")
-        rows = {"forward": self.states, "shift": 1, "extra": self.inputs, "extra_shift": 1}
-        rows |= dict.fromkeys(("gradient", "slope", "curve", "carried"), 1)
-        rows |= {"feedback": self.inputs, "open": 1, "node": 1, "iterate": 1, "trial": 1}
-        bounds = [f"{name}_{side}" for side in ("high", "low") for name in (*sides, *steps)]
-        return rows | dict.fromkeys(bounds, 1)
+        rows = {
+            "forward": self.states,
+            "shift": 1,
+            "extra": self.inputs,
+            "extra_shift": 1,
+            "gradient": 1,
+            "total_gradient": 1,
+            "barrier_curvature": 1,
+            "shift_gradient": 1,
+            "feedback": self.inputs,
+            "open_loop": 1,
+            "node": 1,
+            "iterate": 1,
+            "trial": 1,
+        }
+        for side in ("high", "low"):
+            for name in _BOUND_ROWS:
+                rows[f"{name}_{side}"] = 1
+        return rows
 
     @property
     def size(self) -> int:
-        """Total size of the memory of one crane [doubles]."""
+        """Length of the memory of one crane [doubles]."""
         return self.first + self.stages * self.stride
 
     @property
@@ -96,42 +154,56 @@ class HorizonShape:
 
     @property
     def first(self) -> int:
-        """Offset of the first stage."""
+        """Offset of the first stage [doubles]."""
         return self.lanes * sum(self.common.values())
 
     @cached_property
-    def _offsets(self) -> dict[str, int]:
-        ends: dict[str, int] = {}
-        for rows in (self.common, self.stage):
-            last = np.cumsum(list(rows.values())).tolist()
-            ends |= {name: end - rows[name] for name, end in zip(rows, last, strict=True)}
-        return ends
+    def _first_rows(self) -> dict[str, int]:
+        """Number of the first row of each quantity, from the beginning of the shared rows or of
+        those of its stage.
+        """
+        first_rows: dict[str, int] = {}
+        for quantities in (self.common, self.stage):
+            next_row = 0
+            for name, count in quantities.items():
+                first_rows[name] = next_row
+                next_row += count
+        return first_rows
 
     def place(self, name: str, row: int = 0) -> int:
-        """Return the offset of a row: of a shared one from the beginning of memory, of another from
-        the beginning of its stage.
+        """Return the offset of a row [doubles]: of a shared one from the beginning of memory, of
+        another from the beginning of its stage.
+
+        Args:
+            name: Name of the quantity.
+            row: Number of the row among those of the quantity.
         """
-        return self.lanes * (self._offsets[name] + row)
+        return self.lanes * (self._first_rows[name] + row)
 
 
-REPORT = ("barrier", "flag", "iterations", "gap", "open", "excess", "first")
-"""First numbers of the report.
+REPORT = ("barrier", "solved", "iterations", "gap", "residual", "excess", "first")
+"""Numbers at the beginning of the report.
 
-Inputs are barrier, the initial barrier, and first, a constant, the initial barrier after a
-successful optimisation. Outputs are flag, 1 if solved, else 0; iterations; gap, the mean product of
-slacks and multipliers; open, the residual of the gradient as a share of the initial one; and
-excess, the largest excess of a bound at the optimum without bounds."""
+Inputs are `barrier`, the initial barrier, and `first`, a constant: the initial barrier after a
+successful optimisation. Outputs are `solved`, 1 or 0; `iterations`; `gap`, the mean product of
+slacks and multipliers; `residual`, that of the gradient as a share of the initial one; and
+`excess`, the largest excess of a bound at the optimum without bounds."""
 
 
 Constants = Mapping[tuple[str, int, int], float]
-"""Entries that are the same in every stage, by name of the row, its number, and place in it."""
+"""Numbers that are the same in every stage, by name of the quantity, its row, and place in it.
+
+The code does not load them: as constants they fold, which saves products with 0 and 1.
+"""
 
 
 class LaneView(Code):
     """The same function with values of another number of lanes."""
 
     def __init__(self, code: Code, lanes: int) -> None:
-        self.lanes = self.stride = lanes
+        # No call of the constructor of the base class, which would begin a new function.
+        self.lanes = lanes
+        self.stride = lanes
         self.function = code.function
         self.builder = code.builder
         self.type = lane_type(lanes)
@@ -140,12 +212,12 @@ class LaneView(Code):
         self._align_stack()
 
 
-def _index(i: int) -> ir.Constant:
+def _lane_index(i: int) -> ir.Constant:
     return ir.Constant(ir.IntType(32), i)
 
 
 class MemoryRows:
-    """Rows of memory by name, from an address on."""
+    """Access by name to the rows of memory that begin at an address."""
 
     def __init__(
         self, code: Code, shape: HorizonShape, address: ir.Value, constants: Constants
@@ -159,31 +231,31 @@ class MemoryRows:
         return self._shape.cranes * (self._shape.place(name, row) + i)
 
     def get(self, name: str, row: int = 0, i: int = 0) -> Any:
-        """Return a number; a constant as a float, which folds."""
+        """Return a number: a value of the code, or a float where it is the same in every stage."""
         if (name, row, i) in self._constants:
             return self._constants[name, row, i]
         return self._code.load(self._address, self._at(name, row, i))
 
     def put(self, name: str, value: Any, row: int = 0, i: int = 0) -> None:
-        """Write a number."""
+        """Store a number."""
         self._code.store(value, self._address, self._at(name, row, i))
 
     def row(self, name: str, count: int, row: int = 0, first: int = 0) -> np.ndarray:
-        """Return numbers of a row, shape (count,)."""
+        """Return numbers of a row from its place `first` on, shape (count,)."""
         return array([self.get(name, row, first + i) for i in range(count)])
 
     def table(self, name: str, columns: int) -> np.ndarray:
-        """Return the rows of a matrix, shape (rows, columns)."""
-        rows = (self._shape.common | self._shape.stage)[name]
-        return np.array([self.row(name, columns, i) for i in range(rows)])
+        """Return all rows of a quantity as a matrix, shape (rows, columns)."""
+        row_counts = self._shape.common | self._shape.stage
+        return np.array([self.row(name, columns, i) for i in range(row_counts[name])])
 
     def put_row(self, name: str, values: Any, row: int = 0, first: int = 0) -> None:
-        """Write numbers of a row."""
+        """Store numbers of a row from its place `first` on."""
         for i, value in enumerate(values, first):
             self.put(name, value, row, i)
 
 
-class Vector(NamedTuple):
+class StageVector(NamedTuple):
     """Numbers of a stage that are computed together, in the widest vectors.
 
     Attributes:
@@ -205,7 +277,7 @@ class Work:
     Attributes:
         code: The function, whose values are one number of each crane.
         wide: The same function with the widest vectors.
-        shape: Dimensions of the problem.
+        shape: Dimensions of the programme.
         common: Rows that all stages share.
     """
 
@@ -217,19 +289,27 @@ class Work:
         constants: Constants | None = None,
         arguments: Sequence[str] = (),
     ) -> None:
+        """Begin a function.
+
+        Args:
+            module: Module to which the function is added.
+            name: Name of the function.
+            shape: Dimensions of the programme.
+            constants: Numbers that are the same in every stage.
+            arguments: Names of the arguments beside `work`.
+        """
         self.code = Code(module, name, ["work", *arguments], shape.cranes)
         self.shape = shape
-        self.wide = LaneView(self.code, shape.wide)
+        self.wide = LaneView(self.code, shape.vector_lanes)
         self._constants = constants or {}
         self.common = self._rows(self.code, self.code.argument["work"])
 
-    def report(self, **values: Any) -> None:
-        """Write numbers of the report."""
-        for name, value in values.items():
-            self.common.put("report", value, i=REPORT.index(name))
+    def put_report(self, name: str, value: Any) -> None:
+        """Store a number of the report, see `REPORT`."""
+        self.common.put("report", value, i=REPORT.index(name))
 
     def reported(self, name: str) -> Value:
-        """Return a number of the report."""
+        """Return a number of the report, see `REPORT`."""
         return self.common.get("report", i=REPORT.index(name))
 
     def stage(self, k: ir.Value) -> MemoryRows:
@@ -244,15 +324,17 @@ class Work:
             yield self.stage(self.code.builder.sub(last, count))
 
     @contextmanager
-    def each(self) -> Iterator[Vector]:
-        """Emit statements for a vector of numbers of each stage after the other."""
-        code, wide, shape = self.code, self.wide, self.shape
-        length = shape.lanes * shape.cranes
-        with code.loop(0, shape.stages) as k, code.loop(0, length // wide.lanes) as i:
+    def each(self) -> Iterator[StageVector]:
+        """Emit statements for each vector of numbers of each stage."""
+        code = self.code
+        wide = self.wide
+        row_length = self.shape.lanes * self.shape.cranes
+        with code.loop(0, self.shape.stages) as k, code.loop(0, row_length // wide.lanes) as i:
             first = code.product(i, wide.lanes)
-            addresses = self._stage_address(k), code.argument["work"]
-            rows = [self._rows(wide, code.address(base, first)) for base in addresses]
-            yield Vector(rows[0], rows[1], k, first)
+            stage = self._stage_address(k)
+            rows = self._rows(wide, code.address(stage, first))
+            common = self._rows(wide, code.address(code.argument["work"], first))
+            yield StageVector(rows, common, k, first)
 
     def call(self, name: str) -> None:
         """Call a function of the module on this memory."""
@@ -260,41 +342,52 @@ class Work:
         code.builder.call(code.function.module.globals[name], [code.argument["work"]])
 
     def repeated(self, value: Value) -> Value:
-        """Return a number of each crane, for all numbers of the widest vectors."""
-        same = self.wide.lanes == self.code.lanes
-        return value if same else self.wide.from_double(value.register)
+        """Return one number of each crane as a value of the widest vectors, in all of its lanes."""
+        if self.wide.lanes == self.code.lanes:
+            return value
+        return self.wide.from_double(value.register)
 
     def joined(self, values: Sequence[Value]) -> Value:
-        """Return one of the widest vectors from its numbers."""
+        """Return a value of the widest vectors from the numbers in its lanes."""
         if len(values) == 1:
             return Value(self.wide, values[0].register)
         register = ir.Constant(self.wide.type, ir.Undefined)
         for i, value in enumerate(values):
-            register = self.code.builder.insert_element(register, value.register, _index(i))
+            index = _lane_index(i)
+            register = self.code.builder.insert_element(register, value.register, index)
         return Value(self.wide, register)
 
     def split(self, value: Value) -> list[Value]:
-        """Return the numbers of one of the widest vectors."""
+        """Return the numbers in the lanes of a value of the widest vectors."""
         code = self.code
         count = self.wide.lanes // self.code.lanes
         if count == 1:
             return [Value(code, value.register)]
         extract = code.builder.extract_element
-        return [Value(code, extract(value.register, _index(i))) for i in range(count)]
+        return [Value(code, extract(value.register, _lane_index(i))) for i in range(count)]
 
-    def over_numbers(self, value: Value, combined: Callable[[Any, Any], Any]) -> Value:
-        """Return the sum or the largest of the numbers of each crane in a vector."""
+    def over_numbers(self, value: Value, combine: Callable[[Any, Any], Any]) -> Value:
+        """Combine the numbers of each crane in a value of the widest vectors, such as to their sum
+        or to the largest of them.
+
+        They are combined by pairs, so that few operations have to wait for others; the number of
+        lanes is a power of two.
+        """
         numbers = self.split(value)
         while len(numbers) > 1:
-            numbers = list(map(combined, numbers[::2], numbers[1::2]))
+            pairs = zip(numbers[::2], numbers[1::2], strict=True)
+            numbers = [combine(a, b) for a, b in pairs]
         return numbers[0]
 
     def _stage_address(self, k: ir.Value) -> ir.Value:
-        code, shape = self.code, self.shape
-        offset = code.plus(code.product(k, shape.stride * shape.cranes), shape.first * shape.cranes)
+        code = self.code
+        shape = self.shape
+        from_first = code.product(k, shape.stride * shape.cranes)
+        offset = code.plus(from_first, shape.first * shape.cranes)
         return code.address(code.argument["work"], offset)
 
     def _rows(self, code: Code, address: ir.Value) -> MemoryRows:
+        # A vector takes numbers from several places of a row, of which only some are constants.
         constants = self._constants if code is self.code else {}
         return MemoryRows(code, self.shape, address, constants)
 
@@ -308,18 +401,22 @@ class Programme:
         numbers: Parameters of its crane model, see `cranedyn.plant.plant.numbers`.
         drive: Kind of command, "effort", "motion" or "velocity".
         stages: Number of stages of the horizon.
-        length: Length of a stage [s].
+        stage_length: Length of a stage [s].
         period: Control period [s].
         ratio: Control periods from one optimisation to the next.
-        rows: Rows of the path that it tracks; 0 for the present setpoint.
-        share: Share of the error of the disturbance estimate that is corrected at each instant.
-        swing_share: Share of the error of the filtered swing that is corrected.
-        rate_share: Share of the error of planned rates that is corrected, for velocity commands.
-        swing: Largest angle of each swing joint from its rest [rad].
-        taut: Least tension of the rope [N].
-        errors: Errors of coordinates and rates of each joint with equal weight.
-        payload_errors: Errors of the payload's position [m] and rate [m/s] with equal weight.
-        lead: Lead of the command of each drive [s], for velocity commands; else empty.
+        rows: Rows of the path that it tracks, one for each control instant; 0 where it goes to the
+            setpoint of each instant.
+        disturbance_gain: Share of the error of the disturbance estimate that is corrected at each
+            instant.
+        swing_gain: Share of the error of the filtered swing that is corrected at each instant.
+        rate_gain: Share of the error of the planned rates that is corrected at each instant, for
+            velocity commands.
+        swing_limit: Largest angle of each swing joint from its rest [rad].
+        min_tension: Least tension of the rope [N].
+        joint_errors: Errors of the coordinates, then of the rates of each joint with equal weight
+            [rad or m, rad/s or m/s], 2 n in all.
+        payload_errors: Errors of the payload's position [m] and velocity [m/s] with equal weight.
+        leads: Time by which the command of each drive leads [s], for velocity commands; else empty.
         width: Lanes of vectors, see `HorizonShape`.
     """
 
@@ -327,18 +424,18 @@ class Programme:
     numbers: tuple[float, ...]
     drive: str
     stages: int
-    length: float
+    stage_length: float
     period: float
     ratio: int
     rows: int
-    share: float
-    swing_share: float
-    rate_share: float
-    swing: float
-    taut: float
-    errors: tuple[float, ...]
+    disturbance_gain: float
+    swing_gain: float
+    rate_gain: float
+    swing_limit: float
+    min_tension: float
+    joint_errors: tuple[float, ...]
     payload_errors: tuple[float, ...]
-    lead: tuple[float, ...] = ()
+    leads: tuple[float, ...] = ()
     width: int = 8
 
     def shape(self, lanes: int) -> HorizonShape:
@@ -349,15 +446,22 @@ class Programme:
     def offsets(self, lanes: int) -> MemoryOffsets:
         """Return the offsets of the sections in the memory of a group of lanes."""
         shape = self.shape(lanes)
-        counts = [
+        numbers_of_lane = lane_memory(self.topology.layout)["begun"].stop
+        rows_of_plan = shape.stages + 1
+        rows_of_path = max(self.rows, lanes)
+        lengths = [
+            # The state of each lane and whether it is plausible; the row of the path.
             lanes * (shape.states + 1) + 1,
             2,
-            lanes * lane_memory(self.topology.layout)["begun"].stop,
-            lanes * (shape.stages + 1) * shape.lanes,
-            max(self.rows, lanes) * shape.states,
+            lanes * numbers_of_lane,
+            lanes * rows_of_plan * shape.lanes,
+            rows_of_path * shape.states,
             lanes * shape.size,
         ]
-        return MemoryOffsets(0, *np.cumsum([-(-count // 8) * 8 for count in counts]).tolist())
+        offsets = [0]
+        for length in lengths:
+            offsets.append(offsets[-1] + _whole_vectors(length))
+        return MemoryOffsets(*offsets)
 
     @property
     def plant(self) -> Plant:
@@ -371,22 +475,22 @@ class Programme:
         return plant(self.topology, list(self.numbers), drive, False)
 
     @property
-    def hop(self) -> int:
-        """Rows of the path from one stage to the next."""
-        return round(self.length / self.period) if self.rows else 0
+    def path_rows_per_stage(self) -> int:
+        """Rows of the path from one stage to the next; 0 without a path."""
+        return round(self.stage_length / self.period) if self.rows else 0
 
 
 class MemoryOffsets(NamedTuple):
     """Offsets of the sections in the memory of a group of lanes [doubles].
 
     Attributes:
-        query: See `cranedyn.compiled.horizon.planning`.
-        counts: Whole numbers: control instants up to now, and up to the start of the run.
+        query: Input of an optimisation, see `cranedyn.compiled.horizon.planning.emit`.
+        counts: Two whole numbers: control instants up to now, and up to the start of the run.
         lanes: Memory of each lane, see `lane_memory`.
         plans: Plan of each lane.
         path: Rows of the path, or the goal of each lane.
         work: Memory of the optimisation.
-        size: Total size.
+        size: Length of all sections.
     """
 
     query: int
@@ -399,14 +503,30 @@ class MemoryOffsets(NamedTuple):
 
 
 def lane_memory(layout: Layout) -> dict[str, range]:
-    """Return the slots of each lane's memory by name.
+    """Return the places of what each lane remembers from one control instant to the next, by name.
 
-    They are the accelerations held, the estimated disturbances of the drives, the expected rates,
-    the filtered swing of the instant before and its rates, the last plausible coordinates and
-    rates, the number of implausible readings, the last of these, and 1 after the first instant.
+    `acceleration` are the planned accelerations of the drives, which hold until the next
+    optimisation; `disturbance` is the estimate of what accelerates the drives besides;
+    `expected_rates` are those of the drives at the next instant; `swing` is the filtered swing of
+    the instant before, coordinates and rates; `reading` is the last plausible state; `refusals`
+    counts implausible readings, and `refused_reading` is the last of them; `begun` is 1 after the
+    first instant.
     """
-    n, m = layout.n, layout.m
-    sizes = {"held": m, "estimate": m, "expected": m, "swing": 2 * (n - m)}
-    sizes |= {"read": 2 * n, "refusals": 1, "refused": 2 * n, "begun": 1}
-    ends = zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True)
-    return {name: range(end - sizes[name], end) for name, end in ends}
+    n = layout.n
+    m = layout.m
+    lengths = {
+        "acceleration": m,
+        "disturbance": m,
+        "expected_rates": m,
+        "swing": 2 * (n - m),
+        "reading": 2 * n,
+        "refusals": 1,
+        "refused_reading": 2 * n,
+        "begun": 1,
+    }
+    places = {}
+    first = 0
+    for name, length in lengths.items():
+        places[name] = range(first, first + length)
+        first += length
+    return places

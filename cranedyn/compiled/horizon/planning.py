@@ -16,14 +16,18 @@ from cranedyn.compiled.horizon import riccati
 from cranedyn.compiled.horizon.memory import Constants, HorizonShape, Programme, Work
 from cranedyn.dynamics.scalars import array, larger, smaller
 
-_HUGE = 1e300
-"""Bound of all numbers of a finite plan."""
+_MAX_FINITE = 1e300
+"""Magnitude below which a number of a plan counts as finite."""
 
-_WIDER = 10.0
-"""Factor on the barrier for the first optimisation and after each failure."""
+_BARRIER_GROWTH = 10.0
+"""Factor on the initial barrier for the first optimisation, and after each failure.
 
-_WIDEST = 100.0
-"""Largest value of that factor."""
+With a larger barrier an optimisation begins farther from its bounds, from where it gets away more
+easily when the last plan is a bad guess.
+"""
+
+_MAX_BARRIER_GROWTH = 100.0
+"""Largest initial barrier after failures, as a multiple of the usual one."""
 
 
 class Marks(NamedTuple):
@@ -34,7 +38,7 @@ class Marks(NamedTuple):
     Attributes:
         begun: 1 after the first one.
         failures: Number of failures, after which the last plan continues.
-        flag: 1 if the last one succeeded.
+        solved: 1 if the last one succeeded.
         iterations: Iterations of the last one; 0 if no bound was active.
         excess: Largest excess of a bound at the optimum without bounds, negative for none.
         barrier: Initial barrier of the next one.
@@ -42,7 +46,7 @@ class Marks(NamedTuple):
 
     begun: Any
     failures: Any
-    flag: Any
+    solved: Any
     iterations: Any
     excess: Any
     barrier: Any
@@ -53,16 +57,27 @@ def emit(
 ) -> None:
     """Add the function `plan`.
 
-    Its arguments: memory of an optimisation; a plan, rows of states and inputs by stage and a row
-    of `Marks`; a query, the state, 1 or 0 for an implausible state, and the present row of the
-    path; a path, rows of coordinates and rates where to be, or the goal of each crane.
+    Its arguments, all of them addresses:
+
+    * `work`: the memory of an optimisation;
+    * `plan`: the last plan, which it replaces: a row of states and inputs for each stage, and a row
+      of `Marks`;
+    * `query`: the state; 1, or 0 if that is implausible; and the present row of the path, a whole
+      number;
+    * `path`: rows of coordinates and rates along the path, or those of the goal of each crane.
+
+    Args:
+        module: Module to which it is added.
+        shape: Dimensions of the optimisation.
+        programme: Parameters of the controller.
+        constants: Numbers that are the same in every stage.
     """
     arguments = ("plan", "query", "path")
     _Plan(Work(module, "plan", shape, constants, arguments), programme).emit()
 
 
 class _Plan:
-    """Function under construction."""
+    """The function `plan` under construction."""
 
     def __init__(self, work: Work, programme: Programme) -> None:
         self.work = work
@@ -75,139 +90,178 @@ class _Plan:
         self.row_length = self.shape.lanes * self.shape.cranes
 
     def emit(self) -> None:
-        code, shape, work = self.code, self.shape, self.work
-        query = [code.load(code.argument["query"], i * code.lanes) for i in range(shape.states + 1)]
-        state = array(query[:-1])
-        plausible = query[-1] > 0.5
+        code = self.code
+        work = self.work
+        states = self.shape.states
+        query = [code.load(code.argument["query"], i * code.lanes) for i in range(states + 1)]
+        state = array(query[:states])
+        is_plausible = query[states] > 0.5
         self.common.put_row("start", state)
-        fresh = self._mark("begun") < 0.5
-        wider = _WIDER * work.reported("first")
-        work.report(barrier=code.chosen(fresh, wider, self._mark("barrier")))
-        with code.when(code.anywhere(fresh)):
-            self._stand(fresh, state)
-        self._shift()
-        with code.when(code.anywhere(plausible)):
+        is_first = self._mark("begun") < 0.5
+        first_barrier = _BARRIER_GROWTH * work.reported("first")
+        work.put_report("barrier", code.chosen(is_first, first_barrier, self._mark("barrier")))
+        with code.when(code.anywhere(is_first)):
+            self._plan_standstill(is_first, state)
+        self._shift_plan()
+
+        # Without a plausible state nothing is optimised, and the shifted plan goes on.
+        with code.when(code.anywhere(is_plausible)):
             self._solve()
-        reported = {
-            name: code.chosen(plausible, work.reported(name), 0.0)
-            for name in ("flag", "iterations", "excess")
-        }
-        work.report(**reported)
-        self._keep(plausible)
+        solved = code.chosen(is_plausible, work.reported("solved"), 0.0)
+        iterations = code.chosen(is_plausible, work.reported("iterations"), 0.0)
+        excess = code.chosen(is_plausible, work.reported("excess"), 0.0)
+        work.put_report("solved", solved)
+        work.put_report("iterations", iterations)
+        work.put_report("excess", excess)
+        self._store_plan(is_plausible)
         code.end()
 
     def _solve(self) -> None:
+        """Make the quadratic programme about the nodes, and solve it."""
         work = self.work
         common = self.common
         states = self.shape.states
-        work.stage(self.code.integer(0)).put_row("node", common.row("start", states))
-        self._aim()
-        self._bound()
+        first_stage = work.stage(self.code.integer(0))
+        first_stage.put_row("node", common.row("start", states))
+        self._put_cost()
+        self._put_swing_bounds()
         work.call("linearise")
         work.call("end")
+        # The cost beyond the horizon is ½ (x - goal)ᵀ end (x - goal).
         pull = riccati.symmetric(common, "end", states) @ common.row("goal", states)
         common.put_row("end_gradient", -pull)
         work.call("solve")
 
     def _mark(self, name: str) -> Value:
-        first = self.shape.stages * self.row_length
-        offset = first + Marks._fields.index(name) * self.code.lanes
+        """Load a number of the row of `Marks` of the last plan."""
+        marks = self.shape.stages * self.row_length
+        offset = marks + Marks._fields.index(name) * self.code.lanes
         return self.code.load(self.code.argument["plan"], offset)
 
-    def _stand(self, fresh: ir.Value, state: np.ndarray) -> None:
-        """Set the plan of cranes without one to standing still."""
+    def _plan_standstill(self, is_first: ir.Value, state: np.ndarray) -> None:
+        """Let cranes without a plan stand still where they are."""
         code = self.code
-        plan = self.code.argument["plan"]
+        plan = code.argument["plan"]
         with code.loop(0, self.shape.stages) as k:
             for i in range(self.shape.both):
                 offset = code.plus(code.product(k, self.row_length), i * code.lanes)
-                still = state[i] if i < self.layout.n else 0.0
-                code.store(code.chosen(fresh, still, code.load(plan, offset)), plan, offset)
+                at_rest = state[i] if i < self.layout.n else 0.0
+                code.store(code.chosen(is_first, at_rest, code.load(plan, offset)), plan, offset)
 
-    def _shift(self) -> None:
-        """Set the nodes to the last plan, shifted to the present time."""
+    def _shift_plan(self) -> None:
+        """Set the nodes of linearisation to the last plan, shifted to the present time.
+
+        The time between optimisations is a whole number of stages and a share of one, over which
+        the plan is interpolated. Beyond its end its last stage stays.
+        """
         code = self.code
         wide = self.work.wide
-        plan = self.code.argument["plan"]
-        ahead, share = divmod(
-            self.programme.ratio * self.programme.period / self.programme.length, 1.0
+        plan = code.argument["plan"]
+        programme = self.programme
+        stages_passed, share = divmod(
+            programme.ratio * programme.period / programme.stage_length, 1.0
         )
         last = code.integer(self.shape.stages - 1)
-        with self.work.each() as (rows, _, k, first):
-            before = code.least(code.plus(k, int(ahead)), last)
+        with self.work.each() as vector:
+            before = code.least(code.plus(vector.stage, int(stages_passed)), last)
             after = code.least(code.plus(before, 1), last)
-            offsets = [
-                code.builder.add(code.product(k, self.row_length), first) for k in (before, after)
-            ]
-            nodes = [wide.load(plan, offset) for offset in offsets]
-            rows.put("node", (1.0 - share) * nodes[0] + share * nodes[1])
+            place_before = code.builder.add(code.product(before, self.row_length), vector.first)
+            place_after = code.builder.add(code.product(after, self.row_length), vector.first)
+            node_before = wide.load(plan, place_before)
+            node_after = wide.load(plan, place_after)
+            vector.rows.put("node", (1.0 - share) * node_before + share * node_after)
 
-    def _aim(self) -> None:
-        """Compute weights about the end of the path, and the gradient of the cost, which is about
-        the path.
+    def _put_cost(self) -> None:
+        """Store the weight of the states, and the gradient of the cost of each stage.
+
+        With the states and inputs z of a stage, and those of the path z*, the cost is
+        ½ (z - z*)ᵀ weight (z - z*): its gradient at z = 0 is - weight z*. The inputs of the path
+        are the accelerations of its drives over the stage, by the difference of their rates. The
+        weight depends on where the payload is, see `model.emit_weights`: it is that at the end of
+        the path, for all stages.
         """
         code = self.code
         shape = self.shape
         common = self.common
-        z = self.shape.states
-        path = code.argument["path"]
-        row = code.load_one(code.argument["query"], (z + 1) * code.lanes, INTEGER)
-
-        def target(k: ir.Value) -> np.ndarray:
-            if not self.programme.rows:
-                return array([code.load(path, i * code.lanes) for i in range(z)])
-            ahead = code.builder.add(row, code.product(k, self.programme.hop))
-            first = code.product(code.least(ahead, code.integer(self.programme.rows - 1)), z)
-            return array([code.spread(path, code.plus(first, i)) for i in range(z)])
-
-        common.put_row("goal", target(code.integer(shape.stages)))
+        row = code.load_one(code.argument["query"], (shape.states + 1) * code.lanes, INTEGER)
+        common.put_row("goal", self._target(row, code.integer(shape.stages)))
         self.work.call("weigh")
         with code.loop(0, shape.stages) as k:
-            now = target(k)
-            coming = target(code.plus(k, 1))
-            rising = (coming - now)[self.layout.n + self.layout.drives] * (
-                1.0 / self.programme.length
-            )
-            both = np.concatenate([now, rising])
-            self.work.stage(k).put_row("gradient", -(common.table("weight", shape.both) @ both))
+            now = self._target(row, k)
+            coming = self._target(row, code.plus(k, 1))
+            rate_columns = self.layout.n + self.layout.drives
+            accelerations = (coming - now)[rate_columns] * (1.0 / self.programme.stage_length)
+            target = np.concatenate([now, accelerations])
+            self.work.stage(k).put_row("gradient", -(common.table("weight", shape.both) @ target))
 
-    def _bound(self) -> None:
-        """Set bounds of swing joints whose rest depends on the drives: about the present rest, the
-        rest at the goal, and between.
+    def _target(self, row: ir.Value, k: ir.Value) -> np.ndarray:
+        """Return the state where the crane should be at the beginning of a stage, shape (2 n,): on
+        the path, whose last row holds beyond its end, or at the goal.
+
+        Args:
+            row: Present row of the path.
+            k: Number of the stage.
+        """
+        code = self.code
+        programme = self.programme
+        states = self.shape.states
+        path = code.argument["path"]
+        if not programme.rows:
+            return array([code.load(path, i * code.lanes) for i in range(states)])
+        row_of_stage = code.builder.add(row, code.product(k, programme.path_rows_per_stage))
+        last_row = code.integer(programme.rows - 1)
+        first = code.product(code.least(row_of_stage, last_row), states)
+        return array([code.spread(path, code.plus(first, i)) for i in range(states)])
+
+    def _put_swing_bounds(self) -> None:
+        """Store the bounds of swing joints whose rest depends on the drives: the largest swing
+        about the present rest, the rest at the goal, and between.
+
+        Where the load hangs plumb at zero, the bounds are the same all the time and are in memory
+        already.
         """
         if self.plant.plumb_at_zero:
             return
-        ends = [
-            self.plant.hanging_angles(self.common.row(name, self.layout.n)[self.layout.drives])
-            for name in ("start", "goal")
-        ]
-        for (i, _), a, b in zip(self.plant.topology.swings, *ends, strict=True):
-            self.common.put("low", smaller(a, b) - self.programme.swing, i=i)
-            self.common.put("high", larger(a, b) + self.programme.swing, i=i)
+        layout = self.layout
+        limit = self.programme.swing_limit
+        rest_at_start = self.plant.hanging_angles(self.common.row("start", layout.n)[layout.drives])
+        rest_at_goal = self.plant.hanging_angles(self.common.row("goal", layout.n)[layout.drives])
+        swings = zip(self.plant.topology.swings, rest_at_start, rest_at_goal, strict=True)
+        for (joint, _), at_start, at_goal in swings:
+            self.common.put("low", smaller(at_start, at_goal) - limit, i=joint)
+            self.common.put("high", larger(at_start, at_goal) + limit, i=joint)
 
-    def _keep(self, plausible: ir.Value) -> None:
-        """Store the new plan; after a failure keep the last one."""
+    def _store_plan(self, is_plausible: ir.Value) -> None:
+        """Store the new plan and its marks; after a failure the shifted last plan goes on."""
         code = self.code
         wide = self.work.wide
         work = self.work
-        plan = self.code.argument["plan"]
-        # What is not finite stays so until the last stage.
-        last = work.stage(code.integer(self.shape.stages - 1)).row("iterate", self.shape.both)
-        finite = [abs(number) < _HUGE for number in last]
-        solved = code.both(work.reported("flag") > 0.5, *finite)
-        keeps = work.repeated(code.chosen(solved, 1.0, 0.0)) > 0.5
-        with work.each() as (rows, _, k, first):
-            offset = code.builder.add(code.product(k, self.row_length), first)
-            wide.store(wide.chosen(keeps, rows.get("iterate"), rows.get("node")), plan, offset)
-        first, barrier = map(work.reported, ("first", "barrier"))
-        marks = Marks(
-            begun=code.chosen(plausible, 1.0, self._mark("begun")),
-            failures=self._mark("failures") + code.chosen(solved, 0.0, 1.0),
-            flag=code.chosen(solved, 1.0, 0.0),
-            iterations=work.reported("iterations"),
-            excess=work.reported("excess"),
-            barrier=code.chosen(solved, first, smaller(_WIDER * barrier, _WIDEST * first)),
+        plan = code.argument["plan"]
+        # A number that is not finite stays so in all later stages: the last one shows it.
+        last_stage = work.stage(code.integer(self.shape.stages - 1))
+        is_finite = []
+        for number in last_stage.row("iterate", self.shape.both):
+            is_finite.append(abs(number) < _MAX_FINITE)
+        is_solved = code.both(work.reported("solved") > 0.5, *is_finite)
+        takes_new_plan = work.repeated(code.chosen(is_solved, 1.0, 0.0)) > 0.5
+        with work.each() as vector:
+            place = code.builder.add(code.product(vector.stage, self.row_length), vector.first)
+            iterate = vector.rows.get("iterate")
+            node = vector.rows.get("node")
+            wide.store(wide.chosen(takes_new_plan, iterate, node), plan, place)
+
+        usual_barrier = work.reported("first")
+        barrier = work.reported("barrier")
+        begun = code.chosen(is_plausible, 1.0, self._mark("begun"))
+        failures = self._mark("failures") + code.chosen(is_solved, 0.0, 1.0)
+        solved = code.chosen(is_solved, 1.0, 0.0)
+        iterations = work.reported("iterations")
+        excess = work.reported("excess")
+        barrier_after_failure = smaller(
+            _BARRIER_GROWTH * barrier, _MAX_BARRIER_GROWTH * usual_barrier
         )
+        next_barrier = code.chosen(is_solved, usual_barrier, barrier_after_failure)
+        marks = Marks(begun, failures, solved, iterations, excess, next_barrier)
         for i, value in enumerate(marks):
             offset = self.shape.stages * self.row_length + i * code.lanes
             code.store(value, plan, offset)

@@ -39,81 +39,125 @@ from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import ROW_TOLERANCE
 
-PRICE = 1e6
-"""Cost of exceeding a bound by its own size in one stage."""
+EXCESS_PRICE = 1e6
+"""Cost of exceeding a bound by its own size in one stage.
 
-_BARRIER = 0.02
-"""Distance of the first iterate from a bound, as a share of the bound's size."""
+It is large against the costs of errors, which are of the order of 1, see `Tuning`: a bound is
+exceeded only where no plan keeps it.
+"""
 
-_NONE = 1e9
-"""Bound that is never active."""
+_BARRIER_SHARE = 0.02
+"""Distance of the first iterate from a bound, as a share of the size of the bound.
 
-_STAGES = 200
+On the central path an iterate on a bound with the price p has the barrier p times that distance. As
+the price is `EXCESS_PRICE` over the size, the initial barrier is the same for all bounds: that
+share of `EXCESS_PRICE`.
+"""
 
-_RIGHT = math.pi / 2.0
+_UNBOUNDED = 1e9
+"""Size of a bound that is never active."""
+
+_MAX_STAGES = 200
+"""Largest number of stages of a horizon."""
+
+_MAX_SWING_LIMIT = 1.57
+"""Largest swing from rest that can be allowed [rad]: below π/2."""
+
+_MAX_PLAUSIBLE_SWING = math.pi / 2.0
 """Largest plausible swing from rest [rad]."""
 
-_FASTEST = 10.0
-"""Largest plausible rate of a drive as a multiple of its limit, ours; that of a swing is twice the
-rate of a load that falls from the height of its pivot."""
+_PLAUSIBLE_RATE_RATIO = 10.0
+"""Largest plausible rate of a drive, as a multiple of its limit; ours."""
 
-TAUT = 0.1
+_PLAUSIBLE_SWING_RATIO = 2.0
+"""Largest plausible rate of a swing, as a multiple of that of a load that falls from the height of
+its pivot; ours."""
+
+MIN_TENSION_RATIO = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
 
-INPUT = 10.0
+INPUT_ERROR_RATIO = 10.0
 """Accelerations of the drives with the same weight as the errors of `Tuning`, as a multiple of
 their limits."""
 
-PENDULUM = 7.75356
-"""Period of the pendulum [s] for which the numbers of `Tuning` were chosen: of the default crane
+TUNED_SWING_PERIOD = 7.75356
+"""Period of the pendulum for which the numbers of `Tuning` were chosen [s]: of the default crane
 with 14.9 m of cable, the middle of its range."""
+
+_MIN_FREQUENCY_RATIO = 1e-6
+"""Share of the largest natural frequency up to which a mode does not swing: what is left of zero by
+rounding."""
+
+_MAX_TIME_CONSTANT = 1e3
+"""Largest time constant of a filter [s]."""
 
 
 @dataclass(frozen=True)
 class Tuning:
     """Times and errors of a predictive controller, ours.
 
-    The defaults are for a load that swings with a period of `PENDULUM`. Motions of another crane
-    are alike where all times go with its period and all lengths with the square of that.
+    The defaults are for a load that swings with a period of `TUNED_SWING_PERIOD`. Motions of
+    another crane are alike where all times go with its period and all lengths with the square of
+    that.
 
     Attributes:
         period: Time between optimisations [s].
-        to_goal: Length of a stage [s] on the way to a goal: the horizon should cover a period of
-            the swing and the stopping time of a drive.
-        on_path: Length of a stage [s] along a motion; shorter stages follow it more closely.
+        stage_to_goal: Length of a stage on the way to a goal [s]: the horizon should cover a period
+            of the swing and the stopping time of a drive.
+        stage_on_path: Length of a stage along a motion [s]; shorter stages follow it more closely.
         settling: Time constant of the disturbance estimate [s].
         smoothing: Time constant of the swing filter [s].
-        recalled: Time constant with which measured rates correct commanded ones [s].
-        payload: Errors of the payload's position [m] and rate [m/s] with equal weight.
-        revolute: Errors of each revolute joint with that weight [rad, rad/s].
-        prismatic: Errors of each prismatic joint with that weight [m, m/s].
+        rate_correction: Time constant with which measured rates correct planned ones [s].
+        payload_errors: Errors of the payload's position [m] and velocity [m/s] with equal weight.
+        revolute_errors: Errors of each revolute joint with that weight [rad, rad/s].
+        prismatic_errors: Errors of each prismatic joint with that weight [m, m/s].
     """
 
     period: float = 0.05
-    to_goal: float = 0.4
-    on_path: float = 0.2
+    stage_to_goal: float = 0.4
+    stage_on_path: float = 0.2
     settling: float = 0.1
     smoothing: float = 0.2
-    recalled: float = 3.0
-    payload: tuple[float, float] = (0.22, 0.16)
-    revolute: tuple[float, float] = (0.1, 0.1)
-    prismatic: tuple[float, float] = (1.0, 1.0)
+    rate_correction: float = 3.0
+    payload_errors: tuple[float, float] = (0.22, 0.16)
+    revolute_errors: tuple[float, float] = (0.1, 0.1)
+    prismatic_errors: tuple[float, float] = (1.0, 1.0)
 
-    def errors(self, layout: Layout) -> tuple[float, ...]:
-        """Return errors of coordinates, then of rates of each joint that weigh alike."""
-        by_kind = {"revolute": self.revolute, "prismatic": self.prismatic}
-        return tuple(by_kind[joint.kind][i] for i in (0, 1) for joint in layout.joints)
+    def joint_errors(self, layout: Layout) -> tuple[float, ...]:
+        """Return the errors of the coordinates, then of the rates of all joints that have equal
+        weight [rad or m, rad/s or m/s], 2 n in all.
+        """
+        errors_of_kind = {"revolute": self.revolute_errors, "prismatic": self.prismatic_errors}
+        of_coordinates = [errors_of_kind[joint.kind][0] for joint in layout.joints]
+        of_rates = [errors_of_kind[joint.kind][1] for joint in layout.joints]
+        return (*of_coordinates, *of_rates)
 
-    def slower(self, time: float) -> Tuning:
-        """Return the tuning for a crane whose motions take a multiple of the time."""
-        times = ("period", "to_goal", "on_path", "settling", "smoothing", "recalled")
-        length = time**2  # so that rates go with the time
+    def slower(self, factor: float) -> Tuning:
+        """Return the tuning for a crane whose motions take `factor` times as long.
+
+        The motion of a pendulum takes √(l / g) times as long where its length is l: lengths go with
+        the square of times. So accelerations, as that of gravity, stay, and velocities go with
+        times. Angles stay too, and their rates go with the inverse of times.
+        """
+        length_factor = factor**2
         return Tuning(
-            **{name: time * getattr(self, name) for name in times},
-            payload=(self.payload[0] * length, self.payload[1] * time),
-            revolute=(self.revolute[0], self.revolute[1] / time),
-            prismatic=(self.prismatic[0] * length, self.prismatic[1] * time),
+            period=factor * self.period,
+            stage_to_goal=factor * self.stage_to_goal,
+            stage_on_path=factor * self.stage_on_path,
+            settling=factor * self.settling,
+            smoothing=factor * self.smoothing,
+            rate_correction=factor * self.rate_correction,
+            payload_errors=_scaled(self.payload_errors, length_factor, factor),
+            revolute_errors=(self.revolute_errors[0], self.revolute_errors[1] / factor),
+            prismatic_errors=_scaled(self.prismatic_errors, length_factor, factor),
         )
+
+
+def _scaled(
+    errors: tuple[float, float], length_factor: float, velocity_factor: float
+) -> tuple[float, float]:
+    """Return the errors of a length and of a velocity, each times its factor."""
+    return errors[0] * length_factor, errors[1] * velocity_factor
 
 
 @dataclass(eq=False, repr=False)
@@ -132,8 +176,10 @@ class Receding(ShortRepr):
     path: np.ndarray
     _instant: Instant = field(init=False, repr=False)
     _memory: np.ndarray = field(init=False, repr=False)
-    _when: int | None = field(default=None, init=False)
-    _last: float = field(default=-math.inf, init=False)
+    _last_period: int | None = field(default=None, init=False)
+    """Number of the period between optimisations in which the last call was; None before."""
+    _last_time: float = field(default=-math.inf, init=False)
+    """Time of the last call [s]."""
 
     def __post_init__(self) -> None:
         """Check the arrays, compile the code and allocate its memory.
@@ -148,6 +194,7 @@ class Receding(ShortRepr):
         self._bind()
 
     def _bind(self) -> None:
+        """Bind the code of a control instant to the memory."""
         self._instant = Instant(_compile(self.programme).machine, self._memory, self.programme)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -160,24 +207,32 @@ class Receding(ShortRepr):
         self._bind()
 
     def memory(self, lanes: int) -> np.ndarray:
-        """Return the memory of a group of so many cranes before a run, shape (doubles,)."""
+        """Return the memory of a group of cranes before a run, one in each lane, shape
+        (doubles,).
+        """
         offsets = self.programme.offsets(lanes)
         memory = np.zeros(offsets.size)
         memory[offsets.work :] = np.repeat(self.table, lanes)
-        self._of_lanes(memory, lanes, "read")[:] = self._row("start")[:, None]
+        self._of_lanes(memory, lanes, "reading")[:] = self._state_row("start")[:, None]
         memory[offsets.path : offsets.path + self.path.size] = self.path.ravel()
         return memory
 
-    def _row(self, name: str) -> np.ndarray:
-        """Return a row of the table about states, shape (2 n,)."""
+    def _state_row(self, name: str) -> np.ndarray:
+        """Return the numbers of a row of the table that stand for states, shape (2 n,)."""
         shape = self.programme.shape(1)
-        return self.table[shape.place(name) :][: shape.states]
+        first = shape.place(name)
+        return self.table[first : first + shape.states]
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
-        """Return a view of a section of the lanes' memory, shape (numbers, lanes)."""
+        """Return a view of what the lanes remember under a name, shape (numbers, lanes)."""
         offsets = self.programme.offsets(lanes)
-        slots = lane_memory(self.programme.topology.layout)
-        return memory[offsets.lanes : offsets.plans].reshape(-1, lanes)[slots[name]]
+        places = lane_memory(self.programme.topology.layout)
+        return memory[offsets.lanes : offsets.plans].reshape(-1, lanes)[places[name]]
+
+    def _counts(self, memory: np.ndarray, lanes: int) -> np.ndarray:
+        """Return a view of the two counts of a memory, see `MemoryOffsets`, shape (2,)."""
+        first = self.programme.offsets(lanes).counts
+        return memory[first : first + 2].view(np.int64)
 
     def refusals(self, memory: np.ndarray, lanes: int) -> np.ndarray:
         """Return the number of implausible readings in each lane, shape (lanes,)."""
@@ -186,7 +241,7 @@ class Receding(ShortRepr):
     def initial_memory(self, t: float, lanes: int) -> np.ndarray:
         """Return memory as `memory`, for a compiled loop that begins at a time [s]."""
         memory = self.memory(lanes)
-        memory[self.programme.offsets(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
+        self._counts(memory, lanes)[:] = self._instant_number(t)
         return memory
 
     @property
@@ -203,21 +258,31 @@ class Receding(ShortRepr):
     def notes(self) -> dict[str, object]:
         """Return notes for a run, see `cranedyn.simulation.record.controller_notes`."""
         notes: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
-        if refusals := int(self.refusals(self._memory, 1)[0]):
-            joints = self.programme.topology.layout.joints
-            columns = [joint.columns[i] for i in (0, 1) for joint in joints]
-            read = self._of_lanes(self._memory, 1, "refused")[:, 0]
-            wrong = (read < self._row("least")) | (read > self._row("most"))
+        refusals = int(self.refusals(self._memory, 1)[0])
+        if refusals:
             notes["refused_readings"] = refusals
-            notes["last_refused"] = {columns[i]: float(read[i]) for i in np.flatnonzero(wrong)}
+            notes["last_refused"] = self._last_refused()
         return notes
+
+    def _last_refused(self) -> dict[str, float]:
+        """Return the implausible numbers of the last implausible reading, by their columns."""
+        joints = self.programme.topology.layout.joints
+        columns = [joint.columns[0] for joint in joints]
+        columns += [joint.columns[1] for joint in joints]
+        reading = self._of_lanes(self._memory, 1, "refused_reading")[:, 0]
+        least = self._state_row("least_plausible")
+        most = self._state_row("most_plausible")
+        refused = {}
+        for i in np.flatnonzero((reading < least) | (reading > most)):
+            refused[columns[i]] = float(reading[i])
+        return refused
 
     def marks_by_lane(self, memory: np.ndarray, lanes: int) -> list[Marks]:
         """Return the outcome of the optimisations in each lane of a memory."""
-        offsets, shape = self.programme.offsets(lanes), self.programme.shape(lanes)
-        last = offsets.plans + shape.stages * shape.lanes * lanes
-        numbers = memory[last:][: len(Marks._fields) * lanes].reshape(-1, lanes)
-        return [Marks(*column) for column in numbers.T.tolist()]
+        shape = self.programme.shape(lanes)
+        first = self.programme.offsets(lanes).plans + shape.stages * shape.lanes * lanes
+        numbers_of_lanes = memory[first : first + len(Marks._fields) * lanes].reshape(-1, lanes)
+        return [Marks(*column) for column in numbers_of_lanes.T.tolist()]
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Check the control period, see `cranedyn.clocks.Clocked`.
@@ -233,45 +298,55 @@ class Receding(ShortRepr):
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], accelerations or rates, shape (m,).
 
+        It optimises at the first call in each period between optimisations. A time before that of
+        the last call begins a new run.
+
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
         """
-        numbers = np.concatenate([*state, setpoint.position])
-        if not math.isfinite(sum(numbers.tolist())):
+        given = np.concatenate([*state, setpoint.position])
+        # A sum of all is the quickest test of each, and names none.
+        if not math.isfinite(sum(given.tolist())):
             check_finite(state)
-        count = self._count(t)
-        period = count // self.programme.ratio
-        if t < self._last:
+        instant_number = self._instant_number(t)
+        period = instant_number // self.programme.ratio
+        if t < self._last_time:
             self._begin()
-        due = period != self._when
-        self._when = period
-        self._last = t
-        return self._instant(numbers, count, due)
+        due = period != self._last_period
+        self._last_period = period
+        self._last_time = t
+        return self._instant(given, instant_number, due)
 
-    def _count(self, t: float) -> int:
+    def _instant_number(self, t: float) -> int:
+        """Return the number of control instants before a time [s], which is the row of the path."""
         return max(0, math.floor(t / self.programme.period + ROW_TOLERANCE))
 
     def _begin(self) -> None:
-        self._memory[:], self._when = self.memory(1), None
+        """Forget the run before."""
+        self._memory[:] = self.memory(1)
+        self._last_period = None
 
     def resume_memory(self, t: float) -> np.ndarray:
         """Return its memory for a compiled loop that continues from a control instant [s], shape
         (1, doubles).
         """
-        if t < self._last:
+        if t < self._last_time:
             self._begin()
-        counts = self._memory[self.programme.offsets(1).counts :][:2].view(np.int64)
-        counts[:] = self._count(t), self._count(t) if self._when is None else -1
+        counts = self._counts(self._memory, 1)
+        instant_number = self._instant_number(t)
+        counts[0] = instant_number
+        # The loop optimises at once where the run begins here, and otherwise in its turn.
+        counts[1] = instant_number if self._last_period is None else -1
         return self._memory[None]
 
     def advance_to(self, t: float) -> None:
         """Record that a compiled loop has advanced through a control instant [s]."""
-        self._when = self._count(t) // self.programme.ratio
-        self._last = t
+        self._last_period = self._instant_number(t) // self.programme.ratio
+        self._last_time = t
 
 
 class _CompiledProgramme(NamedTuple):
-    """Code of a programme, and the constants in the memory of each stage."""
+    """Code of a programme, and the numbers that are the same in every stage, see `emit_plan`."""
 
     machine: Machine
     constants: list[tuple[str, int, int, float]]
@@ -279,6 +354,7 @@ class _CompiledProgramme(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _compile(programme: Programme) -> _CompiledProgramme:
+    """Compile the code of a controller; the cached code serves all with the same parameters."""
     module = ir.Module()
     constants = emit_plan(module, programme)
     emit_instant(module, programme)
@@ -341,62 +417,90 @@ def receding(
         )
     number("control_period", control_period, "s", "> 0")
     crane.require_independent_joints("Predictive control")
+
     topology = Topology.of(crane)
-    values = tuple(numbers(crane).tolist())
-    swing_period = _swing_period(crane, plant(topology, list(values), "motion", False))
-    tuning = Tuning().slower(swing_period / PENDULUM)
+    crane_numbers = tuple(numbers(crane).tolist())
+    swing_period = _swing_period(crane, plant(topology, list(crane_numbers), "motion", False))
+    tuning = Tuning().slower(swing_period / TUNED_SWING_PERIOD)
     if period is None:
         period = whole_periods(tuning.period, control_period)
     if stage is None:
-        length = tuning.to_goal if motion is None else tuning.on_path
+        length = tuning.stage_to_goal if motion is None else tuning.stage_on_path
         stage = whole_periods(length, control_period)
-    settling = max(tuning.settling, control_period) if settling is None else settling
-    smoothing = tuning.smoothing if smoothing is None else smoothing
+    if settling is None:
+        settling = max(tuning.settling, control_period)
+    if smoothing is None:
+        smoothing = tuning.smoothing
+
     ratio = multiple("period", period, "control_period", control_period)
     multiple("stage", stage, "control_period", control_period)
-    within("stages", whole("stages", stages, 2, "stages"), 2, _STAGES)
-    within("settling", number("settling", settling, "s", "> 0"), control_period, 1e3, "s")
-    within("smoothing", number("smoothing", smoothing, "s", "> 0"), 0.0, 1e3, "s")
-    swing = number("swing limit", swing_limit, "rad", "> 0")
-    within("swing limit", swing, 0.0, 1.57, "rad")
-    if motion is not None:
-        motion.check_fits("motion", layout)
-    if motion is not None and not math.isclose(motion.period, control_period, rel_tol=SAME_PERIOD):
+    within("stages", whole("stages", stages, 2, "stages"), 2, _MAX_STAGES)
+    number("settling", settling, "s", "> 0")
+    within("settling", settling, control_period, _MAX_TIME_CONSTANT, "s")
+    number("smoothing", smoothing, "s", "> 0")
+    within("smoothing", smoothing, 0.0, _MAX_TIME_CONSTANT, "s")
+    swing_limit = number("swing limit", swing_limit, "rad", "> 0")
+    within("swing limit", swing_limit, 0.0, _MAX_SWING_LIMIT, "rad")
+    path = _path(crane, motion, control_period)
+
+    drive_limits = limits.for_crane(crane)
+    rates = np.array(drive_limits.rates)
+    accelerations = np.array(drive_limits.accelerations)
+    leads: tuple[float, ...] = ()
+    lags = fitting(crane, drive, converters)
+    if lags is not None:
+        leads = tuple((lags.lags + lags.ahead(control_period)).tolist())
+    programme = Programme(
+        topology=topology,
+        numbers=crane_numbers,
+        drive=drive,
+        stages=stages,
+        stage_length=stage,
+        period=control_period,
+        ratio=ratio,
+        rows=len(path),
+        disturbance_gain=min(1.0, control_period / settling),
+        swing_gain=min(1.0, control_period / smoothing),
+        rate_gain=min(1.0, control_period / tuning.rate_correction),
+        swing_limit=swing_limit,
+        min_tension=MIN_TENSION_RATIO * _load_weight(crane),
+        joint_errors=tuning.joint_errors(layout),
+        payload_errors=tuning.payload_errors,
+        leads=leads,
+    )
+    weight = _weights(crane, accelerations, input_weight)
+    rows = _bounds(crane, rates, accelerations, swing_limit, programme.min_tension)
+    rows |= _plausible(crane, rates, programme)
+    return Receding(programme, _table(programme, weight, rows), path)
+
+
+def _path(crane: Crane, motion: Motion | None, control_period: float) -> np.ndarray:
+    """Return coordinates and rates of a motion by control instant, shape (rows, 2 n); no rows
+    without one.
+
+    Raises:
+        OutOfRange: If the motion is of another crane, or for another control period.
+    """
+    if motion is None:
+        return np.zeros((0, 2 * crane.layout.n))
+    motion.check_fits("motion", crane.layout)
+    if not math.isclose(motion.period, control_period, rel_tol=SAME_PERIOD):
         allowed = f"the control period, {control_period:g}"
         raise OutOfRange("period of the motion", motion.period, allowed, "s")
-    drive_limits = limits.for_crane(crane)
-    rates, accelerations = np.array(drive_limits.rates), np.array(drive_limits.accelerations)
-    lags = fitting(crane, drive, converters)
-    hoist = layout.drive_of("hoist")
-    weight = 0.0 if hoist is None else float(abs(holding_effort(crane, crane.start.q)[hoist]))
-    path = np.zeros((0, 2 * layout.n)) if motion is None else np.hstack([motion.q, motion.v])
-    programme = Programme(
-        topology,
-        values,
-        drive,
-        stages,
-        stage,
-        control_period,
-        ratio,
-        len(path),
-        min(1.0, control_period / settling),
-        min(1.0, control_period / smoothing),
-        min(1.0, control_period / tuning.recalled),
-        swing,
-        TAUT * weight,
-        tuning.errors(layout),
-        tuning.payload,
-        () if lags is None else tuple((lags.lags + lags.ahead(control_period)).tolist()),
-    )
-    cost = _weights(crane, accelerations, input_weight)
-    bounds = _bounds(crane, rates, accelerations, swing, programme.taut)
-    rows = bounds | _plausible(crane, rates, programme)
-    return Receding(programme, _table(programme, cost, rows), path)
+    return np.hstack([motion.q, motion.v])
+
+
+def _load_weight(crane: Crane) -> float:
+    """Return the force with which the hoist holds the load at the start [N]; 0 without a hoist."""
+    hoist = crane.layout.drive_of("hoist")
+    if hoist is None:
+        return 0.0
+    return float(abs(holding_effort(crane, crane.start.q)[hoist]))
 
 
 def usual_input_weight(accelerations: np.ndarray) -> np.ndarray:
-    """Return R for drives with limits of acceleration, shape (m, m), see `INPUT`."""
-    return np.diag((INPUT * accelerations) ** -2.0)
+    """Return R for drives with limits of acceleration, shape (m, m), see `INPUT_ERROR_RATIO`."""
+    return np.diag((INPUT_ERROR_RATIO * accelerations) ** -2.0)
 
 
 def _weights(
@@ -406,99 +510,175 @@ def _weights(
     of the states.
     """
     layout = crane.layout
-    r = usual_input_weight(accelerations) if input_weight is None else input_weight
-    r = weight_matrix("input weight", r, layout.m, definite=True)
-    return scipy.linalg.block_diag(np.eye(2 * layout.n), r)
+    if input_weight is None:
+        input_weight = usual_input_weight(accelerations)
+    input_weight = weight_matrix("input weight", input_weight, layout.m, definite=True)
+    return scipy.linalg.block_diag(np.eye(2 * layout.n), input_weight)
 
 
 def _bounds(
-    crane: Crane, rates: np.ndarray, accelerations: np.ndarray, swing: float, taut: float
+    crane: Crane,
+    rates: np.ndarray,
+    accelerations: np.ndarray,
+    swing_limit: float,
+    min_tension: float,
 ) -> dict[str, np.ndarray]:
-    """Return lower and upper bounds of all bounded values, and the prices of exceeding them."""
+    """Return the lower and upper bounds of all bounded quantities, and the prices of exceeding
+    them, each of shape (2 n + 2 m,).
+
+    Args:
+        crane: The crane.
+        rates: Largest rates of the drives [rad/s or m/s], shape (m,).
+        accelerations: Largest accelerations of the drives [rad/s² or m/s²], shape (m,).
+        swing_limit: Largest swing from rest [rad].
+        min_tension: Least tension of the rope [N].
+    """
     layout = crane.layout
-    n, m, drives = layout.n, layout.m, layout.drives
-    low = np.full(2 * n + 2 * m, -_NONE)
-    high = np.full(2 * n + 2 * m, _NONE)
+    n = layout.n
+    m = layout.m
+    drives = layout.drives
+    swings = crane.swings
+    low = np.full(2 * n + 2 * m, -_UNBOUNDED)
+    high = np.full(2 * n + 2 * m, _UNBOUNDED)
     size = np.ones(len(low))
-    low[drives], high[drives] = crane.lower[drives], crane.upper[drives]
-    low[crane.swings], high[crane.swings], size[crane.swings] = -swing, swing, swing
-    for first, limit in (
-        (n + drives, rates),
-        (2 * n + np.arange(m), accelerations),
-        (2 * n + m + np.arange(m), crane.effort_limit),
-    ):
-        low[first], high[first], size[first] = -limit, limit, limit
+    low[drives] = crane.lower[drives]
+    high[drives] = crane.upper[drives]
+    low[swings] = -swing_limit
+    high[swings] = swing_limit
+    size[swings] = swing_limit
+
+    limits = {"rate": rates, "acceleration": accelerations, "effort": crane.effort_limit}
+    places = {
+        "rate": n + drives,
+        "acceleration": 2 * n + np.arange(m),
+        "effort": 2 * n + m + np.arange(m),
+    }
+    for kind, limit in limits.items():
+        place = places[kind]
+        low[place] = -limit
+        high[place] = limit
+        size[place] = limit
+
+    # A positive effort of the hoist pays out rope: its negative is the tension.
     hoist = layout.drive_of("hoist")
     if hoist is not None:
-        high[2 * n + m + hoist] = -taut
-    return {"low": low, "high": high, "price": PRICE / size}
+        high[places["effort"][hoist]] = -min_tension
+    return {"low": low, "high": high, "price": EXCESS_PRICE / size}
 
 
 def _plausible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str, np.ndarray]:
     """Return the least and largest plausible coordinates and rates, and the state before the first
-    reading.
+    reading, each of shape (2 n,).
+
+    Args:
+        crane: The crane.
+        rates: Largest rates of the drives [rad/s or m/s], shape (m,).
+        programme: Parameters of the controller.
     """
     layout = crane.layout
+    n = layout.n
+    drives = layout.drives
+    swings = crane.swings
     start = crane.start.q
-    drives, swings, n = layout.drives, crane.swings, layout.n
-    low = np.full(2 * n, -_NONE)
-    high = np.full(2 * n, _NONE)
+    least = np.full(2 * n, -_UNBOUNDED)
+    most = np.full(2 * n, _UNBOUNDED)
+
+    # A drive may stand beyond its range, by as much as the range is wide.
     span = crane.upper - crane.lower
-    low[drives], high[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
-    ends = np.clip([crane.lower[drives], crane.upper[drives]], -_NONE, _NONE)[:, None]
-    turned = crane.rest.slope * ends
-    short = start.copy()
-    if (hoist := layout.drive_of("hoist")) is not None:
-        short[drives[hoist]] = crane.lower[drives[hoist]]
-    swinging = 2.0 * math.sqrt(2.0) * _frequencies(programme.plant, short).max(initial=0.0)
-    low[swings] = crane.rest.angle + turned.min(axis=0).sum(axis=-1) - _RIGHT
-    high[swings] = crane.rest.angle + turned.max(axis=0).sum(axis=-1) + _RIGHT
-    high[n + swings], high[n + drives] = swinging, _FASTEST * rates
-    low[n:] = -high[n:]
+    least[drives] = (crane.lower - span)[drives]
+    most[drives] = (crane.upper + span)[drives]
+
+    # The rest of the swing joints changes with the drives, which stand anywhere in their ranges.
+    lower = np.clip(crane.lower[drives], -_UNBOUNDED, _UNBOUNDED)
+    upper = np.clip(crane.upper[drives], -_UNBOUNDED, _UNBOUNDED)
+    rest_at_lower = crane.rest.slope * lower
+    rest_at_upper = crane.rest.slope * upper
+    least_rest = np.minimum(rest_at_lower, rest_at_upper).sum(axis=-1)
+    most_rest = np.maximum(rest_at_lower, rest_at_upper).sum(axis=-1)
+    least[swings] = crane.rest.angle + least_rest - _MAX_PLAUSIBLE_SWING
+    most[swings] = crane.rest.angle + most_rest + _MAX_PLAUSIBLE_SWING
+
+    # A load that falls from the height of its pivot has the rate √(2 g / l) below it: √2 times the
+    # natural frequency of the swing, which is largest with the shortest cable.
+    shortest_cable = start.copy()
+    hoist = layout.drive_of("hoist")
+    if hoist is not None:
+        shortest_cable[drives[hoist]] = crane.lower[drives[hoist]]
+    frequency = _swing_frequencies(programme.plant, shortest_cable).max(initial=0.0)
+    most[n + swings] = _PLAUSIBLE_SWING_RATIO * math.sqrt(2.0) * frequency
+    most[n + drives] = _PLAUSIBLE_RATE_RATIO * rates
+    least[n:] = -most[n:]
     return {
-        "least": np.clip(low, -_NONE, _NONE),
-        "most": np.clip(high, -_NONE, _NONE),
+        "least_plausible": np.clip(least, -_UNBOUNDED, _UNBOUNDED),
+        "most_plausible": np.clip(most, -_UNBOUNDED, _UNBOUNDED),
         "start": np.concatenate([start, np.zeros(n)]),
     }
 
 
-def _frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
-    """Return natural frequencies of free swing at standing drives [rad/s], shape (n - m,)."""
+def _swing_frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
+    """Return the natural frequencies of free swing at standing drives [rad/s], shape (n - m,).
+
+    They are the roots of the eigenvalues of -∂a/∂q of the passive joints; 0 for what does not swing
+    back.
+
+    Args:
+        plant: Model of the crane, commanded by accelerations.
+        q: Coordinates, shape (n,).
+    """
     layout = plant.topology.layout
-    still = np.zeros(layout.n)
-    slopes = model.crane_derivatives(plant, q, still, np.zeros(layout.m)).rates[layout.passive]
-    stiffness = -slopes[:, layout.passive].astype(float)
+    at_rest = np.zeros(layout.n)
+    derivatives = model.crane_derivatives(plant, q, at_rest, np.zeros(layout.m))
+    by_passive = derivatives.rates[layout.passive][:, layout.passive]
+    stiffness = -by_passive.astype(float)
     return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))
 
 
 def _swing_period(crane: Crane, plant: Plant) -> float:
     """Return the period of the slowest swing with the drives in the middle of their ranges [s], or
-    `PENDULUM` if nothing swings.
+    `TUNED_SWING_PERIOD` if nothing swings.
+
+    Args:
+        crane: The crane.
+        plant: Its model, commanded by accelerations.
     """
     q = crane.start.q.copy()
     middle = (crane.lower + crane.upper) / 2.0
+    # A drive without ends, such as a slew, stays at its start.
     drives = crane.layout.drives[np.isfinite(middle[crane.layout.drives])]
     q[drives] = middle[drives]
-    frequencies = _frequencies(plant, crane.resting(q))
-    swinging = frequencies[frequencies > 1e-6 * frequencies.max(initial=0.0)]
-    return 2.0 * math.pi / float(swinging.min()) if len(swinging) else PENDULUM
+    frequencies = _swing_frequencies(plant, crane.resting(q))
+    swinging = frequencies[frequencies > _MIN_FREQUENCY_RATIO * frequencies.max(initial=0.0)]
+    if not len(swinging):
+        return TUNED_SWING_PERIOD
+    return 2.0 * math.pi / float(swinging.min())
 
 
-def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the memory of an optimisation before the first."""
+def _table(programme: Programme, weight: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the memory of an optimisation before the first, shape (doubles,).
+
+    Args:
+        programme: Parameters of the controller.
+        weight: Weight of states and inputs together, shape (2 n + m, 2 n + m).
+        rows: Numbers at the beginnings of other rows, by name, such as bounds.
+    """
     shape = programme.shape(1)
     table = np.zeros(shape.size)
 
     def row(name: str, i: int = 0) -> np.ndarray:
-        return table[shape.place(name, i) :][: shape.lanes]
+        """Return a view of a row."""
+        first = shape.place(name, i)
+        return table[first : first + shape.lanes]
 
-    for i, numbers_ in enumerate(cost):
-        row("weight", i)[: len(cost)] = numbers_
-    row("low")[:], row("high")[:], row("price")[:] = -_NONE, _NONE, PRICE
+    for i, weights in enumerate(weight):
+        row("weight", i)[: len(weight)] = weights
+    # A row is longer than what is bounded: the numbers that fill it up are zero, without bounds.
+    row("low")[:] = -_UNBOUNDED
+    row("high")[:] = _UNBOUNDED
+    row("price")[:] = EXCESS_PRICE
     for name, values in rows.items():
         row(name)[: len(values)] = values
-    row("report")[REPORT.index("first")] = _BARRIER * PRICE
+    row("report")[REPORT.index("first")] = _BARRIER_SHARE * EXCESS_PRICE
     stages = table[shape.first :].reshape(shape.stages, shape.stride)
-    for name, i, lane, value in _compile(programme).constants:
-        stages[:, shape.place(name, i) + lane] = value
+    for name, i, place, value in _compile(programme).constants:
+        stages[:, shape.place(name, i) + place] = value
     return table

@@ -1,9 +1,23 @@
 """Riccati recursion in code: the linear algebra of a quadratic programme over a horizon.
 
-Eliminating the inputs of a stage turns the cost of all later stages into a cost of its state; the
-eliminated terms are stored as feedback, so that the same problem with another gradient takes one
-backward and one forward sweep (Rao, Wright and Rawlings 1998, "Application of interior-point
-methods to model predictive control"). Numbers that are the same in every stage are folded.
+The programme has no bounds; those of an iteration of `cranedyn.compiled.horizon.interior` enter as
+curvature and gradient. Its model is x⁺ = F z + f, with z = (x, u), and its further quantities are
+E z + e. With the cost-to-go ½ x⁺ᵀ P x⁺ + pᵀ x⁺ of all later stages, the cost by z of a stage and
+all that follow has the second derivatives and the gradient at zero
+
+    H = W + Fᵀ P F + Eᵀ C E + C_z,    h = c_z + Fᵀ (P f + p) + Eᵀ c_e,
+
+where W is the weight, C the curvature of the barriers and c the gradient, both by z and by the
+further quantities, where these are e. The inputs that minimise it are u = -K x - k, with
+K = H_uu⁻¹ H_ux and k = H_uu⁻¹ h_u. Eliminating them leaves a cost-to-go of the state before the
+stage,
+
+    P ← H_xx - H_xu K,    p ← h_x - Kᵀ h_u.
+
+K and H_uu⁻¹ are stored as `feedback`, P f as `shift_gradient` and k as `open_loop`. So the same
+programme with another gradient takes one backward and one forward sweep (Rao, Wright and Rawlings
+1998, "Application of interior-point methods to model predictive control"). Numbers that are the
+same in every stage are folded.
 """
 
 from __future__ import annotations
@@ -11,6 +25,7 @@ from __future__ import annotations
 import numpy as np
 from llvmlite import ir
 
+from cranedyn.compiled.code import StackVariable
 from cranedyn.compiled.horizon.memory import Constants, HorizonShape, MemoryRows, Work
 from cranedyn.dynamics.scalars import array, solve_linear
 
@@ -19,10 +34,17 @@ def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = N
     """Add the functions `end`, `free`, `factor` and `sweep`, which work on the memory of an
     optimisation.
 
-    end: the cost-to-go beyond the horizon, as that of a horizon as long again on which the last
-    stage's model stays and nothing is bounded. free, factor: the feedback of every stage without
-    bounds, whose slope is the gradient, and under its curvature. sweep: states, inputs and what
-    else is bounded under the stages' slopes.
+    * `end`: the cost-to-go beyond the horizon, as that of a horizon as long again on which the
+      model of the last stage stays and nothing is bounded.
+    * `free`: the feedback of every stage without bounds; the gradient is that of the cost.
+    * `factor`: the feedback of every stage with the curvature of the barriers.
+    * `sweep`: states, inputs and further quantities that minimise the cost under the gradients of
+      the stages; they become the trial point.
+
+    Args:
+        module: Module to which they are added.
+        shape: Dimensions of the programme.
+        constants: Numbers that are the same in every stage.
     """
     _emit_end(Work(module, "end", shape, constants))
     _emit_factor(Work(module, "free", shape, constants), bounded=False)
@@ -31,91 +53,153 @@ def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = N
 
 
 def _emit_end(work: Work) -> None:
+    """Emit the function `end`."""
     states = work.shape.states
     common = work.common
-    _put_symmetric(common, "togo", common.table("weight", states)[:states])
+    _put_symmetric(common, "cost_to_go", common.table("weight", states)[:states])
     last = work.stage(work.code.integer(work.shape.stages - 1))
     with work.code.loop(0, work.shape.stages):
-        _eliminate(work, last, bounded=False)
-    _put_symmetric(common, "end", symmetric(common, "togo", states))
+        _eliminate_inputs(work, last, bounded=False)
+    _put_symmetric(common, "end", symmetric(common, "cost_to_go", states))
     work.code.end()
 
 
 def _emit_factor(work: Work, *, bounded: bool) -> None:
-    states = work.shape.states
+    """Emit the function `factor`, or `free` if nothing is bounded."""
+    shape = work.shape
+    states = shape.states
     common = work.common
-    _put_symmetric(common, "togo", symmetric(common, "end", states))
+    _put_symmetric(common, "cost_to_go", symmetric(common, "end", states))
     with work.backward() as stage:
         if not bounded:
-            slope = [*stage.row("gradient", work.shape.both), *[0.0] * work.shape.inputs]
-            stage.put_row("slope", slope)
+            # The further quantities have no cost of their own.
+            gradient = [*stage.row("gradient", shape.both), *[0.0] * shape.inputs]
+            stage.put_row("total_gradient", gradient)
         shift = stage.row("shift", states)
-        stage.put_row("carried", symmetric(common, "togo", states) @ shift)
-        _eliminate(work, stage, bounded=bounded)
+        stage.put_row("shift_gradient", symmetric(common, "cost_to_go", states) @ shift)
+        _eliminate_inputs(work, stage, bounded=bounded)
     work.code.end()
 
 
-def _eliminate(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
+def _eliminate_inputs(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
     """Replace the cost-to-go of the state after a stage by that of the state before it, and store
     the feedback.
+
+    Args:
+        work: Memory of the optimisation.
+        stage: Rows of the stage.
+        bounded: Whether the barriers of bounds have a curvature.
     """
     common = work.common
-    z = work.shape.states
-    w = work.shape.both
-    m = work.shape.inputs
-    togo = symmetric(common, "togo", z)
-    weight = common.table("weight", w)
-    forward, extra = stage.table("forward", w), stage.table("extra", w)
-    curve = stage.row("curve", w + m)
-    cost = np.empty((w, w), dtype=object)
-    for j in range(w):
-        ahead = togo @ forward[:, j]
-        curved = curve[w:] * extra[:, j]
+    states = work.shape.states
+    both = work.shape.both
+    inputs = work.shape.inputs
+    cost_to_go = symmetric(common, "cost_to_go", states)
+    weight = common.table("weight", both)
+    forward = stage.table("forward", both)
+    extra = stage.table("extra", both)
+    curvature = stage.row("barrier_curvature", both + inputs)
+
+    # H is symmetric: its upper triangle is computed, column by column.
+    cost = np.empty((both, both), dtype=object)
+    for j in range(both):
+        forward_cost = cost_to_go @ forward[:, j]
+        extra_cost = curvature[both:] * extra[:, j]
         for i in range(j + 1):
-            entry = weight[i, j] + forward[:, i] @ ahead
+            entry = weight[i, j] + forward[:, i] @ forward_cost
             if bounded:
-                entry = entry + extra[:, i] @ curved + (curve[i] if i == j else 0.0)
-            cost[i, j] = cost[j, i] = entry
-    gains = solve_linear(cost[z:, z:], np.hstack([cost[z:, :z], np.eye(m).astype(object)]))
-    for c, row in enumerate(gains):
-        stage.put_row("feedback", row, c)
-    _put_symmetric(common, "togo", cost[:z, :z] - cost[:z, z:] @ gains[:, :z])
+                of_barriers = extra[:, i] @ extra_cost
+                entry = entry + of_barriers + (curvature[i] if i == j else 0.0)
+            cost[i, j] = entry
+            cost[j, i] = entry
+
+    cost_of_inputs = cost[states:, states:]
+    right = np.hstack([cost[states:, :states], np.eye(inputs).astype(object)])
+    gains = solve_linear(cost_of_inputs, right)
+    for i, row in enumerate(gains):
+        stage.put_row("feedback", row, i)
+    eliminated = cost[:states, states:] @ gains[:, :states]
+    _put_symmetric(common, "cost_to_go", cost[:states, :states] - eliminated)
 
 
 def symmetric(common: MemoryRows, name: str, count: int) -> np.ndarray:
-    """Return a symmetric matrix from its lower triangle."""
-    rows = [common.row(name, i + 1, i) for i in range(count)]
-    return np.array([[rows[max(i, j)][min(i, j)] for j in range(count)] for i in range(count)])
+    """Return a symmetric matrix, of whose rows only the lower triangle is loaded.
+
+    Args:
+        common: Rows that all stages share.
+        name: Name of the matrix.
+        count: Number of its rows.
+    """
+    lower = [common.row(name, i + 1, i) for i in range(count)]
+    matrix = np.empty((count, count), dtype=object)
+    for i in range(count):
+        for j in range(i + 1):
+            matrix[i, j] = lower[i][j]
+            matrix[j, i] = lower[i][j]
+    return matrix
 
 
 def _put_symmetric(common: MemoryRows, name: str, matrix: np.ndarray) -> None:
+    """Store the lower triangle of a symmetric matrix."""
     for i, row in enumerate(matrix):
         common.put_row(name, row[: i + 1], i)
 
 
 def _emit_sweep(work: Work) -> None:
-    code, common = work.code, work.common
-    z, w, m = work.shape.states, work.shape.both, work.shape.inputs
-    slope = code.variables([*common.row("end_gradient", z)])
+    """Emit the function `sweep`."""
+    code = work.code
+    shape = work.shape
+    slope = code.variables([*work.common.row("end_gradient", shape.states)])
     with work.backward() as stage:
-        steep = stage.row("slope", w + m)
-        gains = stage.table("feedback", w)
-        ahead = array([variable.get() for variable in slope]) + stage.row("carried", z)
-        felt = (
-            steep[:w] + stage.table("forward", w).T @ ahead + stage.table("extra", w).T @ steep[w:]
-        )
-        stage.put_row("open", gains[:, z:] @ felt[z:])
-        for variable, value in zip(slope, felt[:z] - gains[:, :z].T @ felt[z:], strict=True):
-            variable.set(value)
-    state = code.variables([*common.row("start", z)])
-    with code.loop(0, work.shape.stages) as k:
-        stage = work.stage(k)
-        now = array([variable.get() for variable in state])
-        inputs = -(stage.table("feedback", z) @ now) - stage.row("open", m)
-        both = np.concatenate([now, inputs])
-        further = stage.table("extra", w) @ both + stage.row("extra_shift", m, first=w)
-        stage.put_row("trial", [*both, *further])
-        coming = stage.table("forward", w) @ both + stage.row("shift", z)
-        for variable, value in zip(state, coming, strict=True):
-            variable.set(value)
+        _sweep_backward(stage, shape, slope)
+    state = code.variables([*work.common.row("start", shape.states)])
+    with code.loop(0, shape.stages) as k:
+        _sweep_forward(work.stage(k), shape, state)
     code.end()
+
+
+def _sweep_backward(stage: MemoryRows, shape: HorizonShape, slope: list[StackVariable]) -> None:
+    """Store the inputs of a stage that do not depend on its state, and replace the gradient of the
+    cost-to-go of the state after the stage by that of the state before it.
+
+    Args:
+        stage: Rows of the stage.
+        shape: Dimensions of the programme.
+        slope: The gradient, p in the equations of this module.
+    """
+    states = shape.states
+    both = shape.both
+    gradient = stage.row("total_gradient", both + shape.inputs)
+    gains = stage.table("feedback", both)
+    ahead = array([variable.get() for variable in slope]) + stage.row("shift_gradient", states)
+    total = gradient[:both] + stage.table("forward", both).T @ ahead
+    total = total + stage.table("extra", both).T @ gradient[both:]
+    by_state = total[:states]
+    by_input = total[states:]
+    stage.put_row("open_loop", gains[:, states:] @ by_input)
+    eliminated = by_state - gains[:, :states].T @ by_input
+    for variable, value in zip(slope, eliminated, strict=True):
+        variable.set(value)
+
+
+def _sweep_forward(stage: MemoryRows, shape: HorizonShape, state: list[StackVariable]) -> None:
+    """Store the trial point of a stage, and replace its state by the next.
+
+    Args:
+        stage: Rows of the stage.
+        shape: Dimensions of the programme.
+        state: The state.
+    """
+    states = shape.states
+    both = shape.both
+    inputs = shape.inputs
+    now = array([variable.get() for variable in state])
+    feedback = stage.table("feedback", states) @ now
+    input_ = -feedback - stage.row("open_loop", inputs)
+    state_and_input = np.concatenate([now, input_])
+    extra = stage.table("extra", both) @ state_and_input
+    further = extra + stage.row("extra_shift", inputs, first=both)
+    stage.put_row("trial", [*state_and_input, *further])
+    coming = stage.table("forward", both) @ state_and_input + stage.row("shift", states)
+    for variable, value in zip(state, coming, strict=True):
+        variable.set(value)
