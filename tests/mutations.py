@@ -798,12 +798,12 @@ cranedyn/compiled/fleet.py
 cranedyn/model/springs.py
 * a rope is as stiff at any length
 ? cranes::springs_push_down_their_energy_and_the_tangent_is_how_they_do
-- effort[stretch] = effort[stretch] - stiffness * strain
-+ effort[stretch] = effort[stretch] - stiffness * q[stretch] / 10.0
+- effort[rope.stretch] - rope.stiffness * strain
++ effort[rope.stretch] - rope.stiffness * q[rope.stretch] / 10.0
 * a rope that stretches does not pull at its drum
 ? cranes::springs_push_down_their_energy_and_the_tangent_is_how_they_do
-- effort[length] = effort[length] + 0.5 * stiffness * strain * strain
-+ effort[length] = effort[length]
+- effort[rope.length] + 0.5 * rope.stiffness * strain * strain
++ effort[rope.length]
 * a spring may push away from its rest
 ? layout::a_spring_that_is_none_is_refused
 - number(f"spring stiffness of {name}", text, unit, ">= 0")
@@ -820,7 +820,7 @@ cranedyn/dynamics/linearisation.py
 cranedyn/model/load.py
 * an elastic crane starts where its springs are slack
 ? cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs
-- return replace(crane, start=State(hanging, np.zeros(layout.n)), assumptions=assumptions)
+- return replace(crane, start=start, assumptions=assumptions)
 + return crane
 * the inertia of a motor is not in the model
 ? cranes::springs_push_down_their_energy_and_the_tangent_is_how_they_do
