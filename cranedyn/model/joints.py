@@ -214,8 +214,9 @@ def driven_joints(
     if not (declared or driven):
         raise ModelError(
             f"{path} does not say which joints are driven, by <ros2_control>, <transmission> or an "
-            f"actuator; say it by load_crane(driven=[...]), or --driven. Its joints are {_listed(names)}. "
-            "If the hook hangs on a rigid joint, swing=True, or --swing, puts a rope above it."
+            "actuator; say it by load_crane(driven=[...]), or --driven. Its joints are "
+            f"{_listed(names)}. If the hook hangs on a rigid joint, swing=True, or --swing, puts a "
+            "rope above it."
         )
     return declared or set(driven or ())
 
