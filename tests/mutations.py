@@ -1808,8 +1808,8 @@ experiments/measured/drive.py
 cranedyn/model/machines.py
 * what a source states is lost beside what is assumed
 ? machines::a_machine_swings_at_the_period_and_the_damping_of_its_numbers
-- {key: value for key, (value, _) in stated.items()} | assumed
-+ assumed
+- values=values | content["assumed"],
++ values=content["assumed"],
 cranedyn/identification/preflight.py
 * how a record begins counts as known before it is made
 ? preflight::margins_foretold_are_those_that_come_out
@@ -1879,8 +1879,8 @@ cranedyn/model/joints.py
 cranedyn/model/sdf_frames.py
 * roll and yaw of SDF are exchanged
 ? sdf::random_trees_move_for_two_seconds_as_in_dart
-- turn = pin.rpy.rpyToMatrix(angles)
-+ turn = pin.rpy.rpyToMatrix(angles[::-1])
+- rotation = pin.rpy.rpyToMatrix(angles)
++ rotation = pin.rpy.rpyToMatrix(angles[::-1])
 * a placement_frame of SDF moves nothing
 ? sdf::the_pose_of_a_model_is_that_of_its_placement_frame
 - return placement * in_model.inverse()
@@ -1904,7 +1904,7 @@ cranedyn/model/sdf.py
 + if False:
 * bodies of SDF that nothing holds are fixed to the ground
 ? sdf::what_no_crane_has_is_refused_by_name
-- if len(roots) + anchored > 1:
+- if count > 1:
 + if False:
 * a second model of SDF is taken as a part of the first
 ? sdf::models_without_a_joint_between_them_are_refused_by_name
