@@ -1606,20 +1606,20 @@ cranedyn/data/binary_reader.py
 cranedyn/data/external.py
 * a unit that a file says is overlooked
 ? logs::a_unit_that_the_file_says_and_the_user_does_not_is_refused
-- if factors.get(theirs) == factor:
+- if factors.get(known_unit) == _factor(column, source.unit):
 + if True:
 * what lies outside of since and until is judged
 ? logs::nothing_outside_of_since_and_until_is_judged
-- rows = _rows_between(found, since, until)
-+ rows = _rows_between(found, -math.inf, math.inf)
+- rows = _rows_between(table, since, until)
++ rows = _rows_between(table, -math.inf, math.inf)
 * a swing may be missing for any time
 ? logs::a_swing_that_is_missing_for_long_is_refused
-- longest > _LONGEST_GAP * usual:
+- longest > allowed:
 + longest > 1e9 * usual:
 * a topic holds its next value
 ? logs::a_topic_holds_its_value_until_its_next_one
-- np.arange(len(t)), side="right") - 1
-+ np.arange(len(t)), side="right")
+- np.arange(len(values)), side="right") - 1
++ np.arange(len(values)), side="right")
 cranedyn/data/text_layout.py
 * a comma of thousands is taken for a decimal mark
 ? text_layout::an_ambiguous_table_is_refused
@@ -1640,7 +1640,7 @@ cranedyn/data/text_layout.py
 cranedyn/data/clock_times.py
 * a clock falls back at midnight
 ? clock_times::times_are_seconds
-- seconds[present[1:]] += _DAY * np.cumsum(steps < -0.5 * _DAY)
+- seconds[present[1:]] += _DAY * midnights
 + pass
 * a time zone is overlooked
 ? clock_times::times_are_seconds
