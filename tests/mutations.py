@@ -1635,7 +1635,7 @@ cranedyn/data/text_layout.py
 + and len(cells) > 1:
 * a header of another number of names is passed over
 ? text_layout::an_ambiguous_table_is_refused
-- if is_comment:
+- if last.is_comment:
 + if True:
 cranedyn/data/clock_times.py
 * a clock falls back at midnight
