@@ -258,8 +258,8 @@ cranedyn/model/mjcf.py
 cranedyn/model/mjcf_compiler.py
 * the gear of an actuator does not count
 ? mjcf::the_effort_of_a_drive_is_that_of_its_actuator[gear='30' ctrlrange='-25 25'-750.0-]
-- ends = sorted((low * gear, high * gear))
-+ ends = sorted((low, high))
+- ends = sorted((force.low * gear, force.high * gear))
++ ends = sorted((force.low, force.high))
 * a load that stands is read as one that hangs
 ? mjcf::what_no_crane_is_is_refused_by_name[load that stands]
 - if not all(moves) and upward > MIN_SUPPORT_NORMAL:

@@ -130,7 +130,14 @@ def read_matlab_arrays() -> None:
 
 
 def mat_columns(name: str, value: Any, remarks: list[str], depth: int) -> Iterator[tuple[str, Any]]:
-    """Yield the columns of a variable: a vector, a matrix, or fields of a structure."""
+    """Yield the columns of a variable: a vector, a matrix, or fields of a structure.
+
+    Args:
+        name: Its name, with those of the structures that it is in.
+        value: Its value, as SciPy gives it.
+        remarks: Remarks on the file; those on what is left out are added.
+        depth: Number of structures that it is in.
+    """
     import numpy as np
 
     if not isinstance(value, np.ndarray) or depth > MAX_DEPTH:
@@ -298,13 +305,10 @@ def read_rosbag2() -> None:
     kinds = dict(database.execute("SELECT name, type FROM sqlite_schema").fetchmany(1000))
     if kinds.get("topics") != "table" or kinds.get("messages") != "table":
         raise Refusal("it is no recording of ROS 2: it has no tables topics and messages")
-    topics: dict[int, str] = {}
-    query = "SELECT id, name, type, serialization_format FROM topics"
-    for number, name, kind, serialization in database.execute(query):
-        if kind == JOINT_STATE and serialization == "cdr":
-            topics[int(number)] = str(name)
+    topics = joint_state_topics(database)
     names = list(topics.values())
     index = {number: i for i, number in enumerate(topics)}
+    # Of each message the index of its topic, its time [ns] and its length [byte].
     times: list[tuple[int, int, int]] = []
     content = bytearray()
     query = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"
@@ -320,6 +324,16 @@ def read_rosbag2() -> None:
     numbers = np.array(times, dtype="<i8").reshape(-1, 3)
     header = {"topics": names, "messages": len(times)}
     write(header, numbers, np.frombuffer(content, dtype=np.uint8))
+
+
+def joint_state_topics(database: Any) -> dict[int, str]:
+    """Return the names of the topics of joint states of a recording by their numbers in it."""
+    topics: dict[int, str] = {}
+    query = "SELECT id, name, type, serialization_format FROM topics"
+    for number, name, kind, serialization in database.execute(query):
+        if kind == JOINT_STATE and serialization == "cdr":
+            topics[int(number)] = str(name)
+    return topics
 
 
 READERS = {

@@ -436,6 +436,13 @@ def _check_gaps(
 ) -> float:
     """Return the longest time between values of a column that is in some rows only [s].
 
+    Args:
+        path: The file, for error messages.
+        column: Our name of the column.
+        names: Names of columns in the file by our name.
+        t: Times of all rows [s].
+        present: Indices of the rows that have a value.
+
     Raises:
         DataError: If it has fewer than two values, or is a swing that is missing for long.
     """

@@ -7,7 +7,7 @@ from collections import namedtuple
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,24 @@ def html_table(title: str, rows: Sequence[Sequence[str]]) -> str:
         f"<p>{escape(title)}</p><table><thead><tr><th>{headings}</th></tr></thead>"
         f"<tbody>{body}</tbody></table>"
     )
+
+
+class _ColumnRange(NamedTuple):
+    """Range of a column.
+
+    Attributes:
+        name: Name of the column.
+        first: Value in the first row.
+        last: Value in the last row.
+        least: Least value.
+        largest: Largest value.
+    """
+
+    name: str
+    first: float
+    last: float
+    least: float
+    largest: float
 
 
 class TimeSeries:
@@ -140,8 +158,11 @@ class TimeSeries:
             return f"{type(self).__name__} without rows"
         names = self.coordinate_keys or self.keys()[1:]  # without time
         lines = []
-        for name, first, last, low, high in self._ranges(names):
-            lines.append(f"{name:14} {first:12.6g} {last:12.6g} {low:12.6g} {high:12.6g}")
+        for column in self._ranges(names):
+            lines.append(
+                f"{column.name:14} {column.first:12.6g} {column.last:12.6g} "
+                f"{column.least:12.6g} {column.largest:12.6g}"
+            )
         heading = f"{'':14} {'first':>12} {'last':>12} {'least':>12} {'most':>12}"
         return "\n".join([self._title(), *self._validity_lines(), heading, *lines])
 
@@ -149,9 +170,10 @@ class TimeSeries:
         """Return the range of every column as an HTML table, for notebooks."""
         if not len(self):
             return f"<p>{type(self).__name__} without rows</p>"
-        rows = [("column", "first", "last", "least", "most")]
-        for name, first, last, low, high in self._ranges(self.keys()):
-            rows.append((name, f"{first:.6g}", f"{last:.6g}", f"{low:.6g}", f"{high:.6g}"))
+        rows: list[tuple[str, ...]] = [("column", "first", "last", "least", "most")]
+        for column in self._ranges(self.keys()):
+            values = (column.first, column.last, column.least, column.largest)
+            rows.append((column.name, *(f"{value:.6g}" for value in values)))
         return html_table(self._title(), rows)
 
     def _title(self) -> str:
@@ -173,8 +195,8 @@ class TimeSeries:
         )
         return wrap(f"{sentence}: {reason}." if reason else f"{sentence}.", 80)
 
-    def _ranges(self, names: list[str]) -> Iterator[tuple[str, float, float, float, float]]:
-        """Yield name, first, last, least and largest value of columns."""
+    def _ranges(self, names: list[str]) -> Iterator[_ColumnRange]:
+        """Yield the range of each of some columns."""
         for name in names:
             values = self[name]
-            yield name, values[0], values[-1], values.min(), values.max()
+            yield _ColumnRange(name, values[0], values[-1], values.min(), values.max())

@@ -8,7 +8,7 @@ import io
 import os
 import re
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -239,13 +239,7 @@ def _expand(
             raise
 
     try:
-        with (
-            _XACRO_LOCK,
-            contextlib.redirect_stderr(io.StringIO()),
-            contextlib.ExitStack() as after,
-        ):
-            after.callback(setattr, substitution_args, "_eval_find", substitution_args._eval_find)
-            substitution_args._eval_find = find  # asks ROS otherwise
+        with _XACRO_LOCK, contextlib.redirect_stderr(io.StringIO()), _packages_found_by(find):
             # Xacro moves this node from document to document. An interruption meanwhile would leave
             # it in none, and every later expansion would fail.
             xacro._empty_text_node = minidom.Document().createTextNode("\n\n")
@@ -263,6 +257,17 @@ def _expand(
         raise ModelError(
             f"{path} cannot be expanded: {str(error) or type(error).__name__}."
         ) from error
+
+
+@contextlib.contextmanager
+def _packages_found_by(find: Callable[[str], str]) -> Iterator[None]:
+    """Let xacro take the folder of a ROS package from a function; otherwise it asks ROS."""
+    asking_ros = substitution_args._eval_find
+    try:
+        substitution_args._eval_find = find
+        yield
+    finally:
+        substitution_args._eval_find = asking_ros
 
 
 def package_folder(

@@ -78,7 +78,16 @@ they weighed that."""
 
 
 class _Options(NamedTuple):
-    """Options of `load_crane` that a URDF does not contain."""
+    """What `load_crane` was told beside the URDF.
+
+    Attributes:
+        gravity: Gravity [m/s²] along -Z; None for that of the file, or standard gravity.
+        joints: Names of joints by role; None for the default names.
+        driven: Names of the driven joints; None for those that the file says.
+        payload: Name of the joint that carries the payload; None for the only one at an end.
+        check_axes: Whether the joints must have kind and axis of their roles.
+        assumptions: What was assumed, a sentence each.
+    """
 
     gravity: float | None = None
     joints: Mapping[str, str] | None = None

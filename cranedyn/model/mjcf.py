@@ -98,22 +98,22 @@ def _check_files(root: ET.Element, path: Path) -> None:
         DataError: If an included file cannot be read.
     """
     home = path.resolve().parent
-    waiting = [(root, path)]
-    seen = {path.resolve()}
-    while waiting:
-        element_root, source = waiting.pop()
+    pending = [(root, path)]
+    known_files = {path.resolve()}
+    while pending:
+        element_root, source = pending.pop()
         folders = _asset_folders(element_root)
         for element in element_root.iter():
             _check_named_files(element, home, folders, source)
             if element.tag not in ("include", "model") or not element.get("file"):
                 continue
             included = (home / element.get("file", "")).resolve()
-            if included in seen:
+            if included in known_files:
                 continue
-            seen.add(included)
-            if len(seen) > _MAX_INCLUDED_FILES:
+            known_files.add(included)
+            if len(known_files) > _MAX_INCLUDED_FILES:
                 raise ModelError(f"{path} includes more than {_MAX_INCLUDED_FILES} files.")
-            waiting.append((parse_urdf(read_text(included), included), included))
+            pending.append((parse_urdf(read_text(included), included), included))
 
 
 def _asset_folders(root: ET.Element) -> list[str]:

@@ -20,7 +20,7 @@ import math
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 RANDOM_STATES = 3
 """Number of random states at which MuJoCo's accelerations are printed, for comparison."""
@@ -351,16 +351,17 @@ def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, ActuatorRange]:
                 f"the actuator {name} does not act on a joint; the drives of a crane move its "
                 "slides and hinges"
             )
-        low, high, kind = _force_range(mujoco, model, actuator)
+        force = _force_range(mujoco, model, actuator)
         gear = float(model.actuator_gear[actuator, 0])
         if gear == 0.0:
             raise Refused(f"the gear of the actuator {name} is 0, so that it moves nothing")
         # A negative gear swaps the ends.
-        ends = sorted((low * gear, high * gear))
+        ends = sorted((force.low * gear, force.high * gear))
         joint = int(model.actuator_trnid[actuator, 0])
         actuation = found.setdefault(joint, ActuatorRange())
         actuation.low += ends[0]
         actuation.high += ends[1]
+        kind = force.kind
         if model.actuator_delay[actuator] > 0.0:
             kind = f"an actuator that acts {model.actuator_delay[actuator]:g} s late"
         if kind:
@@ -373,10 +374,22 @@ def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, ActuatorRange]:
     return found
 
 
-def _force_range(mujoco: Any, model: Any, actuator: int) -> tuple[float, float, str]:
-    """Return the range of the force of an actuator before its gear, and a phrase that says what it
-    is, empty for a plain motor.
+class ForceRange(NamedTuple):
+    """Range of the force of an actuator before its gear.
+
+    Attributes:
+        low: Lower end, infinite where the file states none.
+        high: Upper end.
+        kind: What the actuator is; empty for a plain motor.
     """
+
+    low: float
+    high: float
+    kind: str
+
+
+def _force_range(mujoco: Any, model: Any, actuator: int) -> ForceRange:
+    """Return the range of the force of an actuator."""
     low = -math.inf
     high = math.inf
     kind = ""
@@ -397,7 +410,7 @@ def _force_range(mujoco: Any, model: Any, actuator: int) -> tuple[float, float, 
         smallest, largest = model.actuator_forcerange[actuator].tolist()
         low = max(low, smallest)
         high = min(high, largest)
-    return low, high, kind
+    return ForceRange(low, high, kind)
 
 
 def _input_range(mujoco: Any, model: Any, actuator: int) -> Any:

@@ -772,6 +772,7 @@ class _Reader(SdfFrames):
 
     def _commanded_axis_indices(self) -> dict[SdfFrame, dict[int, None]]:
         """Return the indices of the axes of each joint that a plugin commands, in their order."""
+        # The inner dictionaries keep the order of the plugins, and each index once.
         driven: dict[SdfFrame, dict[int, None]] = {}
         models = [frame for frame in self.frames if frame.kind == "model" and not frame.static]
         for scope in [self.world, *models]:

@@ -243,10 +243,7 @@ def hang_load(
     length = float(carrier.translation[2] - hook.translation[2])
     rise = 0.0 if swing.length is None else swing.length - length
     length += rise
-    height = "at the height of"
-    if abs(rise) > _SMALL_OFFSET:
-        height = f"{abs(rise):.3g} m {'above' if rise > 0.0 else 'below'}"
-    notes = [f"The pivot is {height} {carrier_name}."]
+    notes = [f"The pivot is {_height_text(rise)} {carrier_name}."]
 
     upward = math.copysign(1.0, joints[index].axis[2])
     shortest, longest = _rope_range(model, index, length, upward)
@@ -261,6 +258,7 @@ def hang_load(
     _turn_joint(robot, name, rope_length, least=shortest)
     notes.append(f"{_formula('hoist', name, rope_length)}, the length of the rope.")
 
+    # The load, and the two links between the swing joints, which are small beside it.
     load = model.inertias[index + 1].mass
     if swing.mass is not None:
         load = swing.mass
@@ -269,6 +267,7 @@ def hang_load(
     inertia = _LINK_INERTIA_RATIO * load if swing.link_inertia is None else swing.link_inertia
     notes.append(f"Two links of {mass:g} kg and {inertia:g} kg m² are at the pivot.")
 
+    # The swing joints turn about axes of the world: the pivot has its directions.
     pivot = pin.SE3(np.eye(3), np.array([*hook.translation[:2], hook.translation[2] + length]))
     body = _isotropic_body(mass, inertia)
     _insert_swing(robot, carrier_name, carrier.actInv(pivot), swing.damping, body)
@@ -278,6 +277,13 @@ def hang_load(
     _axis_element(element).set("xyz", numbers_text(hook.rotation.T @ [0.0, 0.0, -1.0]))
     roles = {role: ROLES[role].joint for role in ("radial_swing", "tangential_swing")}
     return roles | {"hoist": name}, notes
+
+
+def _height_text(rise: float) -> str:
+    """Return how far one thing is above another, for a sentence [m]."""
+    if abs(rise) <= _SMALL_OFFSET:
+        return "at the height of"
+    return f"{abs(rise):.3g} m {'above' if rise > 0.0 else 'below'}"
 
 
 def _rope_range(model: pin.Model, hoist: int, length: float, upward: float) -> tuple[float, float]:
