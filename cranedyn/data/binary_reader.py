@@ -34,6 +34,21 @@ MAX_TEXT_CELLS = 200_000
 MAX_MESSAGES = 20_000_000
 """Largest number of messages of a recording."""
 
+MAX_STRUCTURES = 64
+"""Number of elements of an array of structures whose fields become columns."""
+
+MAX_REMARKS = 20
+"""Number of remarks on a file that are passed on."""
+
+MAX_WORD_LENGTH = 500
+"""Number of characters of a cell of a workbook that are passed on."""
+
+MAX_REASON_LENGTH = 300
+"""Number of characters of the message of a library that are passed on."""
+
+HEADER_ALLOWANCE = 100_000_000
+"""Bytes that may be written beside those of the numbers: the line that describes them."""
+
 EPOCH = datetime.datetime(1970, 1, 1)
 """Time from which dates of a workbook are counted."""
 
@@ -53,7 +68,8 @@ def write(header: dict[str, Any], *parts: Any) -> None:
     out = sys.stdout.buffer
     out.write(json.dumps(header | {"bytes": size}).encode() + b"\n")
     for part in parts:
-        out.write(memoryview(part).cast("B") if part.nbytes else b"")
+        if part.nbytes:  # a view of no bytes cannot be cast
+            out.write(memoryview(part).cast("B"))
     out.flush()
 
 
@@ -73,14 +89,14 @@ def write_columns(columns: Iterator[tuple[str, Any]], remarks: list[str]) -> Non
         names.append(name)
         arrays.append(np.ascontiguousarray(values, dtype="<f8"))
     lengths = [len(array) for array in arrays]
-    write({"names": names, "lengths": lengths, "remarks": remarks[:20]}, *arrays)
+    write({"names": names, "lengths": lengths, "remarks": remarks[:MAX_REMARKS]}, *arrays)
 
 
 def matrix_columns(name: str, array: Any, remarks: list[str]) -> Iterator[tuple[str, Any]]:
     """Yield the columns of a vector or matrix in MATLAB's notation; a scalar has none."""
     if array.size <= 1:
         return
-    if array.ndim > 2:
+    if array.ndim > 2:  # dimensions of one element say nothing
         array = array.reshape([n for n in array.shape if n != 1] or [1])
     if array.ndim > 2:
         remarks.append(f"{name} has {array.ndim} dimensions and is left out")
@@ -105,6 +121,7 @@ def read_matlab_arrays() -> None:
     remarks: list[str] = []
 
     def columns() -> Iterator[tuple[str, Any]]:
+        """Yield the columns of all variables but those that SciPy adds, such as __header__."""
         for name, value in variables.items():
             if not name.startswith("__"):
                 yield from mat_columns(name, value, remarks, 0)
@@ -113,14 +130,22 @@ def read_matlab_arrays() -> None:
 
 
 def mat_columns(name: str, value: Any, remarks: list[str], depth: int) -> Iterator[tuple[str, Any]]:
-    """Yield the columns of a variable: a vector, a matrix, or fields of a structure."""
+    """Yield the columns of a variable: a vector, a matrix, or fields of a structure.
+
+    Args:
+        name: Its name, with those of the structures that it is in.
+        value: Its value, as SciPy gives it.
+        remarks: Remarks on the file; those on what is left out are added.
+        depth: Number of structures that it is in.
+    """
     import numpy as np
 
     if not isinstance(value, np.ndarray) or depth > MAX_DEPTH:
         return
+    # SciPy gives a structure the names of its fields, and an object of a class a field s0.
     if value.dtype.names is not None and value.dtype.names[:1] != ("s0",):
         elements = value.ravel()
-        for i, element in enumerate(elements[:64].tolist(), start=1):
+        for i, element in enumerate(elements[:MAX_STRUCTURES].tolist(), start=1):
             place = name if len(elements) == 1 else f"{name}({i})"
             for field, content in zip(value.dtype.names, element, strict=True):
                 yield from mat_columns(f"{place}.{field}", content, remarks, depth + 1)
@@ -230,21 +255,24 @@ def sheet_content(rows: list[list[Any]]) -> tuple[dict[str, Any], Any]:
         for j, cell in enumerate(row):
             if isinstance(cell, str | bool):
                 if cell != "":
-                    texts.append((i, j, str(cell)[:500]))
+                    texts.append((i, j, str(cell)[:MAX_WORD_LENGTH]))
                 continue
             matrix[i, j], kind = cell_number(cell)
-            last = last_date if kind == "date" else last_number
-            last[j] = i
+            if kind == "date":
+                last_date[j] = i
+            else:
+                last_number[j] = i
         if len(texts) > MAX_TEXT_CELLS:
             raise Refusal(f"more than {MAX_TEXT_CELLS} of its cells hold words")
-    return {
+    description = {
         "height": height,
         "width": width,
         "texts": texts,
         # The last rows tell what the table holds, whatever stands above it.
         "last_date": last_date,
         "last_number": last_number,
-    }, matrix
+    }
+    return description, matrix
 
 
 def cell_number(cell: Any) -> tuple[float, str]:
@@ -277,13 +305,10 @@ def read_rosbag2() -> None:
     kinds = dict(database.execute("SELECT name, type FROM sqlite_schema").fetchmany(1000))
     if kinds.get("topics") != "table" or kinds.get("messages") != "table":
         raise Refusal("it is no recording of ROS 2: it has no tables topics and messages")
-    topics: dict[int, str] = {}
-    query = "SELECT id, name, type, serialization_format FROM topics"
-    for number, name, kind, serialization in database.execute(query):
-        if (kind, serialization) == (JOINT_STATE, "cdr"):
-            topics[int(number)] = str(name)
+    topics = joint_state_topics(database)
     names = list(topics.values())
     index = {number: i for i, number in enumerate(topics)}
+    # Of each message the index of its topic, its time [ns] and its length [byte].
     times: list[tuple[int, int, int]] = []
     content = bytearray()
     query = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"
@@ -299,6 +324,16 @@ def read_rosbag2() -> None:
     numbers = np.array(times, dtype="<i8").reshape(-1, 3)
     header = {"topics": names, "messages": len(times)}
     write(header, numbers, np.frombuffer(content, dtype=np.uint8))
+
+
+def joint_state_topics(database: Any) -> dict[int, str]:
+    """Return the names of the topics of joint states of a recording by their numbers in it."""
+    topics: dict[int, str] = {}
+    query = "SELECT id, name, type, serialization_format FROM topics"
+    for number, name, kind, serialization in database.execute(query):
+        if kind == JOINT_STATE and serialization == "cdr":
+            topics[int(number)] = str(name)
+    return topics
 
 
 READERS = {
@@ -320,7 +355,7 @@ def main(kind: str, memory: int, cpu_time: int, largest: int) -> None:
     limits = {
         resource.RLIMIT_AS: memory,
         resource.RLIMIT_CPU: cpu_time,
-        resource.RLIMIT_FSIZE: largest + 100_000_000,
+        resource.RLIMIT_FSIZE: largest + HEADER_ALLOWANCE,
         resource.RLIMIT_CORE: 0,
     }
     for limit, value in limits.items():
@@ -336,7 +371,7 @@ def main(kind: str, memory: int, cpu_time: int, largest: int) -> None:
     except Refusal as refusal:
         sys.stdout.write(json.dumps({"error": str(refusal)}) + "\n")
     except Exception as error:  # whatever a parser raises over the bytes of a stranger
-        reason = str(error).strip().partition("\n")[0][:300] or "it is damaged"
+        reason = str(error).strip().partition("\n")[0][:MAX_REASON_LENGTH] or "it is damaged"
         sys.stdout.write(json.dumps({"error": f"{type(error).__name__}: {reason}"}) + "\n")
 
 

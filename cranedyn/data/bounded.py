@@ -25,10 +25,11 @@ Kind = Literal["mat", "hdf5", "workbook", "rosbag2"]
 LARGEST_FILE = 1_000_000_000
 """Largest binary file that is read, and most bytes that may be found in it [byte]."""
 
-_LONGEST_HEADER = 100_000_000
+_MAX_HEADER = 100_000_000
 """Longest line of JSON in front of the bytes [byte]."""
 
 _PROGRAM = Path(__file__).with_name("binary_reader.py")
+"""Program that reads a binary file."""
 
 _EXTRAS = {"h5py": "hdf5", "python_calamine": "excel"}
 """Extra of this package that installs a module, by the name of the module."""
@@ -66,21 +67,36 @@ def read_bounded(path: str | Path, kind: Kind, content: bytes | None = None) -> 
         limits = [str(reading_process.MEMORY), str(reading_process.CPU_TIME), str(LARGEST_FILE)]
         code = run_reader(_PROGRAM, [kind, *limits], path, output, source=file)
         output.seek(0)
-        line = output.readline(_LONGEST_HEADER)
+        line = output.readline(_MAX_HEADER)
         header = json_reply(line)
-        if "missing" in header:
-            module = str(header["missing"]).partition(".")[0]
-            extra = _EXTRAS.get(module)
-            hint = f"pip install 'cranedyn[{extra}]'" if extra else f"pip install {module}"
-            raise CraneError(f"To read {path} the module {module} is needed; install it: {hint}.")
-        if "error" in header:
-            raise DataError(f"Cannot read {path}: {str(header['error']).rstrip('.')}.")
-        if code != 0 or "bytes" not in header:
-            raise DataError(f"Cannot read {path}: {why_it_ended(code)}.")
-        found = np.frombuffer(output.read(), dtype=np.uint8)
-    if len(found) != header["bytes"]:
+        _check_header(header, code, path)
+        array = np.frombuffer(output.read(), dtype=np.uint8)
+    if len(array) != header["bytes"]:
         raise DataError(f"Cannot read {path}: its reader broke off; the file is damaged.")
-    return BoundedResult(header, found)
+    return BoundedResult(header, array)
+
+
+def _check_header(header: Mapping[str, Any], code: int, path: str | Path) -> None:
+    """Check that a reading process has read its file.
+
+    Args:
+        header: What it says, see `cranedyn.data.binary_reader`; empty if it says nothing.
+        code: Its exit status.
+        path: The file.
+
+    Raises:
+        CraneError: If a library that reads such files is not installed.
+        DataError: If the process refused the file, or ended without a result.
+    """
+    if "missing" in header:
+        module = str(header["missing"]).partition(".")[0]
+        extra = _EXTRAS.get(module)
+        hint = f"pip install 'cranedyn[{extra}]'" if extra else f"pip install {module}"
+        raise CraneError(f"To read {path} the module {module} is needed; install it: {hint}.")
+    if "error" in header:
+        raise DataError(f"Cannot read {path}: {str(header['error']).rstrip('.')}.")
+    if code != 0 or "bytes" not in header:
+        raise DataError(f"Cannot read {path}: {why_it_ended(code)}.")
 
 
 def _input(path: str | Path, content: bytes | None) -> BinaryIO:

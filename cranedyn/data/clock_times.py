@@ -28,6 +28,9 @@ _SLASHED = re.compile(r"\d\d?/\d\d?/\d{4}[T ]+\d\d?:\d\d.*")
 _DAY = 86_400.0
 """Length of a day [s]."""
 
+_MIDNIGHT_STEP = -0.5 * _DAY
+"""Step of a clock below which it has passed midnight [s]: it falls back by more than half a day."""
+
 
 def is_clock_time(text: str) -> bool:
     """Return whether a text is a time of a clock or a date with a time."""
@@ -50,30 +53,33 @@ def clock_seconds(texts: Sequence[str]) -> np.ndarray:
     """
     seconds = np.full(len(texts), np.nan)
     fractions = np.zeros(len(texts))
-    zones = set[bool]()
-    kinds = set[str]()
+    zones: set[bool] = set()
+    kinds: set[str] = set()
     for row, text in enumerate(texts):
         if not text:
             continue
-        if match := _DATE_TIME.fullmatch(text):
+        date_time = _DATE_TIME.fullmatch(text)
+        if date_time is not None:
             kinds.add("date")
-            zones.add(match["zone"] is not None)
-            seconds[row] = _date_seconds(match)
-            fractions[row] = _fraction(match["fraction"])
-        elif match := _CLOCK.fullmatch(text):
+            zones.add(date_time["zone"] is not None)
+            seconds[row] = _date_seconds(date_time)
+            fractions[row] = _fraction(date_time["fraction"])
+            continue
+        clock = _CLOCK.fullmatch(text)
+        if clock is not None:
             kinds.add("clock")
-            seconds[row] = _day_seconds(match, text)
-            fractions[row] = _fraction(match[4])
-        elif _SLASHED.fullmatch(text):
+            seconds[row] = _day_seconds(clock, text)
+            fractions[row] = _fraction(clock[4])
+            continue
+        if _SLASHED.fullmatch(text):
             raise ValueError(
                 f"{text!r} may have its day or its month first; write 2024-05-01T10:15:30 (ISO "
                 "8601)"
             )
-        else:
-            raise ValueError(
-                f"{text!r} in data row {row + 1} is no time; allowed are seconds, h:m:s, and "
-                "2024-05-01T10:15:30 (ISO 8601)"
-            )
+        raise ValueError(
+            f"{text!r} in data row {row + 1} is no time; allowed are seconds, h:m:s, and "
+            "2024-05-01T10:15:30 (ISO 8601)"
+        )
     if len(kinds) > 1:
         raise ValueError("some of its times have a date and others have none")
     if len(zones) > 1:
@@ -82,15 +88,17 @@ def clock_seconds(texts: Sequence[str]) -> np.ndarray:
     if not len(present):
         return seconds
     if kinds == {"date"}:
-        # From the first one, so that a double holds nanoseconds.
+        # Whole seconds since the year 1 are some 6e10: beside them a double holds some microseconds
+        # only. So they count from the first one, and fractions are added after that.
         return (seconds - seconds[present[0]]) + (fractions - fractions[present[0]])
     steps = np.diff(seconds[present])
-    # A clock that falls back by more than half a day has passed midnight.
-    seconds[present[1:]] += _DAY * np.cumsum(steps < -0.5 * _DAY)
+    midnights = np.cumsum(steps < _MIDNIGHT_STEP)
+    seconds[present[1:]] += _DAY * midnights
     return seconds + fractions
 
 
 def _fraction(digits: str | None) -> float:
+    """Return a fraction of a second from its mark and digits, 0 where there is none."""
     return float(digits.replace(",", ".")) if digits else 0.0
 
 
@@ -99,14 +107,16 @@ def _date_seconds(match: re.Match[str]) -> float:
     year = int(match["year"] or match["year_last"])
     month = int(match["month"] or match["month_second"])
     day = int(match["day"] or match["day_first"])
-    hour, minute, second = (int(match[part]) for part in ("hour", "minute", "second"))
+    hour = int(match["hour"])
+    minute = int(match["minute"])
+    second = int(match["second"])
     try:
         days = date(year, month, day).toordinal()
     except ValueError:
         raise ValueError(f"{match[0]!r} has a date that is none") from None
     zone = match["zone"] or "Z"
     offset = 0.0
-    if zone != "Z":
+    if zone != "Z":  # +HH, +HHMM or +HH:MM: a time in the east is that much ahead of UTC
         minutes = int(zone[1:3]) * 60 + int(zone[3:].removeprefix(":") or 0)
         offset = 60.0 * minutes * (-1.0 if zone[0] == "-" else 1.0)
     _check_ranges(match[0], hour, minute, second)
@@ -120,11 +130,15 @@ def _day_seconds(match: re.Match[str], text: str) -> float:
             f"{text!r} may be hours and minutes or minutes and seconds; write it with three parts, "
             "as 0:10:15"
         )
-    hour, minute, second = (int(match[k] or 0) for k in (1, 2, 3))
+    hour = int(match[1] or 0)
+    minute = int(match[2])
+    second = int(match[3])
+    # Hours are not bounded: a time since the start of a recording may have a hundred.
     _check_ranges(text, 0, minute, second)
     return 3600.0 * hour + 60.0 * minute + second
 
 
 def _check_ranges(text: str, hour: int, minute: int, second: int) -> None:
-    if hour > 24 or minute > 59 or second > 60:  # 60 is a leap second
+    """Check that a time is one of a day; 24:00:00 is its end, and 60 s are a leap second."""
+    if hour > 24 or minute > 59 or second > 60:
         raise ValueError(f"{text!r} is no time of a day")

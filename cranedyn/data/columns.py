@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -48,25 +49,40 @@ def trajectory_columns(
         rope: Whether the rope may go slack, see `Trajectory.phase`.
     """
     drives = list(drives)
-    effort = {symbol: ("T", "Nm") if units[symbol] == "rad" else ("F", "N") for symbol in drives}
-    return {
+    efforts = []
+    commands = []
+    for symbol in drives:
+        letter, unit = ("T", "Nm") if units[symbol] == "rad" else ("F", "N")
+        efforts.append(f"{letter}_{symbol}_{unit}")
+        commands.append(f"{letter}_{symbol}_command_{unit}")
+    forces = []
+    for point in points:
+        forces += [f"{point}_force_{axis}_N" for axis in "xyz"]
+    outside = ["W_force_J", "W_buffers_J"]
+    if rope:
+        outside.append("W_impacts_J")
+    columns = {
         "t": ("t_s",),
         "q": tuple(f"{symbol}_{unit}" for symbol, unit in units.items()),
         "v": tuple(f"{symbol}_dot_{unit}_s" for symbol, unit in units.items()),
         "setpoint": tuple(f"{symbol}_setpoint_{units[symbol]}" for symbol in drives),
-        "command": tuple(f"{sign}_{symbol}_command_{u}" for symbol, (sign, u) in effort.items()),
-        "effort": tuple(f"{sign}_{symbol}_{u}" for symbol, (sign, u) in effort.items()),
+        "command": tuple(commands),
+        "effort": tuple(efforts),
         "energy": ("energy_J",),
         "work": tuple(f"W_{symbol}_J" for symbol in drives),
         "dissipated": ("dissipated_J",),
-        "force": tuple(f"{point}_force_{axis}_N" for point in points for axis in "xyz"),
-        "outside": ("W_force_J", "W_buffers_J", *["W_impacts_J"] * rope),
+        "force": tuple(forces),
+        "outside": tuple(outside),
         "valid": ("valid",),
-        **({"phase": ("phase",)} if rope else {}),
     }
+    if rope:
+        columns["phase"] = ("phase",)
+    return columns
 
 
-_GENERAL = {name for names in trajectory_columns({}, (), (), rope=True).values() for name in names}
+_GENERAL_COLUMNS = frozenset(
+    itertools.chain.from_iterable(trajectory_columns({}, (), (), rope=True).values())
+)
 """Columns without the symbol of a joint, drive or point."""
 
 
@@ -83,19 +99,26 @@ def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tup
     """
     units: dict[str, dict[str, str]] = {quantity: {} for quantity in _PATTERNS}
     for name in names:
+        if name in _GENERAL_COLUMNS:
+            continue
         for quantity, pattern in _PATTERNS.items():
-            if name not in _GENERAL and (match := pattern.fullmatch(name)):
+            match = pattern.fullmatch(name)
+            if match is not None:
                 units[quantity][match["symbol"]] = match.groupdict().get("unit", "m")
                 break
-    drives = dict.fromkeys(
-        symbol
-        for quantity in ("setpoint", "command", "effort", "work")
-        for symbol in units[quantity]
-    )
+    # Symbols in the order in which they are found; a dictionary keeps each once.
+    drives: dict[str, None] = {}
+    for quantity in ("setpoint", "command", "effort", "work"):
+        drives |= dict.fromkeys(units[quantity])
     joints = units["q"] | units["v"]
-    joints |= {symbol: "m" for symbol in drives if symbol not in joints}
+    for symbol in drives:
+        # A drive without a coordinate is missing below; its unit does not matter.
+        joints.setdefault(symbol, "m")
     columns = trajectory_columns(joints, drives, units["force"], rope="phase" in names)
-    if missing := [name for group in columns.values() for name in group if name not in names]:
+    missing = [
+        name for name in itertools.chain.from_iterable(columns.values()) if name not in names
+    ]
+    if missing:
         raise DataError(
             f"{path} has no column {', '.join(missing)}; a complete record of these joints has it."
         )

@@ -20,7 +20,7 @@ from cranedyn.data.text_layout import is_unit, unit_in_brackets
 from cranedyn.data.trajectory import check_increasing
 from cranedyn.errors import DataError, UnknownName, printable, quoted
 
-_FACTORS = {
+_UNIT_FACTORS = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "rad": {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3},
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "ft": 0.3048},
@@ -52,18 +52,18 @@ _SPELLINGS = {
 _SWINGS = ("phi_rad", "theta_rad")
 """Columns of swing angles."""
 
-_LARGEST_SWING = math.pi / 2
+_MAX_SWING = math.pi / 2
 """Largest swing angle [rad]."""
 
-_ROUND_OFF = 1e-9
+_TIME_TOLERANCE = 1e-9
 """Round-off of a time at which a record begins or ends [s]."""
 
 SPARSE = 0.2
 """Share of empty cells above which a column belongs to another topic than the others, which reports
 at times of its own."""
 
-_LONGEST_GAP = 5.0
-"""Longest time between values of a swing that is in some rows only, in usual ones."""
+_MAX_GAP_RATIO = 5.0
+"""Longest time between values of a swing that is in some rows only, over their usual interval."""
 
 _ARGUMENT = re.compile(
     r"""(?P<column>\w+)=
@@ -176,25 +176,23 @@ def load_external(
     for column in sources:
         if column not in columns:
             raise UnknownName("needed column", column, columns)
-    origin = {column: sources.get(column, Source(column)) for column in columns}
-    indices = _indices(log, origin)
-    doubts = [_check_unit(log, c, origin[c], indices[c]) for c in columns]
-    times = [column == "t_s" for column in columns]
-    found = dict(zip(columns, log.read(list(indices.values()), times), strict=True))
-    remarks = [*log.remarks, *(c.remark for c in found.values() if c.remark)]
-    remarks += [doubt for doubt in doubts if doubt]
-    for column, values in found.items():
-        # What is not finite, or no longer, is refused below.
-        with np.errstate(invalid="ignore", over="ignore"):
-            scaled = values.values * _factor(column, origin[column].unit)
-        found[column] = LoggedColumn(scaled, values.empty)
+    origins = {column: sources.get(column, Source(column)) for column in columns}
+    indices = _indices(log, origins)
+    unit_remarks = []
+    for column in columns:
+        remark = _check_unit(log, column, origins[column], indices[column])
+        if remark:
+            unit_remarks.append(remark)
+    table, read_remarks = _read_in_our_units(log, origins, indices)
+    remarks = [*log.remarks, *read_remarks, *unit_remarks]
     names = {column: printable(log.labels[index]) for column, index in indices.items()}
-    rows = _rows_between(found, since, until)
-    found = {c: LoggedColumn(v.values[rows], v.empty[rows]) for c, v in found.items()}
-    _check_finite(log.path, found, names, rows)
-    if any(column.empty.any() for column in found.values()):
-        found = _filled(log.path, found, names, rows, filling, remarks)
-    data = {column: values.values for column, values in found.items()}
+    rows = _rows_between(table, since, until)
+    for column, values in table.items():
+        table[column] = LoggedColumn(values.values[rows], values.empty[rows])
+    _check_finite(log.path, table, names, rows)
+    if any(column.empty.any() for column in table.values()):
+        table = _filled(log.path, table, names, rows, filling, remarks)
+    data = {column: values.values for column, values in table.items()}
     t = data.get("t_s")
     if t is not None:
         if len(t) < 2:
@@ -207,22 +205,46 @@ def load_external(
     return ExternalTable(data, tuple(remarks))
 
 
-def _indices(log: LoggedTable, origin: Mapping[str, Source]) -> dict[str, int]:
+def _read_in_our_units(
+    log: LoggedTable, origins: Mapping[str, Source], indices: Mapping[str, int]
+) -> tuple[dict[str, LoggedColumn], list[str]]:
+    """Return columns by our name in our units, and what was decided about them.
+
+    Args:
+        log: The file.
+        origins: Name and unit in the file of each column, by our name.
+        indices: Index in the file of each column, by our name.
+    """
+    may_be_times = [column == "t_s" for column in origins]
+    logged = log.read(list(indices.values()), may_be_times)
+    table: dict[str, LoggedColumn] = {}
+    remarks = []
+    for (column, source), values in zip(origins.items(), logged, strict=True):
+        # A number that is not finite, or no longer once it is converted, is refused later.
+        with np.errstate(invalid="ignore", over="ignore"):
+            converted = values.values * _factor(column, source.unit)
+        table[column] = LoggedColumn(converted, values.empty)
+        if values.remark:
+            remarks.append(values.remark)
+    return table, remarks
+
+
+def _indices(log: LoggedTable, origins: Mapping[str, Source]) -> dict[str, int]:
     """Return the indices of columns in a file by our name.
 
     Raises:
         DataError: If the file lacks one.
     """
     indices: dict[str, int] = {}
-    for column, source in origin.items():
+    for column, source in origins.items():
         index = log.index(source.whole) if source.whole else None
         if index is None:
             index = log.index(source.name)
         if index is not None:
             indices[column] = index
-    missing = [source.name for column, source in origin.items() if column not in indices]
+    missing = [source.name for column, source in origins.items() if column not in indices]
     if missing:
-        needed = ", ".join(source.name for source in origin.values())
+        needed = ", ".join(source.name for source in origins.values())
         present = quoted(", ".join(log.labels))
         raise DataError(
             f"{log.path} has no column {', '.join(missing)}; needed are {needed}, it has {present}."
@@ -237,34 +259,34 @@ def _check_unit(log: LoggedTable, column: str, source: Source, index: int) -> st
     Raises:
         DataError: If the user says none and the file says another than ours.
     """
-    written = log.units[index] or unit_in_brackets(log.names[index])
+    unit_of_file = log.units[index] or unit_in_brackets(log.names[index])
     factors = _unit_factors(column)
-    theirs = _known_unit(written, factors)
-    factor = _factor(column, source.unit)
-    if factors.get(theirs) == factor:
+    known_unit = _known_unit(unit_of_file, factors)
+    if factors.get(known_unit) == _factor(column, source.unit):
         return ""
     label = printable(log.labels[index])
-    if theirs not in factors:
-        if source.unit or not factors or not is_unit(written):
+    if known_unit not in factors:
+        # What stands in brackets may be no unit at all, as in "position (filtered)".
+        if source.unit or not factors or not is_unit(unit_of_file):
             return ""
         raise DataError(
-            f"{log.path} says that {quoted(label)} is in {quoted(written)}; allowed for {column} "
-            f"are {', '.join(factors)}. Say the unit if the file is wrong: --columns "
+            f"{log.path} says that {quoted(label)} is in {quoted(unit_of_file)}; allowed for "
+            f"{column} are {', '.join(factors)}. Say the unit if the file is wrong: --columns "
             f"'{column}=\"{label}\"[{next(iter(factors), '')}]'."
         )
     if not source.unit:
         raise DataError(
-            f"{log.path} says that {quoted(label)} is in {written}; say so, too: --columns "
-            f"'{column}=\"{label}\"[{theirs}]'."
+            f"{log.path} says that {quoted(label)} is in {unit_of_file}; say so, too: --columns "
+            f"'{column}=\"{label}\"[{known_unit}]'."
         )
-    return f"{column} is taken in {source.unit} although the file says {printable(written)}"
+    return f"{column} is taken in {source.unit} although the file says {printable(unit_of_file)}"
 
 
-def _known_unit(written: str, factors: Mapping[str, float]) -> str:
-    """Return a unit as a file writes it by our name, whatever its case; as written if it is none
-    of ours.
+def _known_unit(unit_of_file: str, factors: Mapping[str, float]) -> str:
+    """Return the unit that a file writes by our name of it, whatever its case; as it is written if
+    it is none of ours.
     """
-    spelled = _SPELLINGS.get(written) or _SPELLINGS.get(written.lower(), written)
+    spelled = _SPELLINGS.get(unit_of_file) or _SPELLINGS.get(unit_of_file.lower(), unit_of_file)
     if spelled in factors:
         return spelled
     for unit in factors:
@@ -273,38 +295,41 @@ def _known_unit(written: str, factors: Mapping[str, float]) -> str:
     return spelled
 
 
-def _rows_between(found: Mapping[str, LoggedColumn], since: float, until: float) -> np.ndarray:
-    """Return the indices of the rows from one time to another that hold any value."""
-    filled = ~np.all([column.empty for column in found.values()], axis=0)
-    if "t_s" in found:
-        t = found["t_s"].values
-        if since > -math.inf or until < math.inf:
-            filled &= (t >= since - _ROUND_OFF) & (t <= until + _ROUND_OFF)
-    return np.flatnonzero(filled)
+def _rows_between(table: Mapping[str, LoggedColumn], since: float, until: float) -> np.ndarray:
+    """Return the indices of the rows from one time [s] to another that hold any value."""
+    is_empty = np.all([column.empty for column in table.values()], axis=0)
+    is_wanted = ~is_empty
+    is_bounded = since > -math.inf or until < math.inf
+    if "t_s" in table and is_bounded:
+        # Rows without a time go, too: a comparison with NaN is false.
+        t = table["t_s"].values
+        is_wanted &= (t >= since - _TIME_TOLERANCE) & (t <= until + _TIME_TOLERANCE)
+    return np.flatnonzero(is_wanted)
 
 
 def _check_finite(
-    path: Path, found: Mapping[str, LoggedColumn], names: Mapping[str, str], rows: np.ndarray
+    path: Path, table: Mapping[str, LoggedColumn], names: Mapping[str, str], rows: np.ndarray
 ) -> None:
     """Check that all values that are there are finite, and that each row has a time.
 
     Raises:
         DataError: If one is not.
     """
-    for column, values in found.items():
-        wrong = ~values.empty & ~np.isfinite(values.values)
+    for column, values in table.items():
+        is_wrong = ~values.empty & ~np.isfinite(values.values)
         if column == "t_s":
-            wrong |= values.empty
-        if wrong.any():
+            is_wrong |= values.empty
+        if is_wrong.any():
+            first_wrong = rows[np.argmax(is_wrong)]
             raise DataError(
                 f"{path}: column {names[column]} holds a value that is not finite, in data row "
-                f"{rows[np.argmax(wrong)] + 1}."
+                f"{first_wrong + 1}."
             )
 
 
 def _filled(
     path: Path,
-    found: Mapping[str, LoggedColumn],
+    table: Mapping[str, LoggedColumn],
     names: Mapping[str, str],
     rows: np.ndarray,
     filling: Filling,
@@ -317,56 +342,76 @@ def _filled(
     held, the few empty cells of the fastest topic lie on straight lines between its values; else
     rows without a value of it are left out, too.
 
+    Args:
+        path: The file, for error messages.
+        table: The columns by our name.
+        names: Their names in the file, by our name.
+        rows: Indices in the file of their rows.
+        filling: What stands in rows in which a column has no value.
+        remarks: Remarks on the file; those on each filled column are added.
+
     Raises:
         DataError: If a column has values nowhere, a value is missing in a column of few empty
             cells, or a swing is missing for long.
     """
-    sparse = [c for c, v in found.items() if v.empty.mean() > SPARSE]
-    if not sparse or "t_s" not in found:
-        _check_no_empty_cell(path, found, names, rows)
-    t = found["t_s"].values
+    sparse = [column for column, values in table.items() if values.empty.mean() > SPARSE]
+    if not sparse or "t_s" not in table:
+        _check_no_empty_cell(path, table, names, rows)
+    t = table["t_s"].values
     if not (t[1:] > t[:-1]).all():
         raise DataError(f"{path}: {names['t_s']} must increase from row to row.")
+
     # The rows that count: those of the fastest topic, or all where a value is held, so that each
     # fresh value keeps its own time.
-    rows_kept = np.ones(len(t), dtype=bool)
-    required = _required_columns(found, sparse) if filling == "interpolate" else []
+    is_kept = np.ones(len(t), dtype=bool)
+    required = _required_columns(table, sparse) if filling == "interpolate" else []
     for column in required:
-        rows_kept &= ~found[column].empty
-    filled: dict[str, LoggedColumn] = {}
-    for column, values in found.items():
+        is_kept &= ~table[column].empty
+
+    filled: dict[str, np.ndarray] = {}
+    for column, values in table.items():
         present = np.flatnonzero(~values.empty)
         if len(present) == len(t):
-            filled[column] = values
+            filled[column] = values.values
             continue
         longest = _check_gaps(path, column, names, t, present)
-        rows_kept &= (t >= t[present[0]]) & (t <= t[present[-1]])
+        is_kept &= (t >= t[present[0]]) & (t <= t[present[-1]])
         if filling == "hold" and column in sparse:
-            latest = np.searchsorted(present, np.arange(len(t)), side="right") - 1
-            numbers = values.values[present[np.maximum(latest, 0)]]
-            done = "the value before stands in the others"
+            filled[column] = _held(values.values, present)
+            decision = "the value before stands in the others"
         else:
-            numbers = np.interp(t, t[present], values.values[present])
-            done = "the others lie on straight lines between them"
+            filled[column] = np.interp(t, t[present], values.values[present])
+            decision = "the others lie on straight lines between them"
             if column not in sparse or column in required:
-                done = "rows without one are left out"
-        filled[column] = LoggedColumn.full(numbers)
+                decision = "rows without one are left out"
         remarks.append(
             f"{column} has values in {len(present)} of {len(t)} rows, at most {longest:.3g} s "
-            f"apart; {done}"
+            f"apart; {decision}"
         )
-    return {c: LoggedColumn.full(v.values[rows_kept]) for c, v in filled.items()}
+    return {column: LoggedColumn.full(numbers[is_kept]) for column, numbers in filled.items()}
+
+
+def _held(values: np.ndarray, present: np.ndarray) -> np.ndarray:
+    """Return values in which each that is missing is the one before; the first one stands in the
+    rows before it.
+
+    Args:
+        values: The values, shape (rows,).
+        present: Indices of the rows that have one.
+    """
+    places = np.searchsorted(present, np.arange(len(values)), side="right") - 1
+    return values[present[np.maximum(places, 0)]]
 
 
 def _check_no_empty_cell(
-    path: Path, found: Mapping[str, LoggedColumn], names: Mapping[str, str], rows: np.ndarray
+    path: Path, table: Mapping[str, LoggedColumn], names: Mapping[str, str], rows: np.ndarray
 ) -> None:
     """Check that each column has a value in each row.
 
     Raises:
         DataError: If one has not.
     """
-    for column, values in found.items():
+    for column, values in table.items():
         if values.empty.any():
             row = rows[np.argmax(values.empty)] + 1
             raise DataError(
@@ -375,18 +420,28 @@ def _check_no_empty_cell(
             )
 
 
-def _required_columns(found: Mapping[str, LoggedColumn], sparse: Sequence[str]) -> list[str]:
+def _required_columns(table: Mapping[str, LoggedColumn], sparse: Sequence[str]) -> list[str]:
     """Return the columns of the fastest topic: those with few empty cells, or, where all have
     many, the swing or else the column that has fewest.
     """
-    required = [column for column in found if column not in sparse and column != "t_s"]
-    return required or [min(sparse, key=lambda c: (c not in _SWINGS, found[c].empty.mean()))]
+    required = [column for column in table if column not in sparse and column != "t_s"]
+    if required:
+        return required
+    swings = [column for column in sparse if column in _SWINGS]
+    return [min(swings or sparse, key=lambda column: table[column].empty.mean())]
 
 
 def _check_gaps(
     path: Path, column: str, names: Mapping[str, str], t: np.ndarray, present: np.ndarray
 ) -> float:
     """Return the longest time between values of a column that is in some rows only [s].
+
+    Args:
+        path: The file, for error messages.
+        column: Our name of the column.
+        names: Names of columns in the file by our name.
+        t: Times of all rows [s].
+        present: Indices of the rows that have a value.
 
     Raises:
         DataError: If it has fewer than two values, or is a swing that is missing for long.
@@ -398,11 +453,13 @@ def _check_gaps(
     gaps = np.diff(t[present])
     longest = float(gaps.max())
     usual = float(np.median(gaps))
-    if column.startswith(("phi", "theta")) and longest > _LONGEST_GAP * usual:
+    allowed = _MAX_GAP_RATIO * usual
+    if column.startswith(("phi", "theta")) and longest > allowed:
+        begin = t[present[np.argmax(gaps)]]
         raise DataError(
             f"{path}: column {names[column]} has no value for {longest:.3g} s from "
-            f"{names['t_s']} = {t[present[np.argmax(gaps)]]:g} s on; allowed are "
-            f"{_LONGEST_GAP * usual:.3g} s, {_LONGEST_GAP:g} of its usual intervals."
+            f"{names['t_s']} = {begin:g} s on; allowed are {allowed:.3g} s, {_MAX_GAP_RATIO:g} of "
+            "its usual intervals."
         )
     return longest
 
@@ -414,19 +471,22 @@ def _check_swings(path: Path, data: Mapping[str, np.ndarray], names: Mapping[str
         DataError: If one is.
     """
     for column in _SWINGS:
-        largest = float(np.abs(data[column]).max()) if column in data else 0.0
-        if largest > _LARGEST_SWING:
+        if column not in data:
+            continue
+        largest = float(np.abs(data[column]).max())
+        if largest > _MAX_SWING:
             raise DataError(
                 f"{path}: {names[column]} is {largest:.4g} rad in some row; a swing is "
-                f"{_LARGEST_SWING:.4f} rad (90 degrees) at most. If the file has degrees, say so: "
+                f"{_MAX_SWING:.4f} rad (90 degrees) at most. If the file has degrees, say so: "
                 f"--columns {column}={names[column]}[deg]."
             )
 
 
 def _unit_factors(column: str) -> Mapping[str, float]:
-    """Return the factors to the unit of our column by unit."""
-    ending = max((unit for unit in _FACTORS if column.endswith(f"_{unit}")), key=len, default="")
-    return _FACTORS.get(ending, {})
+    """Return the factors to the unit of our column by unit; none for a column without a unit."""
+    endings = [unit for unit in _UNIT_FACTORS if column.endswith(f"_{unit}")]
+    ending = max(endings, key=len, default="")  # x_dot_rad_s ends with _s, too
+    return _UNIT_FACTORS.get(ending, {})
 
 
 def _factor(column: str, unit: str) -> float:

@@ -69,12 +69,7 @@ def parse_json(text: str | bytes) -> Any:
         ValueError: If it is no JSON, or a number is not finite or too large for a double, such as
             1e400.
     """
-    return json.loads(
-        text,
-        parse_float=_finite,
-        parse_constant=_finite,
-        parse_int=lambda digits: int(digits) if _finite(digits) else 0,
-    )
+    return json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=_finite_integer)
 
 
 def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
@@ -92,13 +87,23 @@ def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        advice = ""
-        place = _TOML_LINE.search(str(error))
-        if place is not None:
-            line = text.splitlines()[int(place[1]) - 1 :][:1]
-            number = _TOML_NUMBER.fullmatch(line[0]) if line else None
-            advice = "" if number is None else decimal_comma(number[1])
+        advice = _advice_on_comma(text, str(error))
         raise DataError(f"{path} is not TOML: {error}.{advice}") from error
+
+
+def _advice_on_comma(text: str, message: str) -> str:
+    """Return what to write instead of a decimal comma in the line of a TOML text that a message of
+    its parser names; empty if it names none, or there is no such comma.
+    """
+    place = _TOML_LINE.search(message)
+    if place is None:
+        return ""
+    lines = text.splitlines()
+    index = int(place[1]) - 1
+    if index >= len(lines):  # the error is at the end of the text
+        return ""
+    number = _TOML_NUMBER.fullmatch(lines[index])
+    return "" if number is None else decimal_comma(number[1])
 
 
 _TOML_LINE = re.compile(r"\(at line (\d+), column \d+\)")
@@ -109,9 +114,25 @@ _TOML_NUMBER = re.compile(r"\s*[\w.-]+\s*=\s*([+-]?\d+,\d+)\s*(?:#.*)?")
 
 
 def _finite(digits: str) -> float:
-    if not math.isfinite(number := float(digits)):
+    """Return the number of some digits, or of a word such as NaN.
+
+    Raises:
+        ValueError: If it is not finite, or too large for a double.
+    """
+    number = float(digits)
+    if not math.isfinite(number):
         raise ValueError(f"{quoted(digits)} is no finite number")
     return number
+
+
+def _finite_integer(digits: str) -> int:
+    """Return the whole number of some digits.
+
+    Raises:
+        ValueError: If it is too large for a double.
+    """
+    _finite(digits)
+    return int(digits)
 
 
 def digest(path: Path) -> str:
@@ -201,14 +222,18 @@ class Draft:
             DataError: If something other than a file has the final name, or the system refuses.
         """
         self.final = final
-        self._mode = None
+        self._mode: int | None = None  # of the file that it is to replace
         with _as_data_error("write", final):
             with suppress(FileNotFoundError):
                 self._mode = final.stat().st_mode
             if self._mode is not None and not stat.S_ISREG(self._mode):
                 raise DataError(f"Cannot write {final}: it is {_kind(self._mode)}.")
+            # Stem and ending are cut so that the name is not longer than a file system allows.
             token = os.urandom(8).hex()
             self.path = final.with_name(f".{final.stem[:40]}.{token}{final.suffix[-20:]}")
+            # A new file gets the permissions that the umask of the process allows. One that takes
+            # the place of another gets those of that file at the end, see `sync`; until then its
+            # owner can write it in any case.
             mode = 0o666 if self._mode is None else 0o600 | stat.S_IMODE(self._mode)
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
             os.close(os.open(self.path, flags, mode))
@@ -239,7 +264,8 @@ class Draft:
             self.path.unlink()
 
 
-_SET: ContextVar[list[Draft] | None] = ContextVar("_SET", default=None)
+_DRAFT_SET: ContextVar[list[Draft] | None] = ContextVar("_DRAFT_SET", default=None)
+"""Drafts of the present `atomic_write_set`; None outside of one."""
 
 
 @contextmanager
@@ -254,7 +280,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             system refuses to write.
     """
     final = Path(path)
-    drafts = _SET.get()
+    drafts = _DRAFT_SET.get()
     if not final.parent.is_dir():
         raise DataError(f"Cannot write {final}: the folder {final.parent} does not exist.")
     draft = Draft(final)
@@ -284,7 +310,7 @@ def atomic_write_set() -> Iterator[list[Draft]]:
         DataError: As `atomic_write`.
     """
     drafts: list[Draft] = []
-    token = _SET.set(drafts)
+    token = _DRAFT_SET.set(drafts)
     try:
         yield drafts
         for draft in drafts:
@@ -292,7 +318,7 @@ def atomic_write_set() -> Iterator[list[Draft]]:
         for folder in {draft.final.parent for draft in drafts}:
             sync_folder(folder)
     finally:
-        _SET.reset(token)
+        _DRAFT_SET.reset(token)
         for draft in drafts:
             draft.drop()
 
@@ -303,7 +329,8 @@ def with_ending(path: str | Path, *endings: str) -> Path:
     Raises:
         DataError: If it has another.
     """
-    if (path := Path(path)).suffix not in endings:
+    path = Path(path)
+    if path.suffix not in endings:
         raise DataError(f"Cannot write {path}: the ending must be {' or '.join(endings)}.")
     return path
 
@@ -342,14 +369,18 @@ def check_writable(path: str | Path) -> None:
 
 
 def _kind(mode: int) -> str:
+    """Return what something is that is no regular file, by its mode."""
     return "a folder" if stat.S_ISDIR(mode) else "no file but a device"
 
 
 @contextmanager
 def _as_data_error(action: str, path: str | Path) -> Iterator[None]:
+    """Turn errors of the system over a path into a `DataError` that it cannot do an action."""
     try:
         yield
     except (OSError, ValueError) as error:
+        # The system refuses a path with a zero byte by a ValueError; any other one is not about
+        # the path.
         if isinstance(error, ValueError) and "\0" not in str(path):
             raise
         reason = getattr(error, "strerror", None) or error

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -30,6 +31,7 @@ from cranedyn.data.tables import (
 from cranedyn.data.text_layout import (
     BLANKS,
     SAMPLE,
+    HeaderLine,
     TextLayout,
     not_a_table,
     table_header,
@@ -42,8 +44,23 @@ LARGEST_RECODED = 200_000_000
 """Largest text that is not UTF-8, or has blanks as delimiters, and is written anew in memory
 before it is read [byte]."""
 
-_WORKBOOKS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+_WORKBOOK_ENDINGS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 """Endings of workbooks."""
+
+_HDF5_ENDINGS = (".h5", ".hdf5", ".hdf")
+"""Endings of HDF5 files."""
+
+_HDF5_MARK = b"\x89HDF"
+"""First bytes of an HDF5 file; MATLAB puts 512 bytes of its own in front of them."""
+
+_OLD_WORKBOOK_MARK = b"\xd0\xcf\x11\xe0"
+"""First bytes of a workbook in the format of .xls."""
+
+_ZIP_MARK = b"PK\x03\x04"
+"""First bytes of a ZIP archive; workbooks are archives, too."""
+
+_PACKED_MARKS = (b"\x1f\x8b", b"\x28\xb5\x2f\xfd", b"BZh", b"7z\xbc\xaf")
+"""First bytes of other packed files: gzip, Zstandard, bzip2 and 7-Zip."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +150,13 @@ def find_format(path: Path) -> str:
     ending = path.suffix.lower()
     if head.startswith(b"PAR1") or ending == ".parquet":
         return "parquet"
-    if head.startswith(b"\x89HDF") or head[512:].startswith(b"\x89HDF") or ending in _HDF5:
+    if head.startswith(_HDF5_MARK) or head[512:].startswith(_HDF5_MARK) or ending in _HDF5_ENDINGS:
         return "hdf5"
     if head.startswith(b"MATLAB 5.0") or ending == ".mat":
         return "mat"
-    is_archive = head.startswith(b"PK\x03\x04")
-    if ending in _WORKBOOKS or head.startswith(b"\xd0\xcf\x11\xe0"):
+    if head.startswith(_OLD_WORKBOOK_MARK) or ending in _WORKBOOK_ENDINGS:
         return "workbook"
-    if is_archive or head.startswith((b"\x1f\x8b", b"\x28\xb5\x2f\xfd", b"BZh", b"7z\xbc\xaf")):
+    if head.startswith((_ZIP_MARK, *_PACKED_MARKS)):
         raise DataError(f"Cannot read {path}: it is packed; unpack it first.")
     if head.startswith(b"SQLite format 3"):
         raise DataError(
@@ -148,10 +164,6 @@ def find_format(path: Path) -> str:
             ".db3."
         )
     return "text"
-
-
-_HDF5 = (".h5", ".hdf5", ".hdf")
-"""Endings of HDF5 files."""
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -189,7 +201,8 @@ def _read_text(
         words=layout.clocks & set(indices),
     )
     columns = []
-    for index, array in zip(indices, csv_columns(path, indices, text_format, content), strict=True):
+    arrays = csv_columns(path, indices, text_format, content)
+    for index, array in zip(indices, arrays, strict=True):
         empty = array.is_null().to_numpy(zero_copy_only=False)
         if index not in layout.clocks:
             columns.append(LoggedColumn(array.to_numpy(zero_copy_only=False), empty))
@@ -321,69 +334,111 @@ def _read_arrays(
 # --- workbooks ------------------------------------------------------------------------------------
 
 
+class _Place(NamedTuple):
+    """Place of a column in a workbook.
+
+    Attributes:
+        sheet: Its sheet.
+        first: Index of its first row of numbers.
+        column: Its index in the sheet.
+    """
+
+    sheet: Sheet
+    first: int
+    column: int
+
+
 def _open_workbook(path: Path) -> LoggedTable:
     """Open a workbook. Where several sheets hold a table, names are those of sheet and column, as
     in "Sheet1!time".
     """
-    opened = [(sheet, sheet.first_row()) for sheet in read_sheets(path)]
-    tables = [(sheet, first) for sheet, first in opened if first is not None]
+    sheets = read_sheets(path)
+    tables = []
+    for sheet in sheets:
+        first = sheet.first_row()
+        if first is not None:
+            tables.append((sheet, first))
     if not tables:
         raise DataError(
-            f"Cannot read {path} as a table: none of its {len(opened)} sheets has two rows of "
+            f"Cannot read {path} as a table: none of its {len(sheets)} sheets has two rows of "
             "numbers one below the other."
         )
     names: list[str] = []
     units: list[str] = []
     remarks: list[str] = []
-    places: list[tuple[Sheet, int, int]] = []
+    places: list[_Place] = []
     for sheet, first in tables:
         width = sheet.numbers.shape[1]
-        lines = [[str(cell).strip() for cell in sheet.row(i)] for i in range(first)]
-        above = [(i, cells, False) for i, cells in enumerate(lines, start=1) if any(cells)]
+        above = []
+        for row in range(first):
+            cells = [str(cell).strip() for cell in sheet.row(row)]
+            if any(cells):
+                above.append(HeaderLine(row + 1, cells))
         try:
             header = table_header(above, width, first + 1, ends_empty=False)
         except ValueError as error:
             raise not_a_table(path, error) from None
-        prefix = f"{sheet.name}!" if len(tables) > 1 else ""
-        names += [f"{prefix}{name or f'#{j}'}" for j, name in enumerate(header.names, start=1)]
+        name_prefix = f"{sheet.name}!" if len(tables) > 1 else ""
+        remark_prefix = f"sheet {quoted(sheet.name)}: " if len(tables) > 1 else ""
+        for number, name in enumerate(header.names, start=1):
+            names.append(f"{name_prefix}{name or f'#{number}'}")
         units += header.units
-        place = f"sheet {quoted(sheet.name)}: " if len(tables) > 1 else ""
-        remarks += [f"{place}{remark}" for remark in header.remarks]
-        places += [(sheet, first, column) for column in range(width)]
+        remarks += [f"{remark_prefix}{remark}" for remark in header.remarks]
+        places += [_Place(sheet, first, column) for column in range(width)]
     read = partial(_read_workbook, path, places)
     return LoggedTable(path, tuple(names), tuple(units), tuple(remarks), read)
 
 
 def _read_workbook(
     path: Path,
-    places: Sequence[tuple[Sheet, int, int]],
+    places: Sequence[_Place],
     indices: Sequence[int],
     may_be_times: Sequence[bool],
 ) -> list[LoggedColumn]:
     """Return columns of a sheet of a workbook from its first row of numbers on."""
-    sheets = {id(places[index][0]): places[index][0] for index in indices}
+    sheets: list[Sheet] = []
+    for index in indices:
+        if places[index].sheet not in sheets:
+            sheets.append(places[index].sheet)
     if len(sheets) > 1:
-        used = " and ".join(quoted(sheet.name) for sheet in sheets.values())
+        used = " and ".join(quoted(sheet.name) for sheet in sheets)
         raise DataError(f"{path}: the columns are on the sheets {used}; needed is one sheet.")
     columns = []
     for index, may_be_time in zip(indices, may_be_times, strict=True):
-        sheet, first, column = places[index]
-        columns.append(_sheet_column(path, sheet, first, column, may_be_time))
-    # Rows below the table that are empty in all columns.
+        place = places[index]
+        columns.append(_sheet_column(path, place.sheet, place.first, place.column, may_be_time))
+    # Rows below the table that are empty in all columns are left out.
     filled = np.flatnonzero(~np.all([column.empty for column in columns], axis=0))
     end = int(filled[-1]) + 1 if len(filled) else 0
-    return [LoggedColumn(c.values[:end], c.empty[:end], c.remark) for c in columns]
+    trimmed = []
+    for column in columns:
+        trimmed.append(LoggedColumn(column.values[:end], column.empty[:end], column.remark))
+    return trimmed
 
 
 def _sheet_column(
     path: Path, sheet: Sheet, first: int, column: int, may_be_time: bool
 ) -> LoggedColumn:
-    """Return a column of a sheet from its first row of numbers on."""
+    """Return a column of a sheet from its first row of numbers on.
+
+    Args:
+        path: The workbook, for error messages.
+        sheet: The sheet.
+        first: Index of that row.
+        column: Index of the column.
+        may_be_time: Whether it may hold dates or times.
+
+    Raises:
+        DataError: If it holds words, dates where it may not, or dates and numbers.
+    """
     place = f"{path}, sheet {quoted(sheet.name)}, column {column + 1}"
     values = sheet.numbers[first:, column].astype(float)
-    words = {i: text for (i, j), text in sheet.words.items() if j == column and i >= first}
+    words = {}
+    for (row, column_of_word), text in sheet.words.items():
+        if column_of_word == column and row >= first:
+            words[row] = text
     if words and may_be_time:
-        texts = [words.get(first + i, "") for i in range(len(values))]
+        texts = [words.get(row, "") for row in range(first, first + len(values))]
         if not np.isfinite(values).any():
             return _clock_column(path, f"{column + 1}", texts)
     for row, text in sorted(words.items()):

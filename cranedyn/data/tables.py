@@ -24,10 +24,10 @@ LARGEST = 1_000_000_000
 """Most bytes that are read: of a CSV file its size, of a Parquet file, which may be compressed, the
 numbers of the columns needed."""
 
-_LARGEST_FOOTER = 20_000_000
+_MAX_FOOTER = 20_000_000
 """Most bytes of the footer of a Parquet file; parsed it takes some ten times as much memory."""
 
-_BLOCK = 500_000
+_BLOCK_SIZE = 500_000
 """Bytes of a CSV file that are read at once, and most bytes of a line."""
 
 
@@ -57,7 +57,10 @@ def read_table(
     """
     path = Path(path)
     with _opened(path) as file:
-        table = (_parquet if path.suffix == ".parquet" else _csv)(file, columns, path)
+        if path.suffix == ".parquet":
+            table = _parquet(file, columns, path)
+        else:
+            table = _csv(file, columns, path)
         arrays = {name: table[name].cast(pa.float64(), safe=False).to_numpy() for name in columns}
     for name, values in arrays.items():
         finite = np.isfinite(values)
@@ -152,39 +155,57 @@ def csv_columns(
             the others, or a cell is no number.
     """
     path = Path(path)
+    # Columns are named by their indices here: names in the file may be empty, or come twice.
     names = [str(index) for index in range(len(text_format.labels))]
-    wanted = list(dict.fromkeys(names[index] for index in indices))
-    words = {names[index] for index in text_format.words}
+    types = {}
+    for index in indices:
+        is_word = index in text_format.words
+        types[names[index]] = pa.string() if is_word else pa.float64()
     convert = pyarrow.csv.ConvertOptions(
-        include_columns=wanted,
-        column_types={n: pa.string() if n in words else pa.float64() for n in wanted},
+        include_columns=list(types),
+        column_types=types,
         null_values=[""],
         strings_can_be_null=True,
         decimal_point=text_format.decimal,
     )
     read = pyarrow.csv.ReadOptions(
         use_threads=False,
-        block_size=_BLOCK,
+        block_size=_BLOCK_SIZE,
         column_names=names,
         skip_rows=text_format.first_line,
     )
     parse = pyarrow.csv.ParseOptions(delimiter=text_format.delimiter)
     with _opened(path) as file:
         _check_size(os.fstat(file.fileno()).st_size, path)
-        native = pa.OSFile(f"/dev/fd/{file.fileno()}") if content is None else None
-        source = native or pa.BufferReader(content)
-        blocks: list[pa.RecordBatch] = []
-        size = 0
+        source = _native_file(file) if content is None else pa.BufferReader(content)
         with (
             _located(path, text_format),
             pyarrow.csv.open_csv(source, read, parse, convert) as reader,
         ):
-            for block in reader:
-                blocks.append(block)
-                size += block.nbytes
-                _check_size(size, path)  # the file may grow meanwhile
-            table = pa.Table.from_batches(blocks, reader.schema)
+            table = _read_blocks(reader, path)
         return [table[names[index]].combine_chunks() for index in indices]
+
+
+def _native_file(file: BinaryIO) -> pa.OSFile:
+    """Return an open file as one that Arrow reads by itself: threads of Arrow that hold a Python
+    file abort a program that ends.
+    """
+    return pa.OSFile(f"/dev/fd/{file.fileno()}")
+
+
+def _read_blocks(reader: pyarrow.csv.CSVStreamingReader, path: Path) -> pa.Table:
+    """Return the table that a reader reads block by block.
+
+    Raises:
+        DataError: If it becomes larger than `LARGEST`; the file may grow meanwhile.
+    """
+    blocks: list[pa.RecordBatch] = []
+    size = 0
+    for block in reader:
+        blocks.append(block)
+        size += block.nbytes
+        _check_size(size, path)
+    return pa.Table.from_batches(blocks, reader.schema)
 
 
 @contextmanager
@@ -261,24 +282,26 @@ def arrow_errors(path: str | Path) -> Iterator[None]:
     except (OSError, ValueError, pa.ArrowException) as error:
         reason = str(error).strip().partition("\n")[0].rstrip(".")
         if "straddling" in reason:
-            reason = f"it has a line of more than {_BLOCK / 1e6:g} MB"
+            reason = f"it has a line of more than {_BLOCK_SIZE / 1e6:g} MB"
         raise DataError(f"Cannot read {path}: {reason}.") from error
 
 
 @contextmanager
 def _source(file: BinaryIO, path: Path) -> Iterator[pyarrow.parquet.ParquetFile]:
+    """Open a Parquet file, unless its footer is too large.
+
+    A file ends with the footer, the length of that in four bytes, and the mark PAR1.
+    """
     file.seek(max(0, os.fstat(file.fileno()).st_size - 8))
     end = file.read(8)
-    if end[4:] == b"PAR1" and (footer := int.from_bytes(end[:4], "little")) > _LARGEST_FOOTER:
-        raise DataError(
-            f"{path} says in {footer / 1e6:.0f} MB what is in it; allowed are "
-            f"{_LARGEST_FOOTER / 1e6:.0f}."
-        )
-    # A native file: threads of Arrow that hold a Python file abort a program that ends.
-    with (
-        pa.OSFile(f"/dev/fd/{file.fileno()}") as native,
-        pyarrow.parquet.ParquetFile(native) as source,
-    ):
+    if end[4:] == b"PAR1":
+        footer = int.from_bytes(end[:4], "little")
+        if footer > _MAX_FOOTER:
+            raise DataError(
+                f"{path} says in {footer / 1e6:.0f} MB what is in it; allowed are "
+                f"{_MAX_FOOTER / 1e6:.0f}."
+            )
+    with _native_file(file) as native, pyarrow.parquet.ParquetFile(native) as source:
         yield source
 
 
@@ -289,6 +312,7 @@ def _parquet(
     with _source(file, path) as source:
         _check_names(source.schema_arrow.names, columns, path)
         _check_types(source.schema_arrow, columns if numbers is None else numbers, path)
+        # The footer says the number of rows twice, and a damaged one may say it differently.
         footer = source.metadata
         rows = sum(footer.row_group(i).num_rows for i in range(footer.num_row_groups))
         _check_size(8 * len(columns) * max(footer.num_rows, rows), path)
@@ -302,28 +326,26 @@ def _csv(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
     convert = pyarrow.csv.ConvertOptions(
         include_columns=list(columns), column_types=dict.fromkeys(columns, pa.float64())
     )
-    blocks: list[pa.RecordBatch] = []
-    size = 0
     with _csv_blocks(file, convert) as reader:
-        for block in reader:
-            blocks.append(block)
-            size += block.nbytes
-            _check_size(size, path)  # the file may grow meanwhile
-        return pa.Table.from_batches(blocks, reader.schema)
+        return _read_blocks(reader, path)
 
 
 def _csv_names(file: BinaryIO) -> list[str]:
+    """Return the names of the columns of a CSV file."""
     with _csv_blocks(file) as reader:
         return list(reader.schema.names)
 
 
-def _csv_blocks(file: BinaryIO, convert: Any = None) -> pyarrow.csv.CSVStreamingReader:
-    options = pyarrow.csv.ReadOptions(use_threads=False, block_size=_BLOCK)
-    native = pa.OSFile(f"/dev/fd/{file.fileno()}")
-    return pyarrow.csv.open_csv(native, read_options=options, convert_options=convert)
+def _csv_blocks(
+    file: BinaryIO, convert: pyarrow.csv.ConvertOptions | None = None
+) -> pyarrow.csv.CSVStreamingReader:
+    """Return a reader of a CSV file from its beginning on, block by block."""
+    options = pyarrow.csv.ReadOptions(use_threads=False, block_size=_BLOCK_SIZE)
+    return pyarrow.csv.open_csv(_native_file(file), read_options=options, convert_options=convert)
 
 
 def _check_size(size: float, path: Path) -> None:
+    """Check that so many bytes are not more than are read."""
     if size > LARGEST:
         raise DataError(
             f"{path} holds {size / 1e6:.0f} MB to read; allowed are {LARGEST / 1e6:.0f}."
@@ -331,6 +353,7 @@ def _check_size(size: float, path: Path) -> None:
 
 
 def _check_names(names: Sequence[str], columns: Sequence[str], path: Path) -> None:
+    """Check that each column needed is among the names of a file, once."""
     missing = [name for name in columns if name not in names]
     if missing:
         needed = ", ".join(columns)
@@ -339,15 +362,19 @@ def _check_names(names: Sequence[str], columns: Sequence[str], path: Path) -> No
             f"{path} has no column {', '.join(missing)}; needed are {needed}, it has {present}."
         )
     for name in columns:
-        if (count := names.count(name)) > 1:
+        count = names.count(name)
+        if count > 1:
             raise DataError(f"{path} has {count} columns {name}; needed is one.")
 
 
 def _check_types(schema: pa.Schema, columns: Sequence[str], path: Path) -> None:
+    """Check that columns are of numbers."""
     for name in columns:
         dtype = schema.field(name).type
-        numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
-        if not any(is_type(dtype) for is_type in numeric):
+        is_number = (
+            pa.types.is_integer(dtype) or pa.types.is_floating(dtype) or pa.types.is_decimal(dtype)
+        )
+        if not is_number:
             raise DataError(
                 f"{path}: column {name} holds something that is not a number ({dtype}). Numbers "
                 "have a decimal point, as 3600.5; cells that are empty or words are no numbers."

@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from cranedyn.data.clock_times import is_clock_time
 from cranedyn.errors import DataError, quoted
@@ -31,7 +32,7 @@ _NUMBERS = {
 }
 """How a number is written, by the decimal mark."""
 
-_LONGEST_NUMBER = 400
+_MAX_NUMBER_LENGTH = 400
 """Number of characters up to which a cell may be a number; patterns of numbers take a time that
 grows with the square of it."""
 
@@ -52,9 +53,31 @@ _KNOWN_UNITS = frozenset(
 )
 """Units that a row of units may hold, in lower case."""
 
-
 _TIME_UNITS = frozenset("s sec ms us µs ns min".split())
 """Units of time among them."""
+
+_ENCODING_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+"""Marks with which a text may begin, and the encodings that they stand for. Those of UTF-32 come
+first: one of them begins with one of UTF-16."""
+
+_UTF16_ZERO_SHARE = 0.4
+"""Share of zeros among every second byte from which on a text is UTF-16: digits and delimiters have
+one each, letters of other scripts have none."""
+
+_DELIMITER_WORDS = {
+    ";": "semicolons",
+    "\t": "tabs",
+    "|": "bars",
+    BLANKS: "blanks",
+    ",": "commas",
+}
+"""Delimiters in words, for remarks."""
 
 
 @dataclass(frozen=True)
@@ -109,25 +132,20 @@ def text_encoding(sample: bytes) -> str:
     Raises:
         ValueError: If it is not text.
     """
-    for mark, encoding in (
-        (codecs.BOM_UTF32_LE, ""),
-        (codecs.BOM_UTF32_BE, ""),
-        (codecs.BOM_UTF8, "utf-8-sig"),
-        (codecs.BOM_UTF16_LE, "utf-16"),
-        (codecs.BOM_UTF16_BE, "utf-16"),
-    ):
-        if sample.startswith(mark):
-            if not encoding:
-                raise ValueError("it is text in UTF-32; save it as UTF-8")
-            return encoding
-    # Digits and delimiters of UTF-16 have a zero in every second byte.
-    even = sample[::2].count(0)
-    odd = sample[1::2].count(0)
-    if odd > 0.4 * len(sample) / 2 and not even:
-        return "utf-16-le"
-    if even > 0.4 * len(sample) / 2 and not odd:
+    for mark, encoding in _ENCODING_MARKS:
+        if not sample.startswith(mark):
+            continue
+        if encoding == "utf-32":
+            raise ValueError("it is text in UTF-32; save it as UTF-8")
+        return encoding
+    zeros_at_even = sample[::2].count(0)
+    zeros_at_odd = sample[1::2].count(0)
+    most_of_half = _UTF16_ZERO_SHARE * len(sample) / 2
+    if zeros_at_odd > most_of_half and not zeros_at_even:
+        return "utf-16-le"  # the low byte, which is not zero, comes first
+    if zeros_at_even > most_of_half and not zeros_at_odd:
         return "utf-16-be"
-    if even or odd:
+    if zeros_at_even or zeros_at_odd:
         raise ValueError("it is not text")
     try:
         # The sample may end within a character.
@@ -154,17 +172,20 @@ def text_layout(sample: bytes, *, complete: bool) -> TextLayout:
         lines.pop()  # the last line may be cut
     rows = _recognised_rows(lines)
     header = _header(lines, rows)
-    body = [cells for line, cells in rows.cells.items() if line >= rows.first]
-    body = [cells for cells in body if len(cells) == rows.width]
+    body = []
+    for number, cells in rows.cells.items():
+        if number >= rows.first and len(cells) == rows.width:
+            body.append(cells)
     _check_decimal(rows, body)
-    remarks = list[str]()
-    if encoding != "utf-8" and encoding != "utf-8-sig":
-        name = {"cp1252": "Windows-1252, since it is not UTF-8"}.get(encoding, "UTF-16")
-        remarks.append(f"the text is taken for {name}")
-    if (rows.delimiter, rows.decimal) != (",", "."):
-        mark = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks", ",": "commas"}
+    remarks: list[str] = []
+    if encoding == "cp1252":
+        remarks.append("the text is taken for Windows-1252, since it is not UTF-8")
+    elif encoding.startswith("utf-16"):
+        remarks.append("the text is taken for UTF-16")
+    if rows.delimiter != "," or rows.decimal != ".":
+        delimiter = _DELIMITER_WORDS[rows.delimiter]
         point = "comma" if rows.decimal == "," else "point"
-        remarks.append(f"{mark[rows.delimiter]} separate its cells, with a decimal {point}")
+        remarks.append(f"{delimiter} separate its cells, with a decimal {point}")
     return TextLayout(
         encoding=encoding,
         delimiter=rows.delimiter,
@@ -179,11 +200,11 @@ def text_layout(sample: bytes, *, complete: bool) -> TextLayout:
 
 def clock_columns(body: Sequence[Sequence[str]], width: int) -> frozenset[int]:
     """Return the indices of the columns whose first cell that is not empty is a time."""
-    clocks = set[int]()
-    for j in range(width):
-        filled = (cells[j] for cells in body if cells[j])
+    clocks: set[int] = set()
+    for column in range(width):
+        filled = (cells[column] for cells in body if cells[column])
         if is_clock_time(next(filled, "")):
-            clocks.add(j)
+            clocks.add(column)
     return frozenset(clocks)
 
 
@@ -204,19 +225,21 @@ def _is_row(cells: Sequence[str], decimal: str) -> bool:
     A row has two cells with a number or a time, or one such cell beside empty ones. No cell of it
     would be several numbers with another delimiter, or one with another decimal mark.
     """
-    values = empty = words = 0
+    value_count = 0
+    empty_count = 0
+    word_count = 0
     for cell in cells:
         if not cell:
-            empty += 1
-        elif len(cell) > _LONGEST_NUMBER:
-            words += 1
+            empty_count += 1
+        elif len(cell) > _MAX_NUMBER_LENGTH:
+            word_count += 1
         elif _NUMBERS[decimal].fullmatch(cell) or is_clock_time(cell):
-            values += 1
+            value_count += 1
         elif _DIGITS.fullmatch(cell) and not _DATE.fullmatch(cell):
             return False
         else:
-            words += 1
-    return values >= 2 or (values == 1 and empty >= 1 and words == 0)
+            word_count += 1
+    return value_count >= 2 or (value_count == 1 and empty_count >= 1 and word_count == 0)
 
 
 def _rows_of(cells: Mapping[int, list[str]], delimiter: str, decimal: str) -> _Rows | None:
@@ -227,18 +250,21 @@ def _rows_of(cells: Mapping[int, list[str]], delimiter: str, decimal: str) -> _R
         delimiter: What separates them.
         decimal: The decimal mark.
     """
-    row_widths = {
-        number: len(of_line) for number, of_line in cells.items() if _is_row(of_line, decimal)
-    }
+    row_widths: dict[int, int] = {}
+    for number, row in cells.items():
+        if _is_row(row, decimal):
+            row_widths[number] = len(row)
     if not row_widths:
         return None
     width, count = Counter(row_widths.values()).most_common(1)[0]
+
+    # The first row is followed by another one, unless it is the last line: a title may look like a
+    # row, too.
     numbers = list(cells)
     for place, number in enumerate(numbers):
-        following = numbers[place + 1 : place + 2]
-        if row_widths.get(number) == width and all(
-            row_widths.get(other) == width for other in following
-        ):
+        is_row = row_widths.get(number) == width
+        is_last = place == len(numbers) - 1
+        if is_row and (is_last or row_widths.get(numbers[place + 1]) == width):
             return _Rows(delimiter, decimal, cells, count, width, number)
     return None
 
@@ -249,10 +275,12 @@ def _recognised_rows(lines: Sequence[str]) -> _Rows:
     Raises:
         ValueError: If none fits, or several.
     """
+    # Commas between cells with decimal commas, as in "0,1","0,2", and blanks come last: many a line
+    # of another table could be read so, too.
     pairs = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
     fitting = _fitting(lines, pairs)
     if not fitting:
-        fitting = _fitting(lines, [(",", ",")])  # "0,1","0,2"
+        fitting = _fitting(lines, [(",", ",")])
     if not fitting:
         fitting = _fitting(lines, [(BLANKS, "."), (BLANKS, ",")])
     if not fitting:
@@ -266,17 +294,30 @@ def _recognised_rows(lines: Sequence[str]) -> _Rows:
     if len(delimiters) > 1:
         names = " and ".join(sorted(map(repr, delimiters)))
         raise ValueError(f"{names} separate its cells equally well; write it with one of them")
-    return best[0]  # without any decimal mark both fit, and the point comes first
+    # Where no number has a decimal mark both marks fit, and the point comes first.
+    return best[0]
 
 
 def _fitting(lines: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[_Rows]:
     """Return the rows under each pair of a delimiter and a decimal mark that fits."""
-    cells = {
-        delimiter: {n: _split(line, delimiter) for n, line in enumerate(lines) if line.strip()}
-        for delimiter in dict(pairs)
-    }
-    candidates = [_rows_of(cells[delimiter], delimiter, decimal) for delimiter, decimal in pairs]
-    return [rows for rows in candidates if rows is not None]
+    cells: dict[str, dict[int, list[str]]] = {}
+    fitting = []
+    for delimiter, decimal in pairs:
+        if delimiter not in cells:
+            cells[delimiter] = _split_lines(lines, delimiter)
+        rows = _rows_of(cells[delimiter], delimiter, decimal)
+        if rows is not None:
+            fitting.append(rows)
+    return fitting
+
+
+def _split_lines(lines: Sequence[str], delimiter: str) -> dict[int, list[str]]:
+    """Return the cells of each line that is not blank, by its index."""
+    cells = {}
+    for number, line in enumerate(lines):
+        if line.strip():
+            cells[number] = _split(line, delimiter)
+    return cells
 
 
 def _check_decimal(rows: _Rows, body: Sequence[Sequence[str]]) -> None:
@@ -287,7 +328,9 @@ def _check_decimal(rows: _Rows, body: Sequence[Sequence[str]]) -> None:
     """
     if rows.decimal != ",":
         return
-    with_comma = [cell for cells in body for cell in cells if "," in cell]
+    with_comma: list[str] = []
+    for cells in body:
+        with_comma += [cell for cell in cells if "," in cell]
     if with_comma and all(_THOUSANDS.fullmatch(cell) for cell in with_comma):
         raise ValueError(
             f"the comma in {quoted(with_comma[0])} may be a decimal mark or one of thousands; "
@@ -310,31 +353,46 @@ class TableHeader:
     remarks: tuple[str, ...]
 
 
+class HeaderLine(NamedTuple):
+    """Line above the first row of a table.
+
+    Attributes:
+        number: Its number, from 1.
+        cells: Its cells.
+        is_comment: Whether it begins as a comment.
+    """
+
+    number: int
+    cells: list[str]
+    is_comment: bool = False
+
+
 def _header(lines: Sequence[str], rows: _Rows) -> TableHeader:
     """Return the names and units above the first row."""
-    above: list[tuple[int, list[str], bool]] = []
+    above: list[HeaderLine] = []
     for number in rows.cells:
         if number >= rows.first:
             break
         line = lines[number]
         comment = _COMMENT.match(line)
-        cells = _split(line[comment.end() :], rows.delimiter) if comment else rows.cells[number]
-        above.append((number + 1, cells, comment is not None))
-    ends_empty = not any(
-        cells[-1]
-        for number, cells in rows.cells.items()
-        if number >= rows.first and len(cells) == rows.width
-    )
+        cells = rows.cells[number]
+        if comment is not None:
+            cells = _split(line[comment.end() :], rows.delimiter)
+        above.append(HeaderLine(number + 1, cells, is_comment=comment is not None))
+    ends_empty = True
+    for number, cells in rows.cells.items():
+        if number >= rows.first and len(cells) == rows.width and cells[-1]:
+            ends_empty = False
     return table_header(above, rows.width, rows.first + 1, ends_empty=ends_empty)
 
 
 def table_header(
-    above: Sequence[tuple[int, list[str], bool]], width: int, first: int, *, ends_empty: bool
+    above: Sequence[HeaderLine], width: int, first: int, *, ends_empty: bool
 ) -> TableHeader:
     """Return the names and units above the first row of a table.
 
     Args:
-        above: Number, cells, and whether it is a comment, of each line above the first row.
+        above: The lines above the first row.
         width: Number of cells of a row.
         first: Number of the line of the first row.
         ends_empty: Whether the last cell of all rows is empty, which needs no name.
@@ -346,40 +404,47 @@ def table_header(
     if not above:
         remark = f"it has no header; its columns are #1 to #{width}"
         return TableHeader(blank, blank, (remark,))
-    fitted = [
-        (number, _fitted(cells, width, ends_empty), comment) for number, cells, comment in above
-    ]
-    number, names, is_comment = fitted[-1]
+    last = above[-1]
+    names = _fitted(last.cells, width, ends_empty)
     if names is None:
-        if is_comment:
+        if last.is_comment:
             remark = f"it has no header of {width} names; its columns are #1 to #{width}"
             return TableHeader(blank, blank, (remark,))
         raise ValueError(
-            f"line {number} has {len(above[-1][1])} cells and the rows below it have {width}; "
+            f"line {last.number} has {len(last.cells)} cells and the rows below it have {width}; "
             "allowed is a header with a name for each column, or none. A decimal comma beside "
             "commas between the cells makes such a file, too"
         )
     units = blank
-    if len(fitted) > 1 and is_row_of_units(names):
-        number_above, candidate, _ = fitted[-2]
-        if candidate is not None and not any(map(_is_number, candidate)) and all(candidate):
+    header_number = last.number
+    if len(above) > 1 and is_row_of_units(names):
+        line_above = above[-2]
+        names_above = _fitted(line_above.cells, width, ends_empty)
+        if names_above is not None and _are_names(names_above):
             units = names
-            names = candidate
-            number = number_above
+            names = names_above
+            header_number = line_above.number
     remarks = []
-    if number > 1:
-        remarks.append(f"its header is line {number}")
+    if header_number > 1:
+        remarks.append(f"its header is line {header_number}")
     if any(units):
-        remarks.append(f"line {fitted[-1][0]} holds units")
-    if first != fitted[-1][0] + 1:
+        remarks.append(f"line {last.number} holds units")
+    if first != last.number + 1:
         remarks.append(f"its first row is line {first}")
     return TableHeader(names, units, tuple(remarks))
 
 
+def _are_names(cells: Sequence[str]) -> bool:
+    """Return whether each cell is a text other than a number."""
+    return all(cells) and not any(_is_number(cell) for cell in cells)
+
+
 def _fitted(cells: list[str], width: int, ends_empty: bool) -> tuple[str, ...] | None:
-    """Return cells as a header of so many columns, None if they are no such header. A delimiter at
-    the end of the rows or of the header alone makes one more; a row that begins with its number,
-    which has no name, is another table.
+    """Return cells as a header of so many columns; None if they are no such header.
+
+    A delimiter at the end of the header alone makes a cell too many, one at the end of the rows
+    alone a cell too few. A header over rows that begin with their number, which has no name, has
+    one too few as well; as the last cells of those rows are not empty, it is no such header.
     """
     if len(cells) == width + 1 and not cells[-1]:
         cells = cells[:-1]
@@ -394,14 +459,27 @@ def is_row_of_units(cells: Sequence[str]) -> bool:
     """Return whether cells are units: known ones, in brackets or bare, or nothing. Bare ones have
     one of time among them: "t, v, a" are names.
     """
-    brackets = [unit_in_brackets(cell) == cell[1:-1].strip() for cell in cells if cell]
-    bare = [unit_in_brackets(cell) or cell for cell in cells]
-    known = any(cells) and all(not cell or cell.lower() in _KNOWN_UNITS for cell in bare)
-    return known and (all(brackets) or any(cell.lower() in _TIME_UNITS for cell in bare))
+    if not any(cells):
+        return False
+    are_bracketed = True
+    has_time = False
+    for cell in cells:
+        if not cell:
+            continue
+        in_brackets = unit_in_brackets(cell)
+        unit = (in_brackets or cell).lower()
+        if unit not in _KNOWN_UNITS:
+            return False
+        if in_brackets != cell[1:-1].strip():
+            are_bracketed = False
+        if unit in _TIME_UNITS:
+            has_time = True
+    return are_bracketed or has_time
 
 
 def _is_number(cell: str) -> bool:
-    if len(cell) > _LONGEST_NUMBER:
+    """Return whether a cell is a number with any decimal mark."""
+    if len(cell) > _MAX_NUMBER_LENGTH:
         return False
     return any(number.fullmatch(cell) for number in _NUMBERS.values())
 

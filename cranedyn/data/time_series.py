@@ -7,7 +7,7 @@ from collections import namedtuple
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,12 +22,33 @@ def html_table(title: str, rows: Sequence[Sequence[str]]) -> str:
     """Return a title and a table as HTML for notebooks, its first row as heading."""
     from html import escape  # few runs need it
 
-    head, *body = [[escape(cell) for cell in row] for row in rows]
-    lines = [f"<tr><td>{'</td><td>'.join(row)}</td></tr>" for row in body]
+    headings = "</th><th>".join(escape(cell) for cell in rows[0])
+    body = ""
+    for row in rows[1:]:
+        cells = "</td><td>".join(escape(cell) for cell in row)
+        body += f"<tr><td>{cells}</td></tr>"
     return (
-        f"<p>{escape(title)}</p><table><thead><tr><th>{'</th><th>'.join(head)}</th></tr></thead>"
-        f"<tbody>{''.join(lines)}</tbody></table>"
+        f"<p>{escape(title)}</p><table><thead><tr><th>{headings}</th></tr></thead>"
+        f"<tbody>{body}</tbody></table>"
     )
+
+
+class _ColumnRange(NamedTuple):
+    """Range of a column.
+
+    Attributes:
+        name: Name of the column.
+        first: Value in the first row.
+        last: Value in the last row.
+        least: Least value.
+        largest: Largest value.
+    """
+
+    name: str
+    first: float
+    last: float
+    least: float
+    largest: float
 
 
 class TimeSeries:
@@ -59,8 +80,12 @@ class TimeSeries:
     def coordinate_keys(self) -> list[str]:
         """Names of the columns of coordinates: those for which there is a column of the rate."""
         names = self.keys()
-        split = ((name, *name.rpartition("_")) for name in names)
-        return [name for name, symbol, _, unit in split if f"{symbol}_dot_{unit}_s" in names]
+        coordinates = []
+        for name in names:
+            symbol, _, unit = name.rpartition("_")
+            if f"{symbol}_dot_{unit}_s" in names:
+                coordinates.append(name)
+        return coordinates
 
     @property
     def principal_keys(self) -> list[str]:
@@ -77,16 +102,19 @@ class TimeSeries:
     def __iter__(self) -> Iterator[Any]:
         """Iterate over the rows as named tuples."""
         names = self.keys()
-        row = namedtuple("Row", names)  # type: ignore[misc]
-        return map(row._make, zip(*(self[name].tolist() for name in names), strict=True))
+        row_type = namedtuple("Row", names)  # type: ignore[misc]
+        columns = [self[name].tolist() for name in names]
+        return map(row_type._make, zip(*columns, strict=True))
 
     def table(self) -> pyarrow.Table:
         """Return all columns as an Arrow table with parameters and record in its metadata."""
         from cranedyn.data.tables import arrow
 
         columns = {name: np.ascontiguousarray(self[name]) for name in self.keys()}
-        about = {"cranedyn": self.parameters, "cranedyn.record": self.record}
-        metadata = {key: json.dumps(dict(value)) for key, value in about.items()}
+        metadata = {
+            "cranedyn": json.dumps(dict(self.parameters)),
+            "cranedyn.record": json.dumps(dict(self.record)),
+        }
         return arrow().table(columns, metadata=metadata)
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
@@ -128,12 +156,13 @@ class TimeSeries:
         """
         if not len(self):
             return f"{type(self).__name__} without rows"
-        lines = [
-            f"{name:14} {first:12.6g} {last:12.6g} {low:12.6g} {high:12.6g}"
-            for name, first, last, low, high in self._ranges(
-                self.coordinate_keys or self.keys()[1:]
+        names = self.coordinate_keys or self.keys()[1:]  # without time
+        lines = []
+        for column in self._ranges(names):
+            lines.append(
+                f"{column.name:14} {column.first:12.6g} {column.last:12.6g} "
+                f"{column.least:12.6g} {column.largest:12.6g}"
             )
-        ]
         heading = f"{'':14} {'first':>12} {'last':>12} {'least':>12} {'most':>12}"
         return "\n".join([self._title(), *self._validity_lines(), heading, *lines])
 
@@ -141,17 +170,22 @@ class TimeSeries:
         """Return the range of every column as an HTML table, for notebooks."""
         if not len(self):
             return f"<p>{type(self).__name__} without rows</p>"
-        ranges = self._ranges(self.keys())
-        rows = [(name, *(f"{value:.6g}" for value in values)) for name, *values in ranges]
-        return html_table(self._title(), [("column", "first", "last", "least", "most"), *rows])
+        rows: list[tuple[str, ...]] = [("column", "first", "last", "least", "most")]
+        for column in self._ranges(self.keys()):
+            values = (column.first, column.last, column.least, column.largest)
+            rows.append((column.name, *(f"{value:.6g}" for value in values)))
+        return html_table(self._title(), rows)
 
     def _title(self) -> str:
+        """Return the first line of texts about the table."""
         duration = f"t = {self.t[0]:g} to {self.t[-1]:g} s"
         return f"{type(self).__name__} of {len(self)} rows, {duration}"
 
     def _validity_lines(self) -> list[str]:
         """Return how many rows are not valid, and why the first of the run is not."""
-        invalid = np.flatnonzero(self["valid"] != 1.0) if "valid" in self else np.array([], int)
+        if "valid" not in self:
+            return []
+        invalid = np.flatnonzero(self["valid"] != 1.0)
         if not len(invalid):
             return []
         reason = self.record.get("not_valid")
@@ -161,8 +195,8 @@ class TimeSeries:
         )
         return wrap(f"{sentence}: {reason}." if reason else f"{sentence}.", 80)
 
-    def _ranges(self, names: list[str]) -> Iterator[tuple[str, float, float, float, float]]:
-        """Yield name, first, last, least and largest value of columns."""
+    def _ranges(self, names: list[str]) -> Iterator[_ColumnRange]:
+        """Yield the range of each of some columns."""
         for name in names:
             values = self[name]
-            yield name, values[0], values[-1], values.min(), values.max()
+            yield _ColumnRange(name, values[0], values[-1], values.min(), values.max())

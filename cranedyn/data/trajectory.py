@@ -20,6 +20,12 @@ from cranedyn.interfaces import State
 _SCALARS = ("t", "energy", "dissipated", "valid", "phase")
 """Quantities of one number a row."""
 
+_TIME_TOLERANCE = 1e-9
+"""Round-off of a time at which rows are cut [s]."""
+
+_ACCUMULATED = ("work", "dissipated", "outside")
+"""Quantities that count since the start of a run."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(TimeSeries):
@@ -72,7 +78,7 @@ class Trajectory(TimeSeries):
 
     def keys(self) -> list[str]:
         """Return the names of the columns."""
-        return [column for columns in self.columns.values() for column in columns]
+        return list(itertools.chain.from_iterable(self.columns.values()))
 
     def __getitem__(self, column: str) -> np.ndarray:
         """Return a column by its name, shape (rows,).
@@ -123,11 +129,11 @@ class Trajectory(TimeSeries):
     @property
     def drives(self) -> list[int]:
         """Indices of the driven coordinates among all coordinates."""
-        return self._indices(
-            [column.rpartition("_setpoint_")[0] for column in self.columns["setpoint"]]
-        )
+        symbols = [column.rpartition("_setpoint_")[0] for column in self.columns["setpoint"]]
+        return self._indices(symbols)
 
     def _indices(self, symbols: Sequence[str]) -> list[int]:
+        """Return the indices of coordinates by their symbols."""
         for symbol in symbols:
             if symbol not in self.symbols:
                 raise UnknownName("coordinate", symbol, self.symbols)
@@ -153,13 +159,18 @@ class Trajectory(TimeSeries):
 
     def between(self, first: float, last: float) -> Trajectory:
         """Return the rows from one time to another [s], including both."""
-        return self._rows((self.t >= first - 1e-9) & (self.t <= last + 1e-9))
+        is_after = self.t >= first - _TIME_TOLERANCE
+        is_before = self.t <= last + _TIME_TOLERANCE
+        return self._rows(is_after & is_before)
 
     def _rows(self, mask: np.ndarray) -> Trajectory:
-        return replace(self, **{name: getattr(self, name)[mask] for name in self._quantities})
+        """Return the rows where a mask is true."""
+        arrays = {name: getattr(self, name)[mask] for name in self._quantities}
+        return replace(self, **arrays)
 
     @property
     def _quantities(self) -> tuple[str, ...]:
+        """Names of the arrays."""
         return QUANTITIES if self.phase is None else (*QUANTITIES, "phase")
 
     @property
@@ -185,16 +196,16 @@ def read(path: str | Path) -> Trajectory:
     from cranedyn.data.tables import column_names, read_table
 
     columns = columns_by_quantity(column_names(path), path)
-    values, metadata = read_table(path, [name for group in columns.values() for name in group])
+    values, metadata = read_table(path, list(itertools.chain.from_iterable(columns.values())))
     _check_times(values["t_s"], 1, path)
-    arrays = {
-        quantity: values[group[0]]
-        if quantity in _SCALARS
-        else np.stack([values[name] for name in group], axis=1)
-        for quantity, group in columns.items()
-    }
+    arrays = {}
+    for quantity, names in columns.items():
+        if quantity in _SCALARS:
+            arrays[quantity] = values[names[0]]
+        else:
+            arrays[quantity] = np.stack([values[name] for name in names], axis=1)
     message = f"{path}: its parameters are not a JSON object of numbers and words."
-    parameters = _metadata(metadata, b"cranedyn", message)
+    parameters = _json_object(metadata, b"cranedyn", message)
     if not all(isinstance(value, float | int | str) for value in parameters.values()):
         raise DataError(message)
     return Trajectory(
@@ -210,7 +221,7 @@ def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarr
     """
     from cranedyn.data.tables import read_table
 
-    values = read_table(path, columns)[0]
+    values, _ = read_table(path, columns)
     if "t_s" in values:
         _check_times(values["t_s"], 2, path)
     return values
@@ -231,10 +242,17 @@ def read_record(path: str | Path) -> dict[str, Any]:
 
 
 def _record(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, Any]:
-    return _metadata(metadata, b"cranedyn.record", f"{path}: its record is not a JSON object.")
+    """Return the record in the metadata of a file, empty if there is none."""
+    message = f"{path}: its record is not a JSON object."
+    return _json_object(metadata, b"cranedyn.record", message)
 
 
-def _metadata(metadata: Mapping[bytes, bytes], key: bytes, message: str) -> dict[str, Any]:
+def _json_object(metadata: Mapping[bytes, bytes], key: bytes, message: str) -> dict[str, Any]:
+    """Return the JSON object at a key of the metadata of a file, empty if there is none.
+
+    Raises:
+        DataError: With a message, if it is no JSON object.
+    """
     try:
         content = parse_json(metadata.get(key, b"{}"))
     except (ValueError, RecursionError):
@@ -245,6 +263,7 @@ def _metadata(metadata: Mapping[bytes, bytes], key: bytes, message: str) -> dict
 
 
 def _check_times(t: np.ndarray, least_rows: int, path: str | Path) -> None:
+    """Check that there are so many rows, one or two, at least, and that time increases."""
     if len(t) < least_rows:
         rows = "one row" if least_rows == 1 else "two rows"
         raise DataError(f"{path} has too few rows, {len(t)}; it needs {rows} or more.")
@@ -265,9 +284,10 @@ def check_increasing(
     Raises:
         DataError: If they do not, with the first row in which one does not.
     """
-    falling = np.flatnonzero(~(t[1:] > t[:-1]))
-    if len(falling):
-        row = int(falling[0])
+    not_later = np.flatnonzero(~(t[1:] > t[:-1]))  # NaN among them
+    if len(not_later):
+        row = int(not_later[0])
+        # The number of the later of both rows, counted from 1.
         number = row + 2 if rows is None else int(rows[row + 1]) + 1
         raise DataError(
             f"{path}: {name} must increase from row to row; in data row {number} it is "
@@ -295,20 +315,27 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
                 f"A piece that begins at t = {piece.t[0]:g} s does not go on from one that ends at "
                 f"t = {previous.t[-1]:g} s."
             )
-    names = pieces[0]._quantities
-    arrays = {name: [getattr(piece, name) for piece in pieces] for name in names}
-    for name in ("work", "dissipated", "outside"):
-        totals = np.cumsum([values[-1] for values in arrays[name][:-1]], axis=0)
-        arrays[name][1:] = [
-            values + total for values, total in zip(arrays[name][1:], totals, strict=True)
-        ]
     first = pieces[0]
+    arrays = {}
+    for name in first._quantities:
+        stacks = [getattr(piece, name) for piece in pieces]
+        if name in _ACCUMULATED:
+            stacks = _accumulated(stacks)
+        # A piece begins with the row in which the one before ended: that of the later piece counts.
+        trimmed = [values[:-1] for values in stacks[:-1]]
+        arrays[name] = np.concatenate([*trimmed, stacks[-1]])
     return Trajectory(
-        **{
-            name: np.concatenate([*(values[:-1] for values in stacks[:-1]), stacks[-1]])
-            for name, stacks in arrays.items()
-        },
+        **arrays,
         columns=first.columns,
         parameters=first.parameters,
         record=first.record,
     )
+
+
+def _accumulated(stacks: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return a quantity of each of some pieces of a run, with what had come together at the end of
+    the pieces before.
+    """
+    totals = np.cumsum([values[-1] for values in stacks[:-1]], axis=0)
+    later = [values + total for values, total in zip(stacks[1:], totals, strict=True)]
+    return [stacks[0], *later]

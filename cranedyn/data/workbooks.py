@@ -43,7 +43,8 @@ class Sheet:
 
     def cell(self, row: int, column: int) -> float | str:
         """Return the number or the words of a cell, an empty text where it is empty."""
-        if word := self.words.get((row, column)):
+        word = self.words.get((row, column))
+        if word:
             return word
         number = float(self.numbers[row, column])
         return "" if np.isnan(number) else number
@@ -59,14 +60,18 @@ class Sheet:
         height = min(len(self.numbers), HEADER_ROWS)
         rows = [self._is_row(i) for i in range(height)]
         for i, is_row in enumerate(rows):
-            if is_row and (i + 1 == len(self.numbers) or rows[i + 1 : i + 2] == [True]):
+            is_last_of_sheet = i + 1 == len(self.numbers)
+            is_followed = i + 1 < height and rows[i + 1]
+            if is_row and (is_last_of_sheet or is_followed):
                 return i
         return None
 
     def _is_row(self, row: int) -> bool:
-        numbers = int(np.isfinite(self.numbers[row]).sum())
-        words = sum((row, column) in self.words for column in range(self.numbers.shape[1]))
-        return numbers >= 2 or (numbers == 1 and words == 0 and self.numbers.shape[1] > 1)
+        """Return whether a row has two numbers or more, or one beside empty cells."""
+        width = self.numbers.shape[1]
+        number_count = int(np.isfinite(self.numbers[row]).sum())
+        word_count = sum((row, column) in self.words for column in range(width))
+        return number_count >= 2 or (number_count == 1 and word_count == 0 and width > 1)
 
 
 def read_sheets(path: str | Path) -> list[Sheet]:
@@ -81,11 +86,20 @@ def read_sheets(path: str | Path) -> list[Sheet]:
     sheets: list[Sheet] = []
     begin = 0
     for described in result.header["sheets"]:
-        height, width = int(described["height"]), int(described["width"])
+        height = int(described["height"])
+        width = int(described["width"])
         matrix = numbers[begin : begin + height * width].reshape(height, width)
         begin += height * width
         words = {(int(i), int(j)): str(text) for i, j, text in described["texts"]}
         last_date = tuple(int(row) for row in described["last_date"])
         last_number = tuple(int(row) for row in described["last_number"])
-        sheets.append(Sheet(str(described["name"]), matrix, words, last_date, last_number))
+        sheets.append(
+            Sheet(
+                name=str(described["name"]),
+                numbers=matrix,
+                words=words,
+                last_date=last_date,
+                last_number=last_number,
+            )
+        )
     return sheets

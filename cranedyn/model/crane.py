@@ -35,8 +35,11 @@ NO_RATE_LIMIT = 1e3
 """Velocity limit in a URDF that stands for none [rad/s or m/s]: other programs hold a joint with 0.
 """
 
+_MAX_START_SWING = float(np.nextafter(np.pi / 2, 0.0))
+"""Largest swing at the start [rad], the last number below 90°."""
 
-_LARGEST_SWING = float(np.nextafter(np.pi / 2, 0.0))
+_COLUMN_WIDTHS = (7, 24, 4, 9, 9, 9, 12)
+"""Least width of each column of `Crane.__repr__` [characters]."""
 
 
 class Point(NamedTuple):
@@ -61,6 +64,7 @@ class _Scratch(threading.local):
         self.data = model.createData()
 
     def __reduce__(self) -> tuple[type[_Scratch], tuple[pin.Model]]:
+        """Pickle the model; the memory of a thread is made anew in another process."""
         return type(self), (self.model,)
 
 
@@ -141,17 +145,22 @@ class Crane:
         """Index among the drives of the joint that sets the length of the rope: the only prismatic
         drive that a passive revolute joint carries; None if there is none or are several.
         """
-        joints = self.layout.joints
-        winches = [
-            drive
-            for drive, i in enumerate(self.layout.drives.tolist())
-            if joints[i].kind == "prismatic"
-            and any(
-                above > 0 and joints[above - 1].kind == "revolute" and joints[above - 1].passive
-                for above in self.model.supports[i + 1].tolist()
-            )
-        ]
+        winches = []
+        for drive, i in enumerate(self.layout.drives.tolist()):
+            if self.layout.joints[i].kind == "prismatic" and self._hangs_on_swing(i):
+                winches.append(drive)
         return winches[0] if len(winches) == 1 else None
+
+    def _hangs_on_swing(self, joint: int) -> bool:
+        """Return whether a passive revolute joint carries the joint of an index."""
+        # Coordinate i belongs to joint i + 1 of Pinocchio, whose joint 0 is the world.
+        for support in self.model.supports[joint + 1].tolist():
+            if support == 0:
+                continue
+            carrier = self.layout.joints[support - 1]
+            if carrier.kind == "revolute" and carrier.passive:
+                return True
+        return False
 
     @property
     def payload(self) -> Point:
@@ -187,14 +196,17 @@ class Crane:
         """Inertia about the pivot of the links between the swing joints: against radial and against
         tangential swing [kg m²].
         """
-        joints = (
-            self.layout.role(role, "The inertia of the links between the swing joints")
-            for role in ("radial_swing", "tangential_swing")
-        )
-        outer, inner = (self._inertia(joint).matrix()[3:, 3:] for joint in joints)
+        user = "The inertia of the links between the swing joints"
+        radial = self.layout.role("radial_swing", user)
+        tangential = self.layout.role("tangential_swing", user)
+        # Rotational inertia about the axes of each joint, which go through the pivot.
+        outer = self._inertia(radial).matrix()[3:, 3:]
+        inner = self._inertia(tangential).matrix()[3:, 3:]
+        # The radial swing, about X, turns both links; the tangential one, about Y, the inner one.
         return float(outer[0, 0] + inner[0, 0]), float(inner[1, 1])
 
     def _inertia(self, joint: int) -> pin.Inertia:
+        """Return the inertia of the body that a joint carries, in the frame of that joint."""
         return self.model.inertias[joint + 1]
 
     @cached_property
@@ -235,34 +247,45 @@ class Crane:
                 swing of 90° or more from where the load hangs.
         """
         layout = self.layout
-        q, v = self.start.q.copy(), np.zeros(layout.n)
-        given: dict[int, float] = {}
+        q = self.start.q.copy()
+        v = np.zeros(layout.n)
+        coordinates: dict[int, float] = {}
         for name, value in values.items():
-            symbol = name.removesuffix("_dot")
-            if symbol not in layout.symbols:
-                raise UnknownName(
-                    "coordinate", name, [*layout.symbols, *(f"{c}_dot" for c in layout.symbols)]
-                )
-            i = layout.index(symbol)
-            if layout.joints[i].follows:
-                raise OutOfRange(
-                    f"{name} at the start",
-                    value,
-                    f"left out: it follows {layout.joints[i].follows}",
-                )
-            if name == symbol:
-                given[i] = value
+            i = self._named_coordinate(name, value)
+            if name == layout.symbols[i]:
+                coordinates[i] = value
             else:
                 v[i] = number(f"{name} at the start", value, f"{layout.units[i]}/s")
         # Drives first: where a swing joint hangs depends on them.
-        for i in sorted(given, key=lambda i: i in self.swings):
+        for i in sorted(coordinates, key=lambda i: i in self.swings):
             low, high = self._start_range(i, q)
             name = f"{layout.symbols[i]} at the start"
-            q[i] = within(name, given[i], low, high, layout.units[i])
-        swinging = any(layout.symbols[i] in values for i in layout.passive)
+            q[i] = within(name, coordinates[i], low, high, layout.units[i])
+        passive_given = any(layout.symbols[i] in values for i in layout.passive)
         if self.coupling is not None:
-            q, v = self.coupling.complete(q), self.coupling.spread(v)
-        return State(q if swinging else self.resting(q), v)
+            q = self.coupling.complete(q)
+            v = self.coupling.spread(v)
+        if not passive_given:
+            q = self.resting(q)
+        return State(q, v)
+
+    def _named_coordinate(self, name: str, value: object) -> int:
+        """Return the index of the coordinate that a name of `state` means, or whose rate it means.
+
+        Raises:
+            UnknownName: If there is none.
+            OutOfRange: If its joint follows another one.
+        """
+        layout = self.layout
+        symbol = name.removesuffix("_dot")
+        if symbol not in layout.symbols:
+            rates = [f"{symbol}_dot" for symbol in layout.symbols]
+            raise UnknownName("coordinate", name, [*layout.symbols, *rates])
+        i = layout.index(symbol)
+        leader = layout.joints[i].follows
+        if leader:
+            raise OutOfRange(f"{name} at the start", value, f"left out: it follows {leader}")
+        return i
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the mass matrix at coordinates q, shape (n, n), both triangles; of the reduced
@@ -291,12 +314,13 @@ class Crane:
         """Return the range in which a joint may start [rad or m]: its range in the URDF, and less
         than 90° of swing from where the load hangs with the drives as in q.
         """
-        low, high = float(self.lower[joint]), float(self.upper[joint])
+        low = float(self.lower[joint])
+        high = float(self.upper[joint])
         if joint not in self.swings or not self.rest.hangs:
             return low, high
         swing = self.swings.tolist().index(joint)
         hanging = float(self.rest.angle[swing] + self.rest.slope[swing] @ q[self.layout.drives])
-        return max(low, hanging - _LARGEST_SWING), min(high, hanging + _LARGEST_SWING)
+        return max(low, hanging - _MAX_START_SWING), min(high, hanging + _MAX_START_SWING)
 
     def resting(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates of `hanging`, or q itself, shape (n,), for a mechanism whose
@@ -338,27 +362,27 @@ class Crane:
     @cached_property
     def rest(self) -> Rest:
         """Angles of the swing joints at rest, to first order in the drives about `start`."""
-        layout, swings = self.layout, self.swings
         try:
             q = self.hanging(self.start.q)
         except ModelError:
-            return no_rest(self.start.q, layout, swings)
-        tangent = rest_stiffness(self.model, self.data, self.springs, q, self.coupling)
-        return linearise_rest(tangent, q, layout, swings)
+            return no_rest(self.start.q, self.layout, self.swings)
+        stiffness = rest_stiffness(self.model, self.data, self.springs, q, self.coupling)
+        return linearise_rest(stiffness, q, self.layout, self.swings)
 
     def __repr__(self) -> str:
         """Return a title, a line for each joint, and the assumptions."""
-        least = (7, 24, 4, 9, 9, 9, 12)
-        widths = [
-            max(width, *map(len, cells))
-            for width, cells in zip(least, zip(*self._rows, strict=True), strict=True)
-        ]
-        rows = []
-        for row in self._rows:
-            texts = [text.ljust(width) for text, width in zip(row[:3], widths[:3], strict=True)]
-            numbers = [text.rjust(width) for text, width in zip(row[3:], widths[3:], strict=True)]
-            rows.append(" ".join([*texts, *numbers]).rstrip())
-        return "\n".join([self._title, *rows, *self.assumptions])
+        table = self._rows
+        widths = list(_COLUMN_WIDTHS)
+        for row in table:
+            widths = [max(width, len(text)) for width, text in zip(widths, row, strict=True)]
+        lines = []
+        for row in table:
+            cells = []
+            for column, (text, width) in enumerate(zip(row, widths, strict=True)):
+                is_word = column < 3  # symbol, joint and unit
+                cells.append(text.ljust(width) if is_word else text.rjust(width))
+            lines.append(" ".join(cells).rstrip())
+        return "\n".join([self._title, *lines, *self.assumptions])
 
     def _repr_html_(self) -> str:
         """Return title and joints as an HTML table, for notebooks."""
@@ -366,21 +390,31 @@ class Crane:
 
     @property
     def _title(self) -> str:
+        """First line of the texts about this crane."""
         payload = f"payload of {self.payload_mass:g} kg"
         return f"Crane with a {payload} in gravity of {self.gravity:g} m/s²"
 
     @property
     def _rows(self) -> list[tuple[str, ...]]:
         """Headings, and a row of texts for each joint."""
-        limits = dict(zip(self.layout.drives.tolist(), self.effort_limit, strict=True))
+        effort_limits = dict(zip(self.layout.drives.tolist(), self.effort_limit, strict=True))
         headings = ("symbol", "joint", "unit", "from", "to", "start", "drive")
         rows: list[tuple[str, ...]] = [headings]
         for i, joint in enumerate(self.layout.joints):
-            ends = (f"{values[i]:.5g}" for values in (self.lower, self.upper, self.start.q))
-            drive = f"{limits[i]:g} {joint.effort_unit}" if joint.driven else "passive"
+            drive = f"{effort_limits[i]:g} {joint.effort_unit}" if joint.driven else "passive"
             if self.coupling is not None and i in self.coupling.followers:
                 drive = self.coupling.formula(i, joint.follows)
-            rows.append((joint.symbol, joint.name, joint.unit, *ends, drive))
+            rows.append(
+                (
+                    joint.symbol,
+                    joint.name,
+                    joint.unit,
+                    f"{self.lower[i]:.5g}",
+                    f"{self.upper[i]:.5g}",
+                    f"{self.start.q[i]:.5g}",
+                    drive,
+                )
+            )
         return rows
 
 
@@ -389,12 +423,13 @@ _Result = TypeVar("_Result")
 
 def once_per_crane(function: Callable[[Crane], _Result]) -> Callable[[Crane], _Result]:
     """Return a function that keeps its result for each crane for as long as the crane exists."""
+    # Weak keys: a result goes with its crane.
     results = WeakKeyDictionary[Crane, _Result]()
 
     @wraps(function)
-    def cached(crane: Crane) -> _Result:
+    def result_of(crane: Crane) -> _Result:
         if crane not in results:
             results[crane] = function(crane)
         return results[crane]
 
-    return cached
+    return result_of

@@ -8,7 +8,7 @@ import io
 import os
 import re
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -100,15 +100,18 @@ class CraneValues(TypedDict, total=False):
     hoist_init: float  # m
 
 
-_LOCK = threading.Lock()  # xacro keeps the current file in a variable of its module
+_XACRO_LOCK = threading.Lock()
+"""Held while a file is expanded: xacro keeps the current file in a variable of its module."""
 
-_LEVELS = 4
-"""Count of folders above a file that are searched: packages of one workspace stand side by side."""
+_SEARCHED_LEVELS = 4
+"""Number of folders above that of a file that are searched for ROS packages: those of one workspace
+stand side by side."""
 
 _DOCUMENTED = re.compile(
     r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0|>= 0 or inf|a whole number >= 1): "
     r"(?P<meaning>.+)"
 )
+"""The comment behind an argument of a xacro file of this project."""
 
 
 @dataclass(frozen=True)
@@ -187,22 +190,27 @@ def describe(
     for name, value in (values or {}).items():
         if name not in declared:
             raise UnknownName("argument", name, declared)
-        unit, allowed = declared[name].unit, declared[name].allowed
-        mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
-    key = str(path), tuple(mappings.items())
+        argument = declared[name]
+        if argument.allowed:
+            mappings[name] = repr(number(name, value, argument.unit, argument.allowed))
+        else:
+            mappings[name] = str(value)
+    settings = tuple(mappings.items())
     if not bundled:
-        return _expand(*key, packages)
+        return _expand(str(path), settings, packages)
     files = [file.stat() for file in sorted(XACRO.parent.glob("*.xacro"))]
-    return _expand_cached(*key, tuple((file.st_mtime_ns, file.st_size) for file in files))
+    versions = tuple((file.st_mtime_ns, file.st_size) for file in files)
+    return _expand_cached(str(path), settings, versions)
 
 
 @lru_cache(maxsize=64)
 def _expand_cached(
-    path: str, mappings: tuple[tuple[str, str], ...], _: tuple[tuple[int, int], ...]
+    path: str, mappings: tuple[tuple[str, str], ...], versions: tuple[tuple[int, int], ...]
 ) -> str:
-    """Return the expansion of a file of this project; the last argument tells versions apart.
+    """Return the expansion of a file of this project, see `_expand`.
 
-    These files read nothing but each other.
+    Times and sizes of the files are an argument, so that an expansion is not reused once one of
+    them has changed. These files read nothing but each other.
     """
     return _expand(path, mappings)
 
@@ -212,9 +220,17 @@ def _expand(
     mappings: tuple[tuple[str, str], ...],
     packages: Mapping[str, str | Path] | None = None,
 ) -> str:
+    """Return the expansion of a xacro file.
+
+    Args:
+        path: The file.
+        mappings: Names and values of its arguments.
+        packages: Folders of ROS packages by name.
+    """
     missing: list[ModelError] = []
 
     def find(name: str) -> str:
+        """Return the folder of a package for xacro."""
         try:
             return str(package_folder(name, path, packages))
         except ModelError as error:
@@ -223,9 +239,7 @@ def _expand(
             raise
 
     try:
-        with _LOCK, contextlib.redirect_stderr(io.StringIO()), contextlib.ExitStack() as after:
-            after.callback(setattr, substitution_args, "_eval_find", substitution_args._eval_find)
-            substitution_args._eval_find = find  # asks ROS otherwise
+        with _XACRO_LOCK, contextlib.redirect_stderr(io.StringIO()), _packages_found_by(find):
             # Xacro moves this node from document to document. An interruption meanwhile would leave
             # it in none, and every later expansion would fail.
             xacro._empty_text_node = minidom.Document().createTextNode("\n\n")
@@ -243,6 +257,17 @@ def _expand(
         raise ModelError(
             f"{path} cannot be expanded: {str(error) or type(error).__name__}."
         ) from error
+
+
+@contextlib.contextmanager
+def _packages_found_by(find: Callable[[str], str]) -> Iterator[None]:
+    """Let xacro take the folder of a ROS package from a function; otherwise it asks ROS."""
+    asking_ros = substitution_args._eval_find
+    try:
+        substitution_args._eval_find = find
+        yield
+    finally:
+        substitution_args._eval_find = asking_ros
 
 
 def package_folder(
@@ -273,7 +298,8 @@ def package_folder(
 
 
 def _candidates(name: str, source: Path) -> Iterator[Path]:
-    above = source.parents[: _LEVELS + 1]
+    """Yield folders in which a ROS package may be, see `package_folder`."""
+    above = source.parents[: _SEARCHED_LEVELS + 1]
     yield from above
     for folder in above[1:]:
         for pattern in ("*/package.xml", "*/*/package.xml"):
@@ -283,7 +309,8 @@ def _candidates(name: str, source: Path) -> Iterator[Path]:
             yield Path(prefix) / "share" / name
     for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
         if root:
-            yield from (Path(root), Path(root) / name)
+            yield Path(root)
+            yield Path(root) / name
 
 
 def _package_name(folder: Path) -> str:
@@ -297,9 +324,15 @@ def _package_name(folder: Path) -> str:
 
 def add_values(parser: argparse._ActionsContainer, text: str) -> None:
     """Add the option ``--set`` for `parse_values` to a parser."""
-    add = parser.add_argument
-    metavar = "name:=value"
-    add("--set", dest="values", nargs="+", action="extend", default=[], metavar=metavar, help=text)
+    parser.add_argument(
+        "--set",
+        dest="values",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="name:=value",
+        help=text,
+    )
 
 
 def parse_values(pairs: Sequence[str]) -> dict[str, str]:
@@ -341,12 +374,14 @@ def _twin_arguments(path: str) -> dict[str, str]:
 
 
 def _parse(path: str | Path) -> minidom.Document:
+    """Return a xacro file with its comments."""
     text = read_text(path)
-    parse_urdf(text, path)
+    parse_urdf(text, path)  # refuses document types and great depth, which minidom does not
     return minidom.parseString(text)
 
 
 def _strip_comments(node: minidom.Node) -> None:
+    """Remove all comments below a node."""
     for child in list(node.childNodes):
         if child.nodeType == Node.COMMENT_NODE:
             node.removeChild(child)  # type: ignore[misc]

@@ -52,7 +52,7 @@ class DryFriction:
     Attributes:
         joints: Indices among the coordinates of the joints that have friction.
         effort: Largest friction f of each [N m or N].
-        width: Rate w of each [rad/s or m/s] at which 71 % of the largest friction acts.
+        width: Rate w of each [rad/s or m/s]. At this rate 1/√2 = 71 % of the largest friction acts.
     """
 
     joints: tuple[int, ...]
@@ -123,20 +123,22 @@ def smooth_friction(
     if not joints:
         return None
     among = np.ix_(joints, joints)
-    inverses = [
-        inverse[among] for inverse in _inverse_masses(model, lower, upper, drives, start, coupling)
-    ]
+    inverses = []
+    for inverse in _inverse_masses(model, lower, upper, drives, start, coupling):
+        inverses.append(inverse[among])
     mobility = np.max([np.diag(inverse) for inverse in inverses], axis=0)
+
+    # With f_i/w_i = 1/(T c m_i) and m the mobility, M⁻¹ diag(f/w) has the eigenvalues of
+    # diag(m)^-½ M⁻¹ diag(m)^-½ over T c. None exceeds 1/T if c is the largest of the latter.
     scale = np.sqrt(mobility)
-    interaction = max(
-        float(np.linalg.eigvalsh(inverse / scale / scale[:, None])[-1]) for inverse in inverses
-    )
+    scaled_inverses = [inverse / scale / scale[:, None] for inverse in inverses]
+    interaction = max(float(np.linalg.eigvalsh(scaled)[-1]) for scaled in scaled_inverses)
     effort = efforts[list(joints)]
     stopping = STOPPING_TIME * interaction * mobility
-    for joint, friction, rate_per_effort in zip(joints, effort, stopping, strict=True):
+    for joint, friction, width_per_effort in zip(joints, effort, stopping, strict=True):
         rate_limit = float(model.velocityLimit[joint])
         widest = min(rate_limit, MAX_WIDTH) if rate_limit > 0.0 else MAX_WIDTH
-        largest = widest / rate_per_effort
+        largest = widest / width_per_effort
         if friction > largest:
             name = model.names[joint + 1]
             raise OutOfRange(
@@ -166,7 +168,8 @@ def _inverse_masses(
     """
     postures = [start]
     if len(drives) <= MAX_COMBINED_DRIVES:
-        for ends in itertools.product(*[(lower[i], upper[i]) for i in drives]):
+        ranges = [(lower[i], upper[i]) for i in drives]
+        for ends in itertools.product(*ranges):
             posture = start.copy()
             posture[list(drives)] = ends
             postures.append(posture if coupling is None else coupling.complete(posture))
@@ -183,6 +186,7 @@ def _inverse_masses(
             continue
         inverse = np.linalg.inv(mass)
         if coupling is not None:
+            # Followers take what acts on them to their leaders (Gᵀ), and move with them (G).
             inverse = coupling.matrix @ inverse @ coupling.matrix.T
         inverses.append(inverse)
     return inverses
@@ -190,12 +194,13 @@ def _inverse_masses(
 
 def friction_notes(friction: DryFriction | None, layout: Layout) -> list[str]:
     """Return a sentence on each joint with dry friction, which states the width of its law."""
+    if friction is None:
+        return []
     notes = []
-    if friction is not None:
-        for i, effort, width in zip(friction.joints, friction.effort, friction.width, strict=True):
-            joint = layout.joints[i]
-            notes.append(
-                f"Dry friction of {joint.name}: {effort:g} {joint.effort_unit}, simulated as a "
-                f"smooth function of the rate that reaches 71 % at {width:.3g} {joint.unit}/s."
-            )
+    for i, effort, width in zip(friction.joints, friction.effort, friction.width, strict=True):
+        joint = layout.joints[i]
+        notes.append(
+            f"Dry friction of {joint.name}: {effort:g} {joint.effort_unit}, simulated as a smooth "
+            f"function of the rate that reaches 71 % at {width:.3g} {joint.unit}/s."
+        )
     return notes

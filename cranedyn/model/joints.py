@@ -19,12 +19,15 @@ from cranedyn.model.mimics import Mimic
 _FIVE_TURNS = 31.4159
 """Range of a continuous joint to either side [rad], as of the slew of the tower crane."""
 
-_EFFORT = 1e6
+_UNKNOWN_EFFORT = 1e6
 """Effort of a drive without limit [N or N m], as of the drives of the tower crane."""
 
-
-_NAMED = 20
+_MAX_NAMED_JOINTS = 20
 """Number of joints that an error message names."""
+
+_MIN_ANGULAR_RATE = 1e-9
+"""Angular rate of a body per unit of a coordinate from which on its joint turns: that of a revolute
+joint is 1 rad per rad, that of a prismatic one is round-off."""
 
 MAX_MOVING_JOINTS = 128
 """Largest number of joints that move. Pinocchio's data grow with the cube of it: with 400 joints
@@ -44,7 +47,7 @@ def complete_limits(robot: ET.Element, driven: Sequence[str] | None) -> list[str
     Returns:
         A note on each limit that was set.
     """
-    drives = {*(driven or ())} or _declared_drives(robot)[0]
+    drives = set(driven or ()) or _declared_drives(robot)[0]
     notes = []
     for joint in robot.iterfind("joint"):
         name = joint.get("name", "")
@@ -62,9 +65,9 @@ def complete_limits(robot: ET.Element, driven: Sequence[str] | None) -> list[str
             limit.set("velocity", str(NO_RATE_LIMIT))
             notes.append(f"velocity limit 0 of {name} read as none.")
         if float(limit.get("effort", "0")) == 0.0 and (name in drives or not drives):
-            limit.set("effort", str(_EFFORT))
+            limit.set("effort", str(_UNKNOWN_EFFORT))
             unit = "N" if joint.get("type") == "prismatic" else "N m"
-            notes.append(f"effort limit 0 of {name} read as unknown: {_EFFORT:g} {unit}.")
+            notes.append(f"effort limit 0 of {name} read as unknown: {_UNKNOWN_EFFORT:g} {unit}.")
     return notes
 
 
@@ -79,12 +82,14 @@ def check_joints(model: pin.Model, path: Path) -> None:
     Raises:
         ModelError: If it does not.
     """
-    if not joint_names(model):
+    names = joint_names(model)
+    if not names:
         raise ModelError(f"{path} has no joint that moves.")
-    if (count := len(joint_names(model))) > MAX_MOVING_JOINTS:
+    count = len(names)
+    if count > MAX_MOVING_JOINTS:
         raise ModelError(f"{path} has {count} joints that move; allowed are {MAX_MOVING_JOINTS}.")
-    for i, name in enumerate(joint_names(model), start=1):
-        if (model.joints[i].nq, model.joints[i].nv) != (1, 1):
+    for i, name in enumerate(names, start=1):
+        if model.joints[i].nq != 1 or model.joints[i].nv != 1:
             raise ModelError(
                 f"{path} has a {quoted(name)} without limits or with several axes; it must be "
                 "revolute, continuous or prismatic."
@@ -102,7 +107,10 @@ def read_armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
     for joint in robot.iterfind("joint"):
         name = joint.get("name", "")
         dynamics = joint.find("dynamics")
-        if dynamics is not None and name in names and (text := dynamics.get("armature")):
+        if dynamics is None or name not in names:
+            continue
+        text = dynamics.get("armature")
+        if text:
             armature[names.index(name)] = number(f"armature of {name}", text, "kg m² or kg", ">= 0")
     return armature
 
@@ -147,9 +155,8 @@ def _declared_drives(robot: ET.Element) -> tuple[set[str], str]:
     }
     if controlled:
         return controlled, "<ros2_control>"
-    return {
-        joint.get("name", "") for joint in robot.iterfind("transmission/joint")
-    }, "<transmission>"
+    transmitted = {joint.get("name", "") for joint in robot.iterfind("transmission/joint")}
+    return transmitted, "<transmission>"
 
 
 def declare_drives(robot: ET.Element, driven: Sequence[str]) -> None:
@@ -189,7 +196,7 @@ def driven_joints(
             )
     if driven is not None and source == "<transmission>":
         declared = set()  # it says how a drive is geared, rather than which are driven
-    if driven is not None and declared and declared != {*driven}:
+    if driven is not None and declared and declared != set(driven):
         raise ModelError(
             f"{path} says by {source} that drives move "
             f"{', '.join(map(quoted, sorted(declared)))}, the argument says {', '.join(driven)}; "
@@ -208,11 +215,18 @@ def driven_joints(
         raise ModelError(
             f"{path} does not say which joints are driven, by <ros2_control>, <transmission> or an "
             "actuator; say it by load_crane(driven=[...]), or --driven. Its joints are "
-            f"{', '.join(map(quoted, names[:_NAMED]))}"
-            f"{f' and {len(names) - _NAMED} more' if len(names) > _NAMED else ''}. If the hook "
-            "hangs on a rigid joint, swing=True, or --swing, puts a rope above it."
+            f"{_listed(names)}. If the hook hangs on a rigid joint, swing=True, or --swing, puts a "
+            "rope above it."
         )
-    return declared or {*(driven or ())}
+    return declared or set(driven or ())
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return the first names of joints, and how many more there are, for an error message."""
+    listed = ", ".join(map(quoted, names[:_MAX_NAMED_JOINTS]))
+    if len(names) > _MAX_NAMED_JOINTS:
+        listed += f" and {len(names) - _MAX_NAMED_JOINTS} more"
+    return listed
 
 
 def joint_roles(
@@ -233,18 +247,7 @@ def joint_roles(
     """
     names = [joint.name for joint in joints]
     if given is None:
-        named = {role.joint: name for name, role in ROLES.items() if role.joint in names}
-        if len(named) == len(ROLES):
-            return named
-        if is_chain and len(joints) == len(ROLES):
-            pairs = zip(joints, ROLES, strict=True)  # a swing is passive, all else is driven
-            if all(_fits(joint, r) and joint.driven != r.endswith("_swing") for joint, r in pairs):
-                return dict(zip(names, ROLES, strict=True))
-        return {
-            joint.name: named[joint.name]
-            for joint in joints
-            if joint.name in named and _fits(joint, named[joint.name])
-        }
+        return _default_roles(joints, is_chain)
     roles: dict[str, str] = {}
     for role, joint in given.items():
         if role not in ROLES:
@@ -257,6 +260,29 @@ def joint_roles(
             )
         roles[joint] = role
     return roles
+
+
+def _default_roles(joints: Sequence[Joint], is_chain: bool) -> dict[str, str]:
+    """Return the role of each joint by its name where the user gives none, see `joint_roles`."""
+    names = [joint.name for joint in joints]
+    named = {role.joint: name for name, role in ROLES.items() if role.joint in names}
+    if len(named) == len(ROLES):
+        return named
+    if is_chain and len(joints) == len(ROLES):
+        if all(_plays(joint, role) for joint, role in zip(joints, ROLES, strict=True)):
+            return dict(zip(names, ROLES, strict=True))
+    roles = {}
+    for joint in joints:
+        role = named.get(joint.name)
+        if role is not None and _fits(joint, role):
+            roles[joint.name] = role
+    return roles
+
+
+def _plays(joint: Joint, role: str) -> bool:
+    """Return whether a joint moves as that of a role: along its axis, and driven if no swing."""
+    is_swing = role.endswith("_swing")
+    return _fits(joint, role) and joint.driven != is_swing
 
 
 def read_joints(
@@ -283,14 +309,17 @@ def read_joints(
     """
     joints = []
     data = model.createData()
-    n = len(joint_names(model))
+    names = joint_names(model)
+    n = len(names)
+    # The column of a joint in its own Jacobian at zero is its motion in the world per unit of its
+    # coordinate: the axis, linear for a prismatic joint and angular for a revolute one.
     pin.computeJointJacobians(model, data, np.zeros(n))
-    for i, name in enumerate(joint_names(model)):
+    for i, name in enumerate(names):
         # Pinocchio gives a matrix of one column without its second dimension.
         jacobian = pin.getJointJacobian(model, data, i + 1, pin.LOCAL_WORLD_ALIGNED).reshape(6, n)
         linear = jacobian[:3, i]
         angular = jacobian[3:, i]
-        prismatic = bool(np.linalg.norm(angular) < 1e-9)
+        prismatic = bool(np.linalg.norm(angular) < _MIN_ANGULAR_RATE)
         joints.append(
             Joint(
                 name=name,
@@ -304,7 +333,7 @@ def read_joints(
         )
     is_chain = list(model.parents)[1:] == list(range(n))
     for name, role in joint_roles(joints, given, is_chain).items():
-        i = joint_names(model).index(name)
+        i = names.index(name)
         joints[i] = replace(joints[i], role=role, symbol=ROLES[role].symbol)
     symbols = [joint.symbol for joint in joints]
     if len(set(symbols)) < n:
@@ -346,21 +375,24 @@ def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tup
     They are the payload, the pivot of the first passive revolute joint, and the hook if the payload
     hangs below the joint of the role hoist and the stretch or yaw of its rope.
     """
-
-    def centre(name: str, joint: int) -> Point:
-        return Point(name, joint, model.inertias[joint + 1].lever.copy())
-
-    points = [centre("payload", payload)]
+    points = [_centre_of_mass("payload", model, payload)]
     roles = [joint.role for joint in joints]
-    swings = [i for i, j in enumerate(joints) if j.passive and j.kind == "revolute"]
+    swings = [i for i, joint in enumerate(joints) if joint.passive and joint.kind == "revolute"]
     if swings:
-        points.append(Point("trolley" if "trolley" in roles else "pivot", swings[0], np.zeros(3)))
+        name = "trolley" if "trolley" in roles else "pivot"
+        points.append(Point(name, swings[0], np.zeros(3)))
     if "hoist" in roles:
         hook = roles.index("hoist")
         if hook < payload:
             below = joints[hook + 1]
-            # the stretch of the rope, or the yaw on two falls
-            hook += not below.driven and abs(below.axis[2]) >= ALIGNED
+            # The stretch of the rope, or the yaw on two falls, is between the hoist and the hook.
+            if not below.driven and abs(below.axis[2]) >= ALIGNED:
+                hook += 1
         if hook != payload:
-            points.append(centre("hook", hook))
+            points.append(_centre_of_mass("hook", model, hook))
     return tuple(points)
+
+
+def _centre_of_mass(name: str, model: pin.Model, joint: int) -> Point:
+    """Return the centre of mass of the body that a joint carries as a point of a name."""
+    return Point(name, joint, model.inertias[joint + 1].lever.copy())

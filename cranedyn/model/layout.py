@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -15,7 +15,8 @@ from cranedyn.data.columns import trajectory_columns
 from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
 
-_COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+_COUNT_WORDS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+"""Small numbers in words, for error messages."""
 
 
 class Role(NamedTuple):
@@ -84,7 +85,8 @@ class Joint:
     @property
     def effort_name(self) -> str:
         """Name of the generalized force: torque T or force F, such as F_x."""
-        return f"{'T' if self.kind == 'revolute' else 'F'}_{self.symbol}"
+        letter = "T" if self.kind == "revolute" else "F"
+        return f"{letter}_{self.symbol}"
 
     @property
     def effort_column(self) -> str:
@@ -127,17 +129,17 @@ class Layout:
     @cached_property
     def drives(self) -> np.ndarray:
         """Indices of the driven coordinates, shape (m,)."""
-        return self._where(lambda joint: joint.driven)
+        return self._indices([joint.driven for joint in self.joints])
 
     @cached_property
     def passive(self) -> np.ndarray:
         """Indices of the passive coordinates, shape (n - m,) unless joints follow others."""
-        return self._where(lambda joint: joint.passive)
+        return self._indices([joint.passive for joint in self.joints])
 
     @cached_property
     def independent(self) -> np.ndarray:
         """Indices of the coordinates of joints that follow no other, drives and passive ones."""
-        return self._where(lambda joint: not joint.follows)
+        return self._indices([not joint.follows for joint in self.joints])
 
     @cached_property
     def measured(self) -> np.ndarray:
@@ -163,7 +165,8 @@ class Layout:
     def drives_in_words(self) -> str:
         """Text for error messages, such as "three numbers: slew, trolley, hoist"."""
         names = ", ".join(joint.role or joint.symbol for joint in self.driven)
-        return f"{_COUNTS.get(self.m, self.m)} number{'s' if self.m > 1 else ''}: {names}"
+        count = _COUNT_WORDS.get(self.m, str(self.m))
+        return f"{count} number{'s' if self.m > 1 else ''}: {names}"
 
     def index(self, symbol: str) -> int:
         """Return the index of a coordinate.
@@ -196,7 +199,10 @@ class Layout:
 
     def drive_of(self, role: str) -> int | None:
         """Return the index of the drive in a role among the drives, None if there is none."""
-        return next((i for i, joint in enumerate(self.driven) if joint.role == role), None)
+        for i, joint in enumerate(self.driven):
+            if joint.role == role:
+                return i
+        return None
 
     def along(self, drive: str) -> np.ndarray:
         """Return the unit vector of a drive, shape (m,).
@@ -223,10 +229,11 @@ class Layout:
         """
         if np.shape(values) != (self.m,):
             raise OutOfRange(name, values, self.drives_in_words)
-        units = [joint.effort_unit if per is None else joint.unit + per for joint in self.driven]
-        rows = zip(self.driven, values, units, strict=True)
-        checked = (number(f"{name} of {j.symbol}", value, unit, allowed) for j, value, unit in rows)
-        return np.array([*checked])
+        checked = []
+        for joint, value in zip(self.driven, values, strict=True):
+            unit = joint.effort_unit if per is None else joint.unit + per
+            checked.append(number(f"{name} of {joint.symbol}", value, unit, allowed))
+        return np.array(checked)
 
     def as_state(self, name: str, state: State) -> State:
         """Return a read-only copy of a state.
@@ -246,10 +253,13 @@ class Layout:
         if q.shape != (self.n,) or v.shape != (self.n,):
             sizes = f"a state of {q.size} coordinates and {v.size} rates"
             raise OutOfRange(name, sizes, f"{self.n} of each: {', '.join(self.symbols)}")
-        named = zip(self.joints, q.tolist(), v.tolist(), strict=True)
-        for joint, position, rate in () if math.isfinite(q.sum() + v.sum()) else named:
-            number(f"{joint.symbol} at the {name}", position, joint.unit)
-            number(f"{joint.symbol}_dot at the {name}", rate, f"{joint.unit}/s")
+        # Each state that a caller gives passes here. A sum is finite only if all its terms are, and
+        # is one operation; only if it is not are they looked at one by one. (A sum of large finite
+        # terms may be infinite, too; then all of them pass.)
+        if not math.isfinite(q.sum() + v.sum()):
+            for i, joint in enumerate(self.joints):
+                number(f"{joint.symbol} at the {name}", float(q[i]), joint.unit)
+                number(f"{joint.symbol}_dot at the {name}", float(v[i]), f"{joint.unit}/s")
         return State(read_only(q.copy()), read_only(v.copy()))
 
     def coordinates_text(self, q: np.ndarray) -> str:
@@ -259,7 +269,8 @@ class Layout:
 
     def has(self, *roles: str) -> bool:
         """Return whether there are joints in all of these roles."""
-        return {*roles} <= {joint.role for joint in self.joints}
+        present = {joint.role for joint in self.joints}
+        return present.issuperset(roles)
 
     def role(self, role: str, user: str) -> int:
         """Return the index of the joint in a role among the coordinates.
@@ -290,7 +301,8 @@ class Layout:
         """
         indices = tuple(self.role(role, user) for role in ROLES)
         roles = [joint.role for joint in self.joints]
-        if further := [joint.name for joint in self.joints if not joint.role]:
+        further = [joint.name for joint in self.joints if not joint.role]
+        if further:
             raise ModelError(
                 f"{user} is made for a tower crane of five joints; this one also moves in "
                 f"{', '.join(further)}."
@@ -300,7 +312,8 @@ class Layout:
                 f"{user} is made for {', '.join(ROLES)} in this order; this crane has "
                 f"{', '.join(roles)}."
             )
-        if (driven := [joint.role for joint in self.driven]) != ["slew", "trolley", "hoist"]:
+        driven = [joint.role for joint in self.driven]
+        if driven != ["slew", "trolley", "hoist"]:
             raise ModelError(
                 f"{user} is made for drives of slew, trolley and hoist; in this one they move "
                 f"{', '.join(driven)}."
@@ -315,6 +328,7 @@ class Layout:
         drives = [joint.symbol for joint in self.driven]
         return trajectory_columns(units, drives, self.points, rope=rope)
 
-    def _where(self, condition: Callable[[Joint], bool]) -> np.ndarray:
-        indices = [i for i, joint in enumerate(self.joints) if condition(joint)]
-        return read_only(np.array(indices, dtype=int))
+    @staticmethod
+    def _indices(chosen: Sequence[bool]) -> np.ndarray:
+        """Return the indices of the coordinates that are chosen, read-only."""
+        return read_only(np.flatnonzero(np.array(chosen, dtype=bool)))

@@ -6,7 +6,7 @@ import contextlib
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -35,7 +35,7 @@ from cranedyn.model.joints import (
     read_armature,
     read_joints,
 )
-from cranedyn.model.layout import Layout
+from cranedyn.model.layout import Joint, Layout
 from cranedyn.model.locked import Locked, lock_joints
 from cranedyn.model.machines import read_machine
 from cranedyn.model.mimics import coupling_of, limit_leaders, read_mimics
@@ -43,8 +43,14 @@ from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.pendulum import pendulum_note
 from cranedyn.model.sdf import read_sdf
 from cranedyn.model.springs import read_springs
-from cranedyn.model.swing import hang_load, swing_numbers, turn_tower
-from cranedyn.model.urdf import bare, check_urdf, initial_values, parse_urdf, skeleton
+from cranedyn.model.swing import Swing, hang_load, swing_numbers, turn_tower
+from cranedyn.model.urdf import (
+    check_urdf,
+    initial_values,
+    parse_urdf,
+    skeleton,
+    without_visuals,
+)
 
 _RECORD_TYPES = {
     "urdf": str,
@@ -59,19 +65,29 @@ _RECORD_TYPES = {
 _FOREIGN_FORMATS = {"mujoco": read_mjcf, "sdf": read_sdf}
 """Readers of other formats than URDF by the tag of their root."""
 
-_LEAST_EIGENVALUE = 1e-10
-"""Least eigenvalue of the scaled mass matrix, so that its inverse keeps some digits of a double."""
+_MIN_EIGENVALUE = 1e-10
+"""Smallest eigenvalue of the scaled mass matrix, so that its inverse keeps some digits of a double.
+"""
 
-_LARGEST_DEVIATION = 1e-3
+_MAX_ACCELERATION_ERROR = 1e-3
 """Largest relative deviation of the articulated-body algorithm from the mass matrix."""
 
-_LIGHTEST = 1e-15
-"""Least payload [kg]: Pinocchio adds up bodies that weigh less than 2.2e-16 kg together as if they
-weighed that."""
+_MIN_PAYLOAD_MASS = 1e-15
+"""Smallest payload [kg]: Pinocchio adds up bodies that weigh less than 2.2e-16 kg together as if
+they weighed that."""
 
 
 class _Options(NamedTuple):
-    """Options of `load_crane` that a URDF does not contain."""
+    """What `load_crane` was told beside the URDF.
+
+    Attributes:
+        gravity: Gravity [m/s²] along -Z; None for that of the file, or standard gravity.
+        joints: Names of joints by role; None for the default names.
+        driven: Names of the driven joints; None for those that the file says.
+        payload: Name of the joint that carries the payload; None for the only one at an end.
+        check_axes: Whether the joints must have kind and axis of their roles.
+        assumptions: What was assumed, a sentence each.
+    """
 
     gravity: float | None = None
     joints: Mapping[str, str] | None = None
@@ -156,14 +172,22 @@ def load_crane(
         raise OutOfRange(name, "given twice", "given once, in values or by its name")
     values = {**(values or {}), **numbers}
     if from_record is not None:
-        excluded = {
-            "urdf": urdf, "machine": machine, "joints": joints, "driven": driven,
-            "payload": payload, "swing": swing or None, "locked": locked or None,
-        }  # fmt: skip
-        _refuse_beside_record({**excluded, "gravity": gravity, **values})
+        _refuse_beside_record(
+            {
+                "urdf": urdf,
+                "machine": machine,
+                "joints": joints,
+                "driven": driven,
+                "payload": payload,
+                "swing": swing or None,
+                "locked": locked or None,
+                "gravity": gravity,
+                **values,
+            }
+        )
         if isinstance(from_record, Mapping):
-            return _from_record(from_record, Path("the record"))
-        return _from_record(read_record(from_record), Path(from_record))
+            return _crane_from_record(from_record, Path("the record"))
+        return _crane_from_record(read_record(from_record), Path(from_record))
     if gravity is not None:
         gravity = number("gravity", gravity, "m/s²", "> 0")
     options = _Options(gravity, joints, driven, payload, check_axes)
@@ -176,17 +200,30 @@ def load_crane(
         options = options._replace(assumptions=specification.assumptions)
     path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
+        # The looks of this project's own crane take time, and are made when somebody asks for them.
         text = describe(path, values, visuals=urdf is not None, packages=packages)
     else:
         text = _text_without_arguments(path, values)
     if urdf is not None or swing or locked:
         return _foreign_crane(text, path, options, swing, locked)
-    record: dict[str, Any] = {}
-    with contextlib.suppress(TypeError, ValueError):  # a value that is text is not recorded
-        floats = {name: float(value) for name, value in values.items()}  # type: ignore[arg-type]
-        # JSON has no infinity
-        record["arguments"] = {n: x if math.isfinite(x) else str(x) for n, x in floats.items()}
-    return _crane(parse_urdf(text, path), path, partial(_own_urdf, values), options, record)
+    robot = parse_urdf(text, path)
+    model = _checked_model(robot, path)
+    record = _recorded_arguments(values)
+    return _crane(robot, model, path, partial(_own_urdf, values), options, record)
+
+
+def _recorded_arguments(values: Mapping[str, object]) -> dict[str, Any]:
+    """Return the entry of a record that lists the arguments of this project's crane, from which its
+    looks are made again; none if a value is text.
+    """
+    arguments: dict[str, float | str] = {}
+    for name, value in values.items():
+        try:
+            argument = float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            return {}
+        arguments[name] = argument if math.isfinite(argument) else str(argument)  # JSON has no inf
+    return {"arguments": arguments}
 
 
 def _refuse_beside_record(values: Mapping[str, object]) -> None:
@@ -226,64 +263,148 @@ def _foreign_crane(
 ) -> Crane:
     """Return the crane of a foreign URDF, MJCF or SDF, completed."""
     robot = parse_urdf(text, path)
-    notes = list[str]()
+    notes: list[str] = []
     if robot.tag in _FOREIGN_FORMATS:
         foreign = _FOREIGN_FORMATS[robot.tag](robot, path)
-        robot, notes = foreign.robot, foreign.notes
+        robot = foreign.robot
+        notes = foreign.notes
         options = options.in_gravity(foreign.gravity, path)
     check_urdf(robot, path)
     notes += lock_joints(robot, locked, path)
     notes += complete_limits(robot, options.driven)
+    if notes:
+        # A joint may have been locked, or a limit added. Numbers of the user can make a URDF wrong
+        # that was right.
+        check_urdf(robot, path)
+    model = _built_model(robot, path)
     if not (swing or notes):
-        return _crane(robot, path, partial(str, text), options)
+        return _crane(robot, model, path, partial(str, text), options)
     if swing:
-        roles: dict[str, str] = {}
-        driven = options.driven
-        for complete in (turn_tower, partial(hang_load, swing=swing_numbers(swing))):
-            check_urdf(robot, path)
-            model = _build(skeleton(robot), path)
-            check_joints(model, path)
-            names = joint_names(model)
-            if driven is None and not has_drives(robot):
-                driven = names
-                notes.append("All joints of the file are driven.")
-            mimics = read_mimics(robot, names)
-            drives = driven_joints(robot, names, driven, path, mimics)
-            joints = read_joints(model, drives, {}, path, mimics)
-            if robot.find("ros2_control/joint/command_interface") is None:
-                declare_drives(robot, [name for name in names if name in drives])
-            further_roles, further_notes = complete(robot, model, joints, path=path)
-            roles |= further_roles
-            notes += further_notes
-        options = options._replace(driven=driven, joints=options.joints or roles)
+        hanging = _hang_on_rope(robot, model, path, options, swing_numbers(swing))
+        model = hanging.model
+        notes += hanging.notes
+        joints = options.joints or hanging.roles
+        options = options._replace(driven=hanging.driven, joints=joints)
     options = options._replace(assumptions=(*options.assumptions, *notes))
     ET.indent(robot)
-    return _crane(robot, path, partial(str, ET.tostring(robot, encoding="unicode")), options)
+    completed_text = ET.tostring(robot, encoding="unicode")
+    return _crane(robot, model, path, partial(str, completed_text), options)
+
+
+@dataclass(frozen=True, eq=False)
+class _HangingModel:
+    """Result of `_hang_on_rope`.
+
+    Attributes:
+        model: The Pinocchio model with the rope.
+        driven: Names of the driven joints; None for those that the URDF says.
+        roles: Names of joints by role.
+        notes: A sentence on everything that was assumed.
+    """
+
+    model: pin.Model
+    driven: Sequence[str] | None
+    roles: dict[str, str]
+    notes: list[str]
+
+
+def _hang_on_rope(
+    robot: ET.Element, model: pin.Model, path: Path, options: _Options, swing: Swing
+) -> _HangingModel:
+    """Hang the rigid hook of a checked URDF on a rope, in place.
+
+    A model is built for each mechanism that the URDF becomes on its way: where the slew and the
+    trolley have been turned, since the place of the pivot follows from their new zero, and with the
+    rope.
+
+    Args:
+        robot: The URDF.
+        model: Its Pinocchio model.
+        path: File for error messages.
+        options: Options of `load_crane`.
+        swing: Rope and load.
+    """
+    driven = options.driven
+    notes = []
+    if driven is None and not has_drives(robot):
+        driven = joint_names(model)
+        notes.append("All joints of the file are driven.")
+    joints = _joints_without_roles(robot, model, driven, path)
+    if robot.find("ros2_control/joint/command_interface") is None:
+        declare_drives(robot, [joint.name for joint in joints if joint.driven])
+    roles, turn_notes = turn_tower(robot, model, joints, path)
+    notes += turn_notes
+    if roles:
+        model = _checked_model(robot, path)
+        joints = _joints_without_roles(robot, model, driven, path)
+    rope_roles, rope_notes = hang_load(robot, model, joints, swing, path)
+    notes += rope_notes
+    return _HangingModel(_checked_model(robot, path), driven, roles | rope_roles, notes)
+
+
+def _joints_without_roles(
+    robot: ET.Element, model: pin.Model, driven: Sequence[str] | None, path: Path
+) -> tuple[Joint, ...]:
+    """Return the joints of a model, driven or passive, in no roles."""
+    names = joint_names(model)
+    mimics = read_mimics(robot, names)
+    drives = driven_joints(robot, names, driven, path, mimics)
+    return read_joints(model, drives, {}, path, mimics)
+
+
+def _checked_model(robot: ET.Element, path: Path) -> pin.Model:
+    """Return the Pinocchio model of a URDF, which is checked first."""
+    check_urdf(robot, path)
+    return _built_model(robot, path)
+
+
+def _built_model(robot: ET.Element, path: Path) -> pin.Model:
+    """Return the Pinocchio model of a checked URDF, in which each joint has one coordinate."""
+    try:
+        model = pin.buildModelFromXML(skeleton(robot))
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(
+            f"{path} is not a URDF that can be loaded: {printable(str(error).strip().rstrip('.'))}."
+        ) from error
+    check_joints(model, path)
+    return model
 
 
 def _crane(
     robot: ET.Element,
+    model: pin.Model,
     path: Path,
     urdf_source: Callable[[], str],
     options: _Options,
     record: Mapping[str, Any] | None = None,
 ) -> Crane:
-    """Return the crane of a URDF; `record` adds to what is recorded of it."""
-    check_urdf(robot, path)
-    model = _build(skeleton(robot), path)
-    check_joints(model, path)
+    """Return the crane of a checked URDF.
+
+    Args:
+        robot: The URDF.
+        model: Its Pinocchio model, which is completed in place.
+        path: File for error messages.
+        urdf_source: Function that returns the URDF as text, with its looks.
+        options: Options of `load_crane`.
+        record: What is recorded of the crane besides what follows from these.
+
+    Raises:
+        ModelError: As `load_crane`.
+        OutOfRange: As `load_crane`.
+        UnknownName: As `load_crane`.
+    """
     names = joint_names(model)
     gravity = STANDARD_GRAVITY if options.gravity is None else options.gravity
     model.gravity.linear = np.array([0.0, 0.0, -gravity])
     model.armature = read_armature(robot, names)
-    load = payload_index(model, options.payload, path)
+    payload = payload_index(model, options.payload, path)
     mimics = read_mimics(robot, names)
     coupling = coupling_of(mimics, names)
     driven = driven_joints(robot, names, options.driven, path, mimics)
     joints = read_joints(model, driven, options.joints, path, mimics)
     if options.check_axes:
         check_roles(joints, path)
-    points = force_points(model, joints, load)
+    points = force_points(model, joints, payload)
     layout = Layout(joints, tuple(point.name for point in points))
     springs = read_springs(robot, layout, path)
     if coupling is not None and (springs.rope is not None or springs.bifilar is not None):
@@ -291,22 +412,12 @@ def _crane(
             f"{path} has joints that mimic others, and a rope that stretches or two falls; allowed "
             "is one of both."
         )
-    if not model.inertias[load + 1].mass > 0.0:
-        raise ModelError(
-            f"The joint {quoted(joints[load].name)} in {path} carries the payload, and nothing "
-            "below it has a mass; give its link an <inertial> with mass and inertia, or name "
-            "another joint by payload=, or --payload."
-        )
-    try:
-        _check_ranges(model, layout, load)
-    except OutOfRange as error:
-        if path == XACRO:
-            raise  # whose numbers are arguments, named as such
-        name = f"{error.name} in {path}"
-        raise OutOfRange(name, error.value, error.allowed, error.unit) from None
-    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    _check_payload_mass(model, joints, payload, path)
+    _check_ranges(model, layout, payload, path)
+    lower = model.lowerPositionLimit.copy()
+    upper = model.upperPositionLimit.copy()
     notes = [] if coupling is None else limit_leaders(coupling, lower, upper, names)
-    if not len(layout.passive):
+    if len(layout.passive) == 0:
         notes.append(
             "Nothing swings: no joint is passive. If the hook hangs on a rigid joint, swing=True, "
             "or --swing, puts a rope above it."
@@ -317,9 +428,9 @@ def _crane(
     if coupling is not None:
         q = coupling.complete(q)
     _check_solvable(model, q, layout, path)
-    dry = read_friction(robot, layout)
+    friction_efforts = read_friction(robot, layout)
     drives = layout.drives.tolist()
-    friction = smooth_friction(dry, model, lower, upper, drives, q, coupling)
+    friction = smooth_friction(friction_efforts, model, lower, upper, drives, q, coupling)
     crane = Crane(
         layout=layout,
         urdf_source=urdf_source,
@@ -334,46 +445,72 @@ def _crane(
         start=State(q, np.zeros(layout.n)),
         points=points,
         record={
-            "urdf": bare(robot),
+            "urdf": without_visuals(robot),
             "gravity": gravity,
             "joints": {joint.role: joint.name for joint in joints if joint.role},
             "driven": [joint.name for joint in layout.driven],
-            "payload": joints[load].name,
+            "payload": joints[payload].name,
             "check_axes": options.check_axes,
             **(record or {}),
         },
         assumptions=(*options.assumptions, *notes, *friction_notes(friction, layout)),
     )
-    if not (springs.any or crane.rest.hangs):
+    return _hanging_at_start(crane)
+
+
+def _hanging_at_start(crane: Crane) -> Crane:
+    """Return a crane whose passive joints hang at rest at the start.
+
+    A mechanism without springs that does not hang, such as a robot with free joints, stays as it
+    is.
+
+    Raises:
+        ModelError: If a crane with springs has no rest near its start.
+    """
+    if crane.rest.hangs:
+        hanging = crane.rest.q
+    elif crane.springs.any:
+        # Where there is no rest this says why. An unstable one is a start, too.
+        hanging = crane.hanging(crane.start.q)
+    else:
         return crane
-    hanging = crane.rest.q if crane.rest.hangs else crane.hanging(q)
+    start = State(hanging, np.zeros(crane.layout.n))
     assumptions = (*crane.assumptions, *pendulum_note(crane))
-    return replace(crane, start=State(hanging, np.zeros(layout.n)), assumptions=assumptions)
+    return replace(crane, start=start, assumptions=assumptions)
 
 
-def _from_record(record: Mapping[str, Any], path: Path) -> Crane:
-    """Return the crane of the record of a run."""
+def _crane_from_record(record: Mapping[str, Any], path: Path) -> Crane:
+    """Return the crane of the record of a run.
+
+    Raises:
+        DataError: If the record does not describe a crane.
+    """
     content = record.get("crane")
-    arguments = content.get("arguments", {}) if isinstance(content, dict) else None
-    if (
-        not isinstance(content, dict)
-        or not all(isinstance(content.get(name), kind) for name, kind in _RECORD_TYPES.items())
-        or not isinstance(arguments, dict)
-        or not all(isinstance(x, float | int) or x == "inf" for x in arguments.values())
-    ):
+    if not (isinstance(content, dict) and _describes_crane(content)):
         raise DataError(
             f"{path} does not name its crane; a Parquet file that `Trajectory.write` wrote does."
         )
     options = _Options(
-        number("gravity", content["gravity"], "m/s²", "> 0"),
-        {role: str(name) for role, name in content["joints"].items()},
-        [str(name) for name in content["driven"]],
-        content["payload"],
-        content["check_axes"],
+        gravity=number("gravity", content["gravity"], "m/s²", "> 0"),
+        joints={role: str(name) for role, name in content["joints"].items()},
+        driven=[str(name) for name in content["driven"]],
+        payload=content["payload"],
+        check_axes=content["check_axes"],
     )
-    return _crane(
-        parse_urdf(content["urdf"], path), path, partial(_recorded_urdf, content), options, content
-    )
+    robot = parse_urdf(content["urdf"], path)
+    model = _checked_model(robot, path)
+    return _crane(robot, model, path, partial(_recorded_urdf, content), options, content)
+
+
+def _describes_crane(content: Mapping[str, Any]) -> bool:
+    """Return whether the record of a crane has all its entries, and these their types."""
+    for name, kind in _RECORD_TYPES.items():
+        if not isinstance(content.get(name), kind):
+            return False
+    arguments = content.get("arguments", {})
+    if not isinstance(arguments, dict):
+        return False
+    return all(isinstance(value, float | int) or value == "inf" for value in arguments.values())
 
 
 def _recorded_urdf(record: Mapping[str, Any]) -> str:
@@ -386,7 +523,7 @@ def _recorded_urdf(record: Mapping[str, Any]) -> str:
     if arguments is not None:
         with contextlib.suppress(CraneError):
             own_urdf = _own_urdf(arguments)
-            if bare(parse_urdf(own_urdf, XACRO)) == text:
+            if without_visuals(parse_urdf(own_urdf, XACRO)) == text:
                 return own_urdf
     return text
 
@@ -398,15 +535,6 @@ def _own_urdf(arguments: Mapping[str, object]) -> str:
     return text
 
 
-def _build(skeleton: str, path: Path) -> pin.Model:
-    try:
-        return pin.buildModelFromXML(skeleton)
-    except (ValueError, RuntimeError) as error:
-        raise ModelError(
-            f"{path} is not a URDF that can be loaded: {printable(str(error).strip().rstrip('.'))}."
-        ) from error
-
-
 def _start(robot: ET.Element, layout: Layout, model: pin.Model) -> np.ndarray:
     """Return the start of each joint: its initial value in the URDF, else 0 or, where 0 is out of
     range, the middle of the range.
@@ -414,7 +542,8 @@ def _start(robot: ET.Element, layout: Layout, model: pin.Model) -> np.ndarray:
     initial = {name: value.text or "" for name, value in initial_values(robot).items()}
     q = np.zeros(layout.n)
     for i, joint in enumerate(layout.joints):
-        low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])
+        low = float(model.lowerPositionLimit[i])
+        high = float(model.upperPositionLimit[i])
         if joint.name in initial:
             name = f"{joint.name} at the start"
             q[i] = within(name, initial[joint.name], low, high, joint.unit)
@@ -423,59 +552,110 @@ def _start(robot: ET.Element, layout: Layout, model: pin.Model) -> np.ndarray:
     return q
 
 
-def _check_ranges(model: pin.Model, layout: Layout, payload: int) -> None:
-    """Check that joint ranges, effort limits, damping and payload mass are those of a crane."""
-    for i, joint in enumerate(layout.joints):
-        low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            name = f"range of {joint.name}"
-            ends = f"{low:g} to {high:g}"
-            raise OutOfRange(name, ends, "finite, lower below upper", joint.unit)
-        if joint.driven:
-            effort = float(model.effortLimit[i])
-            number(f"effort limit of {joint.name}", effort, joint.effort_unit, "> 0")
-        unit = "N m s/rad" if joint.kind == "revolute" else "N s/m"
-        number(f"damping of {joint.name}", model.damping[i], unit, ">= 0")
-        if joint.role == "hoist":
-            number("shortest cable", low, "m", "> 0")
-    number("payload mass", model.inertias[payload + 1].mass, "kg", f"{_LIGHTEST:g} to 1e30")
+def _check_payload_mass(
+    model: pin.Model, joints: Sequence[Joint], payload: int, path: Path
+) -> None:
+    """Check that the joint that is to carry the payload carries a mass.
+
+    Raises:
+        ModelError: If it does not.
+    """
+    if not model.inertias[payload + 1].mass > 0.0:
+        raise ModelError(
+            f"The joint {quoted(joints[payload].name)} in {path} carries the payload, and nothing "
+            "below it has a mass; give its link an <inertial> with mass and inertia, or name "
+            "another joint by payload=, or --payload."
+        )
+
+
+def _check_ranges(model: pin.Model, layout: Layout, payload: int, path: Path) -> None:
+    """Check that joint ranges, effort limits, damping and payload mass are those of a crane.
+
+    Args:
+        model: The Pinocchio model.
+        layout: Its joints.
+        payload: Index of the joint that carries the payload.
+        path: File for error messages.
+
+    Raises:
+        OutOfRange: If a number is none of a crane. The error names the file, but for the crane of
+            this project, where the number is an argument.
+    """
+    try:
+        for i in range(layout.n):
+            _check_range(model, layout, i)
+        mass = model.inertias[payload + 1].mass
+        number("payload mass", mass, "kg", f"{_MIN_PAYLOAD_MASS:g} to 1e30")
+    except OutOfRange as error:
+        if path == XACRO:
+            raise
+        name = f"{error.name} in {path}"
+        raise OutOfRange(name, error.value, error.allowed, error.unit) from None
+
+
+def _check_range(model: pin.Model, layout: Layout, index: int) -> None:
+    """Check range, effort limit and damping of a joint."""
+    joint = layout.joints[index]
+    low = float(model.lowerPositionLimit[index])
+    high = float(model.upperPositionLimit[index])
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        name = f"range of {joint.name}"
+        ends = f"{low:g} to {high:g}"
+        raise OutOfRange(name, ends, "finite, lower below upper", joint.unit)
+    if joint.driven:
+        effort = float(model.effortLimit[index])
+        number(f"effort limit of {joint.name}", effort, joint.effort_unit, "> 0")
+    unit = "N m s/rad" if joint.kind == "revolute" else "N s/m"
+    number(f"damping of {joint.name}", model.damping[index], unit, ">= 0")
+    if joint.role == "hoist":
+        number("shortest cable", low, "m", "> 0")
 
 
 def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path) -> None:
-    """Check that accelerations can be computed.
+    """Check that accelerations can be computed at coordinates q.
 
     The mass matrix, scaled to a unit diagonal, must be far enough from singular. The articulated-
     body algorithm, which computes with other numbers, must accelerate the crane under all its
     efforts as that matrix does.
+
+    Raises:
+        ModelError: If a joint moves no mass, or accelerations lose their digits.
+        OutOfRange: If the mass matrix is almost singular.
     """
     data = model.createData()
-    zeros = np.zeros(layout.n)
     mass = pin.crba(model, data, q)
     diagonal = np.diag(mass)
     energy = pin.computePotentialEnergy(model, data, q)
     if not (np.isfinite(mass).all() and math.isfinite(energy) and (diagonal > 0.0).all()):
-        still = [layout.joints[i].name for i in np.flatnonzero(~(diagonal > 0.0)).tolist()]
+        massless = [joint.name for i, joint in enumerate(layout.joints) if not diagonal[i] > 0.0]
         reason = "masses, lengths or gravity are beyond what a number holds"
-        if still:
-            reason = f"{', '.join(map(quoted, still))} moves no mass; give its links a mass"
+        if massless:
+            reason = f"{', '.join(map(quoted, massless))} moves no mass; give its links a mass"
         raise ModelError(f"{path} cannot be simulated: {reason}.")
+
+    # With D = diag(M), the matrix D^-½ M D^-½ has a unit diagonal. Its eigenvalues do not depend on
+    # the units of the coordinates, rad or m.
     scale = np.sqrt(diagonal)
     scaled = mass / scale / scale[:, None]
     smallest = float(np.linalg.eigvalsh(scaled)[0])
-    if not smallest > _LEAST_EIGENVALUE:
+    if not smallest > _MIN_EIGENVALUE:
         allowed = (
-            f"> {_LEAST_EIGENVALUE:g}: its masses and inertias differ too much; give its lightest "
+            f"> {_MIN_EIGENVALUE:g}: its masses and inertias differ too much; give its lightest "
             "links more"
         )
         owner = "this crane" if path == XACRO else str(path)
         name = f"smallest eigenvalue of the scaled mass matrix of {owner}"
         raise OutOfRange(name, f"{smallest:.1e}", allowed)
+
+    # M a = τ - b in scaled numbers: D^½ a = (D^-½ M D^-½)⁻¹ D^-½ (τ - b).
+    zeros = np.zeros(layout.n)
     effort = np.zeros(layout.n)
     effort[layout.drives] = model.effortLimit[layout.drives]
     bias = pin.rnea(model, data, q, zeros, zeros)
     expected = np.linalg.solve(scaled, (effort - bias) / scale)
     acceleration = pin.aba(model, data, q, zeros, effort, pin.Convention.WORLD) * scale
-    if not np.abs(acceleration - expected).max() <= _LARGEST_DEVIATION * np.abs(expected).max():
+    error = np.abs(acceleration - expected).max()
+    if not error <= _MAX_ACCELERATION_ERROR * np.abs(expected).max():
         raise ModelError(
             f"{path} cannot be simulated: its masses and lengths differ so much that accelerations "
             "lose all their digits; look whether all are in kg, kg m² and m."

@@ -43,8 +43,8 @@ def lock_joints(robot: ET.Element, locked: Locked, path: Path) -> list[str]:
     }
     if isinstance(locked, str):
         locked = [locked]
-    chosen = dict(locked) if isinstance(locked, Mapping) else dict.fromkeys(locked)
-    for name in chosen:
+    coordinates = dict(locked) if isinstance(locked, Mapping) else dict.fromkeys(locked)
+    for name in coordinates:
         if name not in moving:
             raise UnknownName("moving joint", name, moving)
         mimic = moving[name].find("mimic")
@@ -55,8 +55,9 @@ def lock_joints(robot: ET.Element, locked: Locked, path: Path) -> list[str]:
                 f"{quoted(leader)} instead."
             )
     notes = []
-    for name, value in chosen.items():
-        notes += _lock(robot, moving, name, _coordinate(robot, moving[name], value))
+    for name, value in coordinates.items():
+        coordinate = _coordinate(robot, moving[name], value)
+        notes += _lock(robot, moving, name, coordinate)
     return notes
 
 
@@ -67,11 +68,14 @@ def _lock(
     notes.
     """
     joint = moving[name]
-    unit = "m" if joint.get("type") == "prismatic" else "rad"
+    is_prismatic = joint.get("type") == "prismatic"
+    unit = "m" if is_prismatic else "rad"
     notes = [f"{name} is locked at {coordinate:.6g} {unit}."]
+
+    # A fixed joint has no coordinate: its placement takes up the displacement.
     axis = joint_axis(joint)
     moved = coordinate * axis / np.linalg.norm(axis)
-    if joint.get("type") == "prismatic":
+    if is_prismatic:
         step = pin.SE3(np.eye(3), moved)
     else:
         step = pin.SE3(pin.exp3(moved), np.zeros(3))
@@ -113,10 +117,12 @@ def _coordinate(robot: ET.Element, joint: ET.Element, value: float | str | None)
     low = -math.inf
     high = math.inf
     if limit is not None and joint.get("type") != "continuous":
-        low, high = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+        low = float(limit.get("lower", "0"))
+        high = float(limit.get("upper", "0"))
     if value is None:
         initial = initial_values(robot).get(name)
-        value = None if initial is None else initial.text or ""
+        if initial is not None:
+            value = initial.text or ""
     if value is None:
         return 0.0 if low <= 0.0 <= high else (low + high) / 2.0
     return within(f"locked {name}", value, low, high, unit)

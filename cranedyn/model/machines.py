@@ -14,6 +14,7 @@ from cranedyn.errors import UnknownName
 from cranedyn.model.description import XACRO
 
 _FOLDER = Path(__file__).resolve().parents[1] / "machines"
+"""Folder of the files of the library."""
 
 
 class MachineSpecification(NamedTuple):
@@ -60,14 +61,16 @@ def read_machine(name: str) -> MachineSpecification:
         raise UnknownName("machine", name, machine_names())
     content = tomllib.loads((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
     path = XACRO.with_name(f"{content['crane']}.urdf.xacro")
-    stated, assumed = content["values"], content["assumed"]
+    # The file states a value or an acceleration as [number, half of its interval].
+    stated = content["values"]
     accelerations = content.get("accelerations", {})
+    values = {key: value for key, (value, _) in stated.items()}
     return MachineSpecification(
-        name,
-        content["title"],
-        content["source"],
-        None if path == XACRO else path,
-        {key: value for key, (value, _) in stated.items()} | assumed,
-        {key: margin for key, (_, margin) in (stated | accelerations).items()},
-        {key: value for key, (value, _) in accelerations.items()},
+        name=name,
+        title=content["title"],
+        source=content["source"],
+        urdf=None if path == XACRO else path,
+        values=values | content["assumed"],
+        margins={key: margin for key, (_, margin) in (stated | accelerations).items()},
+        accelerations={key: value for key, (value, _) in accelerations.items()},
     )

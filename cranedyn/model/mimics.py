@@ -29,7 +29,7 @@ class Mimic(NamedTuple):
     """How a joint follows another one.
 
     Attributes:
-        leader: Name of the joint that it follows, which itself follows no joint.
+        leader: Name of the joint that it follows; after `read_mimics` one that follows no other.
         ratio: Its rate over that of the leader.
         offset: Its coordinate where that of the leader is zero [rad or m].
     """
@@ -67,20 +67,29 @@ class Coupling:
         return matrix
 
     def formula(self, follower: int, leader: str) -> str:
-        """Return how a joint follows its leader, such as "= -2 leg + 0.1"."""
+        """Return how a joint follows its leader, such as "= -2 leg + 0.1".
+
+        Args:
+            follower: Index of the follower among the coordinates.
+            leader: Name of its leader.
+        """
         place = self.followers.index(follower)
-        ratio, offset = self.ratios[place], self.offsets[place]
-        times = "" if ratio == 1.0 else f"{ratio:.4g} "
-        shift = f" {'+' if offset > 0.0 else '-'} {abs(offset):.4g}" if offset else ""
-        return f"= {times}{leader}{shift}"
+        ratio = self.ratios[place]
+        offset = self.offsets[place]
+        text = f"= {leader}" if ratio == 1.0 else f"= {ratio:.4g} {leader}"
+        if offset:
+            text += f" {'+' if offset > 0.0 else '-'} {abs(offset):.4g}"
+        return text
 
     def complete(self, q: np.ndarray) -> np.ndarray:
         """Return coordinates in which the followers are where their leaders put them; shape (n,),
         or (..., n) for rows of them.
         """
         completed = q.copy()
-        rows = zip(self.followers, self.leaders, self.ratios, self.offsets, strict=True)
-        for follower, leader, ratio, offset in rows:
+        for place, follower in enumerate(self.followers):
+            leader = self.leaders[place]
+            ratio = self.ratios[place]
+            offset = self.offsets[place]
             completed[..., follower] = ratio * q[..., leader] + offset
         return completed
 
@@ -108,6 +117,8 @@ class Coupling:
         so that it can be solved; of floats or of symbols.
         """
         reduced = mass.copy()
+        # M G adds the column of a follower to that of its leader, and clears it; Gᵀ (M G) does so
+        # with the rows.
         for follower, leader, ratio in zip(self.followers, self.leaders, self.ratios, strict=True):
             reduced[:, leader] = reduced[:, leader] + reduced[:, follower] * ratio
             reduced[leader, :] = reduced[leader, :] + reduced[follower, :] * ratio
@@ -136,8 +147,9 @@ def read_mimics(robot: ET.Element, moving: Sequence[str]) -> dict[str, Mimic]:
                 float(element.get("multiplier", "1")),
                 float(element.get("offset", "0")),
             )
-    resolved = dict[str, Mimic]()
+    resolved: dict[str, Mimic] = {}
     for name, mimic in direct.items():
+        # With q = r q' + c and q' = r' q" + c':  q = (r r') q" + (r c' + c).
         while mimic.leader in direct:
             above = direct[mimic.leader]
             ratio = mimic.ratio * above.ratio
@@ -155,11 +167,11 @@ def coupling_of(mimics: dict[str, Mimic], names: Sequence[str]) -> Coupling | No
         return None
     followers = [name for name in names if name in mimics]
     return Coupling(
-        len(names),
-        tuple(names.index(name) for name in followers),
-        tuple(names.index(mimics[name].leader) for name in followers),
-        tuple(mimics[name].ratio for name in followers),
-        tuple(mimics[name].offset for name in followers),
+        n=len(names),
+        followers=tuple(names.index(name) for name in followers),
+        leaders=tuple(names.index(mimics[name].leader) for name in followers),
+        ratios=tuple(mimics[name].ratio for name in followers),
+        offsets=tuple(mimics[name].offset for name in followers),
     )
 
 
@@ -173,19 +185,26 @@ def limit_leaders(
         ModelError: If a leader has no range left.
     """
     notes = []
-    rows = zip(coupling.followers, coupling.leaders, coupling.ratios, coupling.offsets, strict=True)
-    for follower, leader, ratio, offset in rows:
+    for place, follower in enumerate(coupling.followers):
+        leader = coupling.leaders[place]
+        ratio = coupling.ratios[place]
+        offset = coupling.offsets[place]
         if ratio == 0.0:
             continue
-        ends = sorted((end - offset) / ratio for end in (lower[follower], upper[follower]))
-        low, high = max(lower[leader], ends[0]), min(upper[leader], ends[1])
+        # The follower is at an end of its range where its leader is at (end - offset)/ratio. A
+        # negative ratio swaps the ends.
+        at_lower = (lower[follower] - offset) / ratio
+        at_upper = (upper[follower] - offset) / ratio
+        low = max(lower[leader], min(at_lower, at_upper))
+        high = min(upper[leader], max(at_lower, at_upper))
         if low > high:
             raise ModelError(
                 f"{names[follower]} follows {names[leader]}, and is beyond its range wherever that "
                 "one is; correct the ranges, or multiplier and offset of <mimic>."
             )
-        if (low, high) != (lower[leader], upper[leader]):
-            lower[leader], upper[leader] = low, high
+        if low != lower[leader] or high != upper[leader]:
+            lower[leader] = low
+            upper[leader] = high
             notes.append(
                 f"{names[leader]} moves from {low:.6g} to {high:.6g}, where {names[follower]}, "
                 "which follows it, stays in its range."

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from copy import deepcopy
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,9 @@ from cranedyn.model.joints import (
 from cranedyn.model.urdf import inertial_element, numbers_text, parse_urdf, set_placement, skeleton
 
 _PROGRAM = Path(__file__).with_name("mjcf_compiler.py")
+"""Program that compiles a file by MuJoCo."""
 
-_MOST_INCLUDED = 100
+_MAX_INCLUDED_FILES = 100
 """Number of files that one model may include."""
 
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
@@ -45,15 +47,18 @@ _FOLDERS = ("meshdir", "texturedir", "assetdir")
 _SLIDE_REACH = 1e3
 """Range to either side of a sliding joint without limits [m]."""
 
-_EFFORT = 1e6
+_UNKNOWN_EFFORT = 1e6
 """Largest effort of a drive without a limit [N or N m]."""
 
-_LARGEST_TILT = 1e-5
+_MAX_GRAVITY_TILT = 1e-5
 """Largest angle between gravity and the vertical at which it counts as vertical [rad]."""
 
-_AGREEMENT = 1e-7
+_ACCELERATION_TOLERANCE = 1e-7
 """Largest difference from MuJoCo's accelerations, as a share of the largest of them: round-off of
 two algorithms on masses that differ by up to 10⁷."""
+
+_MIN_ACCELERATION = 1e-3
+"""Acceleration that differences are compared with where all are smaller [rad/s² or m/s²]."""
 
 
 def read_mjcf(root: ET.Element, path: Path) -> ForeignModel:
@@ -93,40 +98,61 @@ def _check_files(root: ET.Element, path: Path) -> None:
         DataError: If an included file cannot be read.
     """
     home = path.resolve().parent
-    waiting = [(root, path)]
-    seen = {path.resolve()}
-    while waiting:
-        element_root, source = waiting.pop()
-        folders = [
-            compiler.get(name, "")
-            for compiler in element_root.iter("compiler")
-            for name in _FOLDERS
-            if compiler.get(name)
-        ]
+    pending = [(root, path)]
+    known_files = {path.resolve()}
+    while pending:
+        element_root, source = pending.pop()
+        folders = _asset_folders(element_root)
         for element in element_root.iter():
-            for name, value in element.attrib.items():
-                if not (name.startswith("file") or name in _FOLDERS) or not value:
-                    continue
-                for folder in ["", *folders]:
-                    if not (home / folder / value).resolve().is_relative_to(home):
-                        raise ModelError(
-                            f"{source} names {quoted(value)}, which is outside of its folder; put "
-                            "all files of the model in one folder, or folders in it."
-                        )
+            _check_named_files(element, home, folders, source)
             if element.tag not in ("include", "model") or not element.get("file"):
                 continue
             included = (home / element.get("file", "")).resolve()
-            if included in seen:
+            if included in known_files:
                 continue
-            seen.add(included)
-            if len(seen) > _MOST_INCLUDED:
-                raise ModelError(f"{path} includes more than {_MOST_INCLUDED} files.")
-            waiting.append((parse_urdf(read_text(included), included), included))
+            known_files.add(included)
+            if len(known_files) > _MAX_INCLUDED_FILES:
+                raise ModelError(f"{path} includes more than {_MAX_INCLUDED_FILES} files.")
+            pending.append((parse_urdf(read_text(included), included), included))
+
+
+def _asset_folders(root: ET.Element) -> list[str]:
+    """Return the folders in which the compiler may look for the files that a file names."""
+    folders = [""]
+    for compiler in root.iter("compiler"):
+        for name in _FOLDERS:
+            folder = compiler.get(name)
+            if folder:
+                folders.append(folder)
+    return folders
+
+
+def _check_named_files(element: ET.Element, home: Path, folders: list[str], source: Path) -> None:
+    """Check that the files and folders that an element names are in a folder.
+
+    Args:
+        element: The element.
+        home: The folder.
+        folders: Folders in it to which the names may be relative.
+        source: File of the element for the error message.
+
+    Raises:
+        ModelError: If one is not.
+    """
+    for name, value in element.attrib.items():
+        if not value or not (name.startswith("file") or name in _FOLDERS):
+            continue
+        for folder in folders:
+            if not (home / folder / value).resolve().is_relative_to(home):
+                raise ModelError(
+                    f"{source} names {quoted(value)}, which is outside of its folder; put all "
+                    "files of the model in one folder, or folders in it."
+                )
 
 
 def _compiled(path: Path) -> dict[str, Any]:
     """Return what MuJoCo's compiler makes of a file, see `cranedyn.model.mjcf_compiler`."""
-    import tempfile  # takes milliseconds, and few cranes are MJCF
+    import tempfile  # its import takes milliseconds, and few cranes are MJCF
 
     limits = [str(reading_process.MEMORY), str(reading_process.CPU_TIME), str(MAX_MOVING_JOINTS)]
     # In a folder of its own, since MuJoCo writes its log into the current one.
@@ -135,18 +161,18 @@ def _compiled(path: Path) -> dict[str, Any]:
         code = run_reader(_PROGRAM, arguments, path, output, folder=folder)
         output.seek(0)
         lines = output.read().decode("utf-8", "replace").splitlines()
-    found = json_reply(lines[-1]) if lines else {}
-    if found.get("missing"):
+    reply = json_reply(lines[-1]) if lines else {}
+    if reply.get("missing"):
         raise CraneError(
             f"{path} is an MJCF, which MuJoCo reads, and MuJoCo is not installed: pip install "
             "'cranedyn[mujoco]'."
         )
-    if "error" in found:
-        reason = printable(" ".join(str(found["error"]).split()).rstrip("."))
+    if "error" in reply:
+        reason = printable(" ".join(str(reply["error"]).split()).rstrip("."))
         raise ModelError(f"{path} is not a crane in MJCF: {reason}.")
-    if "model" not in found:
+    if "model" not in reply:
         raise ModelError(f"{path} cannot be loaded: {why_it_ended(code)}.")
-    model: dict[str, Any] = found["model"]
+    model: dict[str, Any] = reply["model"]
     return model
 
 
@@ -156,10 +182,10 @@ def _gravity(model: dict[str, Any], path: Path) -> float:
     Raises:
         OutOfRange: If it points elsewhere.
     """
-    along_x, along_y, along_z = model["gravity"]
-    size = math.hypot(along_x, along_y, along_z)
-    if math.hypot(along_x, along_y) > _LARGEST_TILT * size or along_z > 0.0:
-        vector = f"{along_x:g} {along_y:g} {along_z:g}"
+    x, y, z = model["gravity"]
+    size = math.hypot(x, y, z)
+    if math.hypot(x, y) > _MAX_GRAVITY_TILT * size or z > 0.0:
+        vector = f"{x:g} {y:g} {z:g}"
         allowed = "a vector along -Z of the world; turn the model so that it points there"
         raise OutOfRange(f"gravity of {path}", vector, allowed, "m/s²")
     return size
@@ -176,9 +202,12 @@ def _drive_notes(model: dict[str, Any]) -> list[str]:
         if drive is None:
             continue
         name = printable(joint["name"])
-        low, high = drive["low"], drive["high"]
+        low = drive["low"]
+        high = drive["high"]
         if not (math.isfinite(low) and math.isfinite(high)):
-            notes.append(f"{name} has no largest effort in the file; {_EFFORT:g} {unit} are taken.")
+            notes.append(
+                f"{name} has no largest effort in the file; {_UNKNOWN_EFFORT:g} {unit} are taken."
+            )
         elif low != -high:
             largest = max(abs(low), abs(high))
             notes.append(
@@ -224,51 +253,71 @@ class _Converter:
         return self._robot
 
     def _add_body(self, index: int, body: dict[str, Any], joints: list[dict[str, Any]]) -> None:
+        """Add the link of a body, and the joints that carry it, with a link between each two.
+
+        Args:
+            index: Index of the body.
+            body: Its description.
+            joints: Descriptions of its joints; it is fixed to its parent where there is none.
+        """
         parent, frame = self._links[body["parent"]]
         placement = frame * _pose(body["position"], body["quaternion"])
         name = self._new_name(body["name"])
+        in_link = pin.SE3.Identity()
         if not joints:
-            joint = self._joint(f"{name}_fixed", "fixed", parent, name)
-            set_placement(joint, placement)
-            in_link = pin.SE3.Identity()
-        for k, description in enumerate(joints):
-            child = name if k == len(joints) - 1 else self._new_name(f"{name}_{k + 1}")
+            fixed = self._joint(f"{name}_fixed", "fixed", parent, name)
+            set_placement(fixed, placement)
+        for place, description in enumerate(joints):
+            is_last = place == len(joints) - 1
+            child = name if is_last else self._new_name(f"{name}_{place + 1}")
             anchor = pin.SE3(np.eye(3), np.array(description["position"], dtype=float))
             self._add_joint(description, parent, child, placement * anchor)
-            if k < len(joints) - 1:
+            if not is_last:
                 ET.SubElement(self._robot, "link", name=child)
             parent = child
-            placement = anchor.inverse()
-            in_link = placement
+            # MuJoCo writes all anchors in the frame of the body; the link has its origin at the
+            # anchor.
+            in_link = anchor.inverse()
+            placement = in_link
         self._links.append((name, in_link))
         self._link(name, body, in_link, index)
 
     def _add_joint(
         self, description: dict[str, Any], parent: str, child: str, anchor: pin.SE3
     ) -> None:
-        """Add a joint; `anchor` is its placement in its parent in the reference posture."""
+        """Add a joint.
+
+        Args:
+            description: Its description.
+            parent: Name of its parent link.
+            child: Name of its child link.
+            anchor: Its placement in its parent in the reference posture.
+        """
         name = description["name"]
         slides = description["slides"]
-        axis = np.array(description["axis"], dtype=float)
+        limits = {
+            "effort": repr(_largest_effort(description["drive"])),
+            "velocity": repr(NO_RATE_LIMIT),
+        }
         kind = "prismatic" if slides else "revolute"
-        if description["range"] is None:
-            low, high = (-_SLIDE_REACH, _SLIDE_REACH) if slides else (None, None)
-            kind = kind if slides else "continuous"
-        else:
+        if description["range"] is not None:
             low, high = description["range"]
+            limits |= {"lower": repr(float(low)), "upper": repr(float(high))}
+        elif slides:
+            limits |= {"lower": repr(-_SLIDE_REACH), "upper": repr(_SLIDE_REACH)}
+        else:
+            kind = "continuous"
         joint = self._joint(name, kind, parent, child)
+
+        # A URDF has its joints at zero where MuJoCo has them at the reference value.
+        axis = np.array(description["axis"], dtype=float)
         back = -float(description["reference"]) * axis
-        step = pin.SE3(np.eye(3), back) if slides else pin.SE3(pin.exp3(back), np.zeros(3))
+        if slides:
+            step = pin.SE3(np.eye(3), back)
+        else:
+            step = pin.SE3(pin.exp3(back), np.zeros(3))
         set_placement(joint, anchor * step)
         ET.SubElement(joint, "axis", xyz=numbers_text(axis))
-        drive = description["drive"]
-        effort = 0.0
-        if drive is not None:
-            effort = max(abs(drive["low"]), abs(drive["high"]))
-            effort = effort if math.isfinite(effort) else _EFFORT
-        limits = {"effort": repr(effort), "velocity": repr(NO_RATE_LIMIT)}
-        if low is not None and high is not None:
-            limits |= {"lower": repr(float(low)), "upper": repr(float(high))}
         ET.SubElement(joint, "limit", limits)
         dynamics = {key: repr(description[key]) for key in ("damping", "friction", "armature")}
         ET.SubElement(joint, "dynamics", dynamics)
@@ -287,6 +336,7 @@ class _Converter:
         ET.SubElement(state, "param", name="initial_value").text = repr(description["start"])
 
     def _joint(self, name: str, kind: str, parent: str, child: str) -> ET.Element:
+        """Add a joint of a type between two links and return it."""
         joint = ET.SubElement(self._robot, "joint", name=name, type=kind)
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=child)
@@ -311,32 +361,79 @@ class _Converter:
         return name
 
 
+def _largest_effort(drive: dict[str, Any] | None) -> float:
+    """Return the largest effort of a drive, either way [N or N m]; 0 for a passive joint."""
+    if drive is None:
+        return 0.0
+    largest = max(abs(drive["low"]), abs(drive["high"]))
+    return largest if math.isfinite(largest) else _UNKNOWN_EFFORT
+
+
 def _pose(position: list[float], quaternion: list[float]) -> pin.SE3:
     """Return a placement from a position [m] and a quaternion w, x, y, z."""
     w, x, y, z = quaternion
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized(), np.array(position, dtype=float))
 
 
+@dataclass(frozen=True)
+class _Primitive:
+    """Shape that a URDF has.
+
+    Attributes:
+        kind: Its tag: box, cylinder or sphere.
+        measures: Its attributes.
+        offset: Position along Z in the frame of its geom [m].
+    """
+
+    kind: str
+    measures: dict[str, str]
+    offset: float = 0.0
+
+
+def _primitives(kind: str, size: list[float]) -> list[_Primitive]:
+    """Return the shapes that make up a geom.
+
+    Args:
+        kind: Its type: box, sphere, cylinder or capsule, which is a cylinder between two spheres.
+        size: Its numbers in MuJoCo: half of each edge of a box [m]; else the radius and, but for a
+            sphere, half of the length [m].
+    """
+    if kind == "box":
+        return [_Primitive("box", {"size": numbers_text(2.0 * np.array(size))})]
+    radius = repr(size[0])
+    if kind == "sphere":
+        return [_Primitive("sphere", {"radius": radius})]
+    half_length = size[1]
+    cylinder = _Primitive("cylinder", {"radius": radius, "length": repr(2.0 * half_length)})
+    if kind == "cylinder":
+        return [cylinder]
+    return [
+        cylinder,
+        _Primitive("sphere", {"radius": radius}, half_length),
+        _Primitive("sphere", {"radius": radius}, -half_length),
+    ]
+
+
 def _add_shape(link: ET.Element, shape: dict[str, Any], frame: pin.SE3) -> None:
-    """Add a geom to a link: as a visual if it is shown, and as a collision if it is solid."""
+    """Add a geom to a link: as a visual if it is shown, and as a collision if it is solid.
+
+    Args:
+        link: The link.
+        shape: Description of the geom.
+        frame: Frame of the body of the geom in the link.
+    """
     pose = frame * _pose(shape["position"], shape["quaternion"])
-    size = shape["size"]
-    if shape["kind"] == "box":
-        parts = [("box", {"size": numbers_text(2.0 * np.array(size))}, 0.0)]
-    elif shape["kind"] == "sphere":
-        parts = [("sphere", {"radius": repr(size[0])}, 0.0)]
-    else:
-        radius, half = size[0], size[1]
-        parts = [("cylinder", {"radius": repr(radius), "length": repr(2.0 * half)}, 0.0)]
-        if shape["kind"] == "capsule":
-            parts += [("sphere", {"radius": repr(radius)}, end) for end in (half, -half)]
-    roles = [role for role, key in (("visual", "visible"), ("collision", "solid")) if shape[key]]
+    roles = []
+    if shape["visible"]:
+        roles.append("visual")
+    if shape["solid"]:
+        roles.append("collision")
     for role in roles:
-        for kind, measures, along in parts:
+        for part in _primitives(shape["kind"], shape["size"]):
             element = ET.SubElement(link, role)
-            set_placement(element, pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, along])))
+            set_placement(element, pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, part.offset])))
             geometry = ET.SubElement(element, "geometry")
-            ET.SubElement(geometry, kind, measures)
+            ET.SubElement(geometry, part.kind, part.measures)
             if role == "visual":
                 material = ET.SubElement(element, "material", name="")
                 ET.SubElement(material, "color", rgba=numbers_text(np.array(shape["colour"])))
@@ -363,8 +460,13 @@ def _compare(robot: ET.Element, model: dict[str, Any], path: Path) -> None:
     rigid.armature = read_armature(robot, names)
     data = rigid.createData()
     for state in model["states"]:
-        q, v, effort = np.zeros((3, rigid.nv))
-        q[order], v[order], effort[order] = state["q"], state["v"], state["effort"]
+        q = np.zeros(rigid.nv)
+        v = np.zeros(rigid.nv)
+        effort = np.zeros(rigid.nv)
+        q[order] = state["q"]
+        v[order] = state["v"]
+        effort[order] = state["effort"]
+        # Pinocchio reads the damping of a URDF, but neither applies it nor knows springs.
         effort = effort - rigid.damping * v - stiffness * (q - slack)
         ours = pin.aba(rigid, data, q, v, effort)[order]
         theirs = np.array(state["acceleration"], dtype=float)
@@ -374,17 +476,18 @@ def _compare(robot: ET.Element, model: dict[str, Any], path: Path) -> None:
                 f"{path} has joints that are not independent of each other, such as four slides of "
                 "one body: no accelerations follow from efforts."
             )
-        if not np.abs(ours - theirs).max() <= _AGREEMENT * max(largest, 1e-3):
+        difference = np.abs(ours - theirs).max()
+        if not difference <= _ACCELERATION_TOLERANCE * max(largest, _MIN_ACCELERATION):
             raise ModelError(
                 f"{path} holds something that acts on its joints and is not read: accelerations "
-                f"differ from MuJoCo's by {np.abs(ours - theirs).max():.1e}, where the largest is "
-                f"{largest:.1e}."
+                f"differ from MuJoCo's by {difference:.1e}, where the largest is {largest:.1e}."
             )
 
 
 def _springs_of(robot: ET.Element, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return stiffness and slack coordinate of the spring of each joint, shape (joints,) each."""
-    stiffness, slack = np.zeros(len(names)), np.zeros(len(names))
+    stiffness = np.zeros(len(names))
+    slack = np.zeros(len(names))
     for block in robot.iterfind("gazebo"):
         joint = names.index(block.get("reference", ""))
         stiffness[joint] = float(block.findtext("springStiffness", "0"))

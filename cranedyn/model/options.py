@@ -19,21 +19,42 @@ def add_crane_options(parser: argparse._ActionsContainer) -> None:
     ``--role`` and ``--package`` to a parser.
     """
     add = parser.add_argument
-    text = "a real crane; describe --machines names all"
-    add("--machine", metavar="NAME", help=text)
-    text = "another crane: a plain URDF, MJCF or SDF, or a .xacro that you trust"
-    add("--urdf", metavar="FILE", help=text)
-    text = "hang the hook of that URDF on a rope; length:=, mass:= and damping:= may be given"
-    add("--swing", nargs="*", metavar="name:=value", help=text)
+    add("--machine", metavar="NAME", help="a real crane; describe --machines names all")
+    add(
+        "--urdf",
+        metavar="FILE",
+        help="another crane: a plain URDF, MJCF or SDF, or a .xacro that you trust",
+    )
+    add(
+        "--swing",
+        nargs="*",
+        metavar="name:=value",
+        help="hang the hook of that URDF on a rope; length:=, mass:= and damping:= may be given",
+    )
     add("--driven", nargs="+", metavar="JOINT", help="joints that drives move")
-    text = "joint that carries the payload, where several carry no other"
-    add("--payload", metavar="JOINT", help=text)
-    text = "joints that are held fixed where they start, or at a coordinate in rad or m"
-    add("--locked", nargs="+", metavar="JOINT[=VALUE]", help=text)
-    text = "slew, trolley, radial_swing, tangential_swing or hoist of a tower crane"
-    add("--role", nargs="+", metavar="ROLE=JOINT", help=text)
-    text = "folders of ROS packages that are not above the file"
-    add("--package", nargs="+", metavar="NAME=FOLDER", help=text)
+    add(
+        "--payload",
+        metavar="JOINT",
+        help="joint that carries the payload, where several carry no other",
+    )
+    add(
+        "--locked",
+        nargs="+",
+        metavar="JOINT[=VALUE]",
+        help="joints that are held fixed where they start, or at a coordinate in rad or m",
+    )
+    add(
+        "--role",
+        nargs="+",
+        metavar="ROLE=JOINT",
+        help="slew, trolley, radial_swing, tangential_swing or hoist of a tower crane",
+    )
+    add(
+        "--package",
+        nargs="+",
+        metavar="NAME=FOLDER",
+        help="folders of ROS packages that are not above the file",
+    )
 
 
 def add_gravity(parser: argparse._ActionsContainer) -> None:

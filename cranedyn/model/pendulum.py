@@ -16,14 +16,15 @@ import pinocchio as pin
 from cranedyn.model.crane import Crane
 from cranedyn.model.springs import rest_stiffness
 
-_RESTORING = 0.02
-"""Stiffness of a joint over weight times distance of the load below which it does not swing."""
+_MIN_STIFFNESS_RATIO = 0.02
+"""Stiffness of a joint over weight times distance of the load, above which it swings. Of a point
+load on a horizontal axis it is 1."""
 
 LARGEST_DIFFERENCE = 0.2
 """Relative difference of the two periods from which on a crane says so. Loads on ropes of the usual
 length differ by a few per cent at most."""
 
-_RESTORED = 1e-3
+_MIN_FREQUENCY_RATIO = 1e-3
 """Frequency over the highest one below which a joint, such as a swivel, turns freely."""
 
 
@@ -56,18 +57,21 @@ def pendulum(crane: Crane) -> Pendulum | None:
     all_stiffness = rest_stiffness(model, data, crane.springs, q, crane.coupling)
     weight = crane.payload_mass * crane.gravity
     # Joints about the vertical, such as a swivel, turn freely: gravity does not restore them.
-    swings = [
-        i
-        for i in swings
-        if all_stiffness[i, i]
-        > _RESTORING * weight * float(np.linalg.norm(load - data.oMi[i + 1].translation))
-    ]
-    if not swings:
+    restored = []
+    for i in swings:
+        distance = float(np.linalg.norm(load - data.oMi[i + 1].translation))
+        if all_stiffness[i, i] > _MIN_STIFFNESS_RATIO * weight * distance:
+            restored.append(i)
+    if not restored:
         return None
-    among = np.ix_(swings, swings)
+    among = np.ix_(restored, restored)
     stiffness = all_stiffness[among]
     try:
-        # K x = ω² M x by the factors of M: loading a crane need not wait for SciPy.
+        # K x = ω² M x becomes an ordinary eigenvalue problem by the factors of M = L Lᵀ:
+        #
+        #     (L⁻¹ K L⁻ᵀ) y = ω² y   with   y = Lᵀ x.
+        #
+        # SciPy solves K x = ω² M x at once, but loading a crane need not wait for its import.
         factor = np.linalg.cholesky(crane.mass_matrix(q)[among])
         half = np.linalg.solve(factor, stiffness)
         squares = np.linalg.eigvalsh(np.linalg.solve(factor, half.T))
@@ -75,14 +79,14 @@ def pendulum(crane: Crane) -> Pendulum | None:
         return None
     if not np.isfinite(squares).all():
         return None
-    squares = squares[squares > _RESTORED**2 * squares.max()]
-    length = float(np.linalg.norm(load - data.oMi[swings[0] + 1].translation))
+    squares = squares[squares > _MIN_FREQUENCY_RATIO**2 * squares.max()]
+    length = float(np.linalg.norm(load - data.oMi[restored[0] + 1].translation))
     if not len(squares) or not length > 0.0:
         return None
     return Pendulum(
-        2.0 * math.pi / math.sqrt(float(squares.min())),
-        length,
-        2.0 * math.pi * math.sqrt(length / crane.gravity),
+        period=2.0 * math.pi / math.sqrt(float(squares.min())),
+        length=length,
+        point_period=2.0 * math.pi * math.sqrt(length / crane.gravity),
     )
 
 
@@ -102,6 +106,8 @@ def pendulum_note(crane: Crane) -> tuple[str, ...]:
     )
     if ratio < 1.0:
         return (f"{sentence} Masses above the load, or springs, make the difference.",)
+    # A compound pendulum of mass m and inertia J about its centre of mass, at the distance l, has
+    # the period 2π √((m l² + J)/(m g l)): the square of the ratio is 1 + J/(m l²).
     of_mass = crane.payload_mass * swing.length**2
     rotational = of_mass * (ratio**2 - 1.0)
     sentence = (

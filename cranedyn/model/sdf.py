@@ -62,6 +62,9 @@ LIGHT_INERTIA = 1e-9
 """Moment of inertia of the body between the two axes of a joint [kg m²]: small beside that of any
 load."""
 
+_MAX_NAMED_BODIES = 5
+"""Number of bodies or models that an error message names."""
+
 _WORLD_CHILDREN = (
     "gravity magnetic_field atmosphere gui physics scene light frame model joint actor plugin road "
     "spherical_coordinates state population audio wind include"
@@ -81,25 +84,29 @@ _JOINT_CHILDREN = (
 
 _AXIS_CHILDREN = "xyz use_parent_model_frame dynamics limit initial_position mimic"
 
+_MODEL_CHILDREN = (
+    "static self_collide allow_auto_disable enable_wind frame pose link joint plugin gripper "
+    "include model ros2_control"
+)
+"""The last belongs to ROS 2, which takes drives from there."""
+
 _CHILDREN = {
-    tag: frozenset(children.split())
-    for tag, children in {
-        "sdf": "world model light actor",
-        "world": _WORLD_CHILDREN,
-        "model": "static self_collide allow_auto_disable enable_wind frame pose link joint plugin "
-        "gripper include model ros2_control",
-        "link": _LINK_CHILDREN,
-        "inertial": "mass pose inertia density auto_inertia_params fluid_added_mass frame",
-        "inertia": "ixx ixy ixz iyy iyz izz",
-        "velocity_decay": "linear angular",
-        "joint": _JOINT_CHILDREN,
-        "axis": _AXIS_CHILDREN,
-        "axis2": _AXIS_CHILDREN,
-        "dynamics": "damping friction spring_reference spring_stiffness",
-        "limit": "lower upper effort velocity stiffness dissipation",
-        "mimic": "multiplier offset reference",
-        "frame": "pose",
-    }.items()
+    "sdf": frozenset("world model light actor".split()),
+    "world": frozenset(_WORLD_CHILDREN.split()),
+    "model": frozenset(_MODEL_CHILDREN.split()),
+    "link": frozenset(_LINK_CHILDREN.split()),
+    "inertial": frozenset(
+        "mass pose inertia density auto_inertia_params fluid_added_mass frame".split()
+    ),
+    "inertia": frozenset("ixx ixy ixz iyy iyz izz".split()),
+    "velocity_decay": frozenset("linear angular".split()),
+    "joint": frozenset(_JOINT_CHILDREN.split()),
+    "axis": frozenset(_AXIS_CHILDREN.split()),
+    "axis2": frozenset(_AXIS_CHILDREN.split()),
+    "dynamics": frozenset("damping friction spring_reference spring_stiffness".split()),
+    "limit": frozenset("lower upper effort velocity stiffness dissipation".split()),
+    "mimic": frozenset("multiplier offset reference".split()),
+    "frame": frozenset("pose".split()),
 }
 """Children of the elements that decide about the dynamics, by the specification. Any other child is
 refused, since a misspelt element would be lost."""
@@ -115,7 +122,7 @@ _REPEATED = frozenset(
 )
 """Elements of which there may be several in one parent."""
 
-_LEFT_OUT = frozenset({"gripper", "actor", "road", "wind", "state", "battery", "contact"})
+_NOTED_ELEMENTS = frozenset({"gripper", "actor", "road", "wind", "state", "battery", "contact"})
 """Elements that may act on a crane, or place it, and are left out with a note."""
 
 _SCENERY = re.compile(r"model://(sun|ground_plane)/?|https?://\S*/models/(Sun|Ground Plane)")
@@ -141,7 +148,7 @@ _PASSIVE_PLUGIN = re.compile(
 _ROS_CONTROL_PLUGIN = re.compile(r"ros2?_control", re.IGNORECASE)
 """Names and files of plugins whose joints stand in a URDF elsewhere."""
 
-_AXES_OF_TYPES = {
+_AXIS_COUNTS = {
     "revolute": 1,
     "continuous": 1,
     "prismatic": 1,
@@ -152,6 +159,14 @@ _AXES_OF_TYPES = {
 }
 """Number of axes that a file says of a joint of each type; a ball, which turns about all, has none.
 """
+
+
+_SHAPE_DEFAULTS = {
+    "box": {"size": "1 1 1"},
+    "cylinder": {"radius": "1", "length": "1"},
+    "sphere": {"radius": "1"},
+}
+"""Numbers of each shape that a URDF has, too, and their defaults [m], by the specification."""
 
 
 @dataclass(frozen=True)
@@ -196,20 +211,22 @@ class _Reader(SdfFrames):
     def read(self) -> ForeignModel:
         """Return the crane of the file."""
         self._check_children(self.root)
-        tops = [child for child in self.root if child.tag in ("world", "model")]
-        if len(tops) != 1:
+        contents = [child for child in self.root if child.tag in ("world", "model")]
+        if len(contents) != 1:
             raise ModelError(
-                f"{self.path} has {len(tops)} worlds and models in <sdf>; allowed is one."
+                f"{self.path} has {len(contents)} worlds and models in <sdf>; allowed is one."
             )
+        content = contents[0]
         gravity = None
-        if tops[0].tag == "world":
-            self.world.element = tops[0]
-            gravity = self._gravity(tops[0])
+        if content.tag == "world":
+            self.world.element = content
+            gravity = self._gravity(content)
             self.declare_members(self.world, "")
         else:
-            self.declare(tops[0], self.world, "")
+            self.declare(content, self.world, "")
+        # Poses in a circle are refused, those of frames that no joint needs among them.
         for frame in self.frames:
-            self.pose(frame)  # refuses poses in a circle, of frames that no joint needs, too
+            self.pose(frame)
         robot = self._robot()
         return ForeignModel(robot, gravity, self.notes)
 
@@ -222,8 +239,9 @@ class _Reader(SdfFrames):
             return
         name = element.get("name")
         context = f"<{element.tag}>" if name is None else f"{element.tag} {quoted(name)}"
-        seen = set()
+        previous_tags: set[str] = set()
         for child in element:
+            # The parser writes a tag of a namespace as {address}tag.
             if child.tag.startswith("{") or ":" in child.tag:
                 tag = child.tag.rpartition("}")[2]
                 self.note(f"<{tag}> of {context}, an extension of SDF, is left out.")
@@ -233,23 +251,27 @@ class _Reader(SdfFrames):
                     f"{self.path} has <{child.tag}> in {context}, which SDF does not have there; "
                     f"allowed are {', '.join(sorted(known))}."
                 )
-            if child.tag in seen and child.tag not in _REPEATED:
+            if child.tag in previous_tags and child.tag not in _REPEATED:
                 raise ModelError(
                     f"{self.path} has two elements <{child.tag}> in {context}; allowed is one."
                 )
-            seen.add(child.tag)
-            if child.tag in _LEFT_OUT:
-                self.note(f"<{child.tag}> of {context} is left out.")
-            if child.tag == "population":
-                raise ModelError(
-                    f"{self.path} has a population of models; allowed are models one by one."
-                )
-            if child.tag == "include":
-                self._check_include(child)
-            elif child.tag == "plugin":
-                self._note_plugin(child)
-            else:
-                self._check_children(child)
+            previous_tags.add(child.tag)
+            self._check_child(child, context)
+
+    def _check_child(self, child: ET.Element, context: str) -> None:
+        """Refuse, note or look into an element that its parent may have."""
+        if child.tag in _NOTED_ELEMENTS:
+            self.note(f"<{child.tag}> of {context} is left out.")
+        if child.tag == "population":
+            raise ModelError(
+                f"{self.path} has a population of models; allowed are models one by one."
+            )
+        if child.tag == "include":
+            self._check_include(child)
+        elif child.tag == "plugin":
+            self._note_plugin(child)
+        else:
+            self._check_children(child)
 
     def _check_include(self, include: ET.Element) -> None:
         """Leave out scenery, and refuse any other model of another file."""
@@ -276,7 +298,17 @@ class _Reader(SdfFrames):
     # --- numbers ----------------------------------------------------------------------------------
 
     def _limit(self, limits: ET.Element | None, tag: str, default: float, context: str) -> float:
-        """Return an end of a range; infinite if the joint has no end there."""
+        """Return a limit of an axis, infinite if the file says that it has none.
+
+        Args:
+            limits: The element ``<limit>``; None if there is none.
+            tag: Name of the limit in it.
+            default: What is returned where the file does not say it.
+            context: The joint, for error messages.
+
+        Raises:
+            OutOfRange: If it is not a number.
+        """
         text = "" if limits is None else child_text(limits, tag)
         if not text:
             return default
@@ -284,7 +316,8 @@ class _Reader(SdfFrames):
             raise OutOfRange(
                 f"{tag} of {context} in {self.path}", quoted(text), "a decimal number or inf"
             )
-        value = float(text)  # converters from URDF write ±1.79769e+308 for none
+        value = float(text)
+        # Converters from URDF write ±1.79769e+308 for no limit.
         return math.copysign(math.inf, value) if abs(value) >= INFINITE_LIMIT else value
 
     def _gravity(self, world: ET.Element) -> float:
@@ -307,31 +340,33 @@ class _Reader(SdfFrames):
 
     def _robot(self) -> ET.Element:
         """Return the URDF."""
-        moving = self._models_of_crane()
-        self._check_connected(moving)
+        models = self._models_of_crane()
+        self._check_connected(models)
         links = [frame for frame in self.frames if frame.kind == "link" and not frame.static]
         joints = [frame for frame in self.frames if frame.kind == "joint" and not frame.static]
-        inbound = self._inbound(joints)
-        self._check_anchors(links, inbound)
-        robot = ET.Element("robot", name=moving[0].element.get("name", "crane"))
+        carriers = self._carrying_joints(joints)
+        self._check_anchors(links, carriers)
+        robot = ET.Element("robot", name=models[0].element.get("name", "crane"))
         ET.SubElement(robot, "link", name="world")
+
+        # A link of a URDF has its origin at the joint that carries it, with all joints at zero.
         origins = {self.world: pin.SE3.Identity()}
         for link in links:
-            joint = inbound.get(link)
-            origins[link] = self.pose(link if joint is None else joint)
-        driven = self._driven()
+            origins[link] = self.pose(carriers.get(link, link))
+
+        commanded = self._commanded_axis_indices()
         springs: list[ET.Element] = []
         drives: list[str] = []
         for link in links:
-            joint = inbound.get(link)
-            if joint is None:
+            carrier = carriers.get(link)
+            if carrier is None:
                 _fixed(robot, f"{link.name}_to_the_ground", "world", link.name, origins[link])
             else:
-                axes = self._axes(joint)
-                parent = self.body(self.end(joint, "parent"))
-                self._add_joint(robot, joint, axes, link, parent, origins[parent], springs)
-                drives += self._commanded_axes(joint, axes, driven.get(joint, ()))
-            self._add_link(robot, link, origins[link], moves=joint is not None)
+                axes = self._axes(carrier)
+                parent = self.body(self.end(carrier, "parent"))
+                self._add_joint(robot, carrier, axes, link, parent, origins[parent], springs)
+                drives += self._commanded_axes(carrier, axes, commanded.get(carrier, ()))
+            self._add_link(robot, link, origins[link], moves=carrier is not None)
         robot.extend(springs)
         if drives:
             control = ET.SubElement(robot, "ros2_control", name="drives", type="system")
@@ -369,21 +404,23 @@ class _Reader(SdfFrames):
 
     def _check_connected(self, models: list[SdfFrame]) -> None:
         """Check that joints of the world connect all models that move."""
+        # The models that are connected with each model, itself among them.
         groups = {model: {model} for model in models}
         for joint in self.world.members.values():
             if joint.kind != "joint":
                 continue
-            tops = [self._top(self.end(joint, tag)) for tag in ("parent", "child")]
-            if all(top in groups for top in tops):
-                merged = groups[tops[0]] | groups[tops[1]]
+            parent = self._top(self.end(joint, "parent"))
+            child = self._top(self.end(joint, "child"))
+            if parent in groups and child in groups:
+                merged = groups[parent] | groups[child]
                 for model in merged:
                     groups[model] = merged
         apart = [model for model in models if model not in groups[models[0]]]
         if apart:
+            listed = [quoted(model.name) for model in [models[0], *apart][:_MAX_NAMED_BODIES]]
             raise ModelError(
                 f"{self.path} has models that move without a joint between them: "
-                f"{', '.join(quoted(model.name) for model in [models[0], *apart][:5])}; write each "
-                "to a file of its own."
+                f"{', '.join(listed)}; write each to a file of its own."
             )
 
     def _top(self, frame: SdfFrame) -> SdfFrame:
@@ -392,33 +429,32 @@ class _Reader(SdfFrames):
             frame = self.scope_of(frame)
         return frame
 
-    def _inbound(self, joints: list[SdfFrame]) -> dict[SdfFrame, SdfFrame]:
-        """Return the joint of each link that carries it."""
-        inbound: dict[SdfFrame, SdfFrame] = {}
+    def _carrying_joints(self, joints: list[SdfFrame]) -> dict[SdfFrame, SdfFrame]:
+        """Return the joint that carries each link; links that no joint carries are left out."""
+        carriers: dict[SdfFrame, SdfFrame] = {}
         for joint in joints:
             child = self.body(self.end(joint, "child"))
             if child is self.world:
                 continue  # the world, or a static model, stands still whatever joint it has
             if child is self.body(self.end(joint, "parent")):
                 raise ModelError(f"The {joint} in {self.path} connects {child} with itself.")
-            if child in inbound:
+            if child in carriers:
                 raise ModelError(
                     f"{self.path} has two joints with the child {quoted(child.name)}, "
-                    f"{quoted(inbound[child].name)} and {quoted(joint.name)}; allowed is one: a "
+                    f"{quoted(carriers[child].name)} and {quoted(joint.name)}; allowed is one: a "
                     "crane is a tree."
                 )
-            inbound[child] = joint
-        return inbound
+            carriers[child] = joint
+        return carriers
 
-    def _check_anchors(self, links: list[SdfFrame], inbound: dict[SdfFrame, SdfFrame]) -> None:
+    def _check_anchors(self, links: list[SdfFrame], carriers: dict[SdfFrame, SdfFrame]) -> None:
         """Check that all bodies hang on the world, or on the only link that is on no joint."""
-        roots = [link for link in links if link not in inbound]
-        anchored = False
-        for joint in inbound.values():
-            anchored |= self.body(self.end(joint, "parent")) is self.world
+        roots = [link for link in links if link not in carriers]
+        parents = [self.body(self.end(joint, "parent")) for joint in carriers.values()]
+        count = len(roots) + (1 if self.world in parents else 0)
         # Circles, which have no such link, are refused with the URDF, see `urdf.check_urdf`.
-        if len(roots) + anchored > 1:
-            free = ", ".join(quoted(root.name) for root in roots[:5])
+        if count > 1:
+            free = ", ".join(quoted(root.name) for root in roots[:_MAX_NAMED_BODIES])
             raise ModelError(
                 f"{self.path} has bodies that no joint connects with the crane: {free}; connect "
                 "them by joints, of the type fixed where they stand still, or leave them out."
@@ -431,29 +467,23 @@ class _Reader(SdfFrames):
     def _axes(self, joint: SdfFrame) -> list[_Axis]:
         """Return the axes of a joint, none for a fixed one."""
         kind = joint.element.get("type", "")
-        if kind not in _AXES_OF_TYPES:
+        if kind not in _AXIS_COUNTS:
             raise ModelError(
                 f"The {joint} in {self.path} is of type {quoted(kind)}; allowed are "
-                f"{', '.join(_AXES_OF_TYPES)}."
+                f"{', '.join(_AXIS_COUNTS)}."
             )
         if kind == "ball":
             return self._ball_axes(joint)
         axes = []
-        tags = ("axis", "axis2")[: _AXES_OF_TYPES[kind]]
+        tags = ("axis", "axis2")[: _AXIS_COUNTS[kind]]
         for tag in tags:
             element = joint.element.find(tag)
             if element is None:
                 raise ModelError(f"The {joint} in {self.path} is {kind} and needs <{tag}>.")
             name = joint.name if len(tags) == 1 else f"{joint.name}_{tag}"
-            turning = "continuous" if kind == "continuous" else "revolute"
-            axes.append(
-                _Axis(
-                    name,
-                    "prismatic" if kind == "prismatic" else turning,
-                    self._direction(joint, element, tag),
-                    element,
-                )
-            )
+            # Each axis of a universal joint, or of two revolute ones in series, is a revolute one.
+            urdf_kind = kind if kind in ("prismatic", "continuous") else "revolute"
+            axes.append(_Axis(name, urdf_kind, self._direction(joint, element, tag), element))
         for tag in ("axis", "axis2"):
             if tag not in tags and joint.element.find(tag) is not None:
                 self.note(f"<{tag}> of {joint}, which is {kind}, has no effect.")
@@ -464,6 +494,7 @@ class _Reader(SdfFrames):
         self.note(f"The ball {joint} turns about X, then Y of the world, not about the vertical.")
         if joint.element.find("axis") is not None:
             self.note(f"<axis> of {joint}, which is a ball, has no effect.")
+        # The columns of the inverse rotation are the axes of the world in the frame of the joint.
         to_joint = self.pose(joint).rotation.T
         return [
             _Axis(f"{joint.name}_x", "continuous", to_joint[:, 0], None),
@@ -521,24 +552,24 @@ class _Reader(SdfFrames):
         if not axes:
             _fixed(robot, joint.name, parent.name, link.name, placement)
             return
-        above = parent.name
+        parent_name = parent.name
         for i, axis in enumerate(axes):
-            last = i == len(axes) - 1
-            below = link.name if last else f"{axis.name}_body"
+            is_last = i == len(axes) - 1
+            child_name = link.name if is_last else f"{axis.name}_body"
             element = ET.SubElement(robot, "joint", name=axis.name, type=axis.kind)
-            ET.SubElement(element, "parent", link=above)
-            ET.SubElement(element, "child", link=below)
+            ET.SubElement(element, "parent", link=parent_name)
+            ET.SubElement(element, "child", link=child_name)
             set_placement(element, placement)
             ET.SubElement(element, "axis", xyz=numbers_text(axis.direction))
             self._add_limits(element, axis)
             self._add_dynamics(element, axis, springs)
-            if not last:
+            if not is_last:
                 self.note(f"A body of {LIGHT_MASS:g} kg is between the axes of {joint}.")
-                between = ET.SubElement(robot, "link", name=below)
+                between = ET.SubElement(robot, "link", name=child_name)
                 inertia = LIGHT_INERTIA * np.eye(3)
                 between.append(inertial_element(pin.Inertia(LIGHT_MASS, np.zeros(3), inertia)))
-            above = below
-            placement = pin.SE3.Identity()
+            parent_name = child_name
+            placement = pin.SE3.Identity()  # all axes go through the frame of the joint
 
     def _check_joint_physics(self, joint: SdfFrame) -> None:
         """Refuse a joint that an engine cuts to close a loop, and note a motor of ODE."""
@@ -572,8 +603,10 @@ class _Reader(SdfFrames):
             element.set("type", "continuous")
         if axis.kind == "prismatic" or math.isfinite(low) or math.isfinite(high):
             low, high = self._closed_range(axis, low, high)
+        # -1 means no limit in SDF. An effort of 0 stands for that here: `joints.complete_limits`
+        # gives a drive with it a large one.
         if effort < 0.0 or math.isinf(effort):
-            effort = 0.0  # none: `joints.complete_limits` gives drives without a limit a large one
+            effort = 0.0
         if velocity < 0.0 or math.isinf(velocity):
             velocity = NO_RATE_LIMIT
         numbers = {"effort": effort, "velocity": velocity}
@@ -583,9 +616,12 @@ class _Reader(SdfFrames):
 
     def _closed_range(self, axis: _Axis, low: float, high: float) -> tuple[float, float]:
         """Return the range of a joint, closed where the file leaves it open."""
-        reach, unit = (SLIDE_REACH, "m") if axis.kind == "prismatic" else (TURN_REACH, "rad")
         if math.isfinite(low) and math.isfinite(high):
             return low, high
+        slides = axis.kind == "prismatic"
+        reach = SLIDE_REACH if slides else TURN_REACH
+        unit = "m" if slides else "rad"
+        # Zero is in the range, and so is a reach beside an end that the file states.
         lower = low if math.isfinite(low) else min(-reach, high - reach)
         upper = high if math.isfinite(high) else max(reach, low + reach)
         self.note(
@@ -610,12 +646,19 @@ class _Reader(SdfFrames):
             springs.append(spring)
         if self.number(axis.element, "initial_position", "0", context) != 0.0:
             self.note(f"The initial_position of {context} is left out; Gazebo ignores it, too.")
-        if (mimic := axis.element.find("mimic")) is not None:
+        mimic = axis.element.find("mimic")
+        if mimic is not None:
+            # SDF: multiplier × (leader - reference) + offset; a URDF has no reference.
             multiplier = self.number(mimic, "multiplier", "1", context)
             offset = self.number(mimic, "offset", "0", context)
             offset -= multiplier * self.number(mimic, "reference", "0", context)
-            entries = {"multiplier": repr(multiplier), "offset": repr(offset)}
-            ET.SubElement(element, "mimic", entries | {"joint": mimic.get("joint", "")})
+            ET.SubElement(
+                element,
+                "mimic",
+                multiplier=repr(multiplier),
+                offset=repr(offset),
+                joint=mimic.get("joint", ""),
+            )
 
     def _add_link(self, robot: ET.Element, link: SdfFrame, origin: pin.SE3, *, moves: bool) -> None:
         """Append a link of the URDF whose frame has a pose in the world."""
@@ -678,7 +721,9 @@ class _Reader(SdfFrames):
     def _check_no_added_mass(self, inertial: ET.Element | None, link: SdfFrame) -> None:
         """Refuse the inertia of a fluid that moves with a link: nothing here is under water."""
         added = None if inertial is None else inertial.find("fluid_added_mass")
-        for term in () if added is None else added:
+        if added is None:
+            return
+        for term in added:
             if self.number(added, term.tag, "0", str(link)) != 0.0:
                 raise ModelError(f"The {link} in {self.path} has fluid_added_mass; allowed is 0.")
 
@@ -716,15 +761,18 @@ class _Reader(SdfFrames):
         set_placement(copy, placement)
         ET.SubElement(copy, "geometry").append(shape)
         diffuse = body.find("material/diffuse")
-        colours = [] if diffuse is None else (diffuse.text or "").split()
-        if body.tag == "visual" and len(colours) in (3, 4) and are_numbers(colours):
+        colour = [] if diffuse is None else (diffuse.text or "").split()
+        if body.tag == "visual" and len(colour) in (3, 4) and are_numbers(colour):
+            if len(colour) == 3:
+                colour.append("1")  # opaque
             material = ET.SubElement(copy, "material", name="")
-            ET.SubElement(material, "color", rgba=" ".join([*colours, "1"][:4]))
+            ET.SubElement(material, "color", rgba=" ".join(colour))
 
     # --- drives -----------------------------------------------------------------------------------
 
-    def _driven(self) -> dict[SdfFrame, dict[int, None]]:
+    def _commanded_axis_indices(self) -> dict[SdfFrame, dict[int, None]]:
         """Return the indices of the axes of each joint that a plugin commands, in their order."""
+        # The inner dictionaries keep the order of the plugins, and each index once.
         driven: dict[SdfFrame, dict[int, None]] = {}
         models = [frame for frame in self.frames if frame.kind == "model" and not frame.static]
         for scope in [self.world, *models]:
@@ -755,7 +803,7 @@ class _Reader(SdfFrames):
             return [self._commanded(scope, name, plugin_name) for name in names]
         joints = []
         for member in scope.members.values():
-            single = _AXES_OF_TYPES.get(member.element.get("type", "")) == 1
+            single = _AXIS_COUNTS.get(member.element.get("type", "")) == 1
             if member.kind == "joint" and single:
                 joints.append(member)
         return joints
@@ -789,12 +837,11 @@ def _fixed(robot: ET.Element, name: str, parent: str, child: str, placement: pin
 def _urdf_shape(reader: _Reader, geometry: ET.Element, context: str) -> ET.Element | None:
     """Return a box, cylinder or sphere as in a URDF; None for any other shape."""
     for shape in geometry:
-        keys = {"box": ["size"], "cylinder": ["radius", "length"], "sphere": ["radius"]}
-        if shape.tag not in keys:
+        if shape.tag not in _SHAPE_DEFAULTS:
             continue
         element = ET.Element(shape.tag)
-        for key in keys[shape.tag]:
-            default = "1 1 1" if key == "size" else "1"
-            element.set(key, numbers_text(reader.numbers(shape, key, default, context)))
+        for attribute, default in _SHAPE_DEFAULTS[shape.tag].items():
+            numbers = reader.numbers(shape, attribute, default, context)
+            element.set(attribute, numbers_text(numbers))
         return element
     return None

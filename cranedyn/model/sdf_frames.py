@@ -109,9 +109,9 @@ class SdfFrames:
         pose = element.find("pose")
         if pose is None or not (pose.text or "").strip():
             return pin.SE3.Identity()
-        rotation = pose.get("rotation_format", "euler_rpy")
+        rotation_format = pose.get("rotation_format", "euler_rpy")
         degrees = is_true(pose.get("degrees", "false"))
-        if rotation == "quat_xyzw":
+        if rotation_format == "quat_xyzw":
             numbers = self.numbers(element, "pose", "0 0 0 0 0 0 1", context)
             quaternion = numbers[3:]
             length = float(np.linalg.norm(quaternion))
@@ -119,17 +119,17 @@ class SdfFrames:
                 raise OutOfRange(
                     f"length of the quaternion of {context} in {self.path}", f"{length:.6g}", "1"
                 )
-            turn = pin.Quaternion(quaternion / length).matrix()
-        elif rotation == "euler_rpy":
+            rotation = pin.Quaternion(quaternion / length).matrix()
+        elif rotation_format == "euler_rpy":
             numbers = self.numbers(element, "pose", "0 0 0 0 0 0", context)
             angles = np.radians(numbers[3:]) if degrees else numbers[3:]
-            turn = pin.rpy.rpyToMatrix(angles)
+            rotation = pin.rpy.rpyToMatrix(angles)
         else:
             raise ModelError(
-                f"The pose of {context} in {self.path} has the rotation_format {quoted(rotation)}; "
-                "allowed are euler_rpy and quat_xyzw."
+                f"The pose of {context} in {self.path} has the rotation_format "
+                f"{quoted(rotation_format)}; allowed are euler_rpy and quat_xyzw."
             )
-        return pin.SE3(turn, numbers[:3])
+        return pin.SE3(rotation, numbers[:3])
 
     # --- frames -----------------------------------------------------------------------------------
 
@@ -146,21 +146,7 @@ class SdfFrames:
         frame = SdfFrame(prefix + name, element.tag, element, scope, scope.static)
         if element.tag == "model" and is_true(child_text(element, "static", "false")):
             frame.static = True
-        key = name
-        if name in scope.members:
-            other = scope.members[name]
-            # Before frame semantics a joint may have the name of a link; no pose names a joint.
-            names_joint = "joint" in (frame.kind, other.kind) and frame.kind != other.kind
-            if self.version >= FRAME_SEMANTICS_VERSION or not names_joint:
-                raise ModelError(
-                    f"{self.path} has two elements with the name {quoted(frame.name)}, a "
-                    f"{other.kind} and a {frame.kind}; allowed is one."
-                )
-            joint = frame if frame.kind == "joint" else other
-            joint.name += "_joint"  # as libsdformat renames it
-            scope.members[f"joint {name}"] = joint
-            if joint is frame:
-                key = f"joint {name}"
+        key = self._key(frame, name, scope)
         scope.members[key] = frame
         self.frames.append(frame)
         if len(self.frames) > MAX_FRAMES:
@@ -169,8 +155,31 @@ class SdfFrames:
                 f"{MAX_FRAMES}."
             )
         if element.tag == "model":
-            hidden = scope is self.world and not frame.static and self._is_single(frame)
-            self.declare_members(frame, "" if hidden else f"{frame.name}::")
+            is_hidden = scope is self.world and not frame.static and self._is_single(frame)
+            self.declare_members(frame, "" if is_hidden else f"{frame.name}::")
+
+    def _key(self, frame: SdfFrame, name: str, scope: SdfFrame) -> str:
+        """Return the key of a new frame among the members of its scope.
+
+        That is its name. Before frame semantics a joint and a link could have one name, as no pose
+        names a joint. The joint is renamed then, and is under the key "joint NAME", too.
+
+        Raises:
+            ModelError: If the scope has another frame of the name.
+        """
+        if name not in scope.members:
+            return name
+        other = scope.members[name]
+        is_one_joint = "joint" in (frame.kind, other.kind) and frame.kind != other.kind
+        if self.version >= FRAME_SEMANTICS_VERSION or not is_one_joint:
+            raise ModelError(
+                f"{self.path} has two elements with the name {quoted(frame.name)}, a "
+                f"{other.kind} and a {frame.kind}; allowed is one."
+            )
+        joint = frame if frame.kind == "joint" else other
+        joint.name += "_joint"  # as libsdformat renames it
+        scope.members[f"joint {name}"] = joint
+        return f"joint {name}" if joint is frame else name
 
     def _is_single(self, model: SdfFrame) -> bool:
         """Return whether a model is the only one of the world that moves: its links keep their
@@ -260,6 +269,8 @@ class SdfFrames:
 
     def pose(self, frame: SdfFrame) -> pin.SE3:
         """Return the pose of a frame in the world with all joints at zero."""
+        # From the frame to the first one on the way to the world whose pose is known. A dictionary
+        # keeps the order, and finds a frame that comes twice at once.
         chain: dict[SdfFrame, None] = {}
         while frame not in self._poses:
             if frame in chain:
@@ -294,28 +305,28 @@ class SdfFrames:
         inner = self.find(frame, name, f"the placement_frame of {frame}")
         # The pose says where that frame is, not where the model frame is.
         in_model = pin.SE3.Identity()
-        passed: set[SdfFrame] = set()
+        passed_frames: set[SdfFrame] = set()
         while inner is not frame:
-            if inner in passed:
+            if inner in passed_frames:
                 raise ModelError(
                     f"{self.path} has poses that are relative to each other in a circle through "
                     f"the {inner}."
                 )
-            passed.add(inner)
+            passed_frames.add(inner)
             in_model = self._placement(inner) * in_model
             inner = self._base(inner)
         return placement * in_model.inverse()
 
     def body(self, frame: SdfFrame) -> SdfFrame:
         """Return the link, or the world, with which a frame moves."""
-        passed: set[SdfFrame] = set()
+        passed_frames: set[SdfFrame] = set()
         while frame.kind not in ("link", "world"):
-            if frame in passed:
+            if frame in passed_frames:
                 raise ModelError(
                     f"{self.path} has frames that are attached to each other in a circle through "
                     f"the {frame}."
                 )
-            passed.add(frame)
+            passed_frames.add(frame)
             if frame.kind == "joint":
                 frame = self.end(frame, "child")
             elif frame.kind == "model":
@@ -330,7 +341,8 @@ class SdfFrames:
         """Return the frame to which a model is attached: that which it names, its first link, or
         its first model.
         """
-        if name := model.element.get("canonical_link"):
+        name = model.element.get("canonical_link")
+        if name:
             return self.find(model, name, f"the canonical_link of {model}")
         for kind in ("link", "model"):
             for member in model.members.values():

@@ -19,7 +19,8 @@ from cranedyn.errors import ModelError, UnknownName
 from cranedyn.model.layout import ALIGNED, Layout
 from cranedyn.model.mimics import Coupling
 
-_TAGS = ("springStiffness", "springReference", "ropeStiffness", "fallSpacing")
+_SPRING_TAGS = ("springStiffness", "springReference", "ropeStiffness", "fallSpacing")
+"""Tags of a URDF that are read here, see `read_springs`."""
 
 
 class Rope(NamedTuple):
@@ -41,6 +42,7 @@ class Rope(NamedTuple):
     def strain(self, q: np.ndarray) -> Any:
         """Return the strain of the rope, 0 where it is not stretched."""
         strain = q[self.stretch] / q[self.length]
+        # max(strain, 0) without a condition, which symbols do not have.
         return 0.5 * (strain + abs(strain))
 
 
@@ -48,7 +50,11 @@ class Bifilar(NamedTuple):
     """Two parallel falls at half spacing a on which a load of weight W yaws by ψ: falls of length l
     lift it by a² (1 - cos ψ)/l, which is its potential energy over W.
 
-    That is the lift but for a share a² (1 - cos ψ)/(2 l²) of it, so small yaws are exact. The
+    The ends of a fall are 2 a sin(ψ/2) apart horizontally, so that the load is lifted by
+
+        l - √(l² - 2 a² (1 - cos ψ)) = a² (1 - cos ψ)/l + ...
+
+    The terms left out are a share a² (1 - cos ψ)/(2 l²) of that, so small yaws are exact. The
     tension is the weight at rest: a load that the hoist accelerates by a_l upward has a yaw
     stiffness that is larger by a share a_l/g. The kinetic energy of the lift is left out, a share
     m a⁴ sin² ψ/(I l²) of that of the yaw with inertia I. The load tilts as on one rope.
@@ -94,7 +100,10 @@ class Springs:
     def elastic(self) -> np.ndarray:
         """Whether each joint is held by a spring, the rope or two falls, shape (n,)."""
         elastic = self.stiffness != 0.0
-        elastic[[part[0] for part in (self.rope, self.bifilar) if part]] = True
+        if self.rope is not None:
+            elastic[self.rope.stretch] = True
+        if self.bifilar is not None:
+            elastic[self.bifilar.yaw] = True
         return elastic
 
     @cached_property
@@ -104,41 +113,58 @@ class Springs:
 
     def in_units(self, force: Any) -> Springs:
         """Return the springs with forces in units of 1/`force` newtons."""
-        rope, falls = self.rope, self.bifilar
+        rope = self.rope
+        if rope is not None:
+            rope = rope._replace(stiffness=rope.stiffness * force)
+        falls = self.bifilar
+        if falls is not None:
+            falls = falls._replace(stiffness=falls.stiffness * force)
         return Springs(
             self.stiffness * force,
             self.rest,
-            rope and rope._replace(stiffness=rope.stiffness * force),
-            falls and falls._replace(stiffness=falls.stiffness * force),
+            rope,
+            falls,
         )
 
     def carrying(self, model: pin.Model) -> Springs:
         """Return springs whose two falls carry the weight that a model has below them: all that
         the joint of their length moves, whether it yaws or not.
         """
-        if (falls := self.bifilar) is None:
+        falls = self.bifilar
+        if falls is None:
             return self
+        # Coordinate i belongs to joint i + 1 of Pinocchio, whose joint 0 is the world.
         mass = sum(model.inertias[body].mass for body in list(model.subtrees[falls.length + 1]))
         weight = -float(model.gravity.linear[2]) * mass
         stiffness = weight * (0.5 * falls.spacing) ** 2
         return replace(self, bifilar=falls._replace(stiffness=stiffness))
 
     def free(self, joints: np.ndarray) -> np.ndarray:
-        """Return the joints, by their indices, that move while the rope is taut."""
-        rope = self.rope
-        return joints[joints != rope.stretch] if rope and rope.inextensible else joints
+        """Return those of some joints, by their indices, that can move while the rope is taut: an
+        inextensible rope holds its stretch at 0.
+        """
+        if self.rope is not None and self.rope.inextensible:
+            return joints[joints != self.rope.stretch]
+        return joints
 
     def effort(self, q: np.ndarray) -> np.ndarray:
         """Return the efforts on the joints at coordinates q [N m or N], shape (n,): the negative
         gradient of the energy.
         """
         effort = -(self.stiffness * (q - self.rest))
-        if self.rope is not None:
-            stretch, length, stiffness, _ = self.rope
-            strain = self.rope.strain(q)
-            effort[stretch] = effort[stretch] - stiffness * strain
-            effort[length] = effort[length] + 0.5 * stiffness * strain * strain
-        if (falls := self.bifilar) is not None:
+
+        # Efforts of the rope, U = EA s²/(2 l) with the strain ε = s/l:
+        #
+        #     -∂U/∂s = -EA ε,   -∂U/∂l = EA ε²/2.
+        rope = self.rope
+        if rope is not None:
+            strain = rope.strain(q)
+            effort[rope.stretch] = effort[rope.stretch] - rope.stiffness * strain
+            effort[rope.length] = effort[rope.length] + 0.5 * rope.stiffness * strain * strain
+
+        # Efforts of the two falls, U = W a² (1 - cos ψ)/l: -∂U/∂l = U/l.
+        falls = self.bifilar
+        if falls is not None:
             effort[falls.yaw] = effort[falls.yaw] - falls.torque(q)
             effort[falls.length] = effort[falls.length] + falls.energy(q) / q[falls.length]
         return effort
@@ -147,7 +173,8 @@ class Springs:
         """Return the energy stored at coordinates q [J], a number for shape (n,) and shape (rows,)
         for shape (n, rows).
         """
-        offset = q - (self.rest if np.ndim(q) == 1 else self.rest[:, None])
+        rest = self.rest if np.ndim(q) == 1 else self.rest[:, None]
+        offset = q - rest
         energy = 0.5 * (self.stiffness @ (offset * offset))
         if self.rope is not None:
             strain = self.rope.strain(q)
@@ -159,19 +186,33 @@ class Springs:
     def tangent(self, q: np.ndarray) -> np.ndarray:
         """Return the second derivatives of the energy at q [N m/rad, N/m, ...], shape (n, n)."""
         tangent = np.diag(np.asarray(self.stiffness, dtype=float))
-        if self.rope is not None and q[self.rope.stretch] >= 0.0:
-            s, length, stiffness, _ = self.rope
-            strain = q[s] / q[length]
-            per_length = stiffness / q[length]
-            tangent[s, s] += per_length
+
+        # Of the rope, U = EA s²/(2 l) with the strain ε = s/l, while it is taut:
+        #
+        #     ∂²U/∂s² = EA/l,   ∂²U/∂s∂l = -EA/l ε,   ∂²U/∂l² = EA/l ε².
+        rope = self.rope
+        if rope is not None and q[rope.stretch] >= 0.0:
+            stretch = rope.stretch
+            length = rope.length
+            strain = q[stretch] / q[length]
+            per_length = rope.stiffness / q[length]
+            tangent[stretch, stretch] += per_length
             tangent[length, length] += per_length * strain * strain
-            tangent[s, length] -= per_length * strain
-            tangent[length, s] -= per_length * strain
-        if (falls := self.bifilar) is not None:
-            yaw, length, stiffness, _ = falls
-            tangent[yaw, yaw] += stiffness * np.cos(q[yaw]) / q[length]
+            tangent[stretch, length] -= per_length * strain
+            tangent[length, stretch] -= per_length * strain
+
+        # Of the two falls, U = W a² (1 - cos ψ)/l with the torque T = W a² sin ψ/l:
+        #
+        #     ∂²U/∂ψ² = W a² cos ψ/l,   ∂²U/∂ψ∂l = -T/l,   ∂²U/∂l² = 2 U/l².
+        falls = self.bifilar
+        if falls is not None:
+            yaw = falls.yaw
+            length = falls.length
+            mixed = falls.torque(q) / q[length]
+            tangent[yaw, yaw] += falls.stiffness * np.cos(q[yaw]) / q[length]
             tangent[length, length] += 2.0 * falls.energy(q) / q[length] ** 2
-            tangent[[yaw, length], [length, yaw]] -= falls.torque(q) / q[length]
+            tangent[yaw, length] -= mixed
+            tangent[length, yaw] -= mixed
         return tangent
 
 
@@ -191,65 +232,125 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
         OutOfRange: If a number is not finite, or a stiffness negative.
     """
     stiffness = np.zeros(layout.n)
-    rest_angles = np.zeros(layout.n)
+    rest = np.zeros(layout.n)
     rope = None
     falls = None
     names = [joint.name for joint in layout.joints]
-    elements = [
-        (block.get("reference", ""), tag)
-        for block in robot.iterfind("gazebo")
-        for tag in block
-        if tag.tag in _TAGS
-    ]
-    counts = Counter((name, tag.tag) for name, tag in elements)
-    for name, tag in elements:
+    elements = _spring_elements(robot)
+    counts = Counter((name, element.tag) for name, element in elements)
+    for name, element in elements:
         if name not in names:
             raise UnknownName("moving joint", name, names)
-        if counts[name, tag.tag] > 1:
-            raise ModelError(f"{path} gives {tag.tag} of {name} twice; allowed is once.")
-        i = names.index(name)
-        text = (tag.text or "").strip()
-        joint = layout.joints[i]
-        if tag.tag == "springStiffness":
+        if counts[name, element.tag] > 1:
+            raise ModelError(f"{path} gives {element.tag} of {name} twice; allowed is once.")
+        index = names.index(name)
+        joint = layout.joints[index]
+        text = (element.text or "").strip()
+        if element.tag == "springStiffness":
             unit = "N m/rad" if joint.kind == "revolute" else "N/m"
-            stiffness[i] = number(f"spring stiffness of {name}", text, unit, ">= 0")
-        elif tag.tag == "springReference":
-            rest_angles[i] = number(f"rest position of the spring of {name}", text, joint.unit)
-        elif tag.tag == "fallSpacing":
-            if joint.driven or joint.kind != "revolute" or abs(joint.axis[2]) < ALIGNED:
-                must = "it must be a passive revolute joint about the rope"
-                raise ModelError(f"{path} gives the spacing of two falls to {name}; {must}.")
-            length = layout.role("hoist", "A load on two falls")
-            spacing = number(f"spacing of the falls at {name}", text, "m", "> 0")
-            falls = Bifilar(i, length, 0.0, spacing)
-        elif joint.driven or joint.kind != "prismatic":
-            raise ModelError(
-                f"{path} gives the rope's stretch to {name}; it must be a passive prismatic joint."
-            )
+            stiffness[index] = number(f"spring stiffness of {name}", text, unit, ">= 0")
+        elif element.tag == "springReference":
+            rest[index] = number(f"rest position of the spring of {name}", text, joint.unit)
+        elif element.tag == "fallSpacing":
+            falls = _read_falls(layout, index, text, path)
         else:
-            length = layout.role("hoist", "A rope that stretches")
-            rigid = text == "inf"
-            ea = 0.0 if rigid else number(f"EA of the rope at {name}", text, "N", "> 0")
-            rope = Rope(i, length, ea, rigid)
-    if rope and falls:
+            rope = _read_rope(layout, index, text, path)
+    if rope is not None and falls is not None:
         raise ModelError(
             f"{path} has two falls and a rope that stretches or may go slack; allowed is one of "
             "both (rope_stiffness or fall_spacing 0)."
         )
-    return Springs(stiffness, rest_angles, rope, falls)
+    return Springs(stiffness, rest, rope, falls)
 
 
-_ITERATIONS = 50
-"""Most steps of Newton's method."""
+def _spring_elements(robot: ET.Element) -> list[tuple[str, ET.Element]]:
+    """Return the elements of a URDF that describe springs, each with the name of its joint."""
+    elements = []
+    for block in robot.iterfind("gazebo"):
+        name = block.get("reference", "")
+        elements += [(name, element) for element in block if element.tag in _SPRING_TAGS]
+    return elements
 
-_LEAST_STEP = 1e-13
-"""Step at which it has converged [rad or m]."""
 
-_UNHELD = 1e-6
-"""Share of the weight of the crane that may act on a joint at rest [m or 1]."""
+def _read_falls(layout: Layout, index: int, text: str, path: Path) -> Bifilar:
+    """Return two falls.
+
+    Args:
+        layout: Joints of the crane.
+        index: Index of the joint about which the load yaws.
+        text: Distance of the falls as the file says it [m].
+        path: File for error messages.
+
+    Raises:
+        ModelError: If the joint is not a passive revolute joint about the vertical.
+        MissingRole: If no joint has the role hoist.
+        OutOfRange: If the distance is not a positive number.
+    """
+    joint = layout.joints[index]
+    if joint.driven or joint.kind != "revolute" or abs(joint.axis[2]) < ALIGNED:
+        must = "it must be a passive revolute joint about the rope"
+        raise ModelError(f"{path} gives the spacing of two falls to {joint.name}; {must}.")
+    length = layout.role("hoist", "A load on two falls")
+    spacing = number(f"spacing of the falls at {joint.name}", text, "m", "> 0")
+    # The stiffness follows from the weight below the falls, see `Springs.carrying`.
+    return Bifilar(index, length, stiffness=0.0, spacing=spacing)
+
+
+def _read_rope(layout: Layout, index: int, text: str, path: Path) -> Rope:
+    """Return a rope.
+
+    Args:
+        layout: Joints of the crane.
+        index: Index of the joint that is the stretch of the rope.
+        text: EA [N] as the file says it, inf for an inextensible rope.
+        path: File for error messages.
+
+    Raises:
+        ModelError: If the joint is not a passive prismatic joint.
+        MissingRole: If no joint has the role hoist.
+        OutOfRange: If EA is not a positive number.
+    """
+    joint = layout.joints[index]
+    if joint.driven or joint.kind != "prismatic":
+        raise ModelError(
+            f"{path} gives the rope's stretch to {joint.name}; it must be a passive prismatic "
+            "joint."
+        )
+    length = layout.role("hoist", "A rope that stretches")
+    if text == "inf":
+        return Rope(index, length, stiffness=0.0, inextensible=True)
+    stiffness = number(f"EA of the rope at {joint.name}", text, "N", "> 0")
+    return Rope(index, length, stiffness)
+
+
+# --- rest -----------------------------------------------------------------------------------------
+
+
+_MAX_ITERATIONS = 50
+"""Largest number of steps of Newton's method."""
+
+_STEP_TOLERANCE = 1e-13
+"""Largest change of a coordinate at which Newton's method has converged [rad or m]."""
+
+_MAX_STEP = 0.5
+"""Largest change of a coordinate in a step of Newton's method [rad or m]."""
+
+_ROUND_OFF_TORQUE = 1e-15
+"""Effort on the joints, over the weight of the crane, that is round-off [m or 1]: a load that hangs
+plumb is left exactly where it is."""
+
+_REST_TOLERANCE = 1e-6
+"""Effort over the weight of the crane that may be left on a joint at rest [m or 1]."""
+
+_UNSTABLE = 1e-9
+"""Size of a negative eigenvalue of the stiffness, as a share of the largest, from which on a rest
+is unstable; a smaller one is round-off of zero."""
+
+_SINGULAR = 1e-12
+"""Eigenvalue of a stiffness, as a share of the largest, up to which it counts as zero."""
 
 _ROUND_OFF = 1e-12
-"""Angles and slopes of rest below this are zero."""
+"""Angles [rad] and slopes [rad per rad or m] of rest below this are zero."""
 
 
 class Rest(NamedTuple):
@@ -283,32 +384,34 @@ def solve_rest(
     NaN if it does not converge. Followers are where their leaders put them.
     """
     q = q.copy() if coupling is None else coupling.complete(q)
-    if (rope := springs.rope) is not None:  # from a taut rope, since a slack one has no stiffness
+    rope = springs.rope
+    if rope is not None:
+        # Newton's method starts from a taut rope, since a slack one has no stiffness.
         q[rope.stretch] = 0.0 if rope.inextensible else max(q[rope.stretch], 0.0)
         passive = springs.free(passive)
-    # Round-off of the torques of a load that hangs plumb.
     gravity = float(-model.gravity.linear[2])
-    rounding = 1e-15 * gravity * sum(inertia.mass for inertia in model.inertias)
-    for _ in range(_ITERATIONS):
+    mass = sum(inertia.mass for inertia in model.inertias)
+    for _ in range(_MAX_ITERATIONS):
         torque = pin.computeGeneralizedGravity(model, data, q) - springs.effort(q)
         if coupling is not None:
             torque = coupling.gather(torque)
-        if np.abs(torque[passive]).max(initial=0.0) <= rounding:
+        if np.abs(torque[passive]).max(initial=0.0) <= _ROUND_OFF_TORQUE * gravity * mass:
             return q
-        # Down the energy also where its curvature is negative, half a radian or metre at most.
+        # `_compliance` takes negative curvatures as positive, so that the step goes down the energy
+        # there, too. It is bounded, since far from rest the curvature says little.
         stiffness = rest_stiffness(model, data, springs, q, coupling)
         curvature = stiffness[np.ix_(passive, passive)]
         step = _compliance(curvature) @ torque[passive]
         largest = float(np.abs(step).max())
-        q[passive] -= step * min(1.0, 0.5 / max(largest, _LEAST_STEP))
+        q[passive] -= step * min(1.0, _MAX_STEP / max(largest, _STEP_TOLERANCE))
         if coupling is not None:
             q = coupling.complete(q)
-        if largest < _LEAST_STEP:
-            if np.abs(torque[passive]).max() <= _UNHELD * gravity * sum(
-                inertia.mass for inertia in model.inertias
-            ):
+        if largest < _STEP_TOLERANCE:
+            if np.abs(torque[passive]).max() <= _REST_TOLERANCE * gravity * mass:
                 return q
-            break  # what nothing restores falls, such as a free slide along the vertical
+            # A joint without stiffness takes no step, though its weight acts on it: a free slide
+            # along the vertical falls.
+            break
     q[passive] = np.nan
     return q
 
@@ -319,11 +422,15 @@ def linearise_rest(
     """Return rest to first order in the drives about coordinates q at rest, from the stiffness
     there, shape (n, n), and the indices of the swings.
     """
-    passive, drives = layout.passive, layout.drives
+    # At rest the gradient of the energy by the passive joints stays zero while drives move:
+    #
+    #     K_pp δq_p + K_pd δq_d = 0,   so that   δq_p = -K_pp⁻¹ K_pd δq_d.
+    passive = layout.passive
+    drives = layout.drives
     passive_stiffness = stiffness[np.ix_(passive, passive)]
     curvature = np.linalg.eigvalsh(passive_stiffness)
-    if curvature.min(initial=0.0) < -1e-9 * np.abs(curvature).max(initial=0.0):
-        return no_rest(q, layout, swings)  # unstable: it would fall
+    if curvature.min(initial=0.0) < -_UNSTABLE * np.abs(curvature).max(initial=0.0):
+        return no_rest(q, layout, swings)
     by_drives = -_compliance(passive_stiffness) @ stiffness[np.ix_(passive, drives)]
     slope = by_drives[np.isin(passive, swings)]
     slope[np.abs(slope) < _ROUND_OFF] = 0.0
@@ -357,5 +464,5 @@ def _compliance(stiffness: np.ndarray) -> np.ndarray:
     """
     values, vectors = np.linalg.eigh(stiffness)
     size = np.abs(values)
-    nonzero = size > max(1e-12 * size.max(initial=0.0), np.finfo(float).tiny)
+    nonzero = size > max(_SINGULAR * size.max(initial=0.0), np.finfo(float).tiny)
     return (vectors[:, nonzero] / size[nonzero]) @ vectors[:, nonzero].T

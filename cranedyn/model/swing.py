@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,18 +29,21 @@ from cranedyn.model.urdf import (
     set_placement,
 )
 
-_SHORTEST = 0.02
+_MIN_ROPE_RATIO = 0.02
 """Shortest rope as a share of the longest, where the range of a hoist reaches above the pivot."""
 
-_AWAY = 0.01
-"""Share of a range by which a start is away from its ends."""
+_START_MARGIN = 0.01
+"""Share of the range of a joint by which its start keeps away from the ends."""
 
-_SMALL = 1e-9
-"""Offsets below this need no note [m or rad]."""
+_SMALL_OFFSET = 1e-9
+"""Largest offset that needs no note [m or rad]."""
 
-_LIGHT = {"link_mass": 1e-3, "link_inertia": 1e-6}
-"""Mass of a link between the swing joints as a share of the load's, and its inertia [m²] as such a
-share: other programs drop a link without."""
+_LINK_MASS_RATIO = 1e-3
+"""Mass of a link between the swing joints as a share of the load's: other programs drop a link
+without a mass."""
+
+_LINK_INERTIA_RATIO = 1e-6
+"""Rotational inertia of such a link over the mass of the load [m²]."""
 
 _NUMBERS = {
     "length": ("m", "> 0"),
@@ -50,7 +54,21 @@ _NUMBERS = {
 }
 """Unit and allowed range of the numbers of a `Swing`."""
 
-_TURNED = {"slew": "heading of the jib, 0 along -Y", "trolley": "radius from the slew axis"}
+_MEANINGS = {"slew": "heading of the jib, 0 along -Y", "trolley": "radius from the slew axis"}
+"""What the coordinate of a joint is once `turn_tower` has turned it, by the role of the joint."""
+
+
+@dataclass(frozen=True)
+class _NewCoordinate:
+    """Coordinate of a joint, sign (q - zero), in place of the coordinate q of its file.
+
+    Attributes:
+        sign: 1.0, or -1.0 where the axis is reversed.
+        zero: Value of q where the new coordinate is zero [rad or m].
+    """
+
+    sign: float
+    zero: float
 
 
 class Swing(NamedTuple):
@@ -81,11 +99,14 @@ def swing_numbers(values: bool | Mapping[str, float]) -> Swing:
         UnknownName: If there is no such number.
         OutOfRange: If a length or mass is not positive, or another number is negative.
     """
+    if isinstance(values, bool):
+        return Swing()
     numbers: dict[str, float] = {}
-    for name, value in () if isinstance(values, bool) else values.items():
+    for name, value in values.items():
         if name not in _NUMBERS:
             raise UnknownName("number of the swing", name, _NUMBERS)
-        numbers[name] = number(f"{name} of the swing", value, *_NUMBERS[name])
+        unit, allowed = _NUMBERS[name]
+        numbers[name] = number(f"{name} of the swing", value, unit, allowed)
     return Swing(**numbers)
 
 
@@ -111,32 +132,46 @@ def turn_tower(
         ModelError: If there is no hoist, see `find_hoist`.
     """
     hoist = find_hoist(model, joints, path)
-    chain = [int(i) - 1 for i in model.supports[hoist + 1]][1:-1]
-    slews = [i for i in chain if joints[i].kind == "revolute" and _upright(joints[i])]
-    prismatic = [i for i in chain if joints[i].kind == "prismatic"]
-    trolleys = [i for i in prismatic if math.hypot(*joints[i].axis[:2]) >= ALIGNED]
+    # All that carries the hoist: of the joints between the world and itself, without both.
+    chain = [int(joint) - 1 for joint in model.supports[hoist + 1]][1:-1]
+    slews = [i for i in chain if joints[i].kind == "revolute" and _is_vertical(joints[i])]
+    trolleys = [i for i in chain if joints[i].kind == "prismatic" and _is_horizontal(joints[i])]
     if not (slews and trolleys):
         return {}, []
-    slew, trolley = slews[0], trolleys[0]
+    slew = slews[0]
+    trolley = trolleys[0]
+
+    # Where the hook is, as seen from the slew axis, with all joints at zero: `radius` along the
+    # trolley's axis and `aside` across it.
     data = model.createData()
     pin.forwardKinematics(model, data, np.zeros(model.nq))
     arm = data.oMi[hoist + 1].translation - data.oMi[slew + 1].translation
-    along = np.array(joints[trolley].axis)
-    radius = float(arm @ along)
-    aside = float(np.cross(along, arm)[2])
-    middle = sum(float(limit[trolley]) for limit in _limits(model)) / 2
+    trolley_axis = np.array(joints[trolley].axis)
+    radius = float(arm @ trolley_axis)
+    aside = float(np.cross(trolley_axis, arm)[2])
+
+    # The trolley counts outward, so that the radius is positive in the middle of its range.
+    lower = float(model.lowerPositionLimit[trolley])
+    upper = float(model.upperPositionLimit[trolley])
+    middle = (lower + upper) / 2
     outward = 1.0 if radius + middle >= 0.0 else -1.0
-    jib = outward * along
+
+    # The slew is zero where the jib points along -Y, at the angle -π/2 from +X.
+    jib = outward * trolley_axis
     upward = math.copysign(1.0, joints[slew].axis[2])
     heading = math.remainder(-math.pi / 2 - math.atan2(jib[1], jib[0]), 2 * math.pi)
+
     names = {"slew": joints[slew].name, "trolley": joints[trolley].name}
-    turns = {"slew": (upward, upward * heading), "trolley": (outward, -radius)}
+    coordinates = {
+        "slew": _NewCoordinate(upward, upward * heading),
+        "trolley": _NewCoordinate(outward, -radius),
+    }
     notes = []
-    for role, (sign, zero) in turns.items():
-        _turn(robot, names[role], sign, zero)
-        if sign < 0.0 or abs(zero) > _SMALL:
-            notes.append(f"{_formula(role, names[role], sign, zero)}, the {_TURNED[role]}.")
-    if abs(aside) > _SMALL:
+    for role, coordinate in coordinates.items():
+        _turn_joint(robot, names[role], coordinate)
+        if coordinate.sign < 0.0 or abs(coordinate.zero) > _SMALL_OFFSET:
+            notes.append(f"{_formula(role, names[role], coordinate)}, the {_MEANINGS[role]}.")
+    if abs(aside) > _SMALL_OFFSET:
         notes.append(f"The hook passes the slew axis at {abs(aside):.3g} m.")
     return names, notes
 
@@ -158,7 +193,7 @@ def find_hoist(model: pin.Model, joints: Sequence[Joint], path: Path) -> int:
     hoists = [
         i
         for i, joint in enumerate(joints)
-        if joint.kind == "prismatic" and _upright(joint) and i + 1 not in parents
+        if joint.kind == "prismatic" and _is_vertical(joint) and i + 1 not in parents
     ]
     if len(hoists) != 1:
         found = ", ".join(quoted(joints[i].name) for i in hoists) or "none"
@@ -195,74 +230,116 @@ def hang_load(
     name = joints[index].name
     data = model.createData()
     pin.framesForwardKinematics(model, data, np.zeros(model.nq))
-    element = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
+    element = _joint_element(robot, name)
     parent = element.find("parent")
-    assert parent is not None  # see check_urdf
-    carrier = data.oMf[model.getFrameId(parent.get("link", ""))]
+    child = element.find("child")
+    assert parent is not None and child is not None  # see check_urdf
+    carrier_name = parent.get("link", "")
+    carrier = data.oMf[model.getFrameId(carrier_name)]
     hook = data.oMi[index + 1]
-    upward = math.copysign(1.0, joints[index].axis[2])
+
+    # Rope from the pivot to the hook where the hoist is at its zero: the pivot is at the height of
+    # the carrier, or higher by `rise` where the length is given.
     length = float(carrier.translation[2] - hook.translation[2])
-    notes = []
     rise = 0.0 if swing.length is None else swing.length - length
     length += rise
-    height = f"{abs(rise):.3g} m {'above' if rise > 0.0 else 'below'}"
-    height = height if abs(rise) > _SMALL else "at the height of"
-    notes.append(f"The pivot is {height} {parent.get('link')}.")
-    ends = [length - upward * float(limit[index]) for limit in _limits(model)]
-    longest = max(ends)
+    notes = [f"The pivot is {_height_text(rise)} {carrier_name}."]
+
+    upward = math.copysign(1.0, joints[index].axis[2])
+    shortest, longest = _rope_range(model, index, length, upward)
     if longest <= 0.0:
         allowed = "> 0; give its length where the hoist is at zero"
         raise OutOfRange(f"longest rope at {name}", longest, allowed, "m")
-    shortest = max(min(ends), _SHORTEST * longest)
-    if shortest > min(ends):
+    if shortest < _MIN_ROPE_RATIO * longest:
+        shortest = _MIN_ROPE_RATIO * longest
         notes.append(f"The shortest rope is {shortest:.3g} m.")
-    _turn(robot, name, -upward, upward * length, shortest)
-    notes.append(f"{_formula('hoist', name, -upward, upward * length)}, the length of the rope.")
-    pivot = pin.SE3(np.eye(3), np.array([*hook.translation[:2], hook.translation[2] + length]))
-    child = element.find("child")
-    assert child is not None  # see check_urdf
+    # The rope grows as the hoist goes down: l = length - upward q.
+    rope_length = _NewCoordinate(-upward, upward * length)
+    _turn_joint(robot, name, rope_length, least=shortest)
+    notes.append(f"{_formula('hoist', name, rope_length)}, the length of the rope.")
+
+    # The load, and the two links between the swing joints, which are small beside it.
     load = model.inertias[index + 1].mass
     if swing.mass is not None:
         load = swing.mass
         _set_mass(robot, child.get("link", ""), load)
-    mass, inertia = (
-        share * load if value is None else value
-        for value, share in zip((swing.link_mass, swing.link_inertia), _LIGHT.values(), strict=True)
-    )
+    mass = _LINK_MASS_RATIO * load if swing.link_mass is None else swing.link_mass
+    inertia = _LINK_INERTIA_RATIO * load if swing.link_inertia is None else swing.link_inertia
     notes.append(f"Two links of {mass:g} kg and {inertia:g} kg m² are at the pivot.")
-    body = _lump(mass, inertia)
-    _insert_swing(robot, parent.get("link", ""), carrier.actInv(pivot), swing.damping, body)
+
+    # The swing joints turn about axes of the world: the pivot has its directions.
+    pivot = pin.SE3(np.eye(3), np.array([*hook.translation[:2], hook.translation[2] + length]))
+    body = _isotropic_body(mass, inertia)
+    _insert_swing(robot, carrier_name, carrier.actInv(pivot), swing.damping, body)
     parent.set("link", "swing_tangential_link")
+    # The hoist begins at the pivot now, and lowers the hook along -Z of the world.
     set_placement(element, pin.SE3(hook.rotation, np.zeros(3)))
-    _axis(element).set("xyz", numbers_text(hook.rotation.T @ [0.0, 0.0, -1.0]))
+    _axis_element(element).set("xyz", numbers_text(hook.rotation.T @ [0.0, 0.0, -1.0]))
     roles = {role: ROLES[role].joint for role in ("radial_swing", "tangential_swing")}
     return roles | {"hoist": name}, notes
 
 
-def _formula(role: str, name: str, sign: float, zero: float) -> str:
-    """Return the coordinate of a role in terms of that of the file, sign (q - zero)."""
+def _height_text(rise: float) -> str:
+    """Return how far one thing is above another, for a sentence [m]."""
+    if abs(rise) <= _SMALL_OFFSET:
+        return "at the height of"
+    return f"{abs(rise):.3g} m {'above' if rise > 0.0 else 'below'}"
+
+
+def _rope_range(model: pin.Model, hoist: int, length: float, upward: float) -> tuple[float, float]:
+    """Return the rope at the ends of the range of a hoist, the shorter one first [m].
+
+    Args:
+        model: The Pinocchio model.
+        hoist: Index of the hoist.
+        length: Rope where the hoist is at its zero [m].
+        upward: 1.0 if the hoist counts upward, -1.0 if downward.
+    """
+    at_lower = length - upward * float(model.lowerPositionLimit[hoist])
+    at_upper = length - upward * float(model.upperPositionLimit[hoist])
+    return min(at_lower, at_upper), max(at_lower, at_upper)
+
+
+def _formula(role: str, name: str, coordinate: _NewCoordinate) -> str:
+    """Return a new coordinate in terms of that of the file, such as "x = 2 m - trolley"."""
     unit = "rad" if ROLES[role].kind == "revolute" else "m"
-    offset = f"{-sign * zero:.6g} {unit} " if zero else ""
-    mark = "-" if sign < 0.0 else "+" if zero else ""
-    return f"{ROLES[role].symbol} = {offset}{mark}{' ' if offset else ''}{name}"
+    symbol = ROLES[role].symbol
+    is_reversed = coordinate.sign < 0.0
+    if not coordinate.zero:
+        return f"{symbol} = {'-' if is_reversed else ''}{name}"
+    offset = f"{-coordinate.sign * coordinate.zero:.6g} {unit}"
+    return f"{symbol} = {offset} {'-' if is_reversed else '+'} {name}"
 
 
-def _upright(joint: Joint) -> bool:
+def _is_vertical(joint: Joint) -> bool:
+    """Return whether the axis of a joint is along the vertical, see `ALIGNED`."""
     return abs(joint.axis[2]) >= ALIGNED
 
 
-def _limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    return model.lowerPositionLimit, model.upperPositionLimit
+def _is_horizontal(joint: Joint) -> bool:
+    """Return whether the axis of a joint is horizontal, see `ALIGNED`."""
+    return math.hypot(joint.axis[0], joint.axis[1]) >= ALIGNED
 
 
-def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float = -math.inf) -> None:
-    """Replace the coordinate q of a joint by sign (q - zero): placement, axis, limits and start.
+def _joint_element(robot: ET.Element, name: str) -> ET.Element:
+    """Return the joint of a name of a URDF."""
+    return next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
 
-    No coordinate below `least` is allowed. A joint starts where the file has it, a hundredth of its
-    range away from the ends, since a held drive gives way; or at its zero there if that is well
-    within its range.
+
+def _turn_joint(
+    robot: ET.Element, name: str, coordinate: _NewCoordinate, least: float = -math.inf
+) -> None:
+    """Give a joint of a URDF a new coordinate, in place: placement, axis, limits and start.
+
+    Args:
+        robot: The URDF.
+        name: Name of the joint.
+        coordinate: The new coordinate.
+        least: Least new coordinate that is allowed [rad or m].
     """
-    element = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
+    sign = coordinate.sign
+    zero = coordinate.zero
+    element = _joint_element(robot, name)
     axis = joint_axis(element)
     axis /= np.linalg.norm(axis)
     placement = joint_placement(element)
@@ -271,26 +348,48 @@ def _turn(robot: ET.Element, name: str, sign: float, zero: float, least: float =
     else:
         step = pin.SE3(pin.exp3(axis * zero), np.zeros(3))
     set_placement(element, placement * step)
-    _axis(element).set("xyz", numbers_text(sign * axis))
+    _axis_element(element).set("xyz", numbers_text(sign * axis))
     limit = element.find("limit")
     assert limit is not None  # see check_urdf
-    ends = sorted(sign * (float(limit.get(end, 0.0)) - zero) for end in ("lower", "upper"))
-    ends[0] = max(ends[0], least)
-    limit.set("lower", repr(ends[0]))
-    limit.set("upper", repr(ends[1]))
-    margin = _AWAY * (ends[1] - ends[0])
+    lower = sign * (float(limit.get("lower", 0.0)) - zero)
+    upper = sign * (float(limit.get("upper", 0.0)) - zero)
+    low = max(min(lower, upper), least)
+    high = max(lower, upper)
+    limit.set("lower", repr(low))
+    limit.set("upper", repr(high))
+    _turn_start(robot, name, coordinate, low, high)
+
+
+def _turn_start(
+    robot: ET.Element, name: str, coordinate: _NewCoordinate, low: float, high: float
+) -> None:
+    """Start a joint of a URDF where it started in its old coordinate, in place.
+
+    A start in the file is moved a hundredth of the range away from the ends, since a held drive
+    gives way. Without one the joint starts at its old zero if that is as far within its range.
+
+    Args:
+        robot: The URDF.
+        name: Name of the joint.
+        coordinate: Its new coordinate.
+        low: Lower end of the range of that [rad or m].
+        high: Upper end [rad or m].
+    """
+    margin = _START_MARGIN * (high - low)
     initial = initial_values(robot).get(name)
     if initial is not None:
-        start = sign * (float(initial.text or 0.0) - zero)
-        initial.text = repr(min(max(start, ends[0] + margin), ends[1] - margin))
-    elif ends[0] + margin <= -sign * zero <= ends[1] - margin:
-        # It is there, see declare_drives.
-        controls = robot.iterfind("ros2_control/joint")
-        control = next(entry for entry in controls if entry.get("name") == name)
-        state = control.find("state_interface[@name='position']")
-        if state is None:
-            state = ET.SubElement(control, "state_interface", name="position")
-        ET.SubElement(state, "param", name="initial_value").text = repr(-sign * zero)
+        start = coordinate.sign * (float(initial.text or 0.0) - coordinate.zero)
+        initial.text = repr(min(max(start, low + margin), high - margin))
+        return
+    old_zero = -coordinate.sign * coordinate.zero
+    if not low + margin <= old_zero <= high - margin:
+        return
+    controls = robot.iterfind("ros2_control/joint")
+    control = next(entry for entry in controls if entry.get("name") == name)  # see declare_drives
+    state = control.find("state_interface[@name='position']")
+    if state is None:
+        state = ET.SubElement(control, "state_interface", name="position")
+    ET.SubElement(state, "param", name="initial_value").text = repr(old_zero)
 
 
 def _insert_swing(
@@ -304,10 +403,15 @@ def _insert_swing(
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=child)
         ET.SubElement(joint, "axis", xyz=axis)
-        reach = repr(math.pi / 2)
-        # as in the tower crane of this project: other programs hold a joint with a velocity of 0
-        limits = {"lower": "-" + reach, "upper": reach, "effort": "1e7", "velocity": "10"}
-        ET.SubElement(joint, "limit", limits)
+        # As in the tower crane of this project: other programs hold a joint with a velocity of 0.
+        ET.SubElement(
+            joint,
+            "limit",
+            lower=repr(-math.pi / 2),
+            upper=repr(math.pi / 2),
+            effort="1e7",
+            velocity="10",
+        )
         ET.SubElement(joint, "dynamics", damping=repr(damping))
         set_placement(joint, placement)
         ET.SubElement(robot, "link", name=child).append(body)
@@ -320,21 +424,24 @@ def _set_mass(robot: ET.Element, name: str, mass: float) -> None:
     link = next(link for link in robot.iterfind("link") if link.get("name") == name)
     inertial = link.find("inertial")
     if inertial is None:
-        inertial = _lump(0.0, 0.0)
+        inertial = _isotropic_body(0.0, 0.0)
         link.append(inertial)
-    body, tensor = inertial.find("mass"), inertial.find("inertia")
-    assert body is not None and tensor is not None  # see check_urdf
-    before = float(body.get("value", 0.0))
+    mass_element = inertial.find("mass")
+    tensor = inertial.find("inertia")
+    assert mass_element is not None and tensor is not None  # see check_urdf
+    old_mass = float(mass_element.get("value", 0.0))
     for key, value in tensor.attrib.items():
-        tensor.set(key, repr(float(value) * mass / before if before else 0.0))
-    body.set("value", repr(mass))
+        moment = float(value) * mass / old_mass if old_mass else 0.0
+        tensor.set(key, repr(moment))
+    mass_element.set("value", repr(mass))
 
 
-def _lump(mass: float, inertia: float) -> ET.Element:
+def _isotropic_body(mass: float, inertia: float) -> ET.Element:
     """Return a body with the same inertia about each axis."""
     return inertial_element(pin.Inertia(mass, np.zeros(3), inertia * np.eye(3)))
 
 
-def _axis(joint: ET.Element) -> ET.Element:
+def _axis_element(joint: ET.Element) -> ET.Element:
+    """Return the axis of a joint; it is added, along X as by default, where there is none."""
     axis = joint.find("axis")
     return ET.SubElement(joint, "axis", xyz="1 0 0") if axis is None else axis

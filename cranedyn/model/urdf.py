@@ -18,26 +18,30 @@ _MAX_DEPTH = 50
 """Deepest nesting of the elements of a file."""
 
 _MAX_ELEMENTS = 2000
-"""Most links and joints of a file."""
+"""Largest number of links and joints of a file."""
 
 _MAX_NUMBER = 1e30
 """Largest number in a file: products of several of them are still finite."""
 
+_MAX_NAMED_ROOTS = 5
+"""Number of links without a joint that an error message names."""
+
 NEGATIVE_MOMENT = 1e-9
 """How far the least principal moment may be below zero by round-off, as a share of the largest."""
 
-_FLAT = 0.99
-"""What the two smaller principal moments add up to at least, as a share of the largest: all of it
-for a plate, here with moments rounded to three digits."""
+_MOMENT_SUM_RATIO = 0.99
+"""Least ratio of the sum of the two smaller principal moments to the largest one. It is 1 for a
+plate, here less since files round moments to three digits."""
 
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""A decimal number, not nan or inf."""
 
-_NUMBERS = {
+_NUMBER_COUNTS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
     "mass": {"value": 1},
-    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
-    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
+    "inertia": {"ixx": 1, "iyy": 1, "izz": 1, "ixy": 1, "ixz": 1, "iyz": 1},
+    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
     "dynamics": {"damping": 1, "friction": 1, "armature": 1},
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},
@@ -45,28 +49,36 @@ _NUMBERS = {
     "color": {"rgba": 4},
     "mimic": {"multiplier": 1, "offset": 1},
 }
-"""Count of numbers in each attribute of each element."""
+"""Count of numbers in each attribute that holds numbers, by the tag of its element."""
 
-_NAMES = ("name", "type", "link", "joint")
+_NAME_ATTRIBUTES = ("name", "type", "link", "joint")
 """Attributes that are names."""
 
-_NEEDED = {
-    name: tuple(_NUMBERS[name]) for name in ("mass", "inertia", "box", "cylinder", "sphere")
-} | {"limit": ("effort", "velocity")}
-"""Required attributes of elements."""
+_REQUIRED_NUMBERS = {
+    "mass": ("value",),
+    "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "sphere": ("radius",),
+    "limit": ("effort", "velocity"),
+}
+"""Attributes of numbers that an element must have, by its tag."""
 
-_TYPES = ("revolute", "prismatic", "fixed", "continuous", "floating", "planar")
-"""Types of joints, the first two with limits."""
+_JOINT_TYPES = ("revolute", "prismatic", "fixed", "continuous", "floating", "planar")
+"""Types of joints in a URDF."""
 
-_SKELETON = {
+_LIMITED_JOINT_TYPES = ("revolute", "prismatic")
+"""Types of joints that need limits."""
+
+_DYNAMIC_CHILDREN = {
     "link": ("inertial",),
     "inertial": ("origin", "mass", "inertia"),
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
 }
-"""Children of elements that matter for the dynamics."""
+"""Children of elements that matter for the dynamics, by the tag of the element."""
 
 
-class _Guarded(ET.TreeBuilder):
+class _GuardedBuilder(ET.TreeBuilder):
     """Builder that refuses document types, which define entities, and great depth: both let a small
     file take much memory or time.
     """
@@ -76,15 +88,18 @@ class _Guarded(ET.TreeBuilder):
         self._depth = 0
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Refuse a document type."""
         raise ModelError("it has a document type (<!DOCTYPE); leave it out")
 
     def start(self, tag: str, attributes: dict[str, str]) -> ET.Element:  # type: ignore[override]
+        """Open an element, unless it is nested too deep."""
         self._depth += 1
         if self._depth > _MAX_DEPTH:
             raise ModelError(f"its elements are nested deeper than {_MAX_DEPTH}")
         return super().start(tag, attributes)
 
     def end(self, tag: str) -> ET.Element:
+        """Close an element."""
         self._depth -= 1
         return super().end(tag)
 
@@ -100,7 +115,7 @@ def parse_urdf(text: str, source: object) -> ET.Element:
         ModelError: If it is not XML, has a document type, or is nested too deep.
     """
     try:
-        return ET.fromstring(text, ET.XMLParser(target=_Guarded()))
+        return ET.fromstring(text, ET.XMLParser(target=_GuardedBuilder()))
     except (ET.ParseError, ValueError) as error:
         raise ModelError(f"{source} is not XML: {error}.") from error
     except ModelError as error:
@@ -119,12 +134,7 @@ def check_urdf(robot: ET.Element, source: object) -> None:
             body has the mass and inertia of a link.
     """
     for element in robot.iter():
-        texts = [element.tag, *element.attrib.values()]
-        if "xacro" in element.tag or any(mark in text for text in texts for mark in ("${", "$(")):
-            raise ModelError(
-                f"{source} holds xacro directives; if you trust the file name it .xacro, else ask "
-                "for a plain URDF."
-            )
+        _check_expanded(element, source)
     for child in robot:
         if child.tag in ("link", "joint", "material"):
             for element in child.iter():
@@ -135,20 +145,32 @@ def check_urdf(robot: ET.Element, source: object) -> None:
         _check_inertial(link, f"link {quoted(link.get('name', ''))} in {source}")
 
 
+def _check_expanded(element: ET.Element, source: object) -> None:
+    """Check that an element holds no directive or expression of xacro."""
+    has_directive = "xacro" in element.tag
+    for text in (element.tag, *element.attrib.values()):
+        if "${" in text or "$(" in text:
+            has_directive = True
+    if has_directive:
+        raise ModelError(
+            f"{source} holds xacro directives; if you trust the file name it .xacro, else ask for "
+            "a plain URDF."
+        )
+
+
 def _check_inertial(link: ET.Element, context: str) -> None:
-    """Check that a body can have the mass and inertia of a link: a principal moment is an integral
-    of squares of two coordinates, so that none exceeds the sum of the other two.
-    """
-    mass, tensor = link.find("inertial/mass"), link.find("inertial/inertia")
+    """Check that a body can have the mass and inertia of a link."""
+    mass = link.find("inertial/mass")
+    tensor = link.find("inertial/inertia")
     assert mass is not None and tensor is not None  # see _check_element
     number(f"mass of {context}", mass.get("value"), "kg", ">= 0")
-    moments = np.linalg.eigvalsh(
-        [[float(tensor.get("i" + "".join(sorted(a + b)), 0)) for b in "xyz"] for a in "xyz"]
-    )
-    if not (
-        moments[0] >= -NEGATIVE_MOMENT * moments[2]
-        and moments[0] + moments[1] >= _FLAT * moments[2]
-    ):
+    moments = np.linalg.eigvalsh(_inertia_tensor(tensor))
+
+    # With x, y, z along the principal axes, ∫y²+z² dm, ∫z²+x² dm and ∫x²+y² dm are the moments: no
+    # body has a negative one, and none exceeds the sum of the other two.
+    is_positive = moments[0] >= -NEGATIVE_MOMENT * moments[2]
+    fits_others = moments[0] + moments[1] >= _MOMENT_SUM_RATIO * moments[2]
+    if not (is_positive and fits_others):
         raise OutOfRange(
             f"principal moments of inertia of {context}",
             ", ".join(f"{moment:.6g}" for moment in moments),
@@ -158,32 +180,48 @@ def _check_inertial(link: ET.Element, context: str) -> None:
         )
 
 
+def _inertia_tensor(element: ET.Element) -> np.ndarray:
+    """Return the tensor of an element ``<inertia>``, which states one half of it [kg m²], shape
+    (3, 3).
+    """
+    tensor = np.zeros((3, 3))
+    for i, first in enumerate("xyz"):
+        for j, second in enumerate("xyz"):
+            attribute = "i" + "".join(sorted(first + second))  # a file states ixy, never iyx
+            tensor[i, j] = float(element.get(attribute, 0))
+    return tensor
+
+
 def _check_tree(robot: ET.Element, source: object) -> None:
     """Check that names of links and joints are unique, and that they form one tree."""
-    links, joints = (_named(robot, tag, source) for tag in ("link", "joint"))
+    links = _elements_by_name(robot, "link", source)
+    joints = _elements_by_name(robot, "joint", source)
     if not links:
         raise ModelError(f"{source} is not a URDF that can be loaded: it has no link.")
-    if (count := len(links) + len(joints)) > _MAX_ELEMENTS:
+    count = len(links) + len(joints)
+    if count > _MAX_ELEMENTS:
         raise ModelError(f"{source} has {count} links and joints; allowed are {_MAX_ELEMENTS}.")
     parents: dict[str, str] = {}
     for name, joint in joints.items():
-        child, parent = (
-            _end(joint, tag, links, f"joint {quoted(name)} in {source}")
-            for tag in ("child", "parent")
-        )
+        context = f"joint {quoted(name)} in {source}"
+        child = _connected_link(joint, "child", links, context)
+        parent = _connected_link(joint, "parent", links, context)
         if child in parents:
             raise ModelError(
                 f"{source} has two joints with the child link {child!r}; allowed is one."
             )
         parents[child] = parent
-    if (link := _on_a_circle(parents)) is not None:
+    link_on_circle = _name_on_circle(parents)
+    if link_on_circle is not None:
         raise ModelError(
-            f"{source} has joints that lead in a circle through link {link!r}; a crane is a tree."
+            f"{source} has joints that lead in a circle through link {link_on_circle!r}; a crane "
+            "is a tree."
         )
-    if len(roots := [link for link in links if link not in parents]) > 1:
+    roots = [link for link in links if link not in parents]
+    if len(roots) > 1:
         raise ModelError(
             f"{source} has {len(roots)} links that hang on no joint: "
-            f"{', '.join(map(quoted, roots[:5]))}; allowed is one."
+            f"{', '.join(map(quoted, roots[:_MAX_NAMED_ROOTS]))}; allowed is one."
         )
 
 
@@ -192,38 +230,49 @@ def _check_mimics(robot: ET.Element, source: object) -> None:
     joints = {joint.get("name", ""): joint for joint in robot.iterfind("joint")}
     leaders = {}
     for name, joint in joints.items():
-        if (mimic := joint.find("mimic")) is None:
+        mimic = joint.find("mimic")
+        if mimic is None:
             continue
         leader = mimic.get("joint", "")
-        kind = joints[leader].get("type") if leader in joints else None
-        if joint.get("type") != "fixed" and kind not in ("revolute", "prismatic", "continuous"):
+        leader_type = joints[leader].get("type") if leader in joints else None
+        leader_moves = leader_type in ("revolute", "prismatic", "continuous")
+        if joint.get("type") != "fixed" and not leader_moves:
             raise ModelError(
                 f"The joint {quoted(name)} in {source} mimics {quoted(leader)}, which is no joint "
                 "that moves."
             )
         leaders[name] = leader
-    if (follower := _on_a_circle(leaders)) is not None:
+    follower = _name_on_circle(leaders)
+    if follower is not None:
         raise ModelError(
             f"The joint {quoted(follower)} in {source} mimics itself, through others; one of them "
             "must move by itself."
         )
 
 
-def _on_a_circle(next_of: Mapping[str, str]) -> str | None:
-    """Return a name from which the next ones lead back to it, None if all chains end."""
-    for name in next_of:
-        for _ in next_of:
-            name = next_of.get(name, name)
-        if name in next_of:
-            return name
+def _name_on_circle(next_names: Mapping[str, str]) -> str | None:
+    """Return a name from which a chain of next names leads back to it; None if all chains end.
+
+    Args:
+        next_names: The next name by name; a chain ends at a name that has none.
+    """
+    for name in next_names:
+        # A chain that ends has taken no more steps than there are names; one that has not ended by
+        # then is on a circle.
+        reached = name
+        for _ in next_names:
+            reached = next_names.get(reached, reached)
+        if reached in next_names:
+            return reached
     return None
 
 
-def _named(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]:
+def _elements_by_name(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]:
     """Return all links or all joints by name."""
     elements: dict[str, ET.Element] = {}
     for element in robot.iterfind(tag):
-        if not (name := element.get("name")):
+        name = element.get("name")
+        if not name:
             raise ModelError(f"{source} has a {tag} without a name.")
         if name in elements:
             raise ModelError(f"{source} has two {tag}s with the name {name!r}; allowed is one.")
@@ -231,10 +280,13 @@ def _named(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]
     return elements
 
 
-def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], context: str) -> str:
-    """Return the parent or child link of a joint."""
-    ends = joint.findall(tag)
-    if not ends or (link := ends[0].get("link")) is None:
+def _connected_link(
+    joint: ET.Element, tag: str, links: Mapping[str, ET.Element], context: str
+) -> str:
+    """Return the name of the parent or child link of a joint, whichever the tag is."""
+    element = joint.find(tag)
+    link = None if element is None else element.get("link")
+    if link is None:
         raise ModelError(f"The {context} needs a {tag} link.")
     if link not in links:
         raise ModelError(
@@ -245,10 +297,13 @@ def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], context: 
 
 
 def _check_element(element: ET.Element, context: str) -> None:
-    for name in _NAMES:
-        if not (text := element.get(name, "")).isprintable():
+    """Check names, children and numbers of an element of a link, a joint or a material."""
+    for attribute in _NAME_ATTRIBUTES:
+        text = element.get(attribute, "")
+        if not text.isprintable():
             raise ModelError(
-                f"The {name} {quoted(text)} in {context} holds characters that cannot be printed."
+                f"The {attribute} {quoted(text)} in {context} holds characters that cannot be "
+                "printed."
             )
     tags = Counter(child.tag for child in element if child.tag not in ("visual", "collision"))
     for tag, count in tags.items():
@@ -261,31 +316,43 @@ def _check_element(element: ET.Element, context: str) -> None:
         raise ModelError(f"The inertial of {context} needs a mass and an inertia.")
     if element.tag == "joint":
         _check_joint(element, context)
-    for name, count in _NUMBERS.get(element.tag, {}).items():
-        default = "" if name in _NEEDED.get(element.tag, ()) else None
-        numbers = element.get(name, default)
-        texts = None if numbers is None else numbers.split()
-        if texts is not None and not (len(texts) == count and are_numbers(texts)):
-            allowed = (
-                f"{'a decimal number' if count == 1 else f'{count} decimal numbers'} up to "
-                f"{_MAX_NUMBER:g}"
-            )
-            raise OutOfRange(f"{name} of {element.tag} in {context}", repr(numbers), allowed)
+    for attribute, count in _NUMBER_COUNTS.get(element.tag, {}).items():
+        _check_numbers(element, attribute, count, context)
     if element.tag == "dynamics":
         number(f"dry friction of {context}", element.get("friction", "0"), allowed=">= 0")
 
 
+def _check_numbers(element: ET.Element, attribute: str, count: int, context: str) -> None:
+    """Check that an attribute holds so many numbers, or is left out where it may be."""
+    text = element.get(attribute)
+    if text is None:
+        if attribute not in _REQUIRED_NUMBERS.get(element.tag, ()):
+            return
+        text = ""
+    texts = text.split()
+    if len(texts) != count or not are_numbers(texts):
+        kind = "a decimal number" if count == 1 else f"{count} decimal numbers"
+        raise OutOfRange(
+            f"{attribute} of {element.tag} in {context}",
+            repr(text),
+            f"{kind} up to {_MAX_NUMBER:g}",
+        )
+
+
 def _check_joint(joint: ET.Element, context: str) -> None:
+    """Check the type of a joint, and that it has the limits and the damping that it needs."""
     kind = joint.get("type", "")
-    if kind not in _TYPES:
-        raise ModelError(f"The {context} is of type {kind!r}; allowed are {', '.join(_TYPES)}.")
-    if kind in _TYPES[:2] and joint.find("limit") is None:
+    if kind not in _JOINT_TYPES:
+        raise ModelError(
+            f"The {context} is of type {kind!r}; allowed are {', '.join(_JOINT_TYPES)}."
+        )
+    if kind in _LIMITED_JOINT_TYPES and joint.find("limit") is None:
         raise ModelError(
             f"The {context} is {kind} and has no limit; give it a <limit> with lower, upper, "
             "effort and velocity."
         )
     dynamics = joint.find("dynamics")
-    if dynamics is not None and not {*dynamics.keys()} & {"damping", "friction"}:
+    if dynamics is not None and not {"damping", "friction"} & {*dynamics.keys()}:
         raise ModelError(f"The dynamics of {context} needs a damping.")
 
 
@@ -305,7 +372,7 @@ def skeleton(robot: ET.Element) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def bare(robot: ET.Element) -> str:
+def without_visuals(robot: ET.Element) -> str:
     """Return all of a URDF but its looks: `skeleton` with drives, starts and springs."""
     root = ET.fromstring(skeleton(robot))
     root.extend([deepcopy(child) for child in robot if child.tag in ("gazebo", "ros2_control")])
@@ -315,48 +382,56 @@ def bare(robot: ET.Element) -> str:
 def _filtered(element: ET.Element) -> ET.Element:
     """Return an element with the names, numbers and children that matter for the dynamics."""
     copy = ET.Element(element.tag)
-    for key in (*_NAMES, *_NUMBERS.get(element.tag, {})):
-        if (text := element.get(key)) is not None:
-            copy.set(key, text if key in _NAMES else " ".join(text.split()))
-    children = _SKELETON.get(element.tag, ())
-    copy.extend([_filtered(child) for child in element if child.tag in children])
+    for attribute in _NAME_ATTRIBUTES:
+        text = element.get(attribute)
+        if text is not None:
+            copy.set(attribute, text)
+    for attribute in _NUMBER_COUNTS.get(element.tag, {}):
+        text = element.get(attribute)
+        if text is not None:
+            copy.set(attribute, " ".join(text.split()))
+    tags = _DYNAMIC_CHILDREN.get(element.tag, ())
+    copy.extend([_filtered(child) for child in element if child.tag in tags])
     return copy
 
 
 def numbers_text(vector: np.ndarray) -> str:
     """Return the numbers of a vector as an attribute of a URDF, to the bit."""
+    # `repr` gives the shortest text that is read back as the same double.
     return " ".join(repr(float(component)) for component in vector)
 
 
 def joint_placement(joint: ET.Element) -> pin.SE3:
     """Return the placement of a joint in its parent link."""
     origin = joint.find("origin")
-    texts = {} if origin is None else origin.attrib
-    xyz, rpy = (
-        np.array([float(number) for number in texts.get(key, "0 0 0").split()])
-        for key in ("xyz", "rpy")
-    )
-    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+    numbers = {} if origin is None else origin.attrib
+    position = _vector(numbers.get("xyz", "0 0 0"))
+    angles = _vector(numbers.get("rpy", "0 0 0"))
+    return pin.SE3(pin.rpy.rpyToMatrix(angles), position)
 
 
 def joint_axis(joint: ET.Element) -> np.ndarray:
     """Return the axis of a joint as its file says it, of any length, shape (3,)."""
     axis = joint.find("axis")
-    text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
-    return np.array([float(number) for number in text.split()])
+    return _vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
+
+
+def _vector(text: str) -> np.ndarray:
+    """Return the numbers of an attribute."""
+    return np.array([float(component) for component in text.split()])
 
 
 def initial_values(robot: ET.Element) -> dict[str, ET.Element]:
     """Return the elements that say where joints start, by the names of the joints; the last one
     counts where a file has several.
     """
-    return {
-        joint.get("name", ""): value
-        for joint in robot.iterfind("ros2_control/joint")
+    values = {}
+    for joint in robot.iterfind("ros2_control/joint"):
         for value in joint.iterfind(
             "state_interface[@name='position']/param[@name='initial_value']"
-        )
-    }
+        ):
+            values[joint.get("name", "")] = value
+    return values
 
 
 def set_placement(joint: ET.Element, placement: pin.SE3) -> None:
@@ -375,8 +450,12 @@ def inertial_element(inertia: pin.Inertia) -> ET.Element:
     ET.SubElement(inertial, "origin", xyz=numbers_text(inertia.lever), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
     moments = {
-        f"i{a}{b}": repr(float(tensor["xyz".index(a), "xyz".index(b)]))
-        for a, b in ("xx", "yy", "zz", "xy", "xz", "yz")
+        "ixx": repr(float(tensor[0, 0])),
+        "iyy": repr(float(tensor[1, 1])),
+        "izz": repr(float(tensor[2, 2])),
+        "ixy": repr(float(tensor[0, 1])),
+        "ixz": repr(float(tensor[0, 2])),
+        "iyz": repr(float(tensor[1, 2])),
     }
     ET.SubElement(inertial, "inertia", moments)
     return inertial
