@@ -26,7 +26,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import hold, pulse, ramp
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.harness import Claim, Outcome, PlannedRun, ResultTable, Setup, make_table
 
 LENGTH = 20.0
 """Cable length before hoisting [m]."""
@@ -141,7 +141,20 @@ def run(
     setup: Setup, *, stiffness: Gains = None, damping: Gains = None, pulse_at: float = PULSE_AT
 ) -> Trajectory:
     """Swing the load by a trolley pulse, then hoist."""
-    crane = setup.crane
+    return setup.make(planned_hoisting(setup.crane, stiffness, damping, pulse_at))
+
+
+def planned_hoisting(
+    crane: Crane, stiffness: Gains = None, damping: Gains = None, pulse_at: float = PULSE_AT
+) -> PlannedRun:
+    """Return the run in which the trolley swings the load, and the hoist lifts it then.
+
+    Args:
+        crane: The crane.
+        stiffness: k_p of the drives, see `cranedyn.controllers.hold_controller`.
+        damping: k_d of the drives.
+        pulse_at: Start of the pulse of the trolley [s].
+    """
     start = crane.state(l=LENGTH)
     half_period = math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY)
     swing = pulse(crane, hold(crane, start), "x", PULSE, at=pulse_at, width=half_period)
@@ -150,7 +163,7 @@ def run(
     )
     reference = _hoist(crane, swing, HOIST_AT)
     label = f"pulse at {pulse_at:g} s"
-    return setup.simulate(crane, controller, reference, start=start, duration=DURATION, label=label)
+    return PlannedRun(crane, controller, reference, start, DURATION, label)
 
 
 def _hoist(crane: Crane, base: Reference, t_start: float) -> Reference:

@@ -26,7 +26,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import hold, pulse
 from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.harness import Claim, Outcome, PlannedRun, ResultTable, Setup, make_table
 
 RADIUS = 20.0
 """Trolley radius [m]."""
@@ -170,7 +170,24 @@ def run(
         radius: Trolley radius [m].
         length: Cable length [m].
     """
-    crane = crane or setup.crane
+    return setup.make(planned_slewing(crane or setup.crane, slew, radius=radius, length=length))
+
+
+def planned_slewing(
+    crane: Crane,
+    slew: Sequence[float] = (STIFFNESS["slew"], DAMPING["slew"]),
+    *,
+    radius: float = RADIUS,
+    length: float = LENGTH,
+) -> PlannedRun:
+    """Return the run in which the jib moves aside and back.
+
+    Args:
+        crane: The crane.
+        slew: k_p [N m/rad] and k_d [N m s/rad] of the slew drive.
+        radius: Trolley radius [m].
+        length: Cable length [m].
+    """
     start = crane.state(x=radius, l=length)
     controller = hold_controller(
         crane,
@@ -181,7 +198,7 @@ def run(
     half_period = math.pi * math.sqrt(length / STANDARD_GRAVITY)
     reference = pulse(crane, hold(crane, start), "gamma", PULSE, at=PULSE_AT, width=half_period)
     label = f"slew k_p = {slew[0]:.0e}"
-    return setup.simulate(crane, controller, reference, start=start, duration=DURATION, label=label)
+    return PlannedRun(crane, controller, reference, start, DURATION, label)
 
 
 def by_paper(

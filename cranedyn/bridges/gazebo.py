@@ -4,6 +4,7 @@ tables, and scripts that build and run it.
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -30,15 +31,27 @@ from cranedyn.bridges.joints import (
 from cranedyn.bridges.target import new_folder
 from cranedyn.checks import whole
 from cranedyn.clocks import Clocked, Clocks, clocks
+from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine
-from cranedyn.errors import OutOfRange, UnknownName
+from cranedyn.errors import DataError, OutOfRange, UnknownName
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
 from cranedyn.references import hold
 from cranedyn.references.tabulated import tabulated
 
 _TEMPLATES = Path(__file__).with_name("templates") / "gazebo"
 """Folder of the texts that do not depend on the crane: the plugin, its build and the scripts."""
+
+TARGET = "DIR"
+
+EXAMPLE = "gazebo_swing --gravity 9.8"
+
+ANGLE = 0.1
+"""Angle from which a load swings, unless another is asked for [rad]."""
+
+DURATION = 60.0
+"""Duration of a swing, unless another is asked for [s]."""
 
 SOLVERS = {"world": {"type": "world"}, "quick": {"type": "quick", "iters": "50"}}
 """Solvers of ODE: the exact one of the article's world, and Gazebo's default."""
@@ -92,6 +105,61 @@ class Program:
         if isinstance(self.controller, Clocked):
             self.controller.begin_run(0.0, clock.period)
         return finite_form(self.controller, times, positions, 2 * layout.n, "Gazebo")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the folder and the crane."""
+    text = "angle of the first swing joint at the start [rad] (default %(default)s)"
+    parser.add_argument("--angle", type=float, default=ANGLE, metavar="RAD", help=text)
+    text = "cable length at the start [m] (default: that of the crane)"
+    parser.add_argument("--length", type=float, metavar="L", help=text)
+    text = "duration [s] (default %(default)s)"
+    parser.add_argument("--duration", type=float, default=DURATION, metavar="S", help=text)
+    add_world(parser)
+
+
+def add_world(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the world and of the log in it."""
+    add = parser.add_argument
+    add("--solver", default="world", choices=SOLVERS, help="ODE's solver")
+    text = "ODE's error reduction in a step"
+    add("--erp", type=float, default=0.8, metavar="SHARE", help=text)
+    text = "control instants from one row of the log to the next"
+    add("--every", type=int, default=1, metavar="N", help=text)
+    text = "set the rates of the passive joints to zero at every step"
+    add("--overwritten", action="store_true", help=text)
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write the free swing of a crane whose drives are held, and return its folder.
+
+    Raises:
+        DataError: If the crane has no swing joint, or no hoist and a length is given.
+    """
+    crane = crane_from_options(options)
+    if not len(crane.swings):
+        raise DataError("This crane has no swing joint, so there is nothing that swings.")
+    start = {crane.layout.symbols[crane.swings[0]]: options.angle}
+    if options.length is not None:
+        if not crane.layout.has("hoist"):
+            raise DataError("This crane has no hoist; leave --length out.")
+        hoist = crane.layout.role("hoist", "--length")
+        start[crane.layout.symbols[hoist]] = options.length
+    swinging = Program(
+        crane,
+        hold_controller(crane, gravity=crane.gravity),
+        None,
+        crane.state(**start),
+        options.duration,
+    )
+    return export(
+        options.target,
+        swinging,
+        solver=options.solver,
+        erp=options.erp,
+        every=options.every,
+        overwritten=options.overwritten,
+    )
 
 
 def export(

@@ -26,11 +26,22 @@ from experiments.a1.case import (
     SWING,
     Published,
     SwingCase,
+    planned_swing,
     run,
 )
 from experiments.harness import Claim, Outcome, Setup
 
-__all__ = ["PUBLISHED", "ROUNDING", "SOFT", "Published", "SwingCase", "experiment", "main", "run"]
+__all__ = [
+    "PUBLISHED",
+    "ROUNDING",
+    "SOFT",
+    "Published",
+    "SwingCase",
+    "experiment",
+    "main",
+    "planned_swing",
+    "run",
+]
 
 COLUMNS = ("t_s", "phi_rad", "l_m")
 """Columns that a recorded file must have."""

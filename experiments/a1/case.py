@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +15,10 @@ from cranedyn.checks import number
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import Gains, Hold
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.interfaces import Controller
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
-from experiments.harness import Setup
+from experiments.harness import PlannedRun, Setup
 
 
 class Published(NamedTuple):
@@ -114,6 +115,25 @@ class SwingCase:
         return sum(self.budget.values()) ** 2 + self.finite_swing
 
 
+def planned_swing(
+    crane: Crane, controller: Controller, length: float, swing: float = SWING
+) -> PlannedRun:
+    """Return the run in which the trolley moves aside and back after half a period.
+
+    Args:
+        crane: The crane.
+        controller: Controller of its drives.
+        length: Cable length [m].
+        swing: Target amplitude [rad], up to π/2.
+    """
+    start = crane.state(l=length)
+    number("swing", number("swing", swing, "rad", "> 0"), "rad", f"0 to {math.pi / 2:.4f}")
+    half_period = math.pi * math.sqrt(length / STANDARD_GRAVITY)
+    still = hold(crane, start)
+    reference = pulse(crane, still, "x", swing * length / 2.0, at=PULSE_AT, width=half_period)
+    return PlannedRun(crane, controller, reference, start, DURATION, f"l = {length:g} m")
+
+
 def run(
     setup: Setup,
     length: float,
@@ -135,25 +155,21 @@ def run(
         published: The article's row for this run.
     """
     crane = setup.crane
-    start = crane.state(l=length)
-    number("swing", number("swing", swing, "rad", "> 0"), "rad", f"0 to {math.pi / 2:.4f}")
     controller = hold_controller(
         crane, stiffness=stiffness, damping=damping, gravity=STANDARD_GRAVITY
     )
-    half_period = math.pi * math.sqrt(length / STANDARD_GRAVITY)
-    still = hold(crane, start)
-    reference = pulse(crane, still, "x", swing * length / 2.0, at=PULSE_AT, width=half_period)
-    label = f"l = {length:g} m" + ", other gains" * (stiffness is not None)
-    trajectory = setup.simulate(
-        crane, controller, reference, start=start, duration=DURATION, label=label
-    )
+    planned = planned_swing(crane, controller, length, swing)
+    if stiffness is not None:
+        planned = replace(planned, label=f"{planned.label}, other gains")
+    trajectory = setup.make(planned)
+    assert planned.reference is not None
     late = trajectory.since(FIT_FROM)
     fit = fit_swing(late.t, late["phi_rad"])
     predicted = free_swing(
         crane,
         controller,
-        reference,
-        start,
+        planned.reference,
+        planned.start,
         since=FIT_FROM,
         until=DURATION,
         dt=setup.dt,

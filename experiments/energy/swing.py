@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 import sys
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from cranedyn.dynamics.pinocchio import energy
 from cranedyn.interfaces import State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import spline
-from experiments.harness import Setup
+from experiments.harness import PlannedRun, Setup
 from experiments.oracles.bench import locked
 
 SWING = 0.15
@@ -50,16 +51,20 @@ def run(setup: Setup, crane: Crane, swing: float, length: float, duration: float
         length: Cable length [m].
         duration: Duration [s].
     """
-    start = crane.state(l=length, phi=swing)
-    label = f"dt = {1000 * setup.dt:g} ms"
-    return setup.simulate(
-        crane,
-        hold_controller(crane, gravity=STANDARD_GRAVITY),
-        None,
-        start=start,
-        duration=duration,
-        label=label,
-    )
+    planned = planned_free_swing(crane, crane.state(l=length, phi=swing), duration)
+    return setup.make(replace(planned, label=f"dt = {1000 * setup.dt:g} ms"))
+
+
+def planned_free_swing(crane: Crane, start: State, duration: float) -> PlannedRun:
+    """Return the run in which the load swings from a start with the drives held.
+
+    Args:
+        crane: The crane.
+        start: State at the start.
+        duration: Duration [s].
+    """
+    controller = hold_controller(crane, gravity=STANDARD_GRAVITY)
+    return PlannedRun(crane, controller, None, start, duration, "free swing")
 
 
 def resting_energy(crane: Crane, q: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from experiments.harness.outcome import Claim, Outcome, side_by_side
 from experiments.harness.progress import ProgressReporter
 from experiments.harness.recorded import add_files, add_sources, analyse_files, swept_columns
 from experiments.harness.run import run_experiment
-from experiments.harness.setup import Setup, add_setup
+from experiments.harness.setup import PlannedRun, Setup, add_setup
 from experiments.harness.table import Column, ResultTable, finite_or_none, make_table
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Column",
     "CraneError",
     "Outcome",
+    "PlannedRun",
     "ProgressReporter",
     "ResultTable",
     "Setup",

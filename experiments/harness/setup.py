@@ -13,7 +13,15 @@ from cranedyn.command import Parser
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import DataError
-from cranedyn.interfaces import Controller, EngineName, Reference, State, Validity
+from cranedyn.interfaces import (
+    Controller,
+    Disturbance,
+    Drive,
+    EngineName,
+    Reference,
+    State,
+    Validity,
+)
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import add_values, parse_values
 from cranedyn.model.load import load_crane
@@ -47,6 +55,33 @@ def add_setup(parser: Parser, *fixed: str) -> None:
     )
     add("--validity", choices=get_args(Validity), default="stop", help=text)
     add_values(parser.common, "numbers of the crane, see cranedyn describe --list")
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRun:
+    """A run that is described and not made yet: what it is, but for clocks and engine.
+
+    Whoever runs it elsewhere, as in another simulator, reads this; `Setup.make` makes it here.
+
+    Attributes:
+        crane: The crane.
+        controller: Its controller.
+        reference: Reference of the drives; None holds them where they start.
+        start: State at the start.
+        duration: Duration [s].
+        label: Name of the run while it is made.
+        drive: Kind of the drives.
+        disturbance: External forces; None for none.
+    """
+
+    crane: Crane
+    controller: Controller
+    reference: Reference | None
+    start: State
+    duration: float
+    label: str
+    drive: Drive = "effort"
+    disturbance: Disturbance | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +125,19 @@ class Setup:
     def variant(self, **values: object) -> Crane:
         """Return the crane of this world with some more numbers changed."""
         return load_crane(gravity=self.gravity, values={**self.values, **values})
+
+    def make(self, planned: PlannedRun) -> Trajectory:
+        """Make a planned run, see `simulate`."""
+        return self.simulate(
+            planned.crane,
+            planned.controller,
+            planned.reference,
+            start=planned.start,
+            duration=planned.duration,
+            label=planned.label,
+            drive=planned.drive,
+            disturbance=planned.disturbance,
+        )
 
     def simulate(
         self,

@@ -21,7 +21,7 @@ from cranedyn.estimation.observer import with_observer
 from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import Controller, Disturbance, Setpoint, State
 from cranedyn.model.crane import Crane
-from experiments.harness import Setup
+from experiments.harness import PlannedRun, Setup
 from experiments.scenarios.moves import AFTER, DRAG, MovePlan, RestToRest, Score, instant, score
 
 
@@ -208,19 +208,37 @@ def make(
         )
     if any(misread):
         controller = Misread(crane, controller, *misread)
-    duration = instant(plan.arrives + after, setup.control_period)
     disturbance = perturbation.disturbance
-    run = setup.simulate(
+    planned = PlannedRun(
         crane,
         controller,
         plan.reference,
-        start=first,
-        duration=duration,
-        label=label,
+        first,
+        instant(plan.arrives + after, setup.control_period),
+        label,
         drive=plan.drive,
         disturbance=disturbance(crane, plan.arrives) if disturbance else None,
     )
+    run = setup.make(planned)
     return run, score(crane, last, run, plan.arrives)
+
+
+def planned_move(setup: Setup, move: RestToRest, plan: MovePlan) -> PlannedRun:
+    """Return the run of a planned move without perturbation.
+
+    Args:
+        setup: The world.
+        move: The move.
+        plan: How it is made.
+    """
+    first, _ = move.ends(setup.crane)
+    q = first.q.copy()
+    q[setup.crane.swings] = move.swing
+    duration = instant(plan.arrives + AFTER, setup.control_period)
+    start = State(q, first.v.copy())
+    return PlannedRun(
+        setup.crane, plan.controller(), plan.reference, start, duration, move.name, plan.drive
+    )
 
 
 def _stretched(crane: Crane, state: State, share: float, offset: float) -> State:

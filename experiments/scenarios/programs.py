@@ -1,65 +1,34 @@
-"""Gazebo Classic: a folder with the crane, the world, a plugin that runs an affine controller from
-tables, and what builds and runs it.
+"""The runs of the article, and a move of the control experiments, as folders for Gazebo Classic.
 
-The runs are those of the experiments, by name, and the swing of any other crane. From Python,
-`cranedyn.bridges.gazebo.export` takes any program.
+``python -m experiments.scenarios.programs a1_gazebo --run a1`` writes one. Any other run is
+exported by `cranedyn.bridges.gazebo.export`, and the free swing of any crane by ``cranedyn export
+gazebo``.
 """
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any, NoReturn
+import sys
+from collections.abc import Sequence
 
-from cranedyn.bridges.gazebo import SOLVERS, Program, export
+from cranedyn.bridges.gazebo import Program, add_world, export
+from cranedyn.command import Parser, command
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import parse_values
-from cranedyn.model.options import crane_from_options
-from experiments import a1, a2, a3, energy
-from experiments.harness import Setup
+from experiments import a1, a2, a3
+from experiments.energy.swing import AUDIT, SWING, planned_free_swing
+from experiments.harness import PlannedRun, Setup
 from experiments.scenarios.moves import COMBINED
-from experiments.scenarios.perturbations import make
+from experiments.scenarios.perturbations import planned_move
 from experiments.scenarios.strategies import FLAT, STRATEGIES
-
-TARGET = "DIR"
-EXAMPLE = "gazebo_a1 --experiment a1"
 
 RUNS = ("a1", "a2", "a3", "swing", "move")
 """Free swing, hoisting, slewing, the swing of the energy ledger, and the combined move of the
 control experiments."""
 
-_LENGTH = 15.0
-
-
-class _Asked(Exception):
-    """What an experiment wanted to run."""
-
-    def __init__(self, program: Program) -> None:
-        super().__init__()
-        self.program = program
-
-
-@dataclass(frozen=True)
-class _Asking(Setup):
-    """A setup in which an experiment gets no further than to say what it wants to run."""
-
-    def simulate(
-        self,
-        crane: Any,
-        controller: Any,
-        reference: Any,
-        *,
-        start: Any,
-        duration: float,
-        label: str,
-        **options: Any,
-    ) -> NoReturn:
-        clocks = (self.dt, self.control_period)
-        drive = options.get("drive", "effort")
-        raise _Asked(Program(crane, controller, reference, start, duration, *clocks, drive))
+LENGTH = 15.0
+"""Cable length of a1 and swing, unless another is asked for [m]."""
 
 
 def program(
@@ -70,8 +39,8 @@ def program(
     Args:
         name: One of `RUNS`.
         setup: Its gravity, crane and clocks.
-        length: Cable length of a1 and swing [m], 15 by default.
-        strategy: Of a move, one of `STRATEGIES`, flat + LQR by default.
+        length: Cable length of a1 and swing [m]; None for `LENGTH`.
+        strategy: Of a move, one of `STRATEGIES`; None for flat + LQR.
 
     Raises:
         UnknownName: If there is no such run or strategy.
@@ -79,72 +48,79 @@ def program(
     """
     if name not in RUNS:
         raise UnknownName("run", name, RUNS)
-    for flag, value, users in (
-        ("--length", length, ("a1", "swing")),
-        ("--strategy", strategy, ("move",)),
-    ):
-        if value is not None and name not in users:
-            raise DataError(f"{flag} has no effect on the run {name}; leave it out.")
-    asking = _Asking(**{field.name: getattr(setup, field.name) for field in fields(setup)})
-    along = _LENGTH if length is None else length
-    try:
-        if name == "a1":
-            a1.run(asking, along)
-        elif name == "a2":
-            a2.run(asking)
-        elif name == "a3":
-            a3.run(asking)
-        elif name == "swing":
-            energy.run(asking, asking.crane, energy.SWING, along, energy.AUDIT)
-        elif (strategy := strategy or FLAT) in STRATEGIES:
-            make(asking, COMBINED, STRATEGIES[strategy](asking, COMBINED))
-        else:
-            raise UnknownName("strategy", strategy, STRATEGIES)
-    except _Asked as asked:
-        return asked.program
-    raise AssertionError(name)  # every experiment runs something
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments beside the folder and the crane."""
-    add = parser.add_argument
-    text = "a1 (default), a2, a3, move or swing (another crane)"
-    add("--experiment", metavar="RUN", help=text)
-    text = f"cable length of a1 and swing [m] (default {_LENGTH:g})"
-    add("--length", type=float, metavar="L", help=text)
-    text = "strategy of a move, such as 'flat + LQR' (default), see experiments.compare"
-    add("--strategy", metavar="NAME", help=text)
-    add("--solver", default="world", choices=SOLVERS, help="ODE's solver")
-    text = "ODE's error reduction in a step"
-    add("--erp", type=float, default=0.8, metavar="SHARE", help=text)
-    text = "control instants from one row of the log to the next"
-    add("--every", type=int, default=1, metavar="N", help=text)
-    text = "set the rates of the passive joints to zero at every step"
-    add("--overwritten", action="store_true", help=text)
-
-
-def run(options: argparse.Namespace) -> Path:
-    """Write the run that the command line names, and return its folder."""
-    name = options.experiment
-    choices = {"length": options.length, "strategy": options.strategy}
-    if options.urdf is None and options.machine is None:
-        setup = Setup(options.gravity, parse_values(options.values))
-        handed_on = program(name or "a1", setup, **choices)
-    elif name in (None, "swing") and not any(choices.values()):
-        handed_on = _swing(crane_from_options(options))
-    else:
-        raise DataError("Another crane swings; leave --experiment, --length and --strategy out.")
-    switches = {name: getattr(options, name) for name in ("solver", "erp", "every", "overwritten")}
-    return export(options.target, handed_on, **switches)
-
-
-def _swing(crane: Crane) -> Program:
-    """Return the free swing of any crane, its drives held."""
-    swings = {crane.layout.symbols[i]: energy.SWING for i in crane.swings[:1].tolist()}
-    return Program(
-        crane,
-        hold_controller(crane, gravity=STANDARD_GRAVITY),
-        None,
-        crane.state(**swings),
-        energy.AUDIT,
+    if length is not None and name not in ("a1", "swing"):
+        raise DataError(f"--length has no effect on the run {name}; leave it out.")
+    if strategy is not None and name != "move":
+        raise DataError(f"--strategy has no effect on the run {name}; leave it out.")
+    planned = _planned(
+        name, setup, LENGTH if length is None else length, FLAT if strategy is None else strategy
     )
+    return Program(
+        planned.crane,
+        planned.controller,
+        planned.reference,
+        planned.start,
+        planned.duration,
+        setup.dt,
+        setup.control_period,
+        planned.drive,
+    )
+
+
+def _planned(name: str, setup: Setup, length: float, strategy: str) -> PlannedRun:
+    """Return a run as its experiment plans it."""
+    crane = setup.crane
+    if name == "a1":
+        controller = hold_controller(crane, gravity=STANDARD_GRAVITY)
+        return a1.planned_swing(crane, controller, length)
+    if name == "a2":
+        return a2.planned_hoisting(crane)
+    if name == "a3":
+        return a3.planned_slewing(crane)
+    if name == "swing":
+        start = crane.state(l=length, phi=SWING)
+        return planned_free_swing(crane, start, AUDIT)
+    if strategy not in STRATEGIES:
+        raise UnknownName("strategy", strategy, STRATEGIES)
+    return planned_move(setup, COMBINED, STRATEGIES[strategy](setup, COMBINED))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the folder of a run; return the exit code."""
+    parser = Parser(
+        prog="python -m experiments.scenarios.programs",
+        description="Write a run of the article as a folder for Gazebo Classic.",
+        example="python -m experiments.scenarios.programs a1_gazebo --run a1",
+    )
+    parser.add_argument("target", metavar="DIR", help="new folder")
+    parser.add_argument("--run", required=True, choices=RUNS, help="the run")
+    text = f"cable length of a1 and swing [m] (default {LENGTH:g})"
+    parser.add_argument("--length", type=float, metavar="L", help=text)
+    text = "strategy of a move, such as 'flat + LQR' (default), see experiments.compare"
+    parser.add_argument("--strategy", metavar="NAME", help=text)
+    text = "gravity [m/s²] (default %(default)s; the article's world has 9.8)"
+    parser.add_argument("--gravity", type=float, metavar="G", default=STANDARD_GRAVITY, help=text)
+    text = "numbers of the crane, as payload_mass:=2000"
+    parser.add_argument("--set", dest="values", nargs="+", metavar="N:=V", default=[], help=text)
+    add_world(parser)
+
+    def write() -> int:
+        options = parser.parse_args(argv)
+        setup = Setup(options.gravity, parse_values(options.values))
+        planned = program(options.run, setup, length=options.length, strategy=options.strategy)
+        folder = export(
+            options.target,
+            planned,
+            solver=options.solver,
+            erp=options.erp,
+            every=options.every,
+            overwritten=options.overwritten,
+        )
+        print(f"Written to {folder}; run.sh there builds and runs it.")
+        return 0
+
+    return command(write)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -128,15 +128,12 @@ fmu c.zip => the ending must be .fmu.
 fmu c.fmu --dt -1 => dt is -1.0 s; allowed is > 0.
 ros2 c --name Crane-1 => A package of ROS cannot be called 'Crane-1'; allowed are
 ros2 c --dt 0 => dt is 0.0 s; allowed is > 0.
-gazebo c --experiment a4 => There is no run 'a4'; there are a1, a2, a3, swing,
-gazebo c --experiment move --strategy none => There is no strategy 'none'; there are spline alone,
-gazebo c --experiment a2 --length 5 => --length has no effect on the run a2;
-gazebo c --strategy paper => --strategy has no effect on the run a1; leave it out
-gazebo c --experiment move --strategy operator => drive of a run in Gazebo is motion; allowed is
+gazebo c --angle 9 => phi at the start is 9.0 rad; allowed is
+gazebo c --duration 0 => duration is 0.0 s; allowed is > 0
 gazebo c --set payload_inertia:=0 => The link hook_link has no mass or no inertia
 gazebo c --erp 2 => erp is 2.0; allowed is 0 to 1.
 gazebo c --every 0 => control instants between rows is 0; allowed is a whole
-gazebo c --machine tower_hkcrc --length 9 => Another crane swings; leave --exper
+gazebo c --machine gantry_laboratory --length 99 => l at the start is 99.0 m; allowed is
 gazebo no/c => does not exist
 """
 """Exports, and what is in the sentence with which they are refused."""

@@ -140,9 +140,35 @@ def test_the_world_is_the_articles_unless_asked_otherwise(a1: Path, tmp_path: Pa
     world = ET.parse(a1 / "world.sdf").getroot()
     found = [world.findtext(f".//{tag}") for tag in ("gravity", "type", "erp", "max_step_size")]
     assert found == ["0 0 -9.8", "world", "0.8", "0.0005"]
-    words = "--solver quick --erp 0.2 --experiment swing".split()
+    words = "--solver quick --erp 0.2 --length 12 --angle 0.05".split()
     assert main(["export", "gazebo", str(tmp_path / "q"), *words]) == 0
+    model = ET.parse(tmp_path / "q" / "models" / "crane" / "model.urdf")
+    starts = [float(start.text or "nan") for start in model.iterfind("gazebo/plugin/joint/start")]
+    assert starts == [0.0, 10.0, 0.05, 0.0, 12.0]
     assert ET.parse(tmp_path / "q" / "world.sdf").getroot().findtext(".//solver/iters") == "50"
+
+
+def test_the_runs_of_the_article_are_written_by_a_command(tmp_path: Path) -> None:
+    folder = tmp_path / "a2"
+    assert programs.main([str(folder), "--run", "a2", "--gravity", "9.8"]) == 0
+    assert (folder / "run.sh").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("a2 --length 5", "--length has no effect on the run a2; leave it out."),
+        ("a1 --strategy paper", "--strategy has no effect on the run a1; leave it out."),
+        ("move --strategy none", "There is no strategy 'none'; there are spline alone,"),
+        ("move --strategy operator", "drive of a run in Gazebo is motion; allowed is"),
+    ],
+)
+def test_a_run_that_cannot_be_written_is_a_sentence_and_leaves_nothing(
+    words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert programs.main([str(tmp_path / "other"), "--run", *words.split()]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
 
 
 def test_what_is_handed_on_is_what_the_experiments_run() -> None:
