@@ -21,9 +21,12 @@ from importlib.util import find_spec
 from inspect import signature
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from cranedyn.errors import CraneError, UnknownName, printable
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 Kind = Literal["engine", "exporter", "experiment", "command"]
 
@@ -119,41 +122,31 @@ def _value(kind: Kind, name: str) -> str:
 
 @cache
 def _own(kind: Kind) -> dict[str, str]:
-    """Return the plugins of cranedyn by name.
-
-    In a checkout pyproject.toml says what cranedyn has: a new line there needs no new installation.
-    """
-    import tomllib  # it takes long, and few runs need it
-
-    project = _PACKAGE.with_name("pyproject.toml")
-    text = project.read_text("utf-8") if project.is_file() else ""
-    if '\nname = "cranedyn"\n' in text:
-        table = text.partition(f'\n[project.entry-points."cranedyn.{kind}s"]\n')[2]
-        return dict(tomllib.loads(table.partition("\n[")[0]))  # all of it takes ten times as long
-    return _installed(kind, own=True)
+    """Return the plugins of cranedyn by name."""
+    return {entry.name: _target(entry) for entry in _entries(kind) if _is_ours(entry)}
 
 
 @cache
 def _foreign(kind: Kind) -> dict[str, str]:
     """Return the plugins of other packages by name."""
-    return _installed(kind, own=False)
+    return {entry.name: _target(entry) for entry in _entries(kind) if not _is_ours(entry)}
 
 
-def _installed(kind: Kind, *, own: bool) -> dict[str, str]:
-    """Return the plugins of cranedyn's installation, or those of other packages, by name."""
-    from importlib.metadata import distributions, entry_points  # it takes long, too
+def _entries(kind: Kind) -> list[EntryPoint]:
+    """Return the entry points of a kind of all packages that are installed, by name."""
+    from importlib.metadata import entry_points  # it takes long, and few runs need it
 
-    group = f"cranedyn.{kind}s"
-    ours = (entry for dist in distributions(name="cranedyn") for entry in dist.entry_points)
-    candidates = (
-        (entry for entry in ours if entry.group == group) if own else entry_points(group=group)
-    )
-    entries = sorted(candidates, key=lambda entry: entry.name)
-    return {
-        entry.name: "".join(entry.value.split())
-        for entry in entries
-        if (entry.dist is not None and entry.dist.name == "cranedyn") is own
-    }
+    return sorted(entry_points(group=f"cranedyn.{kind}s"), key=lambda entry: entry.name)
+
+
+def _is_ours(entry: EntryPoint) -> bool:
+    """Return whether cranedyn itself declares an entry point."""
+    return entry.dist is not None and entry.dist.name == "cranedyn"
+
+
+def _target(entry: EntryPoint) -> str:
+    """Return where a plugin is, as module or module:object."""
+    return "".join(entry.value.split())
 
 
 def _make_experiments_importable() -> None:
