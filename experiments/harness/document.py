@@ -18,7 +18,7 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +27,35 @@ from cranedyn.data.files import check_writable, parse_json, read_bytes, read_tex
 from cranedyn.errors import DataError, quoted
 from experiments.harness.table import ResultTable, resolution
 
-_BLOCK = re.compile(
-    r"(?P<begin><!-- (?P<experiment>\w+)(?P<csv> csv)?: ?(?P<title>[^\n]*?) ?-->\n)"
-    r"(?P<content>.*?)(?P<end><!-- end -->\n)",
-    re.DOTALL,
-)
+END = "<!-- end -->"
+"""Last line of a block."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A part of a document that holds tables of an experiment.
+
+    Attributes:
+        first_line: Its first line, ``<!-- NAME: title -->`` or ``<!-- NAME csv: title -->``.
+        experiment: Name of the experiment.
+        title: Beginning of the titles of its tables; empty for all tables.
+        in_csv: Whether each table is a CSV file beside the document, and the block a list of links.
+        content: The lines between its first and its last, each with its end.
+    """
+
+    first_line: str
+    experiment: str
+    title: str
+    in_csv: bool
+    content: str = ""
+
+    def text(self, content: str) -> str:
+        """Return the block with another content."""
+        return f"{self.first_line}\n{content}{END}\n"
+
+    def selected(self, tables: Sequence[ResultTable]) -> list[ResultTable]:
+        """Return those of the tables that belong into the block."""
+        return [table for table in tables if table.title.startswith(self.title)]
 
 
 @dataclass(frozen=True)
@@ -46,12 +70,12 @@ class Document:
     Attributes:
         path: Its file.
         experiment: The experiment whose tables are put in.
-        text: Its text.
+        pieces: Its lines outside of blocks, each with its end, and its blocks, in turn.
     """
 
     path: Path
     experiment: str
-    text: str
+    pieces: Sequence[str | Block]
 
     def write(self, tables: Sequence[ResultTable]) -> None:
         """Write the document with these tables in place of those of the same titles.
@@ -61,7 +85,7 @@ class Document:
         """
         text = self.filled(tables)
         for block, table in self._wanted(tables):
-            if block["csv"]:
+            if block.in_csv:
                 write_text(self._csv_file(table), _csv(table))
         write_text(self.path, text)
 
@@ -71,21 +95,25 @@ class Document:
         Raises:
             DataError: If a block asks for a table that is missing.
         """
-
-        def fill(block: re.Match[str]) -> str:
-            if block["experiment"] != self.experiment:
-                return block[0]
-            selection = self._tables(block, tables)
-            if block["csv"]:
-                links = ""
-                for table in selection:
-                    links += f"* [{_subject(table.title)}]({self._csv_file(table).name})\n"
-                content = [links]
+        texts = []
+        for piece in self.pieces:
+            if isinstance(piece, str):
+                texts.append(piece)
+            elif piece.experiment == self.experiment:
+                texts.append(piece.text(self._content(piece, tables)))
             else:
-                content = [f"{table.markdown()}\n" for table in selection]
-            return "\n".join([block["begin"], *content, block["end"]])
+                texts.append(piece.text(piece.content))
+        return "".join(texts)
 
-        return _BLOCK.sub(fill, self.text)
+    def _content(self, block: Block, tables: Sequence[ResultTable]) -> str:
+        """Return what a block holds with these tables."""
+        selection = self._tables(block, tables)
+        if not block.in_csv:
+            return "\n" + "\n".join(f"{table.markdown()}\n" for table in selection) + "\n"
+        links = ""
+        for table in selection:
+            links += f"* [{_subject(table.title)}]({self._csv_file(table).name})\n"
+        return f"\n{links}\n"
 
     def stale(self, tables: Sequence[ResultTable], *, subset: bool = False) -> list[str]:
         """Return a sentence for each cell or row that differs from newly computed tables.
@@ -106,18 +134,19 @@ class Document:
                 sentences.append(f"{self.path}, {table.title}: {sentence}.")
         return sentences
 
-    def _wanted(self, tables: Sequence[ResultTable]) -> Iterator[tuple[re.Match[str], ResultTable]]:
+    def _wanted(self, tables: Sequence[ResultTable]) -> Iterator[tuple[Block, ResultTable]]:
         """Yield each block of the experiment with each of the tables that it asks for."""
-        for block in _BLOCK.finditer(self.text):
-            if block["experiment"] == self.experiment:
-                yield from ((block, table) for table in self._tables(block, tables))
+        for block in self.pieces:
+            if isinstance(block, Block) and block.experiment == self.experiment:
+                for table in self._tables(block, tables):
+                    yield block, table
 
-    def _shown(self, block: re.Match[str], table: ResultTable) -> list[list[str]]:
+    def _shown(self, block: Block, table: ResultTable) -> list[list[str]]:
         """Return the rows of a table as the document shows them, the header first."""
-        if not block["csv"]:
-            return _rows(block["content"], table.title)
+        if not block.in_csv:
+            return _rows(block.content, table.title)
         file = self._csv_file(table)
-        if f"({file.name})" not in block["content"] or not os.path.isfile(file):
+        if f"({file.name})" not in block.content or not os.path.isfile(file):
             return []
         rows = csv.reader(io.StringIO(read_text(file)))
         return [[cell.strip() for cell in row] for row in rows]
@@ -127,12 +156,16 @@ class Document:
         words = re.findall(r"[a-z]+", _subject(table.title).lower())
         return self.path.parent / f"{'_'.join([self.experiment, *words])[:80]}.csv"
 
-    def _tables(self, block: re.Match[str], tables: Sequence[ResultTable]) -> list[ResultTable]:
-        """Return the tables that a block asks for."""
-        result = [table for table in tables if table.title.startswith(block["title"])]
+    def _tables(self, block: Block, tables: Sequence[ResultTable]) -> list[ResultTable]:
+        """Return the tables that a block asks for.
+
+        Raises:
+            DataError: If there is none.
+        """
+        result = block.selected(tables)
         if not result:
             raise DataError(
-                f"{self.path} asks for a table {block['title']!r}, which is not among those of "
+                f"{self.path} asks for a table {block.title!r}, which is not among those of "
                 f"{self.experiment}."
             )
         return result
@@ -149,20 +182,66 @@ def read_document(path: str | Path, experiment: str) -> Document:
         text = read_bytes(path).decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise DataError(f"Cannot read {path}: it is not text.") from error
-    blocks = list(_BLOCK.finditer(text))
-    for block in blocks:
-        if "<!--" in block["content"] or "-->" in block["content"]:
-            raise DataError(
-                f"{path}: the block {quoted(block[1].strip())} has no line <!-- end --> before the "
-                "next one begins."
-            )
-    if not any(block["experiment"] == experiment for block in blocks):
+    pieces = _split(path, text)
+    if experiment not in _experiments(pieces):
         raise DataError(
             f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between "
             "them."
         )
     check_writable(path)
-    return Document(Path(path), experiment, text)
+    return Document(Path(path), experiment, pieces)
+
+
+def _split(path: str | Path, text: str) -> list[str | Block]:
+    """Return the lines of a document outside of blocks, and its blocks, in turn.
+
+    Args:
+        path: File of the document, for messages.
+        text: Its text.
+
+    Raises:
+        DataError: If a block does not end before the next one begins.
+    """
+    pieces: list[str | Block] = []
+    block: Block | None = None
+    content = ""
+    for line in text.splitlines(keepends=True):
+        if block is None:
+            block = _begun_block(line)
+            content = ""
+            if block is None:
+                pieces.append(line)
+        elif line.strip() == END:
+            pieces.append(replace(block, content=content))
+            block = None
+        elif "<!--" in line or "-->" in line:
+            break
+        else:
+            content += line
+    if block is not None:
+        raise DataError(
+            f"{path}: the block {quoted(block.first_line)} has no line {END} before the next one "
+            "begins."
+        )
+    return pieces
+
+
+def _begun_block(line: str) -> Block | None:
+    """Return the block that a line begins, without content; None if it begins none."""
+    text = line.strip()
+    if not (text.startswith("<!--") and text.endswith("-->")):
+        return None
+    words, colon, title = text.removeprefix("<!--").removesuffix("-->").partition(":")
+    experiment, _, form = words.strip().partition(" ")
+    if not colon or not experiment.isidentifier() or form not in ("", "csv"):
+        return None
+    return Block(text, experiment, title.strip(), in_csv=form == "csv")
+
+
+def _experiments(pieces: Sequence[str | Block]) -> list[str]:
+    """Return the names of the experiments that have a block, each once."""
+    names = [piece.experiment for piece in pieces if isinstance(piece, Block)]
+    return list(dict.fromkeys(names))
 
 
 def _subject(title: str) -> str:
@@ -315,8 +394,7 @@ def _main(options: argparse.Namespace) -> int:
     """Print which cells are stale, write the tables if asked to, and return the exit code."""
     stale = []
     for path in options.documents:
-        blocks = _BLOCK.finditer(read_text(path))
-        for name in dict.fromkeys(block["experiment"] for block in blocks):
+        for name in _experiments(_split(path, read_text(path))):
             file = options.results / name / "result.json"
             if not os.path.isfile(file):
                 print(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cranedyn.errors import DataError
-from experiments.harness.document import Document, main, read_document
+from experiments.harness.document import main, read_document
 from experiments.harness.outcome import ResultTable
 from tests.document_numbers import missing
 
@@ -94,7 +94,9 @@ def test_a_cell_that_is_not_what_is_made_now_is_named(
     # A header ends with a blank where another is the same.
     columns = [("strategy", ""), ("s ", ".2f"), ("mrad", ".3g"), ("left", ".3g>0.1")]
     table = ResultTable("Move", columns, rows)  # type: ignore[arg-type]
-    document = Document(tmp_path / "page.md", "trial", SHOWN)
+    page = tmp_path / "page.md"
+    page.write_text(SHOWN, encoding="utf-8")
+    document = read_document(page, "trial")
     for part in (False, True):
         assert document.stale([table], subset=part) == [
             f"{tmp_path / 'page.md'}, Move: {sentence}."
