@@ -470,7 +470,8 @@ def is_row_of_units(cells: Sequence[str]) -> bool:
         unit = (in_brackets or cell).lower()
         if unit not in _KNOWN_UNITS:
             return False
-        if in_brackets != cell[1:-1].strip():
+        # A cell of two characters has nothing between its first and its last, either.
+        if not in_brackets or in_brackets != cell[1:-1].strip():
             are_bracketed = False
         if unit in _TIME_UNITS:
             has_time = True

@@ -238,6 +238,13 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
     names = [joint.name for joint in layout.joints]
     elements = _spring_elements(robot)
     counts = Counter((name, element.tag) for name, element in elements)
+    for tag in ("ropeStiffness", "fallSpacing"):
+        places = [name for name, element in elements if element.tag == tag]
+        if len(set(places)) > 1:
+            raise ModelError(
+                f"{path} gives {tag} of {' and of '.join(places)}; allowed is one joint, since a "
+                "crane has one rope."
+            )
     for name, element in elements:
         if name not in names:
             raise UnknownName("moving joint", name, names)

@@ -138,6 +138,15 @@ def test_a_spring_at_no_joint_is_refused_and_other_tags_of_gazebo_are_not_ours(
 
 
 @pytest.mark.slow
+def test_a_second_rope_is_refused_with_both_places(tmp_path: Path) -> None:
+    path = tmp_path / "ropes.urdf"
+    second = '<gazebo reference="trolley_joint"><ropeStiffness>5</ropeStiffness></gazebo></robot>'
+    path.write_text(load_crane(rope_stiffness=1e7).urdf.replace("</robot>", second))
+    with pytest.raises(ModelError, match="gives ropeStiffness of .* and of trolley_joint; allowed"):
+        load_crane(path)
+
+
+@pytest.mark.slow
 def test_a_rope_whose_stiffness_is_not_positive_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rope.urdf"
     text = load_crane(rope_stiffness=1e7).urdf
