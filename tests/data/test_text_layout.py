@@ -56,8 +56,9 @@ def test_the_header_is_the_line_above_the_first_row(
 
 def test_a_row_of_units_is_told_from_a_header() -> None:
     assert layout("t,a,F\ns,[deg],(kN)\n0,1,2\n1,2,3\n").units == ("s", "[deg]", "(kN)")
-    # Tonnes, volts and amperes are units, too.
-    assert layout("t,v,a\n0,1,2\n1,2,3\n").names == ("t", "v", "a")
+    # Tonnes, volts and amperes are units, too, so a recorder above them makes the names no units.
+    named = layout("first,second,third\nt,v,a\n0,1,2\n1,2,3\n")
+    assert named.names == ("t", "v", "a")
     found = layout("recorder,3\nt,angle\n0,1\n1,2\n")
     assert found.units == ("", "")
     assert found.names == ("t", "angle")
