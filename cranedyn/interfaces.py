@@ -1,4 +1,4 @@
-"""What the parts of the house say to each other: states, setpoints, and the callables that users
+"""What the parts of the package say to each other: states, setpoints, and the functions that users
 write.
 """
 
@@ -15,7 +15,7 @@ class State(NamedTuple):
 
     Attributes:
         q: Coordinates in the order of the crane's layout [rad or m], shape (n,).
-        v: Their rates, per second, shape (n,).
+        v: Their rates [rad/s or m/s], shape (n,).
     """
 
     q: np.ndarray
@@ -53,16 +53,16 @@ payload first, shape (points, 3)."""
 
 Monitor = Callable[[int, float, State], object]
 """Called after each row of a run is logged, with the index of the row, its time [s] and its state.
-Where an engine logs rows ahead of the loop, it is called for the last of them. It ends the run by
-an error; the run keeps what was logged."""
+Where an engine computes blocks of rows at once, it is called for the last of each. It may end the
+run by raising an error; the run keeps what was logged."""
 
 
 Drive = Literal["effort", "motion", "velocity"]
-"""How the drives take a command."""
+"""How the drives take a command, see `cranedyn.simulation.simulate.simulate`."""
 
 
 DirectDrive = Literal["effort", "motion"]
-"""How drives take a command that have no frequency converter between it and the crane."""
+"""How drives without a frequency converter take a command."""
 
 
 Validity = Literal["stop", "buffers", "mark"]
@@ -71,4 +71,4 @@ stop at all else; go on and mark it."""
 
 
 EngineName = Literal["pinocchio", "compiled"]
-"""What computes a step."""
+"""Engines of this package, see `cranedyn.simulation.simulate.simulate`."""

@@ -1,4 +1,6 @@
-"""The plain loop of cranedyn in Pinocchio alone: what `cd.simulate` does, in 20 lines."""
+"""The plain loop of cranedyn in Pinocchio alone, in 20 lines: what `cd.simulate` does for drives
+that take efforts.
+"""
 
 import numpy as np
 import pinocchio as pin

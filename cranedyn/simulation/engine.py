@@ -45,8 +45,8 @@ class Engine(Protocol):
         """
 
     def begin(self, spec: RunSpec) -> MovingCrane:
-        """Return the crane of a run at its start, for a loop of somebody else. The clocks of the
-        spec say how long a control period is; its duration does not matter.
+        """Return the crane of a run at its start, for a loop that somebody else writes. Of the
+        clocks, the control period and the physics step count; whoever writes the loop ends it.
 
         Raises:
             CraneError: If the engine cannot carry out a run of this kind.
@@ -64,8 +64,8 @@ class MovingCrane(Protocol):
 
     @property
     def actuation(self) -> Actuation:
-        """What acts on the crane from the last control instant on; there is none before the first.
-        Its arrays may change with the next instant.
+        """What acts on the crane from the last control instant on. It may be read after the first
+        step; its arrays change with the next one.
         """
 
     def reset(self, start: State) -> None:
@@ -76,25 +76,27 @@ class MovingCrane(Protocol):
 
         Args:
             command: Of the drives, in the unit of their kind, shape (m,).
-            force: On the points of the crane in the world [N], shape (points, 3); None for none.
+            force: On the points of the crane in the world [N], shape (points, 3); None if none act
+                in this period.
         """
 
 
 @cache
 def load_engine(name: EngineName | str) -> Engine:
-    """Return the engine of a name, "pinocchio" or that of a plugin.
+    """Return the engine of a name: "pinocchio", "compiled", or that of another package.
 
     Raises:
         UnknownName: If there is no such engine.
     """
-    # The tables of plugins take longer to read than a short run lasts; to check one takes 0.1 ms.
+    # Reading the entry points takes longer than a short run lasts, and the default needs none of
+    # them.
     if name == "pinocchio":
         return pinocchio_engine
     engine: Engine = plugins.load("engine", name)
     return engine
 
 
-def fitting_engine(spec: RunSpec) -> EngineName:
+def default_engine(spec: RunSpec) -> EngineName:
     """Return the name of the engine for a run whose user names none.
 
     The Pinocchio engine is the one that a reader can follow. Changes of contact within a step, of

@@ -28,7 +28,7 @@ BLOCK = 1000
 MEMORY_LIMIT = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
 
-_TOO_FAST = "a drive is commanded beyond its largest rate"
+_SATURATED = "a drive is commanded beyond its largest rate"
 """Why a row is not valid in which a frequency converter saturates."""
 
 _FLOAT_SIZE = 8
@@ -44,9 +44,9 @@ class Actuation(NamedTuple):
         effort_before: Efforts exerted until the instant [N m or N], shape (m,).
         force: External forces on the points in the world [N], shape (points, 3); None for none.
         buffer_work: Work of all buffers, and of the ground, since the start [J].
-        impact_work: Work of impacts at which the rope becomes taut since the start [J].
-        cable_buffer_force: Force of the buffers at the ends of the cable, with the sign of the
-            hoist's [N].
+        impact_work: Work since the start of the impacts at which the rope becomes taut [J].
+        cable_buffer_force: Force of the buffers at the ends of the cable [N], positive where the
+            effort of the hoist is.
         saturated: Whether the command is beyond the largest rate of a converter.
     """
 
@@ -78,8 +78,8 @@ class EnergyLedger:
     """Where the energy of the crane comes from and where it goes, over some rows.
 
     Attributes:
-        energy: Mechanical energy with that of springs [J], zero of height at the ground, shape
-            (rows,).
+        energy: Mechanical energy with that of springs [J], with zero height at the origin of the
+            world, shape (rows,).
         drive_work: Work of each drive since the start [J], shape (rows, m).
         dissipated: Energy dissipated by damping since the start [J], shape (rows,).
     """
@@ -109,10 +109,10 @@ class Log:
         force: External forces on the points in the world from the instant on [N], shape
             (instants, 3 points).
         buffer_work: Work of all buffers, and of the ground, since the start [J], shape (instants,).
-        impact_work: Work of impacts at which the rope becomes taut since the start [J], shape
+        impact_work: Work since the start of the impacts at which the rope becomes taut [J], shape
             (instants,).
-        cable_buffer_force: Force of the buffers at the ends of the cable, with the sign of the
-            hoist's [N], shape (instants,).
+        cable_buffer_force: Force of the buffers at the ends of the cable [N], positive where the
+            effort of the hoist is, shape (instants,).
         saturated: 1 where a command is beyond the largest rate of a converter, shape (instants,).
         valid: 1 where the model holds and the drives can follow, else 0, shape (instants,). NaN
             marks a row that is not judged yet.
@@ -186,8 +186,9 @@ class Log:
         self.extend_to(row + 1)
 
     def extend_to(self, rows: int) -> None:
-        """Take rows that an engine has written into the arrays itself, up to a number of rows. The
-        column `valid` is written, too: NaN where the log is to judge.
+        """Take rows that an engine has written into the arrays itself, up to a number of rows.
+
+        The engine has written the array `valid` as well: 1, 0, or NaN for the log to judge.
 
         Raises:
             RunError: As `judge`, where these rows complete a block.
@@ -214,8 +215,10 @@ class Log:
         self._next_judgement = self._rows + BLOCK
 
     def end_early(self, t: float, error: BaseException) -> None:
-        """Note what ended the run at a time [s]. If the model ceased to hold before, in a row that
-        was not judged yet, that is what ended it.
+        """Note what ended the run at a time [s].
+
+        If the model ceased to hold before, in a row that was not judged yet, that is what ended it.
+        A user who interrupts a run wants to keep all rows, so that then none is judged.
         """
         self.early_end = EarlyEnd(t, error)
         if isinstance(error, KeyboardInterrupt):
@@ -247,6 +250,8 @@ class Log:
             q=self.q[rows],
             v=self.v[rows],
             setpoint=self.setpoint[rows],
+            # Of all kinds of drives: the efforts that their commands ask for, which compare with
+            # those exerted.
             command=self.needed_effort[rows],
             effort=self.effort[rows],
             energy=ledger.energy[rows],
@@ -327,7 +332,7 @@ class Log:
         return self.q[: self._rows] - self.spec.position_lead * self.v[: self._rows]
 
     def _mark(self, rows: slice) -> None:
-        """Write whether rows are valid, but for those of which the engine has written it."""
+        """Write whether rows are valid, except those whose validity the engine has written."""
         unmarked = rows.start + np.flatnonzero(np.isnan(self.valid[rows]))
         if len(unmarked) == 0:
             return
@@ -355,16 +360,17 @@ class Log:
         event = first_event(self.spec.crane, self._validity_conditions(rows))
         saturated_rows = np.flatnonzero(self.saturated[rows])
         if event is None:
-            return _TOO_FAST
+            return _SATURATED
         if len(saturated_rows) > 0 and saturated_rows[0] < event.row:
-            return _TOO_FAST
+            return _SATURATED
         return event.words
 
     def _validity_conditions(self, rows: slice | np.ndarray) -> list[Bound]:
         """Return the conditions under which the model holds and the drives can follow.
 
-        Commands of effort are cut to the limits, and converters keep to the largest rates, so that
-        these limits need no check where they cannot be exceeded.
+        Drives that take efforts cannot exceed the limits of effort, and frequency converters not
+        those of the rates. So each kind is checked for the other limit only, and drives that follow
+        a motion for both.
         """
         drive = self.spec.drive
         return self._conditions(

@@ -44,7 +44,7 @@ def run(
     t = spec.t_start
     force = None
     try:
-        # A run that diverges overflows on its way there. `check_bounded` says so in words.
+        # NumPy warns of overflows in a run that diverges; `check_bounded` reports it in words.
         with np.errstate(over="ignore", invalid="ignore"):
             for instant in range(spec.instants):
                 t = spec.time(instant)
@@ -93,7 +93,7 @@ class DrivenCrane:
         self._spec = spec
         self._clocks = spec.clocks
         self._integrator = spec.integrator
-        # Drives of whose range an end is watched for the cable; None where nothing pushes there.
+        # Index of the hoist among the drives, whose buffers push on the cable; None without them.
         self._hoist = spec.crane.layout.drive_of("hoist") if spec.has_buffers else None
         # NumPy multiplies two arrays of n numbers faster than an array and a Python float.
         self._dt = np.full(spec.crane.layout.n, spec.clocks.dt)
@@ -106,6 +106,7 @@ class DrivenCrane:
         self._external: ExternalForces | None = None
         if spec.has_forces or spec.has_buffers:
             self._external = ExternalForces(spec.crane, buffers=spec.has_buffers)
+            self._no_force = self._external.force
         self._drives = make_drives(spec, self._external, start)
         self._buffer_work = 0.0
 
@@ -121,14 +122,15 @@ class DrivenCrane:
 
         Args:
             command: Of the drives, in the unit of their kind, shape (m,).
-            force: On the points of the crane in the world [N], shape (points, 3); None for none.
+            force: On the points of the crane in the world [N], shape (points, 3); None if none act
+                from now on.
         """
         state = self.state
         # In this order: it is the last command and the last force that acted until now.
         effort_before = self._drives.effort(state)
-        if force is not None:
+        if self._spec.has_forces:
             assert self._external is not None
-            self._external.force = force
+            self._external.force = self._no_force if force is None else force
         needed_effort, effort = self._drives.take_command(command, state)
         self.actuation = Actuation(
             needed_effort,
@@ -169,7 +171,7 @@ class DrivenCrane:
         )
 
     def _step_with_buffers(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return q and v after one physics step at the ends of whose ranges buffers push.
+        """Return q and v after one physics step with buffers at the ends of the drives' ranges.
 
         The force of a buffer has a kink where the drive meets it. The order of an integrator such
         as RK4 is lost there, and its long steps may be unstable on so stiff a spring. Such a step
@@ -184,8 +186,10 @@ class DrivenCrane:
 
         if not any(stops.beyond(q)):
             self._external.stops = None
-            q_free, v_free = self._steps(q, v, 1)
-            self._external.stops = stops
+            try:
+                q_free, v_free = self._steps(q, v, 1)
+            finally:
+                self._external.stops = stops
             if not any(stops.beyond(q_free)):
                 return q_free, v_free
 
@@ -200,7 +204,8 @@ class DrivenCrane:
         """Return q and v after one step of `dt` [s], and add the work of the buffers in it.
 
         The work is the effort of the buffers in the last evaluation of the forces, times the
-        displacement at the mean of the rates at both ends of the step.
+        displacement at the mean of the rates at both ends of the step: under a constant force, the
+        kinetic energy changes by just this much.
         """
         assert self._external is not None
         v_before = v
@@ -221,7 +226,13 @@ class DrivenCrane:
 
 
 def make_drives(spec: RunSpec, external: ExternalForces | None, start: State) -> Drives:
-    """Return the drives of a run at a start, and the external forces that act beside them."""
+    """Return the drives of a run at a start.
+
+    Args:
+        spec: The run.
+        external: Forces that act beside the drives; None for none.
+        start: State at which they begin.
+    """
     if spec.drive == "effort":
         return EffortDrives(spec.crane, external)
     if spec.drive == "motion":

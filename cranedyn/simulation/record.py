@@ -1,5 +1,5 @@
-"""Record of a run: the crane and what moved it, as JSON, so that the run can be made again from its
-file.
+"""Record of a run: the crane and what moved it, as JSON. With the columns of its trajectory, from
+which its start, its times and its commands are read, the run can be made again.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ _SHORT = 64
 """Numbers in the longest array that is written whole."""
 
 _DEEPEST = 6
+"""Levels of nesting that are recorded; what is deeper is recorded by the name of its class."""
 
 VERSIONS = {
     "python": platform.python_version(),
@@ -31,8 +32,8 @@ VERSIONS = {
     "numpy": np.__version__,
     "scipy": scipy.__version__,
 }
-"""Versions of the programs, as they say them: to look through what is installed would take as long
-as a crane."""
+"""Versions of the programs, read from the modules: to look through the metadata of what is
+installed takes as long as to load a crane."""
 
 
 def controller_notes(controller: object, depth: int = 0) -> dict[str, Any]:
@@ -68,7 +69,7 @@ def run_parameters(spec: RunSpec, engine: str) -> dict[str, float | str]:
 
 
 def run_record(spec: RunSpec, controller: object, reference: object) -> dict[str, Any]:
-    """Return all that is needed to repeat a run, as values of JSON.
+    """Return what a run is made of, as values of JSON: the crane, and what commands and pushes it.
 
     Take it before the run: a controller may change its own fields in it.
     """
@@ -97,16 +98,15 @@ def json_value(value: object, depth: int = 0) -> Any:
     """Return an object as a value of JSON.
 
     A dataclass becomes its class and its fields, a short array its numbers, a long array its shape
-    and checksum, a number that is not finite its name, and anything else, such as a function, its
-    qualified name.
+    and checksum, a number that is not finite the word for it, such as "nan", and anything else,
+    such as a function or a long list, its qualified name.
     """
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, np.ndarray):
         return _array(value)
-    if isinstance(value, int | float | np.number):
-        exact = isinstance(value, int)
-        return value if exact else float(value) if math.isfinite(value) else str(value)
+    if isinstance(value, int | float | np.number | np.bool_):
+        return _number(value)
     if isinstance(value, Crane):
         return "the crane"
     if depth >= _DEEPEST:
@@ -117,14 +117,24 @@ def json_value(value: object, depth: int = 0) -> Any:
         return {"kind": _kind(value), **json_value(named, depth)}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {"kind": _kind(value), **json_value(value._asdict(), depth)}
-    if isinstance(value, dict | Mapping):  # a dict is known as such more quickly
+    if isinstance(value, dict | Mapping):  # a dict first: an abstract class is slow to compare
         return {str(name): json_value(item, depth + 1) for name, item in value.items()}
     if isinstance(value, list | tuple) and len(value) <= _SHORT:
         return [json_value(item, depth + 1) for item in value]
     return _kind(value)
 
 
+def _number(value: float | np.number | np.bool_) -> Any:
+    """Return a number as a value of JSON, which has none that are not finite."""
+    if isinstance(value, np.bool_):
+        return bool(value)
+    if isinstance(value, int):
+        return value
+    return float(value) if math.isfinite(value) else str(value)
+
+
 def _array(value: np.ndarray) -> Any:
+    """Return an array as a value of JSON: its numbers, or the shape and checksum of a long one."""
     if value.dtype.kind not in "fiub":
         return _kind(value)
     if value.size <= _SHORT:
@@ -135,5 +145,6 @@ def _array(value: np.ndarray) -> Any:
 
 
 def _kind(value: object) -> str:
+    """Return the qualified name of a class or a function, of an object that of its class."""
     named = value if hasattr(value, "__qualname__") else type(value)
     return f"{getattr(named, '__module__', '')}.{named.__qualname__}"

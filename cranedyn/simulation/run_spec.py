@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 class RunSpec(ShortRepr):
     """A run of a crane with n joints and m drives. Make it with `make_run_spec`, which checks it.
 
-    The controller, the reference and the monitors are not part of it: they may keep a memory of
-    their own, whereas a spec can serve any number of runs.
+    The controller, the reference and the monitors are no part of it, since they belong to whoever
+    commands the crane. A disturbance is: it is a function of time and state that belongs to the
+    world. A spec can serve any number of runs.
 
     Attributes:
         crane: The crane.
@@ -35,13 +36,13 @@ class RunSpec(ShortRepr):
         clocks: Physics step, control period, and how many there are of each.
         drive: How the drives take a command: "effort", "motion" or "velocity".
         converters: Frequency converters of the drives; None unless `drive` is "velocity".
-        command_delay: Control periods from a command to the response of the drives; 0 without
-            converters.
+        command_delay: Number of control periods from a command to the response of the drives; 0
+            without converters.
         integrator: Rule that steps coordinates and rates.
         validity: What to do where the model ceases to hold: "stop", "buffers" or "mark".
-        disturbance: External forces on the points of the crane; None for none, or where the caller
-            of each step gives them.
-        has_forces: Whether there are external forces on the points of the crane.
+        disturbance: External forces on the points of the crane; None if there are none, or if the
+            caller of each step passes them.
+        has_forces: Whether external forces act, from the disturbance or from the caller.
         ground: Ground and platforms that the load may touch; None for none.
         contacts: Contacts of the load with the ground; None without ground.
     """
@@ -81,7 +82,7 @@ class RunSpec(ShortRepr):
         return self.integrator.lead * self.clocks.dt
 
     def time(self, instant: int) -> float:
-        """Return the time of a control instant [s], counted from 0."""
+        """Return the time [s] of a control instant by its index; the start has index 0."""
         # A product, not a sum of periods: rounding errors do not grow with the length of the run.
         return self.t_start + instant * self.clocks.period
 
@@ -103,8 +104,8 @@ def make_run_spec(
 ) -> RunSpec:
     """Check the arguments of a run, fill in what is left open, and return them as a spec.
 
-    The arguments are those of `cranedyn.simulation.simulate.simulate`, and `has_forces` for a crane
-    that is stepped by a caller who gives forces with each step.
+    The arguments are those of `cranedyn.simulation.simulate.simulate`. In addition `has_forces` is
+    True if a caller passes forces to each step.
 
     Raises:
         OutOfRange: If an argument is out of its range or has no effect; if there is not one

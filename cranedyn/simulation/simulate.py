@@ -21,7 +21,7 @@ from cranedyn.interfaces import (
 )
 from cranedyn.model.crane import Crane
 from cranedyn.references.simple import hold
-from cranedyn.simulation.engine import fitting_engine, load_engine
+from cranedyn.simulation.engine import default_engine, load_engine
 from cranedyn.simulation.log import EarlyEnd
 from cranedyn.simulation.record import run_parameters, run_record, with_notes
 from cranedyn.simulation.run_spec import make_run_spec
@@ -62,34 +62,47 @@ def simulate(
     Args:
         crane: The crane.
         controller: From time, state and setpoint to commands of the drives.
-        reference: From time to the setpoint of the drives. None holds the drives where they start.
+        reference: From time to the setpoint of the drives. If None, the drives are held where they
+            start.
         duration: Length of the run [s], a multiple of the control period.
-        start: State at the start. None hangs at rest where the URDF says.
+        start: State at the start. If None, the crane hangs at rest where the URDF says.
         t_start: Time at the start [s], for a run that continues an earlier one.
         dt: Physics step [s].
         control_period: Time between calls of the controller [s], a multiple of `dt`. The
             trajectory has one row for each call.
         integrator: Rule that steps coordinates and rates.
-        engine: "pinocchio" steps by Pinocchio's algorithms in a loop in Python. "compiled" steps by
-            code compiled for this crane: the same numbers up to round-off, many times faster, most
-            of all under a controller that is affine in the state, such as `Hold`, `Tracking`,
-            `HoistIntegral` or `Follow`, with no disturbance but a `Wind`. Its angles end at a
-            million rad. The name of a plugin takes the engine of another package. None takes
-            "pinocchio", but "compiled" where the load may touch the ground or the rope may go
-            slack, which only that one computes; the record of the run says which it was.
-        drive: How the drives take a command. "effort": as efforts [N m or N], as force-controlled
-            drives do. "motion": as accelerations [rad/s² or m/s²], which they follow exactly.
-            "velocity", or `Converters`: as rates [rad/s or m/s], which they follow as typical
-            frequency converters, or these, make them.
+        engine: What computes the run:
+
+            * "pinocchio" steps by Pinocchio's algorithms in a loop in Python.
+            * "compiled" steps by code compiled for this crane, with the same numbers up to
+              round-off. It is many times faster, most of all where no Python is in the loop: under
+              predictive control in code, or a controller that is affine in the state, such as
+              `Hold`, `Tracking`, `HoistIntegral` or `Follow`, and with no disturbance but a `Wind`.
+              An angle beyond 1e6 rad ends the run.
+            * The name of a plugin selects the engine that another package provides.
+            * None selects "pinocchio", or "compiled" if there is ground or a rope that may go
+              slack, which only that one computes. The record of the run says which it was.
+        drive: How the drives take a command:
+
+            * "effort": as efforts [N m or N], as force-controlled drives do.
+            * "motion": as accelerations [rad/s² or m/s²], which they follow exactly.
+            * "velocity": as rates [rad/s or m/s], which they follow as typical frequency converters
+              make them; `Converters` state others.
         disturbance: External forces on the points of the crane, such as wind, held for a control
             period as commands are. None for none.
         ground: Ground and platforms that the load may touch. None for none.
         validity: What to do where the model ceases to hold: where a joint leaves its range, the
-            rope would have to push, the load swings to 90° or touches the ground, or a motion that
-            is followed exactly needs more effort or rate than a drive has. "stop" ends the run with
-            an error that carries the trajectory until there. "buffers" is the same, but catches
-            drives that take efforts at the ends of their ranges. "mark" goes on; the column `valid`
-            is 0 in these rows.
+            rope would have to push, the load swings to 90° or touches a ground that is not given,
+            or a motion that is followed exactly needs more effort or rate than a drive has.
+
+            * "stop" ends the run with an error that carries the trajectory until there. Rows are
+              judged in blocks, so the controller may have been called for up to 1,000 rows more.
+            * "buffers" is like "stop", but buffers catch the drives at the ends of their ranges;
+              for drives that take efforts.
+            * "mark" goes on; the column `valid` is 0 in these rows.
+
+            A drive that cannot follow its command, since it saturates, makes a row invalid and
+            ends no run.
         monitors: Called after each row of the log with its index, its time [s] and the state.
 
     Returns:
@@ -102,7 +115,9 @@ def simulate(
         CraneError: If the engine cannot compute such a run; the message names the one that can.
         RunError: If the run ends early: the model ceases to hold, a number is not finite, the user
             interrupts it, or the controller, the reference, the disturbance or a monitor raises an
-            error, which is then its cause. Its attribute `trajectory` is what was recorded.
+            error, which is then its cause. Its attribute `trajectory` is what was recorded; if a
+            run within this run ended early, it is what that one recorded. An error of cranedyn
+            before the first row is raised as it is.
     """
     spec = make_run_spec(
         crane,
@@ -119,11 +134,12 @@ def simulate(
     )
     if reference is None:
         reference = hold(crane, spec.start)
-    engine_name = fitting_engine(spec) if engine is None else engine
+    engine_name = default_engine(spec) if engine is None else engine
     loaded_engine = load_engine(engine_name)
     parameters = run_parameters(spec, engine_name)
     record = run_record(spec, controller, reference)
-    # A test with isinstance and the protocol `Clocked` would take ten times as long.
+    # A controller with a clock of its own learns start and period. A test with isinstance and the
+    # protocol `cranedyn.clocks.Clocked` would take ten times as long.
     if hasattr(controller, "begin_run"):
         controller.begin_run(spec.t_start, spec.clocks.period)
 
@@ -132,7 +148,7 @@ def simulate(
     early_end = log.early_end
     if early_end is not None and len(log) == 0 and isinstance(early_end.error, CraneError):
         # Nothing was recorded, and most often an argument is wrong, such as a controller that
-        # commands too few drives. The error says so itself.
+        # commands too few drives. Its own message says that better than "at t = 0".
         raise early_end.error
 
     trajectory = log.trajectory(parameters, with_notes(record, controller))

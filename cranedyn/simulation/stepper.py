@@ -13,7 +13,7 @@ from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.engine import fitting_engine, load_engine
+from cranedyn.simulation.engine import default_engine, load_engine
 from cranedyn.simulation.log import Actuation, Log
 from cranedyn.simulation.loop_checks import as_command, as_force, check_bounded
 from cranedyn.simulation.record import run_parameters, run_record, with_notes
@@ -51,7 +51,7 @@ class Stepper:
 
         Args:
             crane: The crane.
-            start: The state at the start; None hangs at rest where the URDF says.
+            start: The state at the start. If None, the crane hangs at rest where the URDF says.
             dt: Physics step [s].
             control_period: Time for which each command is held [s], a multiple of `dt`.
             drive: Kind of command, see `cranedyn.simulation.simulate.simulate`.
@@ -79,12 +79,13 @@ class Stepper:
             control_period=control_period,
             drive=drive,
             integrator=integrator,
+            # A stepper judges no rows; this says whether there are buffers.
             validity="buffers" if buffers else "stop",
             disturbance=None,
             ground=ground,
             has_forces=forces,
         )
-        engine_name = fitting_engine(self._spec) if engine is None else engine
+        engine_name = default_engine(self._spec) if engine is None else engine
         self._moving = load_engine(engine_name).begin(self._spec)
         self._periods = 0
 
@@ -99,7 +100,8 @@ class Stepper:
         return self._moving.state
 
     def reset(self, state: State | None = None) -> State:
-        """Return to a state at time 0; None hangs at rest where the URDF says.
+        """Return to a state at time 0. If it is None, the crane hangs at rest where the URDF says,
+        whatever the state was that it began with.
 
         Raises:
             OutOfRange: If the state is not one of this crane.
@@ -119,7 +121,8 @@ class Stepper:
 
         Raises:
             OutOfRange: If a shape is wrong, or a force is given to a stepper without forces.
-            RunError: If a command is not finite, or the crane moves beyond all bounds.
+            RunError: If a command is not finite, or the crane has moved beyond all bounds in the
+                step before.
         """
         layout = self.crane.layout
         check_bounded(layout, self.t, self.state)
@@ -134,7 +137,10 @@ class Stepper:
 
 
 class RecordedCrane:
-    """A crane in a loop of somebody else, with a log of it that becomes a trajectory.
+    """A crane in another program's loop, with a log of it that becomes a trajectory.
+
+    Sites and served plants have such loops: several cranes take turns there, or a controller behind
+    a network commands one. A `Stepper` has no log, and goes on as long as one likes.
 
     Attributes:
         crane: The crane.
@@ -152,7 +158,8 @@ class RecordedCrane:
         """Begin at the start of a run.
 
         Args:
-            spec: The run. Its clocks say how many rows the log has room for.
+            spec: The run. Its clocks say how many rows the log has room for; a step beyond them
+                is an IndexError.
             engine: Name of the engine.
             controller: What commands the crane, for the record.
 
@@ -186,13 +193,14 @@ class RecordedCrane:
     def step(
         self, command: np.ndarray, setpoint: np.ndarray, force: np.ndarray | None = None
     ) -> State:
-        """Hold a command for a control period, log a row of its begin, and return the state at its
-        end.
+        """Hold a command for a control period, log the row of its first instant, and return the
+        state at its end.
 
         Args:
-            command: Commands of the drives, finite, shape (m,).
+            command: Commands of the drives, shape (m,).
             setpoint: Positions of the setpoint of the drives, for the log, shape (m,).
-            force: External forces on the points in the world [N], shape (points, 3); None for none.
+            force: External forces on the points in the world [N], shape (points, 3); None if none
+                act in this period. They need a spec with `has_forces`.
 
         Raises:
             RunError: If a command is not finite, the crane moves beyond all bounds, or the model
