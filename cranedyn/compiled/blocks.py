@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from enum import Enum, auto
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
@@ -34,7 +35,21 @@ _MOST_STEPS = 1_000_000
 """Largest number of physics steps in a block."""
 
 _BROKEN = 2.0
-"""Value of the section `worst` of the memory where a number is not finite or a joint too fast."""
+"""Value of the section `worst` of the memory from which on a number is not finite or a joint too
+fast; see `BufferLayout.state` for the others."""
+
+
+class _Written(Enum):
+    """What became of a block."""
+
+    WRITTEN = auto()
+    """The rows are written, and the crane has moved on."""
+
+    DIVERGED = auto()
+    """A number was not finite, or a joint too fast; the crane is where it was before."""
+
+    NOT_TABULATED = auto()
+    """The controller, the reference or the wind cannot be tabulated; nothing was computed."""
 
 
 def run_blocks(
@@ -59,25 +74,30 @@ def run_blocks(
             shape.
     """
     spec = moving.spec
-    disturbance = spec.disturbance
-    wind = disturbance if type(disturbance) is Wind else None
-    if disturbance is not wind or (wind is not None and wind.crane is not spec.crane):
-        return
-    predictive = cast("Receding", controller) if hasattr(controller, "programme") else None
-    # The code of a predictive controller takes longer to compile than wind to compute.
-    if predictive is not None and (wind or predictive.programme.drive != spec.drive):
-        return
+    wind = None
+    if spec.disturbance is not None:
+        # A subclass may compute other forces.
+        if type(spec.disturbance) is not Wind or spec.disturbance.crane is not spec.crane:
+            return
+        wind = spec.disturbance
+    predictive = None
+    if hasattr(controller, "programme"):
+        # A predictive controller, whose programme is what its code is made of.
+        predictive = cast("Receding", controller)
+        # There is no code for it beside wind: to compile that would take longer than it saves.
+        if wind is not None or predictive.programme.drive != spec.drive:
+            return
     blocks = _Blocks(moving, controller, reference, wind, predictive)
     length = max(1, min(_LARGEST_BLOCK, _MOST_STEPS // spec.clocks.steps))
     first = 0
     while length > 0 and first < len(rows):
         block = rows[first : first + length]
         times = read_only(t[first : first + length])
-        instants_after = len(rows) - first
-        is_written = blocks.write(block, times, end=instants_after - 1)
-        if is_written is None:
+        last_instant = len(rows) - 1 - first
+        outcome = blocks.write(block, times, end=last_instant)
+        if outcome is _Written.NOT_TABULATED:
             return
-        if not is_written:
+        if outcome is _Written.DIVERGED:
             length = _rows_before_divergence(moving, block)
             continue
         first += len(block)
@@ -101,17 +121,14 @@ class _Blocks:
         self._wind = wind
         self._predictive = predictive
 
-    def write(self, rows: np.ndarray, times: np.ndarray, *, end: int) -> bool | None:
+    def write(self, rows: np.ndarray, times: np.ndarray, *, end: int) -> _Written:
         """Write a block of rows and move the crane on.
 
         Args:
             rows: The rows, shape (instants, columns).
             times: Times of their instants [s], shape (instants,).
-            end: Instant, counted from the first of the block, that no steps follow.
-
-        Returns:
-            Whether the block is written. False restores the crane, for a number was not finite or
-            the run diverged; None says that the block cannot be tabulated.
+            end: Instant, counted from the first of the block, that no steps follow: the last of the
+                run.
 
         Raises:
             Misshapen: If an array of the controller's affine form or of the reference has another
@@ -123,17 +140,18 @@ class _Blocks:
         if self._predictive is not None:
             horizon = self._predictive.resume_memory(float(times[0]))
         if tables is None:
-            return None
+            return _Written.NOT_TABULATED
         if not self._run(tables, rows, end, horizon):
-            return False
+            return _Written.DIVERGED
         if self._predictive is not None:
             self._predictive.advance_to(float(times[-1]))
         if hasattr(self._controller, "resume"):
             integral = moving.memory[moving.places["integral"]].copy()
             self._controller.resume(float(times[-1]), integral)
+        # The forces of the last row, if the loop goes on instant by instant from here.
         moving.force[1] = moving.memory[moving.places["pushed"]]
         moving.read_state()
-        return True
+        return _Written.WRITTEN
 
     def _tabulate(self, times: np.ndarray) -> _Tables | None:
         """Return the affine form of the controller, the setpoints and the wind at the instants of a
@@ -144,6 +162,7 @@ class _Blocks:
         """
         sizes = self._moving.sizes
         areas: tuple[float, ...] = ()
+        # Without wind the code reads no table of forces, but is given one.
         air = self._moving.force
         try:
             setpoint = equal_rows(tabulated(self._reference, times, sizes.m).position)
@@ -165,7 +184,7 @@ class _Blocks:
         return _Tables(form, setpoint, areas, air)
 
     def _velocity_of_air(self, wind: Wind, times: np.ndarray) -> np.ndarray:
-        """Return the velocity of the air at each point that it pushes [m/s], shape (instants, 3
+        """Return the velocity of the air at each point of the crane [m/s], shape (instants, 3
         points).
         """
         speeds = np.array([wind.speed(t) for t in times.tolist()])
@@ -184,7 +203,7 @@ class _Blocks:
 
         integral = bool(form.integral_gain.any())
         if not integral:
-            # The code logs the setpoint where integrals take the drives, which is here its own.
+            # The code logs the target as the setpoint. Without integrals nothing else reads it.
             form = replace(form, target=tables.setpoint)
         moving.memory[moving.places["integral"]] = form.integral
         programme = None if self._predictive is None else self._predictive.programme
@@ -196,6 +215,7 @@ class _Blocks:
         )
         moving.loop(code, arrays, rows, end=end, horizon=horizon).run_groups([0])
         if integral:
+            # The code has logged where the integrals take the drives.
             rows[:, : moving.sizes.m] = tables.setpoint
 
         if moving.memory[moving.places["worst"]] < _BROKEN:
@@ -213,7 +233,7 @@ class _Tables(NamedTuple):
         form: Affine form of the controller at each instant.
         setpoint: Positions of the setpoint of the drives, shape (instants, m).
         areas: Drag areas of the points [m²]; empty without wind.
-        air: Velocity of the air at each point that it pushes [m/s], shape (instants, 3 points);
+        air: Velocity of the air at each point of the crane [m/s], shape (instants, 3 points);
             unused without wind.
     """
 
@@ -225,7 +245,8 @@ class _Tables(NamedTuple):
 
 def _rows_before_divergence(moving: CompiledCrane, rows: np.ndarray) -> int:
     """Return how many rows of a block come before the first whose rates are those of a diverged
-    run, or no numbers.
+    run, or no numbers; 0 if there is none, since then the run diverged after the last row, and the
+    loop finds out where.
     """
     rates = rows[:, slices(moving.sizes.row)["v"]]
     is_bounded = (rates * rates).sum(axis=1) < DIVERGED**2

@@ -15,7 +15,7 @@ import numpy as np
 from cranedyn.compiled.blocks import run_blocks
 from cranedyn.compiled.layout import size, slices
 from cranedyn.compiled.moving_crane import CompiledCrane
-from cranedyn.interfaces import Controller, Monitor, Reference
+from cranedyn.interfaces import Controller, Monitor, Reference, State
 from cranedyn.references.simple import checked
 from cranedyn.simulation.log import EnergyLedger, Log
 from cranedyn.simulation.loop_checks import as_command, as_force, check_bounded
@@ -35,18 +35,24 @@ def run(
     setpoint_at = checked(reference, layout, spec.t_start, spec.clocks.period)
     moving = CompiledCrane(spec)
     log = Log(spec)
-    rows = _rows_of(log, moving)
+    rows = _share_memory(log, moving)
     drive_count = layout.m
     t = spec.t_start
     force = None
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             for written in run_blocks(moving, controller, reference, log.t, rows):
-                t = spec.time(written - 1)
+                last_row = written - 1
+                t = spec.time(last_row)
                 log.extend_to(written)
-                for monitor in monitors:
-                    monitor(written - 1, t, moving.state)
+                if monitors:
+                    # The crane itself is a control period further on, unless the run has ended.
+                    state_then = layout.as_state("state", State(log.q[last_row], log.v[last_row]))
+                    for monitor in monitors:
+                        monitor(last_row, t, state_then)
 
+            # What no block can compute, instant by instant: all of a run under a controller that
+            # only Python knows, and whatever a block has left.
             state = moving.state
             for instant in range(len(log), spec.instants):
                 t = spec.time(instant)
@@ -63,6 +69,7 @@ def run(
                 else:
                     moving.hold(command, force)
                 row = rows[instant]
+                # The setpoint is the first section of a row.
                 row[:drive_count] = setpoint.position
                 row[drive_count:] = moving.acting
                 log.extend_to(instant + 1)
@@ -75,7 +82,7 @@ def run(
 
 
 def begin(spec: RunSpec) -> CompiledCrane:
-    """Return the crane of a run at its start, see `cranedyn.simulation.engine.Engine`. It is
+    """Return the crane of a run at its start, see `cranedyn.simulation.engine.Engine`. Its code is
     compiled now, so that its first step takes no longer than the others.
 
     Raises:
@@ -86,9 +93,12 @@ def begin(spec: RunSpec) -> CompiledCrane:
     return moving
 
 
-def _rows_of(log: Log, moving: CompiledCrane) -> np.ndarray:
-    """Return memory for the rows that compiled code writes, shape (instants, columns), of which the
-    arrays of a log become views.
+def _share_memory(log: Log, moving: CompiledCrane) -> np.ndarray:
+    """Make the arrays of a log views of one memory, whose rows compiled code writes, and return it,
+    shape (instants, columns).
+
+    The first number of the section `outside` is not used: the log computes the work of external
+    forces.
     """
     memory = np.empty((log.spec.instants, size(moving.sizes.row)))
     columns = {name: memory[:, place] for name, place in slices(moving.sizes.row).items()}

@@ -58,7 +58,7 @@ class CompiledCrane:
         self.sizes = replace(sizes, ledger=True)
         self.places = slices(self.sizes.state)
         self.memory = np.zeros(size(self.sizes.state))
-        # Two rows, as the code reads the row of the instant before for the efforts until then.
+        # Two rows: the code computes the efforts until an instant by the forces of the row before.
         self.force = np.zeros((2, size(self.sizes.force)))
         # Code bound to the memory: for a control period, and for its first instant alone.
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
@@ -101,26 +101,27 @@ class CompiledCrane:
         see `cranedyn.simulation.engine.MovingCrane`.
         """
         period, _ = self.prepare()
-        self._hold(command, force)
+        self._set(command, force)
         period()
         return self.read_state()
 
     def hold(self, command: np.ndarray, force: np.ndarray | None) -> None:
         """Hold a command and external forces, and compute what acts, without moving on."""
         _, instant = self.prepare()
-        self._hold(command, force)
+        self._set(command, force)
         instant()
 
-    def _hold(self, command: np.ndarray, force: np.ndarray | None) -> None:
+    def _set(self, command: np.ndarray, force: np.ndarray | None) -> None:
+        """Write a command and external forces into the memory that the code reads."""
         self._command[...] = command
-        if force is not None:
+        if self.spec.has_forces:
             self.force[0] = self.force[1]
-            self.force[1] = force.ravel()
+            self.force[1] = 0.0 if force is None else force.ravel()
 
     @property
     def actuation(self) -> Actuation:
-        """What acts on the crane from the last control instant on; its arrays change at the next.
-        Before the first, an AttributeError says that there is none.
+        """What acts on the crane from the last control instant on, to be read after the first step;
+        its arrays change with the next one.
         """
         rows = self._acting_sections
         outside = rows["outside"]
@@ -136,8 +137,8 @@ class CompiledCrane:
         )
 
     def prepare(self) -> tuple[Callable[[], None], Callable[[], None]]:
-        """Return calls of the code for a control period and for its first instant alone, which
-        compiles it at the first call.
+        """Return two functions that call the code: for a whole control period, and for its first
+        instant alone. The code is compiled and bound to the memory when they are first asked for.
         """
         if self._calls is None:
             rows = np.zeros((2, size(self.sizes.row)))
@@ -216,7 +217,7 @@ class CompiledCrane:
 
     def read_state(self) -> State:
         """Read the state from the memory and return it."""
-        # This makes what State(q, v) makes in twice the time, of copies that cannot be written to.
+        # The same as State(q, v) of read-only copies, in half the time.
         arrays = _frozen(self._position.tobytes()), _frozen(self._rate.tobytes())
         self.state = state = _new_tuple(State, arrays)
         return state

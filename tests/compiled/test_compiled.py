@@ -197,6 +197,27 @@ def test_a_run_of_many_blocks_is_the_same(controller: str, monkeypatch: pytest.M
 
 
 @pytest.mark.slow
+def test_a_monitor_gets_the_state_of_its_row_after_each_block(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 50)
+    c = crane()
+    seen: list[tuple[int, State]] = []
+    run = simulate(
+        c,
+        hold_controller(c),
+        _reference(),
+        start=_start(),
+        duration=1.0,
+        engine="compiled",
+        monitors=[lambda row, t, state: seen.append((row, state))],
+    )
+    assert [row for row, _ in seen] == [49, 99, 149, 199, 200]
+    for row, state in seen:
+        assert np.array_equal(state.q, run.q[row])
+        assert np.array_equal(state.v, run.v[row])
+
+
 def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
     c = crane(**DAMPED, trolley_effort=2e3, slew_effort=1e4, hoist_effort=9.9e3)
     for made in (lambda: hold_controller(c, gravity=G), _plain_function):

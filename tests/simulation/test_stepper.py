@@ -14,6 +14,7 @@ from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import State
 from cranedyn.references import hold
+from cranedyn.simulation.engine import load_engine
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
 from tests.helpers import crane
@@ -84,6 +85,19 @@ def test_a_force_acts_for_the_period_with_which_it_comes(engine: Any) -> None:
 
 
 @pytest.mark.slow
+@ENGINE
+def test_a_force_ends_where_none_is_given(engine: Any) -> None:
+    force = np.array([[1000.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    weight = np.array([0.0, 0.0, -crane().payload_mass * crane().gravity])
+    stepper = Stepper(crane(), forces=True, engine=engine)
+    expected = [stepper.step(weight, force), stepper.step(weight, 0.0 * force)]
+    moving = load_engine(engine).begin(stepper._spec)
+    found = [moving.step(weight, force), moving.step(weight, None)]
+    assert np.array_equal(found[1].v, expected[1].v)
+    acting = moving.actuation.force
+    assert acting is None or not acting.any()
+
+
 @ENGINE
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_copy_goes_on_by_itself_from_where_the_original_was(
