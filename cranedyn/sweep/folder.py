@@ -71,7 +71,7 @@ class Manifest:
 
     def rows(self, index: int) -> Rows:
         """Return the first case of a chunk, and the one after its last."""
-        return index * self.chunk, min((index + 1) * self.chunk, self.cases)
+        return Rows(index * self.chunk, min((index + 1) * self.chunk, self.cases))
 
 
 def read_manifest(path: Path) -> Manifest:

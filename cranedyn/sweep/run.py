@@ -19,6 +19,7 @@ from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.cluster import DaskPool
 from cranedyn.sweep.design import Design
 from cranedyn.sweep.folder import DamagedChunk, Manifest, SweepFolder, claim
+from cranedyn.sweep.pool import Pool
 from cranedyn.sweep.study import (
     Rows,
     Study,
@@ -158,11 +159,8 @@ def sweep(
                 # At least the number of the case and its parameters, eight bytes each, are written.
                 ledger.check_disk(8.0 * (1 + len(design.columns)))
                 task = Task(name, code_digest(sources), seconds)
-                with closing(
-                    LocalPool(task, min(count, len(ledger.missing)))
-                    if scheduler is None
-                    else DaskPool(task, scheduler, security)
-                ) as pool:
+                processes = min(count, len(ledger.missing))
+                with closing(_start_pool(task, processes, scheduler, security)) as pool:
                     for rows, table in _compute(pool, design, ledger.missing):
                         ledger.add(rows, table)
             files.unify()
@@ -180,9 +178,7 @@ def sweep(
     return ledger.progress
 
 
-def _compute(
-    pool: LocalPool | DaskPool, design: Design, chunks: list[Rows]
-) -> Iterator[tuple[Rows, pa.Table]]:
+def _compute(pool: Pool, design: Design, chunks: list[Rows]) -> Iterator[tuple[Rows, pa.Table]]:
     """Yield chunks and their results as they come.
 
     A chunk whose worker died is halved and tried again when all others are done; alone, where
@@ -192,29 +188,40 @@ def _compute(
     suspects = deque[Rows]()
     deaths = Counter[Rows]()
     ready: list[tuple[Rows, pa.Table]] = []
-    under_way = 0
-    while fresh or suspects or under_way or ready:
-        room = pool.capacity() if fresh or pool.exact else 1
-        while (queue := fresh or suspects) and under_way < room:
-            rows = queue.popleft()
+    while fresh or suspects or pool.under_way or ready:
+        capacity = pool.capacity()
+        while fresh and pool.under_way < capacity:
+            rows = fresh.popleft()
             pool.submit(rows, design.rows(*rows))
-            under_way += 1
+        if not pool.isolates_deaths:
+            capacity = 1
+        while suspects and not fresh and pool.under_way < capacity:
+            rows = suspects.popleft()
+            pool.submit(rows, design.rows(*rows))
         yield from ready  # to be written while others are computed
         ready = []
-        for rows, table in pool.wait() if under_way else []:
-            under_way -= 1
+        if not pool.under_way:
+            continue
+        for rows, table in pool.wait():
             if table is not None:
                 ready.append((rows, table))
                 continue
             deaths[rows] += 1
-            first, last = rows
-            middle = (first + last) // 2
-            if middle > first:
-                suspects += [(first, middle), (middle, last)]
+            if rows.size > 1:
+                suspects += rows.halves()
             elif deaths[rows] < _MAX_TRIES:
                 suspects.append(rows)
             else:
-                ready.append((rows, failure(pool.died)))
+                ready.append((rows, failure(pool.death_message)))
+
+
+def _start_pool(
+    task: Task, processes: int, scheduler: str | None, security: Security | None
+) -> Pool:
+    """Return workers of a cluster if there is the address of a scheduler, else of this machine."""
+    if scheduler is None:
+        return LocalPool(task, processes)
+    return DaskPool(task, scheduler, security)
 
 
 class _Ledger:

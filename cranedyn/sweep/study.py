@@ -37,8 +37,27 @@ DIED = "The worker process died on this case, as of a crash in compiled code or 
 LATE = "The case took longer than the {:g} s that a case may."
 """Error of a case whose process was ended at the time limit."""
 
-Rows = tuple[int, int]
-"""First case of a chunk, and the one after its last."""
+
+class Rows(NamedTuple):
+    """Cases that stand one below the other in a design.
+
+    Attributes:
+        first: Number of the first case.
+        last: Number of the case after the last one.
+    """
+
+    first: int
+    last: int
+
+    @property
+    def size(self) -> int:
+        """Number of cases."""
+        return self.last - self.first
+
+    def halves(self) -> list[Rows]:
+        """Return the first half of two cases or more, and the second."""
+        middle = (self.first + self.last) // 2
+        return [Rows(self.first, middle), Rows(middle, self.last)]
 
 
 def study_name(study: Study) -> str:

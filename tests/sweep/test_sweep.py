@@ -155,10 +155,10 @@ def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
 def test_workers_that_cannot_be_started_are_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full() -> None:
+    def full(*_: object, **_keywords: object) -> None:
         raise OSError(24, "Too many open files")
 
-    monkeypatch.setattr("cranedyn.sweep.workers._SPAWN.Pipe", full)
+    monkeypatch.setattr("cranedyn.sweep.workers.SpawnProcess", full)
     with pytest.raises(CraneError, match=r"Cannot start a worker process: Too many open files\."):
         sweep(studies.squares, grid(x=range(2)), tmp_path / "sweep", workers=1)
     assert files(tmp_path) == []
