@@ -34,10 +34,12 @@ WORKER_TIMEOUT = 60
 CLOSE_TIMEOUT = 0.3
 """Time for which the end of the connection to a scheduler is waited for [s]."""
 
-_LATE = (
+_DIED_OR_LATE = (
     "The worker process died on this case, or was ended since the case took longer than the "
     "{:g} s that a case may."
 )
+"""Error of a case that may have been ended at the time limit; only the worker's machine knows."""
+
 _NO_DASK = "Sweeping on a cluster needs Dask; install it with: pip install 'cranedyn[dask]' ({})."
 
 
@@ -103,10 +105,13 @@ class DaskPool(Pool):
         self._address = scheduler
         self._worker_death = KilledWorker
         self._last_worker_time = time.monotonic()
-        self.death_message = DIED if task.limit == math.inf else _LATE.format(task.limit)
+        self.death_message = DIED if task.limit == math.inf else _DIED_OR_LATE.format(task.limit)
 
     def capacity(self) -> int:
-        """Return two for each thread of a worker, so that none waits for its next chunk."""
+        """Return two for each thread of a worker, so that none waits for its next chunk.
+
+        Without a worker it is one, so that the sweep waits for a worker to come.
+        """
         return max(1, 2 * self._count_threads())
 
     def close(self) -> None:
