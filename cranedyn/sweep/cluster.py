@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from cranedyn.errors import CraneError, DataError
 from cranedyn.sweep.pool import Pool
-from cranedyn.sweep.study import DIED, Rows, Task
+from cranedyn.sweep.study import DIED, CaseRange, Task
 
 if TYPE_CHECKING:
     from distributed.security import Security
@@ -125,7 +125,7 @@ class DaskPool(Pool):
     def _start(self, columns: Mapping[str, np.ndarray]) -> Future[pa.Table]:
         return self._executor.submit(self._task.evaluate, columns)
 
-    def _result(self, future: Future[pa.Table], rows: Rows) -> pa.Table | None:
+    def _result(self, future: Future[pa.Table], rows: CaseRange) -> pa.Table | None:
         try:
             return future.result()
         except self._worker_death:

@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from cranedyn.data.files import atomic_write, lock_folder, open_file, parse_json, read_text
 from cranedyn.errors import DataError
 from cranedyn.sweep.design import check_memory
-from cranedyn.sweep.study import Rows, concatenate
+from cranedyn.sweep.study import CaseRange, concatenate
 
 MANIFEST = "_sweep.json"
 """Name of the manifest. Readers that are given the folder as a dataset skip it, as it begins with
@@ -81,9 +81,9 @@ class Manifest:
         """SHA-256 of all attributes."""
         return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
 
-    def rows(self, index: int) -> Rows:
+    def rows(self, index: int) -> CaseRange:
         """Return the cases of a chunk."""
-        return Rows(index * self.chunk, min((index + 1) * self.chunk, self.cases))
+        return CaseRange(index * self.chunk, min((index + 1) * self.chunk, self.cases))
 
 
 def read_manifest(path: Path) -> Manifest:

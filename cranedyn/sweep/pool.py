@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 import numpy as np
 import pyarrow as pa
 
-from cranedyn.sweep.study import Rows, Task
+from cranedyn.sweep.study import CaseRange, Task
 
 CHECK_INTERVAL = 1.0
 """Time after which workers that return nothing are checked [s]."""
@@ -30,7 +30,7 @@ class Pool(ABC):
     def __init__(self, task: Task) -> None:
         """Set what workers run."""
         self._task = task
-        self._under_way: dict[Future[pa.Table], Rows] = {}
+        self._under_way: dict[Future[pa.Table], CaseRange] = {}
 
     @property
     def under_way(self) -> int:
@@ -41,7 +41,7 @@ class Pool(ABC):
     def capacity(self) -> int:
         """Return how many chunks may be under way, one at least."""
 
-    def submit(self, rows: Rows, columns: Mapping[str, np.ndarray]) -> None:
+    def submit(self, rows: CaseRange, columns: Mapping[str, np.ndarray]) -> None:
         """Begin to compute a chunk.
 
         Args:
@@ -50,7 +50,7 @@ class Pool(ABC):
         """
         self._under_way[self._start(columns)] = rows
 
-    def wait(self) -> list[tuple[Rows, pa.Table | None]]:
+    def wait(self) -> list[tuple[CaseRange, pa.Table | None]]:
         """Wait for the results of one chunk or more.
 
         Returns:
@@ -79,7 +79,7 @@ class Pool(ABC):
         """Submit `Task.evaluate` to an executor."""
 
     @abstractmethod
-    def _result(self, future: Future[pa.Table], rows: Rows) -> pa.Table | None:
+    def _result(self, future: Future[pa.Table], rows: CaseRange) -> pa.Table | None:
         """Return the results of a chunk that is done; None if its worker died."""
 
     @abstractmethod

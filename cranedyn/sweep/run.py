@@ -21,7 +21,7 @@ from cranedyn.sweep.design import Design
 from cranedyn.sweep.folder import DamagedChunk, Manifest, SweepFolder, claim
 from cranedyn.sweep.pool import Pool
 from cranedyn.sweep.study import (
-    Rows,
+    CaseRange,
     Study,
     Task,
     code_digest,
@@ -183,7 +183,9 @@ def sweep(
     return ledger.progress
 
 
-def _compute(pool: Pool, design: Design, chunks: list[Rows]) -> Iterator[tuple[Rows, pa.Table]]:
+def _compute(
+    pool: Pool, design: Design, chunks: list[CaseRange]
+) -> Iterator[tuple[CaseRange, pa.Table]]:
     """Yield chunks and their results as they come.
 
     A chunk whose worker died is halved and tried again when all others are done; alone, where
@@ -191,9 +193,9 @@ def _compute(pool: Pool, design: Design, chunks: list[Rows]) -> Iterator[tuple[R
     also be killed from outside, as for lack of memory.
     """
     fresh = deque(chunks)
-    suspects = deque[Rows]()
-    deaths = Counter[Rows]()
-    ready: list[tuple[Rows, pa.Table]] = []
+    suspects = deque[CaseRange]()
+    deaths = Counter[CaseRange]()
+    ready: list[tuple[CaseRange, pa.Table]] = []
     while fresh or suspects or pool.under_way or ready:
         capacity = pool.capacity()
         while fresh and pool.under_way < capacity:
@@ -245,7 +247,7 @@ class _Ledger:
         self._report = report
         # Tables of halved chunks by their first case, by the number of the chunk.
         self._pieces = defaultdict[int, dict[int, pa.Table]](dict)
-        self.missing: list[Rows] = []
+        self.missing: list[CaseRange] = []
         done = 0
         bad = 0
         indices = set(files.indices())
@@ -259,7 +261,7 @@ class _Ledger:
         self.progress = Progress(done=done, cases=len(design), errors=bad, before=done)
         self._report_progress()
 
-    def add(self, rows: Rows, table: pa.Table) -> None:
+    def add(self, rows: CaseRange, table: pa.Table) -> None:
         """Keep results; write the chunk file when its last ones have come.
 
         Raises:

@@ -38,7 +38,7 @@ LATE = "The case took longer than the {:g} s that a case may."
 """Error of a case whose process was ended at the time limit."""
 
 
-class Rows(NamedTuple):
+class CaseRange(NamedTuple):
     """Cases that stand one below the other in a design.
 
     Attributes:
@@ -54,10 +54,10 @@ class Rows(NamedTuple):
         """Number of cases."""
         return self.last - self.first
 
-    def halves(self) -> list[Rows]:
+    def halves(self) -> list[CaseRange]:
         """Return the first half of two cases or more, and the second."""
         middle = (self.first + self.last) // 2
-        return [Rows(self.first, middle), Rows(middle, self.last)]
+        return [CaseRange(self.first, middle), CaseRange(middle, self.last)]
 
 
 def study_name(study: Study) -> str:

@@ -24,7 +24,7 @@ import pyarrow as pa
 from cranedyn.command import defer_sigint
 from cranedyn.errors import CraneError
 from cranedyn.sweep.pool import Pool
-from cranedyn.sweep.study import DIED, LATE, Rows, Task, failure
+from cranedyn.sweep.study import DIED, LATE, CaseRange, Task, failure
 
 FILES_PER_WORKER = 8
 """Files that a worker takes in this process, at most: both ends of the three pipes of its executor,
@@ -104,7 +104,7 @@ class LocalPool(Pool):
         self._busy[future] = worker
         return future
 
-    def _result(self, future: Future[pa.Table], rows: Rows) -> pa.Table | None:
+    def _result(self, future: Future[pa.Table], rows: CaseRange) -> pa.Table | None:
         worker = self._busy.pop(future)
         # Not raised, as Ctrl-C may be raised here, too.
         error = future.exception()

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.sweep.study import Rows, Task
+from cranedyn.sweep.study import CaseRange, Task
 from cranedyn.sweep.workers import FILES_PER_WORKER, SPARE_FILES, LocalPool, _allow_open_files
 from tests.helpers import python
 from tests.sweep.test_sweep_interrupted import proc
@@ -41,7 +41,7 @@ def _pool(study: str, workers: int) -> Iterator[LocalPool]:
 
 def _submit(pool: LocalPool, x: float) -> None:
     """Begin to compute a chunk of one case."""
-    pool.submit(Rows(0, 1), {"x": np.array([x])})
+    pool.submit(CaseRange(0, 1), {"x": np.array([x])})
 
 
 def test_a_worker_that_ends_while_it_is_idle_costs_no_chunk_a_try() -> None:
@@ -53,7 +53,7 @@ def test_a_worker_that_ends_while_it_is_idle_costs_no_chunk_a_try() -> None:
                 worker.executor.submit(int).result()
         _submit(pool, 3.0)
         ((rows, table),) = pool.wait()
-    assert rows == Rows(0, 1)
+    assert rows == CaseRange(0, 1)
     assert table is not None and table["y"].to_pylist() == [9.0]
 
 
@@ -71,7 +71,7 @@ def test_a_study_that_raises_what_ends_a_program_does_not_end_the_sweep() -> Non
     with _pool("interrupting", 1) as pool:
         for _ in range(2):  # the worker goes on
             _submit(pool, 1.0)
-            assert pool.wait() == [(Rows(0, 1), None)]
+            assert pool.wait() == [(CaseRange(0, 1), None)]
 
 
 def test_no_process_is_left_when_a_pool_is_closed() -> None:
