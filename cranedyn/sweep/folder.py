@@ -19,6 +19,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cranedyn.command import defer_sigint
 from cranedyn.data.files import atomic_write, lock_folder, open_file, parse_json, read_text
 from cranedyn.errors import DataError
 from cranedyn.sweep.design import check_memory
@@ -141,6 +142,16 @@ class SweepFolder:
             fields = {**asdict(self.manifest), "checksum": self.manifest.checksum}
             with atomic_write(self.path / MANIFEST) as draft:
                 draft.write_text(json.dumps(fields, indent=1), encoding="utf-8")
+        # A writer of Arrow has a destructor in Python. Ctrl-C in a destructor would be lost, as
+        # Python ignores the exceptions of destructors, and the sweep would go on.
+        with defer_sigint():
+            content = self._chunk_file(index, table)
+        with atomic_write(self.path / CHUNK_FILE.format(index)) as draft:
+            draft.write_bytes(content)
+        return len(content)
+
+    def _chunk_file(self, index: int, table: pa.Table) -> bytearray:
+        """Return what the file of a chunk holds."""
         sink = pa.BufferOutputStream()
         with pq.ParquetWriter(sink, table.schema) as writer:
             writer.write_table(table)
@@ -151,9 +162,7 @@ class SweepFolder:
         content = bytearray(sink.getvalue())
         start = content.rindex(_CHECKSUM_MARK + _NO_CHECKSUM) + len(_CHECKSUM_MARK)
         content[start : start + len(_NO_CHECKSUM)] = hashlib.sha256(content).hexdigest().encode()
-        with atomic_write(self.path / CHUNK_FILE.format(index)) as draft:
-            draft.write_bytes(content)
-        return len(content)
+        return content
 
     def open(self, index: int) -> pq.ParquetFile:
         """Open a chunk file after checking it.

@@ -6,9 +6,11 @@ import dataclasses
 import json
 import os
 import shutil
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 import cranedyn
@@ -136,6 +138,18 @@ def test_a_part_of_another_sweep_is_neither_taken_nor_overwritten(
         with pytest.raises(DataError, match=r"part-000001\.parquet is whole, but of another sweep"):
             act()
     assert (copied / CHUNK_FILE.format(1)).read_bytes() == content
+
+
+def test_ctrl_c_in_a_destructor_of_arrow_is_not_lost(
+    copied: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = SweepFolder(copied, read_manifest(copied))
+    table = folder.read(0)
+    monkeypatch.setattr(
+        pq.ParquetWriter, "__del__", lambda writer: signal.raise_signal(signal.SIGINT)
+    )
+    with pytest.raises(KeyboardInterrupt):
+        folder.write(0, table)
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["pipe", "folder"])
