@@ -21,7 +21,7 @@ the reason in the column `error`; the other cases keep their results. Chunk file
 the folder records the design and the source files, and refuses to mix them with others.
 
 Modules, in the order to read them: `design`; `run`, the sweep; `study`, the computation of a chunk;
-`workers` and `cluster`, pools of processes; `folder`, the files.
+`pool`, chunks under way; `workers` and `cluster`, who computes them; `folder`, the files.
 """
 
 from cranedyn.sweep.design import Design, cross, grid, sample

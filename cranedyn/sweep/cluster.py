@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +19,8 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.errors import CraneError, DataError
-from cranedyn.sweep.study import DIED, Rows, Task
+from cranedyn.sweep.pool import Pool
+from cranedyn.sweep.study import DIED, CaseRange, Task
 
 if TYPE_CHECKING:
     from distributed.security import Security
@@ -32,10 +34,12 @@ WORKER_TIMEOUT = 60
 CLOSE_TIMEOUT = 0.3
 """Time for which the end of the connection to a scheduler is waited for [s]."""
 
-_LATE = (
+_DIED_OR_LATE = (
     "The worker process died on this case, or was ended since the case took longer than the "
     "{:g} s that a case may."
 )
+"""Error of a case that may have been ended at the time limit; only the worker's machine knows."""
+
 _NO_DASK = "Sweeping on a cluster needs Dask; install it with: pip install 'cranedyn[dask]' ({})."
 
 
@@ -64,8 +68,8 @@ def tls(ca_file: str, cert: str, key: str) -> Security:
     )
 
 
-class DaskPool:
-    """Workers behind a Dask scheduler, used as a `cranedyn.sweep.workers.LocalPool`.
+class DaskPool(Pool):
+    """Workers behind a Dask scheduler.
 
     The scheduler gives the work of a worker that dies to others, and gives up a chunk whose fourth
     worker died (its ``allowed-failures``), and with it any other chunk on those workers.
@@ -75,10 +79,11 @@ class DaskPool:
             answers.
     """
 
-    exact = False
+    isolates_deaths = False
 
     def __init__(self, task: Task, scheduler: str, security: Security | None = None) -> None:
         """Connect to a scheduler, for example at ``tcp://127.0.0.1:8786``."""
+        super().__init__(task)
         try:
             from distributed import Client, KilledWorker
             from distributed.security import Security
@@ -95,33 +100,19 @@ class DaskPool:
         except Exception as error:
             reason = str(error).rstrip(".") or "it timed out"
             raise CraneError(f"No Dask scheduler answers at {scheduler}: {reason}.") from error
+        # Not pure: a chunk that is tried again is computed again.
         self._executor = self._client.get_executor(pure=False)
-        self._busy: dict[Future, Rows] = {}
-        self._task = task
         self._address = scheduler
-        self._killed = KilledWorker
-        self.died = DIED if task.limit == math.inf else _LATE.format(task.limit)
+        self._worker_death = KilledWorker
+        self._last_worker_time = time.monotonic()
+        self.death_message = DIED if task.limit == math.inf else _DIED_OR_LATE.format(task.limit)
 
     def capacity(self) -> int:
-        """Return two for each thread of a worker, so that none waits for its next chunk."""
-        return max(1, 2 * self._threads())
+        """Return two for each thread of a worker, so that none waits for its next chunk.
 
-    def submit(self, rows: Rows, columns: Mapping[str, np.ndarray]) -> None:
-        """Send a chunk to the scheduler."""
-        self._busy[self._executor.submit(self._task.evaluate, columns)] = rows
-
-    def wait(self) -> list[tuple[Rows, pa.Table | None]]:
-        """Wait for chunks, as `cranedyn.sweep.workers.LocalPool.wait`."""
-        idle = 0  # seconds without a worker, as each turn waits for one second
-        while not (done := wait(self._busy, timeout=1.0, return_when=FIRST_COMPLETED).done):
-            idle = 0 if self._threads() else idle + 1
-            if idle >= WORKER_TIMEOUT:
-                raise CraneError(
-                    f"The scheduler at {self._address} has no worker; start some with: dask worker "
-                    f"{self._address} --host 127.0.0.1 --no-dashboard --dashboard-address "
-                    "127.0.0.1:0 (of another machine, its own address and certificates for TLS)"
-                )
-        return [(self._busy.pop(future), self._table(future)) for future in done]
+        Without a worker it is one, so that the sweep waits for a worker to come.
+        """
+        return max(1, 2 * self._count_threads())
 
     def close(self) -> None:
         """Take back what is under way; a scheduler that is gone is not reported again."""
@@ -131,25 +122,40 @@ class DaskPool:
             self._executor.shutdown(wait=False)
             self._client.close(CLOSE_TIMEOUT)
 
-    def _table(self, future: Future) -> pa.Table | None:
-        """Return the results of a chunk; None if its worker died."""
+    def _start(self, columns: Mapping[str, np.ndarray]) -> Future[pa.Table]:
+        return self._executor.submit(self._task.evaluate, columns)
+
+    def _result(self, future: Future[pa.Table], rows: CaseRange) -> pa.Table | None:
         try:
             return future.result()
-        except self._killed:
+        except self._worker_death:
             return None
         except CraneError:
             raise
         except BaseException as error:
             raise self._failure(error) from error
 
-    def _threads(self) -> int:
-        """Return the number of threads of all workers."""
+    def _check_workers(self) -> None:
+        if self._count_threads() or time.monotonic() - self._last_worker_time < WORKER_TIMEOUT:
+            return
+        raise CraneError(
+            f"The scheduler at {self._address} has no worker; start some with: dask worker "
+            f"{self._address} --host 127.0.0.1 --no-dashboard --dashboard-address "
+            "127.0.0.1:0 (of another machine, its own address and certificates for TLS)"
+        )
+
+    def _count_threads(self) -> int:
+        """Return the number of threads of all workers, and note the time if there are any."""
         try:
-            return sum(self._client.nthreads().values())
+            count = sum(self._client.nthreads().values())
         except Exception as error:
             raise self._failure(error) from error
+        if count:
+            self._last_worker_time = time.monotonic()
+        return count
 
     def _failure(self, error: BaseException) -> CraneError:
+        """Return the error of a sweep whose cluster raised one that is not the study's."""
         reason = f"{type(error).__name__}: {error}".rstrip(": ")
         return CraneError(f"The cluster at {self._address} failed or is gone: {reason}.")
 

@@ -65,6 +65,7 @@ class Design:
         """SHA-256 of names, values and order, hexadecimal."""
         digest = hashlib.sha256()
         for name, values in self.columns.items():
+            # In one byte order, so that all machines agree.
             dtype = values.dtype.newbyteorder("<")
             digest.update(json.dumps([name, dtype.str, len(values)]).encode())
             digest.update(values.astype(dtype).tobytes())
@@ -120,9 +121,10 @@ def sample(
     box = [_range(name, ends) for name, ends in ranges.items()]
     if not box:
         return Design({})
-    _check_size(count, *(Design({name: np.zeros(1)}) for name in ranges))
+    _check_size(count, *[Design({name: np.zeros(1)}) for name in ranges])
     if method == "sobol":
-        points = qmc.Sobol(len(box), seed=rng).random_base2((count - 1).bit_length())[:count]
+        exponent = (count - 1).bit_length()  # of the next power of two
+        points = qmc.Sobol(len(box), seed=rng).random_base2(exponent)[:count]
     else:
         points = qmc.LatinHypercube(len(box), seed=rng).random(count)
     low, high = np.array(box).T
@@ -132,7 +134,11 @@ def sample(
 
 
 def cross(a: Design, b: Design) -> Design:
-    """Return every case of `a` with every case of `b`; those of `b` change fastest.
+    """Return every case of a design with every case of another one.
+
+    Args:
+        a: Design whose cases change slowly.
+        b: Design all cases of which follow for each case of `a`.
 
     Raises:
         CraneError: If they share a parameter, or the table would not fit the memory.
@@ -149,7 +155,15 @@ def cross(a: Design, b: Design) -> Design:
 
 
 def check_memory(table: str, size: float) -> None:
-    """Raise DataError if a table of so many bytes takes more than half of this machine's memory."""
+    """Check that a table takes no more than half of this machine's memory.
+
+    Args:
+        table: What it is, the subject of the message.
+        size: Its size [byte].
+
+    Raises:
+        DataError: If it takes more.
+    """
     allowed = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
     if size > allowed:
         raise DataError(
@@ -163,7 +177,7 @@ def _check_size(count: int, *designs: Design) -> None:
     row_size = 0  # bytes
     for design in designs:
         row_size += sum(column.itemsize for column in design.columns.values())
-    # A larger number than this is no float.
+    # Python's integers have no largest number, but a float has.
     check_memory(f"A design of {count} cases", float(min(count, 10**300)) * row_size)
 
 
@@ -188,13 +202,15 @@ def _column(name: str, values: Values) -> np.ndarray:
     if column.ndim != 1:
         raise OutOfRange(f"shape of {name}", column.shape, "one row of values")
     if column.dtype.kind == "U":
+        # NumPy turns numbers among words into words; as objects they keep their types.
         for item in np.atleast_1d(np.array(values, dtype=object)):
             if not isinstance(item, str) or not item or not item.isprintable():
                 raise OutOfRange(f"a value of {name}", repr(item), "a printable word, as others")
     elif column.dtype.kind in "biuf":
         column = column.astype(float)
-        if not (finite := np.isfinite(column)).all():
-            case = int(np.argmin(finite))
+        is_finite = np.isfinite(column)
+        if not is_finite.all():
+            case = int(np.argmin(is_finite))  # the first that is not
             raise OutOfRange(f"{name} of case {case}", float(column[case]), "a finite number")
     else:
         raise OutOfRange(f"type of {name}", column.dtype, "numbers or words")

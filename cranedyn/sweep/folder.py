@@ -19,10 +19,11 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cranedyn.command import defer_sigint
 from cranedyn.data.files import atomic_write, lock_folder, open_file, parse_json, read_text
 from cranedyn.errors import DataError
 from cranedyn.sweep.design import check_memory
-from cranedyn.sweep.study import Rows, concatenate
+from cranedyn.sweep.study import CaseRange, concatenate
 
 MANIFEST = "_sweep.json"
 """Name of the manifest. Readers that are given the folder as a dataset skip it, as it begins with
@@ -41,14 +42,26 @@ _NO_CHECKSUM = b"0" * 64
 """What stands for the checksum while it is computed."""
 
 
+_MAX_LISTED = 3
+"""Number of names in a message that are given in full."""
+
+
 class DamagedChunk(DataError):
     """A chunk file that is not as it was written, or is another chunk of the same sweep."""
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """Identity of a sweep: study as ``module:function``, version of cranedyn, digests of sources,
-    fingerprint and columns of the design, numbers of cases in all and in a chunk.
+    """Identity of a sweep. Chunk files of different manifests are never mixed.
+
+    Attributes:
+        study: The study as ``module:function``.
+        version: Version of cranedyn.
+        sources: SHA-256 of each source file, see `cranedyn.sweep.study.source_digests`.
+        design: Fingerprint of the design.
+        parameters: Columns of the design.
+        cases: Number of cases.
+        chunk: Number of cases in a chunk; the last may have fewer.
     """
 
     study: str
@@ -62,22 +75,27 @@ class Manifest:
     @property
     def chunks(self) -> int:
         """Number of chunks; the last may have fewer cases."""
-        return -(-self.cases // self.chunk)
+        return -(-self.cases // self.chunk)  # rounded up
 
     @cached_property
     def checksum(self) -> str:
-        """SHA-256 of all of it."""
+        """SHA-256 of all attributes."""
         return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
 
-    def rows(self, index: int) -> Rows:
-        """Return the first case of a chunk, and the one after its last."""
-        return index * self.chunk, min((index + 1) * self.chunk, self.cases)
+    def rows(self, index: int) -> CaseRange:
+        """Return the cases of a chunk."""
+        return CaseRange(index * self.chunk, min((index + 1) * self.chunk, self.cases))
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read the manifest in a folder; raise DataError if there is none as it was written."""
+    """Read the manifest in a folder.
+
+    Raises:
+        DataError: If there is none, or it is not as it was written.
+    """
     file = path / MANIFEST
-    if not os.path.isfile(file):  # nor is a name too long
+    # `Path.is_file` would raise for a name that is too long.
+    if not os.path.isfile(file):
         raise DataError(f"{path} holds no sweep: there is no {MANIFEST} in it.")
     text = read_text(file)
     try:
@@ -124,6 +142,16 @@ class SweepFolder:
             fields = {**asdict(self.manifest), "checksum": self.manifest.checksum}
             with atomic_write(self.path / MANIFEST) as draft:
                 draft.write_text(json.dumps(fields, indent=1), encoding="utf-8")
+        # A writer of Arrow has a destructor in Python. Ctrl-C in a destructor would be lost, as
+        # Python ignores the exceptions of destructors, and the sweep would go on.
+        with defer_sigint():
+            content = self._chunk_file(index, table)
+        with atomic_write(self.path / CHUNK_FILE.format(index)) as draft:
+            draft.write_bytes(content)
+        return len(content)
+
+    def _chunk_file(self, index: int, table: pa.Table) -> bytearray:
+        """Return what the file of a chunk holds."""
         sink = pa.BufferOutputStream()
         with pq.ParquetWriter(sink, table.schema) as writer:
             writer.write_table(table)
@@ -134,9 +162,7 @@ class SweepFolder:
         content = bytearray(sink.getvalue())
         start = content.rindex(_CHECKSUM_MARK + _NO_CHECKSUM) + len(_CHECKSUM_MARK)
         content[start : start + len(_NO_CHECKSUM)] = hashlib.sha256(content).hexdigest().encode()
-        with atomic_write(self.path / CHUNK_FILE.format(index)) as draft:
-            draft.write_bytes(content)
-        return len(content)
+        return content
 
     def open(self, index: int) -> pq.ParquetFile:
         """Open a chunk file after checking it.
@@ -168,17 +194,21 @@ class SweepFolder:
     def unify(self) -> None:
         """Give all chunk files the same columns, so that any reader takes them for one dataset.
 
-        Results of a chunk whose cases are all bad become null. Raises DataError if a result is a
-        number in one chunk and a word in another.
+        Results of a chunk whose cases are all bad become null.
+
+        Raises:
+            DataError: If a result is a number in one chunk and a word in another.
         """
-        chunks = range(self.manifest.chunks)
-        schemas = [self.open(i).schema_arrow.remove_metadata() for i in chunks]
+        schemas = []
+        for i in range(self.manifest.chunks):
+            schemas.append(self.open(i).schema_arrow.remove_metadata())
         empty = concatenate([schema.empty_table() for schema in schemas])
-        for i, schema in zip(chunks, schemas, strict=True):
+        for i, schema in enumerate(schemas):
             if not schema.equals(empty.schema):
                 self.write(i, concatenate([empty, self.read(i)]).cast(empty.schema))
 
     def _label(self, index: int) -> bytes:
+        """Return which chunk of which sweep a file is, as its metadata say it."""
         return f"part {index} of sweep {self.manifest.checksum}".encode()
 
 
@@ -210,11 +240,11 @@ def claim(path: Path, manifest: Manifest, *, fixed_chunk: bool) -> Iterator[Swee
     """
     with lock_folder(path):
         names = _names(path)
-        if MANIFEST not in names and (visible := [name for name in names if name[0] != "."]):
-            listed = ", ".join(visible[:3]) + (", …" if visible[3:] else "")
+        visible = [name for name in names if not name.startswith(".")]
+        if visible and MANIFEST not in names:
             raise DataError(
-                f"Cannot sweep in {path}: it holds other things ({listed}); give a folder of its "
-                "own."
+                f"Cannot sweep in {path}: it holds other things ({_listed(visible)}); give a "
+                "folder of its own."
             )
         for name in names:
             if name.startswith((".part-", "._sweep.")):
@@ -238,8 +268,24 @@ def _names(path: Path) -> list[str]:
         raise DataError(f"Cannot read the folder {path}: {error.strerror}.") from error
 
 
+def _listed(names: list[str]) -> str:
+    """Return some names as part of a sentence, and how many there are beside the first ones."""
+    listed = ", ".join(names[:_MAX_LISTED])
+    further = len(names) - _MAX_LISTED
+    return f"{listed} and {further} more" if further > 0 else listed
+
+
 def _check_same(path: Path, first: Manifest, now: Manifest) -> None:
-    """Check that a folder holds the same sweep, by the same code."""
+    """Check that a folder holds the same sweep, by the same code.
+
+    Args:
+        path: The folder, for the message.
+        first: The sweep that the folder was begun with.
+        now: The sweep to resume.
+
+    Raises:
+        DataError: If they differ.
+    """
     differences = []
     for key in ("study", "parameters", "cases", "chunk", "version"):
         before = getattr(first, key)
@@ -248,9 +294,10 @@ def _check_same(path: Path, first: Manifest, now: Manifest) -> None:
             differences.append(f"{key} was {before}, now {after}")
     if first.design != now.design and not differences:
         differences.append("parameters have other values")
-    if changed := sorted({name for name, _ in first.sources.items() ^ now.sources.items()}):
-        further = f" and {len(changed) - 3} more" if changed[3:] else ""
-        differences.append(f"the code changed: {', '.join(changed[:3])}{further}")
+    changed_items = first.sources.items() ^ now.sources.items()
+    changed_files = sorted({name for name, _ in changed_items})
+    if changed_files:
+        differences.append(f"the code changed: {_listed(changed_files)}")
     if differences:
         raise DataError(
             f"Cannot sweep in {path}: it holds another sweep ({'; '.join(differences)}); undo "
@@ -283,6 +330,7 @@ def results(folder: str | Path, *, partial: bool = False) -> pa.Table:
         except DamagedChunk:
             damaged.append(CHUNK_FILE.format(i))
         if len(tables) == 1:
+            # Before the others are read; a value takes eight bytes, or about as many.
             check_memory(f"The table of {cases} cases", cases * 8.0 * tables[0].num_columns)
     done = sum(map(len, tables))
     if done < cases and not partial:

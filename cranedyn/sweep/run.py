@@ -6,7 +6,7 @@ import math
 import shutil
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,8 +19,9 @@ from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.cluster import DaskPool
 from cranedyn.sweep.design import Design
 from cranedyn.sweep.folder import DamagedChunk, Manifest, SweepFolder, claim
+from cranedyn.sweep.pool import Pool
 from cranedyn.sweep.study import (
-    Rows,
+    CaseRange,
     Study,
     Task,
     code_digest,
@@ -136,10 +137,15 @@ def sweep(
         raise CraneError("The number of workers has no effect beside a scheduler; give one only.")
     if scheduler is None and security is not None:
         raise CraneError("Certificates have no effect without a scheduler; give its address, too.")
-    count = worker_count("number of workers", workers)
-    seconds = math.inf if limit is None else within("limit", limit, _MIN_LIMIT, _MAX_LIMIT, "s")
-    # Rounded up, so that there are no more chunks than that.
-    default = max(1, min(_MAX_DEFAULT_CHUNK, -(-len(design) // _DEFAULT_CHUNKS)))
+    processes = worker_count("number of workers", workers)
+    time_limit = math.inf
+    if limit is not None:
+        time_limit = within("limit", limit, _MIN_LIMIT, _MAX_LIMIT, "s")
+    if chunk is None:
+        # Rounded up, so that there are no more chunks than that.
+        chunk_size = min(_MAX_DEFAULT_CHUNK, -(-len(design) // _DEFAULT_CHUNKS))
+    else:
+        chunk_size = whole("chunk", chunk, 1)
     name = study_name(study)
     sources = source_digests(name)
     manifest = Manifest(
@@ -149,30 +155,27 @@ def sweep(
         design=design.fingerprint,
         parameters=tuple(design.columns),
         cases=len(design),
-        chunk=default if chunk is None else whole("chunk", chunk, 1),
+        chunk=chunk_size,
     )
     with claim(Path(folder), manifest, fixed_chunk=chunk is not None) as files:
-        ledger = _Ledger(files, design, progress or (lambda _: None))
+        ledger = _Ledger(files, design, progress)
         try:
             if ledger.missing:
                 # At least the number of the case and its parameters, eight bytes each, are written.
                 ledger.check_disk(8.0 * (1 + len(design.columns)))
-                task = Task(name, code_digest(sources), seconds)
-                with closing(
-                    LocalPool(task, min(count, len(ledger.missing)))
-                    if scheduler is None
-                    else DaskPool(task, scheduler, security)
-                ) as pool:
+                task = Task(name, code_digest(sources), time_limit)
+                processes = min(processes, len(ledger.missing))
+                with closing(_start_pool(task, processes, scheduler, security)) as pool:
                     for rows, table in _compute(pool, design, ledger.missing):
                         ledger.add(rows, table)
             files.unify()
         except BaseException as error:
+            # Some libraries turn an interruption into an error of their own.
             if not interrupted(error):
                 raise
-            done = 0
-            for i in files.indices():
-                first, last = files.manifest.rows(i)
-                done += last - first
+            # The files are counted, as the interruption may have come between a file and its entry
+            # in the ledger.
+            done = sum(files.manifest.rows(i).size for i in files.indices())
             raise KeyboardInterrupt(
                 f"Interrupted: {done} of {len(design)} cases are done, and kept in {folder}; the "
                 "same sweep goes on from there."
@@ -181,102 +184,134 @@ def sweep(
 
 
 def _compute(
-    pool: LocalPool | DaskPool, design: Design, chunks: list[Rows]
-) -> Iterator[tuple[Rows, pa.Table]]:
+    pool: Pool, design: Design, chunks: list[CaseRange]
+) -> Iterator[tuple[CaseRange, pa.Table]]:
     """Yield chunks and their results as they come.
 
     A chunk whose worker died is halved and tried again when all others are done; alone, where
-    another chunk could be to blame. A case that stands alone is tried twice.
+    another chunk could be to blame. A case that stands alone is tried twice, since a process may
+    also be killed from outside, as for lack of memory.
     """
     fresh = deque(chunks)
-    suspects = deque[Rows]()
-    deaths = Counter[Rows]()
-    ready: list[tuple[Rows, pa.Table]] = []
-    under_way = 0
-    while fresh or suspects or under_way or ready:
-        room = pool.capacity() if fresh or pool.exact else 1
-        while (queue := fresh or suspects) and under_way < room:
-            rows = queue.popleft()
+    suspects = deque[CaseRange]()
+    deaths = Counter[CaseRange]()
+    ready: list[tuple[CaseRange, pa.Table]] = []
+    while fresh or suspects or pool.under_way or ready:
+        capacity = pool.capacity()
+        while fresh and pool.under_way < capacity:
+            rows = fresh.popleft()
             pool.submit(rows, design.rows(*rows))
-            under_way += 1
+        if not pool.isolates_deaths:
+            capacity = 1
+        while suspects and not fresh and pool.under_way < capacity:
+            rows = suspects.popleft()
+            pool.submit(rows, design.rows(*rows))
         yield from ready  # to be written while others are computed
         ready = []
-        for rows, table in pool.wait() if under_way else []:
-            under_way -= 1
+        if not pool.under_way:
+            continue
+        for rows, table in pool.wait():
             if table is not None:
                 ready.append((rows, table))
                 continue
             deaths[rows] += 1
-            first, last = rows
-            middle = (first + last) // 2
-            if middle > first:
-                suspects += [(first, middle), (middle, last)]
+            if rows.size > 1:
+                suspects += rows.halves()
             elif deaths[rows] < _MAX_TRIES:
                 suspects.append(rows)
             else:
-                ready.append((rows, failure(pool.died)))
+                ready.append((rows, failure(pool.death_message)))
+
+
+def _start_pool(
+    task: Task, processes: int, scheduler: str | None, security: Security | None
+) -> Pool:
+    """Return workers of a cluster if there is the address of a scheduler, else of this machine."""
+    if scheduler is None:
+        return LocalPool(task, processes)
+    return DaskPool(task, scheduler, security)
 
 
 class _Ledger:
-    """Progress of a sweep, and pieces of chunks that are not whole yet.
+    """Account of what is done: the progress, and pieces of chunks that are not whole yet.
 
     Attributes:
         missing: Chunks to compute.
         progress: Progress so far.
     """
 
-    def __init__(self, files: SweepFolder, design: Design, report: Report) -> None:
+    def __init__(self, files: SweepFolder, design: Design, report: Report | None) -> None:
+        """Read which chunks are done and which of their cases are bad; report that."""
         self._files = files
         self._design = design
         self._report = report
-        # Tables by their first case, by the chunk to which they belong.
+        # Tables of halved chunks by their first case, by the number of the chunk.
         self._pieces = defaultdict[int, dict[int, pa.Table]](dict)
-        finished = {}
-        for i in files.indices():
-            with suppress(DamagedChunk):
-                finished[i] = files.read(i, ["error"])["error"]
-        chunks = range(files.manifest.chunks)
-        self.missing = [files.manifest.rows(i) for i in chunks if i not in finished]
-        done = sum(map(len, finished.values()))
-        bad = done - sum(error.null_count for error in finished.values())
-        self.progress = Progress(done, len(design), bad, done)
-        report(self.progress)
+        self.missing: list[CaseRange] = []
+        done = 0
+        bad = 0
+        indices = set(files.indices())
+        for i in range(files.manifest.chunks):
+            error = _read_errors(files, i) if i in indices else None
+            if error is None:
+                self.missing.append(files.manifest.rows(i))
+            else:
+                done += len(error)
+                bad += len(error) - error.null_count
+        self.progress = Progress(done=done, cases=len(design), errors=bad, before=done)
+        self._report_progress()
 
-    def add(self, rows: Rows, table: pa.Table) -> None:
+    def add(self, rows: CaseRange, table: pa.Table) -> None:
         """Keep results; write the chunk file when its last ones have come.
 
         Raises:
             DataError: If it cannot be written, or all that is to come would not fit the disk.
         """
-        i = rows[0] // self._files.manifest.chunk
-        first, last = self._files.manifest.rows(i)
+        i = rows.first // self._files.manifest.chunk
+        chunk = self._files.manifest.rows(i)
         pieces = self._pieces[i]
-        pieces[rows[0]] = table
-        if sum(map(len, pieces.values())) < last - first:
+        pieces[rows.first] = table
+        if sum(len(piece) for piece in pieces.values()) < chunk.size:
             return
         del self._pieces[i]
-        table = concatenate([pieces[start] for start in sorted(pieces)])
-        cases = {"case": np.arange(first, last), **self._design.rows(first, last)}
-        columns = {name: table[name] for name in table.column_names}
-        size = self._files.write(i, pa.table({**cases, **columns}))
+        table = concatenate([pieces[first] for first in sorted(pieces)])
+        columns = {"case": np.arange(*chunk), **self._design.rows(*chunk)}
+        for name in table.column_names:
+            columns[name] = table[name]
+        size = self._files.write(i, pa.table(columns))
         self.progress = self.progress._replace(
             done=self.progress.done + len(table),
             errors=self.progress.errors + len(table) - table["error"].null_count,
         )
-        self._report(self.progress)
+        self._report_progress()
         self.check_disk(size / len(table))
 
-    def check_disk(self, width: float) -> None:
-        """Check that the cases to come, of so many bytes each, fit the disk.
+    def check_disk(self, case_size: float) -> None:
+        """Check that the results to come fit the disk.
+
+        Args:
+            case_size: Size of the results of a case [byte].
 
         Raises:
             DataError: If they do not.
         """
         count = self.progress.cases - self.progress.done
-        size = count * width
+        size = count * case_size
         free = shutil.disk_usage(self._files.path).free
         if size > free:
             raise DataError(
                 f"The results of {count} cases would take {size / 1e9:.3g} GB; {free / 1e9:.3g} GB "
                 f"are free in {self._files.path}."
             )
+
+    def _report_progress(self) -> None:
+        if self._report is not None:
+            self._report(self.progress)
+
+
+def _read_errors(files: SweepFolder, index: int) -> pa.ChunkedArray | None:
+    """Return the errors of the cases of a chunk file; None if it is damaged."""
+    try:
+        return files.read(index, ["error"])["error"]
+    except DamagedChunk:
+        return None

@@ -37,8 +37,27 @@ DIED = "The worker process died on this case, as of a crash in compiled code or 
 LATE = "The case took longer than the {:g} s that a case may."
 """Error of a case whose process was ended at the time limit."""
 
-Rows = tuple[int, int]
-"""First case of a chunk, and the one after its last."""
+
+class CaseRange(NamedTuple):
+    """Cases that stand one below the other in a design.
+
+    Attributes:
+        first: Number of the first case.
+        last: Number of the case after the last one.
+    """
+
+    first: int
+    last: int
+
+    @property
+    def size(self) -> int:
+        """Number of cases."""
+        return self.last - self.first
+
+    def halves(self) -> list[CaseRange]:
+        """Return the first half of two cases or more, and the second."""
+        middle = (self.first + self.last) // 2
+        return [CaseRange(self.first, middle), CaseRange(middle, self.last)]
 
 
 def study_name(study: Study) -> str:
@@ -50,7 +69,7 @@ def study_name(study: Study) -> str:
     """
     module = getattr(study, "__module__", None)
     name = getattr(study, "__qualname__", "")
-    if module == "__main__":
+    if module == "__main__":  # started by python -m, the module has another name for workers
         spec = getattr(sys.modules["__main__"], "__spec__", None)
         module = spec.name if spec else None
     if not (callable(study) and module and name.isidentifier()):
@@ -75,7 +94,8 @@ def source_digests(study: str) -> dict[str, str]:
     """
     package = study.partition(":")[0].partition(".")[0]
     try:
-        files = dict([*_source_files(package), *_source_files("cranedyn")])
+        files = dict(_source_files(package))
+        files.update(_source_files("cranedyn"))
         return {name: digest(path) for name, path in sorted(files.items())}
     except OSError as error:
         raise DataError(
@@ -130,7 +150,7 @@ class Task(NamedTuple):
         Raises:
             CraneError: If it cannot be imported, or has other sources here.
         """
-        arrow()  # before the time of a case counts
+        arrow()  # which takes a moment to import, before the time of a case counts
         module, _, function = self.study.partition(":")
         try:
             study = getattr(importlib.import_module(module), function)
@@ -198,23 +218,34 @@ def _imported_code(name: str) -> str:
 def _evaluate(
     study: Study, columns: Mapping[str, np.ndarray], first: int, last: int
 ) -> list[pa.Table]:
-    """Return the results of the cases from `first` up to `last`, in tables; a case on which the
-    study raises stands alone in one of them.
+    """Return the results of the cases from `first` up to, not including, `last`.
+
+    Returns:
+        Tables to be put one below the other. A case on which the study raises stands alone in one.
     """
     # Copies, so that a study that writes into its parameters does no harm to a second try.
     cases = {name: values[first:last].copy() for name, values in columns.items()}
     try:
         return [_table(study(cases), last - first, columns)]
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # a study that calls sys.exit is no reason to end
         if last - first == 1:
             return [failure(_message(error))]
     middle = (first + last) // 2
-    return _evaluate(study, columns, first, middle) + _evaluate(study, columns, middle, last)
+    return [
+        *_evaluate(study, columns, first, middle),
+        *_evaluate(study, columns, middle, last),
+    ]
 
 
 def _table(results: Mapping[str, np.ndarray], count: int, parameters: Collection[str]) -> pa.Table:
-    """Return the results of some cases as a table, with the column `error`; a result that is not
-    finite makes all results of its case null.
+    """Return the results of some cases as a table with the column `error`.
+
+    A result that is not finite makes all results of its case null, and is its error.
+
+    Args:
+        results: What the study returned.
+        count: Number of cases.
+        parameters: Names that no result may have.
 
     Raises:
         DataError: If a result has another shape or type, or the name of a parameter.
@@ -232,13 +263,14 @@ def _table(results: Mapping[str, np.ndarray], count: int, parameters: Collection
         if name in parameters or name in RESERVED:
             raise DataError(f"The study returned a column {name}, which another column is called.")
         if column.dtype.kind == "f":
+            # A masked result is null and no error, whatever number is under the mask.
             for i in np.flatnonzero(~np.isfinite(column.filled(0.0))):
-                errors[i] = errors[i] or f"The result {name} is {column[i]}."
-    bad = np.array([error is not None for error in errors])
-    arrays = {
-        name: pa.array(column.data, mask=np.ma.getmaskarray(column) | bad)
-        for name, column in columns.items()
-    }
+                if errors[i] is None:  # the first result that is not finite is told
+                    errors[i] = f"The result {name} is {column[i]}."
+    is_bad = np.array([error is not None for error in errors])
+    arrays = {}
+    for name, column in columns.items():
+        arrays[name] = pa.array(column.data, mask=np.ma.getmaskarray(column) | is_bad)
     return pa.table({**arrays, "error": pa.array(errors, pa.string())})
 
 
@@ -251,16 +283,22 @@ def _message(error: BaseException) -> str:
 
 
 _deadlines: dict[object, float] = {}
-"""Times of the monotonic clock by which a thread must be done [s], by a key of its own."""
+"""Times of the monotonic clock by which threads must be done [s], by a key for each thread."""
 
 _deadlines_lock = threading.Lock()
+"""Held while a deadline and the timer are changed, which belong together."""
 
 
 @contextmanager
 def _alarm(seconds: float) -> Iterator[None]:
-    """End this process unless the context ends before, by the system's only timer of a process.
+    """End this process unless the context ends within so many seconds.
 
-    That works in native code that keeps Python's lock; the threads of a worker share the timer.
+    No executor does that: the timeout of `Future.result` ends the wait and not the call, `cancel`
+    has no effect on a call that runs, and Dask has no limit of time for a task. A handler of a
+    signal in Python, or another thread, would not run either while native code keeps Python's lock.
+    So SIGALRM keeps its default action, which ends the process whatever it does.
+
+    There is one such timer in a process, ITIMER_REAL. The threads of a Dask worker share it.
     """
     if seconds == math.inf:
         yield
@@ -274,7 +312,12 @@ def _alarm(seconds: float) -> Iterator[None]:
 
 
 def _set_deadline(key: object, deadline: float) -> None:
-    """Set the deadline of a thread, or remove an infinite one, and the timer to the earliest."""
+    """Set the deadline of a thread, and the timer to the earliest deadline of all threads.
+
+    Args:
+        key: Stands for the thread.
+        deadline: Time of the monotonic clock [s]; infinite to remove the deadline.
+    """
     with _deadlines_lock:
         if deadline == math.inf:
             _deadlines.pop(key, None)

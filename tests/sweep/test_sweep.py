@@ -7,6 +7,7 @@ import shutil
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.dataset
@@ -18,7 +19,7 @@ from rich.console import Console
 from rich.progress import Progress as Bars
 
 from cranedyn.errors import CraneError, DataError
-from cranedyn.sweep import Design, Progress, cross, grid, results, sweep
+from cranedyn.sweep import Design, Progress, Study, cross, grid, results, sweep
 from cranedyn.sweep.study import DIED, LATE, Task, study_name
 from experiments.harness import progress as reports
 from tests import studies
@@ -27,8 +28,10 @@ from tests.helpers import files
 pytestmark = pytest.mark.usefixtures("limited")
 
 
-def _evaluate(study: object, design: Design) -> dict[str, list]:
-    return Task(f"tests.studies:{study.__name__}").evaluate(design.columns).to_pydict()  # type: ignore[attr-defined]
+def _evaluate(study: Study, design: Design) -> dict[str, list]:
+    """Results of a study of `tests.studies`, as a worker computes them, by column."""
+    task = Task(f"tests.studies:{study.__name__}")
+    return task.evaluate(design.columns).to_pydict()
 
 
 # --- a chunk --------------------------------------------------------------------------------------
@@ -37,21 +40,23 @@ def _evaluate(study: object, design: Design) -> dict[str, list]:
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=20))
 @pytest.mark.slow
 def test_bad_cases_say_why_and_cost_no_other_case_its_results(xs: list[int]) -> None:
-    found = _evaluate(studies.troubled, grid(x=xs))
-    why = {
+    columns = _evaluate(studies.troubled, grid(x=xs))
+    errors = {
         1: "ArithmeticError: one is too much",
         2: "The result y is nan.",
         3: "The result y is -inf.",
     }
-    assert found["error"] == [why.get(x) for x in xs]
+    assert columns["error"] == [errors.get(x) for x in xs]
+    # Where every case is bad, there are no columns of results.
+    nothing = [None] * len(xs)
     masked = [None if x in (1, 2, 3, 4) else float(x * x) for x in xs]  # 4 is masked, not bad
-    assert found.get("y", [None] * len(xs)) == masked
-    words = found.get("word", [None] * len(xs))
+    assert columns.get("y", nothing) == masked
+    words = columns.get("word", nothing)
     assert [word is None for word in words] == [x in (1, 2, 3) for x in xs]
 
 
 @pytest.mark.parametrize(
-    ("kind", "says"),
+    ("kind", "message"),
     [
         ("nothing", "AttributeError: 'NoneType' object has no attribute 'items'"),
         ("short", "The study returned y of shape (2,) and type float64; allowed are numbers"),
@@ -60,9 +65,10 @@ def test_bad_cases_say_why_and_cost_no_other_case_its_results(xs: list[int]) -> 
         ("reserved", "The study returned a column error, which another column is called."),
     ],
 )
-def test_wrong_results_of_a_study_are_the_error_of_the_case(kind: str, says: str) -> None:
-    found = _evaluate(studies.careless, grid(x=range(2), kind=kind))
-    assert list(found) == ["error"] and all(error.startswith(says) for error in found["error"])
+def test_wrong_results_of_a_study_are_the_error_of_the_case(kind: str, message: str) -> None:
+    columns = _evaluate(studies.careless, grid(x=range(2), kind=kind))
+    assert list(columns) == ["error"]
+    assert all(error.startswith(message) for error in columns["error"])
 
 
 def test_a_study_cannot_end_the_worker_by_leaving() -> None:
@@ -92,10 +98,13 @@ def test_a_study_needs_a_name_by_which_workers_import_it(monkeypatch: pytest.Mon
 def test_a_sweep_keeps_every_case_in_order_with_its_parameters(tmp_path: Path) -> None:
     design = cross(grid(strategy=["flat", "spline"]), grid(x=range(5)))
     folder = tmp_path / "a" / "b"
-    said: list[Progress] = []
-    end = sweep(studies.squares, design, folder, chunk=3, workers=2, progress=said.append)
-    assert (said[0], said[-1]) == (Progress(0, 10, 0, 0), Progress(10, 10, 0, 0)) and len(said) == 5
-    assert end == said[-1] and said == sorted(said)
+    reported: list[Progress] = []
+    end = sweep(studies.squares, design, folder, chunk=3, workers=2, progress=reported.append)
+    assert reported[0] == Progress(done=0, cases=10, errors=0, before=0)
+    assert reported[-1] == Progress(done=10, cases=10, errors=0, before=0)
+    assert len(reported) == 5
+    assert end == reported[-1]
+    assert reported == sorted(reported)
     table = results(folder)
     assert table.column_names == ["case", "strategy", "x", "y", "error"]
     assert table["case"].to_pylist() == list(range(10))
@@ -121,10 +130,10 @@ def test_results_are_the_same_to_the_bit_for_any_workers_and_chunks(tmp_path: Pa
 @pytest.mark.slow
 def test_chunks_without_results_have_the_columns_of_the_others(tmp_path: Path) -> None:
     assert sweep(studies.hopeless, grid(x=range(7)), tmp_path, chunk=2, workers=1).errors == 4
-    whole = pq.read_schema(tmp_path / "part-000003.parquet")
-    assert [field.name for field in whole] == ["case", "x", "y", "error"]
+    schema = pq.read_schema(tmp_path / "part-000003.parquet")  # of cases that are all good
+    assert [field.name for field in schema] == ["case", "x", "y", "error"]
     for path in tmp_path.glob("part-*"):
-        assert pq.read_schema(path).equals(whole)
+        assert pq.read_schema(path).equals(schema)
     table = results(tmp_path)
     assert table["y"].to_pylist() == [None] * 4 + [16.0, 25.0, 36.0]
     assert table["error"].to_pylist() == ["ValueError: too small"] * 4 + [None] * 3
@@ -144,10 +153,10 @@ def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
     long as a case, its halves half.
     """
     limit = 1.0  # in which a case that computes a square also ends on a busy machine
-    began = time.monotonic()
+    start = time.monotonic()
     end = sweep(studies.stuck, grid(x=range(8)), tmp_path, chunk=4, workers=2, limit=limit)
-    assert end == Progress(8, 8, 1, 0)
-    assert time.monotonic() - began > limit * (4 + 2 + 1)
+    assert end == Progress(done=8, cases=8, errors=1, before=0)
+    assert time.monotonic() - start > limit * (4 + 2 + 1)
     table = results(tmp_path)
     assert table["error"].to_pylist() == [LATE.format(limit) if x == 3 else None for x in range(8)]
     assert table["y"].to_pylist() == [None if x == 3 else x * x for x in range(8)]
@@ -156,10 +165,10 @@ def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
 def test_workers_that_cannot_be_started_are_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full() -> None:
+    def fail_to_start(*_: object, **_keywords: object) -> None:
         raise OSError(24, "Too many open files")
 
-    monkeypatch.setattr("cranedyn.sweep.workers._SPAWN.Pipe", full)
+    monkeypatch.setattr("cranedyn.sweep.workers.SpawnProcess", fail_to_start)
     with pytest.raises(CraneError, match=r"Cannot start a worker process: Too many open files\."):
         sweep(studies.squares, grid(x=range(2)), tmp_path / "sweep", workers=1)
     assert files(tmp_path) == []
@@ -180,7 +189,7 @@ def test_a_sweep_without_a_chunk_goes_on_in_those_it_began_with(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("study", "design", "chunk", "says"),
+    ("study", "design", "chunk", "difference"),
     [
         ("hopeless", grid(x=range(2)), 1, "study was tests.studies:squares, now tests.studies:"),
         ("squares", grid(x=1.0, a=range(2)), 1, "parameters was ('x',), now ('x', 'a')"),
@@ -191,13 +200,13 @@ def test_a_sweep_without_a_chunk_goes_on_in_those_it_began_with(tmp_path: Path) 
 )
 @pytest.mark.slow
 def test_another_sweep_is_not_swept_over(
-    study: str, design: Design, chunk: int, says: str, tmp_path: Path
+    study: str, design: Design, chunk: int, difference: str, tmp_path: Path
 ) -> None:
     sweep(studies.squares, grid(x=range(2)), tmp_path, chunk=1, workers=1)
     with pytest.raises(DataError) as caught:
         sweep(getattr(studies, study), design, tmp_path, chunk=chunk)
     assert str(caught.value).startswith(
-        f"Cannot sweep in {tmp_path}: it holds another sweep ({says}"
+        f"Cannot sweep in {tmp_path}: it holds another sweep ({difference}"
     )
 
 
@@ -232,7 +241,7 @@ def test_results_that_would_not_fit_the_memory_are_refused(
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         ({"study": None}, "A study must be a function"),
         ({"design": {"x": [1.0]}}, "allowed is a Design, see grid and sample."),
@@ -247,13 +256,17 @@ def test_results_that_would_not_fit_the_memory_are_refused(
     ],
 )
 def test_a_sweep_that_is_refused_leaves_nothing(
-    change: dict, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    change: dict, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    options = {"study": studies.squares, "design": grid(x=range(2)), "folder": "a/b", "workers": 1}
-    options |= change
-    with pytest.raises(CraneError, match=says):
-        sweep(options.pop("study"), options.pop("design"), options.pop("folder"), **options)  # type: ignore[arg-type]
+    arguments: dict[str, Any] = {
+        "study": studies.squares,
+        "design": grid(x=range(2)),
+        "folder": "a/b",
+        "workers": 1,
+    }
+    with pytest.raises(CraneError, match=message):
+        sweep(**(arguments | change))
     assert files(tmp_path) == []
 
 
@@ -273,18 +286,18 @@ def test_a_study_that_workers_cannot_import_is_reported_and_leaves_nothing(
 def test_results_that_would_not_fit_the_disk_are_refused_before_and_after_the_first_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def free(size: float) -> None:
+    def set_free_space(size: float) -> None:
         monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=size))
 
     design = grid(x=range(1000))
-    free(8 * 1999)
+    set_free_space(8 * 1999)
     with pytest.raises(DataError, match=r"The results of 1000 cases would take 1\.6e-05 GB; 1\.6e"):
         sweep(studies.wide, design, tmp_path, workers=1)
-    free(8 * 2001)
+    set_free_space(8 * 2001)
     with pytest.raises(DataError, match=r"The results of 900 cases would take .* GB; 1\.6e-05 GB"):
         sweep(studies.wide, design, tmp_path, chunk=100, workers=1)
     assert len(list(tmp_path.glob("part-*"))) == 1
-    free(1e9)
+    set_free_space(1e9)
     assert sweep(studies.wide, design, tmp_path, workers=1) == Progress(1000, 1000, 0, 100)
 
 
@@ -298,15 +311,16 @@ def test_the_time_left_goes_by_the_pace_of_this_process() -> None:
 
 
 def test_progress_is_shown_in_words() -> None:
-    clock = iter([10.0, 10.0, 30.0])
+    times = iter([10.0, 10.0, 30.0])
     bars = Bars(console=Console(file=io.StringIO()))
-    show = reports.ProgressReporter(bars).sweep("study", lambda: next(clock))
-    assert show is not None
-    said = []
-    for progress in (Progress(40, 4000, 0, 40), Progress(50, 4000, 2, 40)):
-        show(progress)
-        said.append((bars.tasks[0].completed, bars.tasks[0].total, bars.tasks[0].fields["speed"]))
-    assert said == [
+    report = reports.ProgressReporter(bars).sweep("study", lambda: next(times))
+    assert report is not None
+    shown = []
+    for done, errors in ((40, 0), (50, 2)):
+        report(Progress(done, cases=4000, errors=errors, before=40))
+        task = bars.tasks[0]
+        shown.append((task.completed, task.total, task.fields["speed"]))
+    assert shown == [
         (40, 4000, "40 of 4000 cases"),
         (50, 4000, "50 of 4000 cases, 0.5/s, 2 bad, 2:11:40 left"),  # 3950 / 0.5 s
     ]
@@ -315,12 +329,12 @@ def test_progress_is_shown_in_words() -> None:
 def test_progress_is_told_to_a_terminal_and_elsewhere_in_a_line_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with reports.sweeping("study") as lines:
-        assert lines is not None
-        lines(Progress(1, 2, 0, 0))
+    with reports.sweeping("study") as report:
+        assert report is not None
+        report(Progress(1, 2, 0, 0))
         assert capsys.readouterr().err == ""  # nothing of what is short
     monkeypatch.setattr("experiments.harness.progress.LINE_INTERVAL", 0.0)
-    with reports.sweeping("study") as lines:
-        assert lines is not None
-        lines(Progress(1, 2, 0, 0))
+    with reports.sweeping("study") as report:
+        assert report is not None
+        report(Progress(1, 2, 0, 0))
     assert capsys.readouterr().err.startswith("study: ")

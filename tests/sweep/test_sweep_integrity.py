@@ -6,9 +6,11 @@ import dataclasses
 import json
 import os
 import shutil
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 import cranedyn
@@ -45,13 +47,15 @@ def copied(swept: Path, tmp_path: Path) -> Path:
 
 
 def _resume(folder: Path) -> Progress:
-    said: list[Progress] = []
-    sweep(studies.squares, grid(x=range(6)), folder, workers=1, progress=said.append)
+    """The progress with which a sweep goes on; it ends with every case."""
+    reported: list[Progress] = []
+    sweep(studies.squares, grid(x=range(6)), folder, workers=1, progress=reported.append)
     assert results(folder)["y"].to_pylist() == [0.0, 1.0, 4.0, 9.0, 16.0, 25.0]
-    return said[0]
+    return reported[0]
 
 
 def _flipped(content: bytes, bit: int) -> bytes:
+    """The content with one bit changed."""
     changed = bytearray(content)
     changed[bit // 8] ^= 1 << bit % 8
     return bytes(changed)
@@ -59,7 +63,8 @@ def _flipped(content: bytes, bit: int) -> bytes:
 
 @pytest.mark.slow
 def test_no_flipped_bit_of_a_part_goes_unnoticed(copied: Path) -> None:
-    folder, path = SweepFolder(copied, read_manifest(copied)), copied / CHUNK_FILE.format(1)
+    folder = SweepFolder(copied, read_manifest(copied))
+    path = copied / CHUNK_FILE.format(1)
     content = path.read_bytes()
     assert is_whole(content)
     assert not any(is_whole(_flipped(content, bit)) for bit in range(8 * len(content)))
@@ -71,13 +76,14 @@ def test_no_flipped_bit_of_a_part_goes_unnoticed(copied: Path) -> None:
 
 @pytest.mark.slow
 def test_no_flipped_bit_of_a_manifest_changes_results(copied: Path) -> None:
-    whole, path = results(copied), copied / MANIFEST
+    table = results(copied)
+    path = copied / MANIFEST
     content = path.read_bytes()
     refused = 0
     for byte in range(0, len(content), 1 + len(content) // 500):
         path.write_bytes(_flipped(content, 8 * byte + byte % 8))
         try:
-            assert results(copied).equals(whole)
+            assert results(copied).equals(table)
         except DataError as error:
             assert str(error).startswith((f"Cannot read {path}", f"{path} is damaged"))
             refused += 1
@@ -126,12 +132,24 @@ def test_a_part_of_another_sweep_is_neither_taken_nor_overwritten(
     copied: Path, tmp_path: Path
 ) -> None:
     sweep(studies.squares, grid(x=range(6, 12)), tmp_path / "other", chunk=2, workers=1)
-    stranger = (tmp_path / "other" / CHUNK_FILE.format(1)).read_bytes()
-    (copied / CHUNK_FILE.format(1)).write_bytes(stranger)
+    content = (tmp_path / "other" / CHUNK_FILE.format(1)).read_bytes()
+    (copied / CHUNK_FILE.format(1)).write_bytes(content)
     for act in (lambda: results(copied), lambda: _resume(copied)):
         with pytest.raises(DataError, match=r"part-000001\.parquet is whole, but of another sweep"):
             act()
-    assert (copied / CHUNK_FILE.format(1)).read_bytes() == stranger
+    assert (copied / CHUNK_FILE.format(1)).read_bytes() == content
+
+
+def test_ctrl_c_in_a_destructor_of_arrow_is_not_lost(
+    copied: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = SweepFolder(copied, read_manifest(copied))
+    table = folder.read(0)
+    monkeypatch.setattr(
+        pq.ParquetWriter, "__del__", lambda writer: signal.raise_signal(signal.SIGINT)
+    )
+    with pytest.raises(KeyboardInterrupt):
+        folder.write(0, table)
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["pipe", "folder"])
@@ -153,8 +171,8 @@ def test_a_manifest_names_the_code(swept: Path) -> None:
     fields = json.loads((swept / MANIFEST).read_text())
     assert fields["version"] == cranedyn.__version__
     assert fields["sources"] == source_digests("tests.studies:squares")
-    some = {"tests/studies.py", "cranedyn/sweep/run.py", "cranedyn/urdf/tower_crane.urdf.xacro"}
-    assert some <= fields["sources"].keys()
+    expected = {"tests/studies.py", "cranedyn/sweep/run.py", "cranedyn/urdf/tower_crane.urdf.xacro"}
+    assert expected <= fields["sources"].keys()
 
 
 def test_a_sweep_by_another_version_is_not_gone_on_with(copied: Path) -> None:
@@ -179,7 +197,8 @@ def test_a_study_edited_between_two_runs_is_not_mixed_in(
     monkeypatch.syspath_prepend(tmp_path)
     import edited  # type: ignore[import-not-found]
 
-    design, folder = grid(x=range(4)), tmp_path / "sweep"
+    design = grid(x=range(4))
+    folder = tmp_path / "sweep"
     sweep(edited.study, design, folder, chunk=1, workers=1)
     (folder / CHUNK_FILE.format(2)).unlink()
     (tmp_path / "edited.py").write_text(_STUDY.replace("FACTOR", "3.0"))
@@ -196,7 +215,7 @@ def test_a_worker_with_other_sources_computes_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
+    "options",
     [
         "--durations 1000000000",
         "--points 1.5",
@@ -206,13 +225,13 @@ def test_a_worker_with_other_sources_computes_nothing() -> None:
 )
 @pytest.mark.slow
 def test_a_refused_command_ends_in_a_message_and_leaves_no_folder(
-    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    options: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    argv = ["--out", str(tmp_path / "out"), "--points", "2", "--durations", "2", *words.split()]
+    argv = ["--out", str(tmp_path / "out"), "--points", "2", "--durations", "2", *options.split()]
     try:
         code: object = experiment.main(argv)
-    except SystemExit as left:
-        code = left.code
+    except SystemExit as exit_of_parser:
+        code = exit_of_parser.code
     assert code == 2
     assert "error: " in capsys.readouterr().err.splitlines()[-1]
     assert files(tmp_path) == []

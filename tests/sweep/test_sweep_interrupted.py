@@ -10,7 +10,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -23,7 +23,12 @@ pytestmark = [pytest.mark.usefixtures("limited"), pytest.mark.slow]
 proc = pytest.mark.skipif(
     not Path("/proc/self").exists(), reason="processes are looked up in /proc"
 )
-CASES, CHUNK = 24, 2
+
+CASES = 24
+"""Cases of the slow sweep."""
+
+CHUNK = 2
+"""Cases of a chunk of it."""
 
 _STUCK_SWEEP = """
 import sys
@@ -61,11 +66,11 @@ if __name__ == "__main__":
 """
 
 
-def until(holds: Callable[[], object], seconds: float = 120.0) -> None:
-    """Return as soon as it holds."""
+def until(condition: Callable[[], object], seconds: float = 120.0) -> None:
+    """Wait until a condition holds."""
     end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end, "it did not come to hold"
+    while not condition():
+        assert time.monotonic() < end, "the condition does not hold in time"
         time.sleep(0.01)
 
 
@@ -73,8 +78,15 @@ def until(holds: Callable[[], object], seconds: float = 120.0) -> None:
 def sweeping(
     folder: Path, log: Path, pause: float = 0.1, *scheduler: str
 ) -> Iterator[subprocess.Popen[str]]:
-    """A slow sweep in a process of its own, in a group of its own as a terminal would have it;
-    ended in any case. From case 8 on it waits for a file "gate" beside its log.
+    """A slow sweep in a process and a group of its own, as a terminal starts it; ended in any case.
+
+    From case 8 on it waits for a file "gate" beside its log.
+
+    Args:
+        folder: Folder of the results.
+        log: File of what is run, see `ran`.
+        pause: Time that each chunk takes [s].
+        scheduler: Address of a Dask scheduler; without one, two processes compute.
     """
     script = log.with_name("slow.py")
     script.write_text(_SWEEP)
@@ -83,25 +95,28 @@ def sweeping(
         stderr=subprocess.PIPE,
         text=True,
         cwd=ROOT,
-        env=os.environ
-        | {"PYTHONPATH": str(ROOT), "SWEEP_LOG": str(log), "SWEEP_PAUSE": str(pause)}
-        | {"SWEEP_GATE": str(log.with_name("gate"))},
+        env={
+            **os.environ,
+            "PYTHONPATH": str(ROOT),
+            "SWEEP_LOG": str(log),
+            "SWEEP_PAUSE": str(pause),
+            "SWEEP_GATE": str(log.with_name("gate")),
+        },
         start_new_session=True,
     )
     try:
         yield process
     finally:
-        try:
+        with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
         process.communicate(timeout=60)
 
 
-def answered(process: subprocess.Popen[str]) -> str:
-    """What a sweep that has just been interrupted says, within 2 s."""
-    assert process.stderr is not None
-    assert within(2.0, lambda: select.select([process.stderr], [], [], 0.0)[0]), "no answer"
+def message_within_two_seconds(process: subprocess.Popen[str]) -> str:
+    """What a sweep that has just been interrupted writes to stderr; it begins within 2 s."""
+    stderr = process.stderr
+    assert stderr is not None
+    assert within(2.0, lambda: select.select([stderr], [], [], 0.0)[0]), "no answer"
     return process.communicate(timeout=60)[1]
 
 
@@ -112,29 +127,45 @@ def parts(folder: Path) -> dict[str, int]:
 
 def ran(log: Path) -> tuple[Counter[int], set[int]]:
     """How often each case was run, and by which processes."""
-    lines = [line.split() for line in log.read_text().splitlines()] if log.exists() else []
-    return Counter(int(x) for _, x in lines), {int(pid) for pid, _ in lines}
+    runs = Counter[int]()
+    pids = set[int]()
+    if log.exists():
+        for line in log.read_text().splitlines():
+            pid, case = line.split()
+            runs[int(case)] += 1
+            pids.add(int(pid))
+    return runs, pids
 
 
 def gone(pids: set[int]) -> bool:
-    """Whether none of these processes runs any more."""
-    return not any(
-        Path(f"/proc/{pid}").exists()
-        and "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
-        for pid in pids
-    )
+    """Whether none of these processes runs any more; one that nobody has waited for does not."""
+    for pid in pids:
+        try:
+            status = Path(f"/proc/{pid}/status").read_text()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if "\nState:\tZ" not in status:
+            return False
+    return True
 
 
 def finish(folder: Path, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sweep on, here; every case is there once, and none of a part that was there has been run
-    again.
+    """Sweep on in this process; no case is missing then, and no finished part was run again.
+
+    Args:
+        folder: Folder of the sweep.
+        log: File of what was run, and will be.
+        monkeypatch: Sets the variables that the study reads.
     """
-    there = parts(folder)
-    kept = {CHUNK * int(name[5:11]) + i for name in there for i in range(CHUNK)}
+    finished = parts(folder)
+    kept = set[int]()
+    for name in finished:
+        first = CHUNK * int(name.removeprefix("part-").removesuffix(".parquet"))
+        kept.update(range(first, first + CHUNK))
     monkeypatch.setenv("SWEEP_LOG", str(log))
     monkeypatch.setenv("SWEEP_PAUSE", "0")
     end = sweep(studies.logged, grid(x=range(CASES)), folder, chunk=CHUNK, workers=2)
-    assert end == Progress(CASES, CASES, 0, len(kept))
+    assert end == Progress(done=CASES, cases=CASES, errors=0, before=len(kept))
     table = results(folder)
     assert table["case"].to_pylist() == list(range(CASES))
     assert table["y"].to_pylist() == [float(x * x) for x in range(CASES)]
@@ -143,7 +174,7 @@ def finish(folder: Path, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(1 <= runs[x] <= 2 for x in range(CASES))  # twice only those that were under way
     # Two chunks that were under way at most, and two whose parts were being written.
     assert sum(runs.values()) <= CASES + 4 * CHUNK
-    assert parts(folder).items() >= there.items()  # not even written again
+    assert parts(folder).items() >= finished.items()  # not even written again
     assert all(name.startswith(("_sweep.json", "part-")) for name in files(folder))
 
 
@@ -151,7 +182,8 @@ def finish(folder: Path, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_sweep_killed_in_the_middle_goes_on_and_leaves_no_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder, log = tmp_path / "sweep", tmp_path / "log"
+    folder = tmp_path / "sweep"
+    log = tmp_path / "log"
     with sweeping(folder, log) as process:
         until(lambda: len(parts(folder)) >= 3)
         os.kill(process.pid, signal.SIGKILL)
@@ -169,19 +201,19 @@ def test_a_sweep_killed_in_the_middle_goes_on_and_leaves_no_process(
 def test_an_interrupted_sweep_says_how_to_go_on(
     number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder, log = tmp_path / "sweep", tmp_path / "log"
+    folder = tmp_path / "sweep"
+    log = tmp_path / "log"
     with sweeping(folder, log) as process:
         until(lambda: len(parts(folder)) >= 2)
         if number == signal.SIGINT:
             os.killpg(process.pid, number)  # as a terminal does: all processes hear of it
         else:
             process.send_signal(number)
-        err = answered(process)
+        err = message_within_two_seconds(process)
     done = CHUNK * len(parts(folder))
-    assert (
-        err
-        == f"Interrupted: {done} of {CASES} cases are done, and kept in {folder}; the same sweep "
-        "goes on from there.\n"
+    assert err == (
+        f"Interrupted: {done} of {CASES} cases are done, and kept in {folder}; the same sweep goes "
+        "on from there.\n"
     )
     assert process.returncode == 130
     assert gone(ran(log)[1])
@@ -191,39 +223,45 @@ def test_an_interrupted_sweep_says_how_to_go_on(
 def test_an_interruption_while_workers_start_is_as_quiet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder, log = tmp_path / "sweep", tmp_path / "log"
+    folder = tmp_path / "sweep"
+    log = tmp_path / "log"
     with sweeping(folder, log, pause=60.0) as process:
         until(folder.exists)
         time.sleep(0.1)
         os.killpg(process.pid, signal.SIGINT)
         _, err = process.communicate(timeout=60)
-    assert process.returncode == 130 and not folder.exists()
-    assert err.startswith("Interrupted: 0 of 24 cases are done") and err.count("\n") == 1
+    assert process.returncode == 130
+    assert not folder.exists()
+    assert err.startswith("Interrupted: 0 of 24 cases are done")
+    assert err.count("\n") == 1
     finish(folder, log, monkeypatch)
 
 
 def test_two_processes_never_sweep_the_same_folder(tmp_path: Path) -> None:
     folder = tmp_path / "sweep"
-    with sweeping(folder, tmp_path / "log") as one:
+    with sweeping(folder, tmp_path / "log") as first:
         until(lambda: (tmp_path / "log").exists())
         (tmp_path / "b").mkdir()
-        with sweeping(folder, tmp_path / "b" / "log") as other:
-            _, err = other.communicate(timeout=120)
-        assert other.returncode == 2 and one.poll() is None
+        with sweeping(folder, tmp_path / "b" / "log") as second:
+            _, err = second.communicate(timeout=120)
+        assert second.returncode == 2
+        assert first.poll() is None
         assert err.startswith(f"error: Cannot write to {folder}: another run is writing there;")
 
 
 def test_a_worker_that_is_killed_costs_its_chunk_a_second_try_and_no_other(tmp_path: Path) -> None:
-    folder, log = tmp_path / "sweep", tmp_path / "log"
+    folder = tmp_path / "sweep"
+    log = tmp_path / "log"
     with sweeping(folder, log) as process:
         until(lambda: len(parts(folder)) >= 2)
         _, pids = ran(log)
         os.kill(min(pids), signal.SIGKILL)
         (tmp_path / "gate").touch()
         assert process.wait(120) == 0
-    runs, after = ran(log)
-    assert len(after) == 3  # it had a successor
-    assert sorted(runs) == list(range(CASES)) and sum(runs.values()) <= CASES + CHUNK
+    runs, pids = ran(log)
+    assert len(pids) == 3  # it had a successor
+    assert sorted(runs) == list(range(CASES))
+    assert sum(runs.values()) <= CASES + CHUNK
     assert results(folder)["error"].null_count == CASES
 
 
@@ -271,7 +309,5 @@ def test_no_worker_outlives_a_killed_parent_by_two_seconds(
         assert within(2.0, lambda: gone(ran(log)[1]))
     finally:
         for pid in ran(log)[1]:
-            try:
+            with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
