@@ -241,7 +241,7 @@ def test_drives_without_limits_are_compiled_too() -> None:
 
 
 def test_an_engine_that_does_not_exist_is_refused() -> None:
-    with pytest.raises(UnknownName, match="no engine 'steam'; there are pinocchio, compiled"):
+    with pytest.raises(UnknownName, match="no engine 'steam'; there are compiled, pinocchio"):
         simulate(crane(), locked, duration=0.1, engine="steam")
 
 
