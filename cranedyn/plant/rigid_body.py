@@ -171,8 +171,8 @@ def point_motions(
         rate = v[i : i + 1]
         frame = poses[i]
         arm = rotation @ frame.origin
-        slide = rotation @ (tree.rotation[i] @ (along * rate))
-        velocity = velocity + cross_product(omega, arm) + slide
+        velocity = velocity + cross_product(omega, arm)
+        velocity = velocity + rotation @ (tree.rotation[i] @ (along * rate))
         rotation = rotation @ frame.rotation
         position = position + arm
         omega = omega + rotation @ (about * rate)
