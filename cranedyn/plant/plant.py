@@ -458,6 +458,7 @@ class Plant:
             needed: Efforts that drives need which follow a motion or a rate, shape (m,).
         """
         layout = self.topology.layout
+        rope = self.joint.rope
         tension = tension_from_hoist_force(layout, self.joint, q, v, hoist_force)
         payload_height = height(self.tree, q, self.topology.bodies[0], self.levers[0])
         state_bounds = bounds(
@@ -471,7 +472,7 @@ class Plant:
             buffers=self.buffers,
             needed=None if self.drive == "effort" else needed,
             rates=self.drive != "velocity",
-            rope=self.topology.rope,
+            rope=None if rope is None else (rope.stretch, rope.length),
             level=0.0 if self.contacts is None else self.contacts.level,
         )
         return [condition for bound in state_bounds for condition in bound.conditions]
