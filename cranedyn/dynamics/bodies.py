@@ -64,15 +64,16 @@ class Bodies:
         """Return all numbers in a row, attribute by attribute."""
         return np.concatenate([getattr(self, name).ravel() for name in _NUMBER_ATTRIBUTES])
 
-    def with_numbers(self, numbers: Sequence[Any]) -> Bodies:
+    def with_numbers(self, numbers: Sequence[Any] | np.ndarray) -> Bodies:
         """Return the same tree with other numbers or symbols, in the order of `numbers`."""
-        arrays = {}
+        arrays = []
         first = 0
         for name in _NUMBER_ATTRIBUTES:
             old = getattr(self, name)
-            arrays[name] = array(numbers[first : first + old.size]).reshape(old.shape)
+            elements = array(list(numbers[first : first + old.size]))
+            arrays.append(elements.reshape(old.shape))
             first += old.size
-        return replace(self, **arrays)
+        return Bodies(self.parents, *arrays)
 
     def in_steps(self, dt: Any, mass: Any) -> Bodies:
         """Return the same with time in units of `dt` [s] and mass in units of `mass` [kg]."""
@@ -86,7 +87,7 @@ class Bodies:
 
 
 _NUMBER_ATTRIBUTES = tuple(field.name for field in fields(Bodies) if field.name != "parents")
-"""Attributes of `Bodies` that hold its numbers, in their order in a row."""
+"""Attributes of `Bodies` that hold its numbers, in the order of its arguments and of a row."""
 
 
 def blank(parents: Sequence[int]) -> Bodies:

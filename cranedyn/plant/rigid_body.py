@@ -282,10 +282,10 @@ def _newton_euler(
         along, about = tree.axis[i]
         efforts[i] = efforts[i] + along @ forces[i] + about @ torques[i]
         if pulled is not None and i == pulled[0]:
-            force = []
+            components = []
             for component, inertial in zip(along, forces[i], strict=True):
-                force.append(inertial if is_zero(component) else component * pulled[1])
-            felt = array(force)
+                components.append(inertial if is_zero(component) else component * pulled[1])
+            felt = array(components)
             torques[i] = torques[i] + cross_product(tree.lever[i], felt - forces[i])
             forces[i] = felt
         parent = tree.parents[i]
@@ -506,9 +506,11 @@ def potential_energy(tree: Bodies, poses: Sequence[Frame]) -> Any:
     energy: Any = 0.0
     for i, (rotation, origin) in enumerate(poses):
         parent = tree.parents[i]
-        gravity, origin_fall = in_frames[parent] if parent >= 0 else (tree.gravity, 0.0)
-        fall = origin_fall + gravity @ origin
-        gravity = rotation.T @ gravity
+        gravity_of_parent, fall_of_parent = (
+            in_frames[parent] if parent >= 0 else (tree.gravity, 0.0)
+        )
+        gravity = rotation.T @ gravity_of_parent
+        fall = fall_of_parent + gravity_of_parent @ origin
         in_frames.append((gravity, fall))
         energy = energy - tree.mass[i] * (fall + gravity @ tree.lever[i])
     return energy
