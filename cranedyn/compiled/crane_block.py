@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -28,15 +27,29 @@ from cranedyn.plant.plant import Plant, Topology, numbers, plant
 COMMUNICATION = 10
 """Physics steps from one usual change of the inputs to the next."""
 
+
+class _ConverterNumber(NamedTuple):
+    """One of the numbers of a frequency converter.
+
+    Attributes:
+        unit: Its unit, with {} for the unit of the joint.
+        lower: Its lower limit; None for the physics step.
+        about: Its description in the texts of a block.
+    """
+
+    unit: str
+    lower: float | None
+    about: str
+
+
 _CONVERTER = {
-    "rate_limit": ("{}/s", 1e-9, "commands beyond are cut to it"),
-    "ramp": ("{}/s2", 1e-9, "largest acceleration of the ramp"),
-    "jerk": ("{}/s3", 1e-9, "largest jerk of the ramp"),
-    "lag": ("s", None, "time constant of the speed control"),
-    "resolution": ("{}/s", 0.0, "to which commands are rounded"),
+    "rate_limit": _ConverterNumber("{}/s", 1e-9, "commands beyond are cut to it"),
+    "ramp": _ConverterNumber("{}/s2", 1e-9, "largest acceleration of the ramp"),
+    "jerk": _ConverterNumber("{}/s3", 1e-9, "largest jerk of the ramp"),
+    "lag": _ConverterNumber("s", None, "time constant of the speed control"),
+    "resolution": _ConverterNumber("{}/s", 0.0, "to which commands are rounded"),
 }
-"""Units, lower limits and descriptions of the numbers of a frequency converter, in the order of
-`Response`; a lag is no less than the physics step."""
+"""Numbers of a frequency converter by name, in the order of `Response`."""
 
 
 def crane_block(
@@ -76,12 +89,16 @@ def crane_block(
     response = np.zeros(0)
     delay = 0
     arrays = {}
-    if (drives := fitting(crane, drive, None)) is not None:
-        response = np.concatenate(drives.response)
-        delay = COMMUNICATION * drives.delay_steps(dt, COMMUNICATION * dt)
+    converters = fitting(crane, drive, None)
+    if converters is not None:
+        response = np.concatenate(converters.response)
+        delay = COMMUNICATION * converters.delay_steps(dt, COMMUNICATION * dt)
+        # References, slopes and first rates, then a row for each command on its way, see
+        # `_Text.followed`.
         arrays = {"converters": np.zeros((3 + max(delay, 1)) * crane.layout.m)}
     recipe = Recipe(1, drive, integrator, forces=True, delay_steps=0 if arrays else None)
-    compile_kernel([crane], recipe, response if arrays else None)  # compares it with Pinocchio
+    # The machine code is not used: it was compared with Pinocchio.
+    compile_kernel([crane], recipe, response if arrays else None)
     names, identifier = _names(crane, drive)
     block = FunctionBlock(
         "crane",
@@ -98,15 +115,16 @@ def crane_block(
     def outputs(code: BlockCode) -> Mapping[str, Any]:
         text = _Text(code, crane, drive, names)
         command = text.followed(code, delay, dt, keep=False)
-        a, effort, needed, _ = text.plant.answer(text.q, text.v, command, text.forces)
+        dynamics = text.plant.answer(text.q, text.v, command, text.forces)
+        effort = dynamics.effort
         hoist = crane.layout.drive_of("hoist")
         hoist_force = 0.0 if hoist is None else effort[hoist]
-        conditions = text.plant.conditions(text.q, text.v, hoist_force, needed)
+        conditions = text.plant.conditions(text.q, text.v, hoist_force, dynamics.needed)
         if text.plant.response is not None:
             cuts = text.plant.response.cuts(text.command)
             conditions += [code.chosen(cut, 1.0, 0.0) < 0.5 for cut in cuts]
         return {
-            **dict(zip(names.accelerations, a, strict=True)),
+            **dict(zip(names.accelerations, dynamics.acceleration, strict=True)),
             **dict(zip(names.efforts, effort, strict=True)),
             "energy": text.plant.energy(text.q, text.v),
             "valid": code.chosen(code.both(*conditions), 1.0, 0.0),
@@ -116,9 +134,12 @@ def crane_block(
         text = _Text(code, crane, drive, names)
         command = text.followed(code, delay, dt, keep=True)
         rule = Step(integrator, text.plant, command, text.forces, dt, 1.0, 1)
-        q, v, *_ = rule.after(StepState(text.q, text.v, array([0.0, 0.0])))
-        q = array([reading - offset for reading, offset in zip(q, text.offset, strict=True)])
-        return dict(zip(names.state, [*q, *v], strict=True))
+        no_work = array([0.0, 0.0])
+        after = rule.after(StepState(text.q, text.v, no_work))
+        readings = []
+        for coordinate, offset in zip(after.q, text.offset, strict=True):
+            readings.append(coordinate - offset)
+        return dict(zip(names.state, [*readings, *after.v], strict=True))
 
     block.emit(FAULT, lambda code: {"valid": 0.0})
     block.emit("outputs", outputs)
@@ -133,68 +154,135 @@ def force_names(crane: Crane) -> list[str]:
     return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]
 
 
-def _names(crane: Crane, drive: str) -> tuple[SimpleNamespace, dict[str, str]]:
-    """Return lists of identifiers by what they are, and identifiers by the names of signals."""
+@dataclass(frozen=True)
+class _BlockNames:
+    """Identifiers of the variables of a block that come in lists.
+
+    Attributes:
+        state: Coordinates, then rates.
+        accelerations: Accelerations of all joints.
+        efforts: Efforts of the drives.
+        commands: Commands of the drives.
+        forces: External forces, see `force_names`.
+        dampings: Damping of each joint.
+        converters: Numbers of the frequency converters, attribute by attribute; empty without.
+    """
+
+    state: list[str]
+    accelerations: list[str]
+    efforts: list[str]
+    commands: list[str]
+    forces: list[str]
+    dampings: list[str]
+    converters: list[str]
+
+
+def _names(crane: Crane, drive: str) -> tuple[_BlockNames, dict[str, str]]:
+    """Return the identifiers of a block, and identifiers by the names of signals.
+
+    Symbols of joints may hold characters that no language allows in an identifier.
+    """
     layout = crane.layout
-    velocity = drive == "velocity"
     symbols = layout.symbols
     driven = [joint.symbol for joint in layout.driven]
     efforts = [joint.effort_name for joint in layout.driven]
-    rates = [f"{symbol}_{'dot' if velocity else 'ddot'}" for symbol in driven]
+    if drive == "effort":
+        followed = efforts
+    elif drive == "velocity":
+        followed = [f"{symbol}_dot" for symbol in driven]
+    else:
+        followed = [f"{symbol}_ddot" for symbol in driven]
+    converter_names = []
+    if drive == "velocity":
+        for name in _CONVERTER:
+            converter_names += [f"{symbol}_{name}" for symbol in driven]
     groups = {
         "state": [*symbols, *(f"{symbol}_dot" for symbol in symbols)],
         "accelerations": [f"{symbol}_ddot" for symbol in symbols],
         "efforts": efforts,
-        "commands": [f"{name}_command" for name in (efforts if drive == "effort" else rates)],
+        "commands": [f"{name}_command" for name in followed],
         "forces": force_names(crane),
         "dampings": [f"{symbol}_damping" for symbol in symbols],
-        "converters": [f"{s}_{name}" for name in _CONVERTER if velocity for s in driven],
+        "converters": converter_names,
     }
-    others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area"]
-    every = [*others, "energy", "valid", *(name for group in groups.values() for name in group)]
-    identifier = identifiers(every)
-    lists = {group: [identifier[name] for name in names] for group, names in groups.items()}
-    return SimpleNamespace(**lists), identifier
+    signals = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area"]
+    signals += ["energy", "valid"]
+    for group in groups.values():
+        signals += group
+    identifier = identifiers(signals)
+    lists = {name: [identifier[signal] for signal in group] for name, group in groups.items()}
+    return _BlockNames(**lists), identifier
 
 
 def _variables(
-    crane: Crane, drive: str, names: SimpleNamespace, response: np.ndarray, dt: float
+    crane: Crane, drive: str, names: _BlockNames, response: np.ndarray, dt: float
 ) -> tuple[Variable, ...]:
-    layout, add = crane.layout, Variable.several
-    efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
-    per = "/s" if drive == "velocity" else "/s2"
+    """Return the variables of a block: inputs, parameters, state and outputs.
+
+    Args:
+        crane: The crane.
+        drive: Kind of the commands.
+        names: Identifiers.
+        response: Numbers of the frequency converters in the order of `Response`; empty without.
+        dt: Physics step [s].
+    """
+    layout = crane.layout
+    several = Variable.several
+    effort_units = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
     holding = np.zeros(layout.m)
-    units = [f"{joint.unit}{per}" for joint in layout.driven]
     if drive == "effort":
-        units = efforts
+        command_units = effort_units
         holding = holding_effort(crane, crane.start.q)
-    found = add(names.commands, "input", units, holding, about="command of the drive")
-    found += add(names.forces, "input", "N", about="external force in the world")
+    elif drive == "velocity":
+        command_units = [f"{joint.unit}/s" for joint in layout.driven]
+    else:
+        command_units = [f"{joint.unit}/s2" for joint in layout.driven]
+    found = several(names.commands, "input", command_units, holding, about="command of the drive")
+    found += several(names.forces, "input", "N", about="external force in the world")
+    found += _parameters(crane, names, response, dt)
+
+    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    lowest_rates = np.full(layout.n, -np.inf)
+    highest_rates = np.full(layout.n, np.inf)
+    lowest = np.append(crane.lower, lowest_rates)
+    highest = np.append(crane.upper, highest_rates)
+    found += several(names.state, "state", units, np.concatenate(crane.start), lowest, highest)
+
+    acceleration_units = [f"{unit}/s2" for unit in layout.units]
+    found += several(names.accelerations, "output", acceleration_units)
+    found += several(names.efforts, "output", effort_units, about="effort of the drive")
+    found += several(["energy"], "output", "J", about="mechanical, zero of height at the ground")
+    found += several(["valid"], "output", "", about="1 where the model holds, 0 where it does not")
+    return tuple(found)
+
+
+def _parameters(
+    crane: Crane, names: _BlockNames, response: np.ndarray, dt: float
+) -> list[Variable]:
+    """Return the parameters of a block; arguments are those of `_variables`."""
+    layout = crane.layout
+    several = Variable.several
     mass = crane.payload_mass
-    found += add(["payload_mass"], "parameter", "kg", mass, 1e-3, 1e9, about="the load")
+    found = several(["payload_mass"], "parameter", "kg", mass, 1e-3, 1e9, about="the load")
     if layout.has("hoist"):
         about = "cable beyond the coordinate of the hoist"
-        found += add(["cable_offset"], "parameter", "m", about=about)
+        found += several(["cable_offset"], "parameter", "m", about=about)
     units = ["N.m.s/rad" if joint.kind == "revolute" else "N.s/m" for joint in layout.joints]
-    found += add(names.dampings, "parameter", units, crane.damping, 0.0, about="viscous damping")
-    for i, (unit, low, about) in enumerate(_CONVERTER.values() if len(response) else ()):
-        part = slice(i * layout.m, (i + 1) * layout.m)
-        units = [unit.format(x.unit) for x in layout.driven]
-        least = dt if low is None else low
-        found += add(names.converters[part], "parameter", units, response[part], least, about=about)
-    found += add(["wind_x", "wind_y"], "parameter", "m/s", about="wind on the load in the world")
+    about = "viscous damping"
+    found += several(names.dampings, "parameter", units, crane.damping, 0.0, about=about)
+    if len(response):
+        for i, (unit, lower, about) in enumerate(_CONVERTER.values()):
+            part = slice(i * layout.m, (i + 1) * layout.m)
+            units = [unit.format(joint.unit) for joint in layout.driven]
+            least = dt if lower is None else lower
+            converter_names = names.converters[part]
+            values = response[part]
+            found += several(converter_names, "parameter", units, values, least, about=about)
+    about = "wind on the load in the world"
+    found += several(["wind_x", "wind_y"], "parameter", "m/s", about=about)
     about = "drag coefficient times area of the load"
-    found += add(["payload_area"], "parameter", "m2", 0.0, 0.0, about=about)
-    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
-    free = [np.inf] * layout.n
-    lows = np.append(crane.lower, np.negative(free))
-    highs = np.append(crane.upper, free)
-    found += add(names.state, "state", units, np.concatenate(crane.start), lows, highs)
-    found += add(names.accelerations, "output", [f"{unit}/s2" for unit in layout.units])
-    found += add(names.efforts, "output", efforts, about="effort of the drive")
-    found += add(["energy"], "output", "J", about="mechanical, zero of height at the ground")
-    found += add(["valid"], "output", "", about="1 where the model holds, 0 where it does not")
-    return tuple(found)
+    found += several(["payload_area"], "parameter", "m2", 0.0, 0.0, about=about)
+    return found
 
 
 class _Text:
@@ -202,13 +290,14 @@ class _Text:
 
     Attributes:
         plant: The crane.
-        q, v: Coordinates and rates, shape (n,) each; the cable has its true length.
-        offset: Coordinates less their readings, shape (n,).
+        q: Coordinates, shape (n,); the cable has its true length.
+        v: Rates, shape (n,).
+        offset: Coordinates less their readings in the state of the block, shape (n,).
         command: Commands of the drives, shape (m,).
         forces: External forces with wind [N], shape (3 points,).
     """
 
-    def __init__(self, code: BlockCode, crane: Crane, drive: str, names: SimpleNamespace) -> None:
+    def __init__(self, code: BlockCode, crane: Crane, drive: str, names: _BlockNames) -> None:
         layout = crane.layout
         self.plant = _plant(code, crane, drive, names)
         z = code.get_all(names.state)
@@ -225,51 +314,74 @@ class _Text:
         self.forces = self.forces + self.plant.drag(self.q, self.v, air, areas)
 
     def followed(self, code: BlockCode, delay: int, dt: float, *, keep: bool) -> np.ndarray:
-        """Return the command that the plant follows in a step: efforts within the limits,
-        accelerations, or reference rates of converters, whose memory then goes on if kept.
+        """Return the command that the plant follows in a step, shape (m,): efforts within the
+        limits, accelerations, or reference rates of converters.
+
+        The array "converters" is their memory: reference rates, their slopes, and the rates at the
+        first step, m numbers each; then a ring of `delay` commands, that of a step in the row of
+        its number modulo the delay.
+
+        Args:
+            code: The code.
+            delay: Number of steps by which commands are late.
+            dt: Physics step [s].
+            keep: Whether the memory goes on.
         """
         response = self.plant.response
-        m = len(self.command)
-        integer = code.integer
         if response is None:
             return self.plant.within(self.command)
-        rates = self.v[self.plant.topology.layout.drives]
+        m = len(self.command)
         compared = code.builder.icmp_signed
+        rates = self.v[self.plant.topology.layout.drives]
         memory = array([code.element("converters", i) for i in range(3 * m)])
-        reference, slope, first = memory.reshape(3, m)
-        begins = compared("==", code.count, integer(0))
-        for past in (reference, first):
-            past[:] = [code.chosen(begins, *pair) for pair in zip(rates, past, strict=True)]
-        heard = sent = response.heard(self.command)
-        row = code.builder.srem(code.count, integer(max(delay, 1)))
+        reference, slope, first_rates = memory.reshape(3, m)
+        # At the first step the references are the rates of the drives.
+        is_first = compared("==", code.count, code.integer(0))
+        for past in (reference, first_rates):
+            for i in range(m):
+                past[i] = code.chosen(is_first, rates[i], past[i])
+
+        quantized = response.heard(self.command)
+        sent = quantized
+        row = code.builder.srem(code.count, code.integer(max(delay, 1)))
         places = [code.plus(code.product(row, m), 3 * m + i) for i in range(m)]
         if delay:
-            early = compared("<", code.count, integer(delay))
+            # Until the delay of the first command has passed, the drives go on at their rates.
+            is_early = compared("<", code.count, code.integer(delay))
             waiting = [code.element("converters", place) for place in places]
-            sent = [code.chosen(early, *pair) for pair in zip(first, waiting, strict=True)]
-        after, slopes = response.ramped(sent, reference, slope, rates, dt)
+            sent = []
+            for first_rate, waited in zip(first_rates, waiting, strict=True):
+                sent.append(code.chosen(is_early, first_rate, waited))
+        new_reference, new_slope = response.ramped(sent, reference, slope, rates, dt)
         if keep:
-            values = [*after, *slopes, *first, *heard]
+            values = [*new_reference, *new_slope, *first_rates, *quantized]
             for place, value in zip([*range(3 * m), *places], values, strict=True):
                 code.put("converters", place, value)
-        return array(after)
+        return array(new_reference)
 
 
-def _plant(code: BlockCode, crane: Crane, drive: str, names: SimpleNamespace) -> Plant:
-    """Return the crane with its parameters in place of their numbers."""
+def _plant(code: BlockCode, crane: Crane, drive: str, names: _BlockNames) -> Plant:
+    """Return the crane with its parameters in place of their numbers.
+
+    Which numbers a parameter changes is found by a change of it: all are linear in the mass of the
+    load, and one is the damping of each joint.
+    """
     usual = numbers(crane)
     values: list[Any] = usual.tolist()
+
     model = crane.model.copy()
-    joint = crane.payload.body + 1
+    joint = crane.payload.body + 1  # joint 0 of Pinocchio is the world
     load = model.inertias[joint]
     model.inertias[joint] = pin.Inertia(load.mass + 1.0, load.lever, load.inertia)
     heavier = numbers(replace(crane, model=model))
     for i in np.flatnonzero(heavier != usual).tolist():
         slope = float(heavier[i] - usual[i])
-        values[i] = code.get("payload_mass") * slope + float(usual[i] - slope * crane.payload_mass)
-    damping = replace(crane, damping=crane.damping + 1.0)
-    (places,) = np.nonzero(numbers(damping) != usual)
-    for i, name in zip(places.tolist(), names.dampings, strict=True):
+        at_zero = float(usual[i] - slope * crane.payload_mass)
+        values[i] = code.get("payload_mass") * slope + at_zero
+
+    more_damped = numbers(replace(crane, damping=crane.damping + 1.0))
+    changed = np.flatnonzero(more_damped != usual)
+    for i, name in zip(changed.tolist(), names.dampings, strict=True):
         values[i] = code.get(name)
     values += code.get_all(names.converters).tolist()
     return plant(Topology.of(crane), values, drive, buffers=False)
