@@ -1,12 +1,19 @@
-"""Sine and cosine in code, vectorised over the lanes; functions of libraries take one lane at a
+"""Sine and cosine in code, vectorised over the lanes: functions of libraries take one lane at a
 time.
+
+An angle that changes little in a step is not evaluated afresh: sine and cosine are rotated by the
+increment h,
+
+    sin(x + h) = sin x cos h + cos x sin h,     cos(x + h) = cos x cos h - sin x sin h,
+
+with short series for sin h and for the versine 1 - cos h, which is small as h is, so that no digits
+are lost.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +23,7 @@ from cranedyn.compiled.instructions import Instructions, Value
 from cranedyn.dynamics.scalars import larger
 
 LARGEST_ANGLE = 1e6
-"""Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
+"""Angle beyond which the reduction to a quarter turn loses digits [rad]."""
 
 
 class Series(NamedTuple):
@@ -33,26 +40,40 @@ class Series(NamedTuple):
     versine_series: tuple[float, ...]
 
 
-SHORTER = Series(1.0 / 640.0, (-1.0 / 6.0,), (0.5, -1.0 / 24.0))
-LONGER = Series(1.0 / 64.0, (-1.0 / 6.0, 1.0 / 120.0), (0.5, -1.0 / 24.0, 1.0 / 720.0))
-"""The shorter series suffices for most steps."""
+SHORTER = Series(
+    limit=1.0 / 640.0,
+    sine=(-1.0 / 6.0,),
+    versine_series=(0.5, -1.0 / 24.0),
+)
+"""Taylor series that suffices for most steps."""
+
+LONGER = Series(
+    limit=1.0 / 64.0,
+    sine=(-1.0 / 6.0, 1.0 / 120.0),
+    versine_series=(0.5, -1.0 / 24.0, 1.0 / 720.0),
+)
+"""Taylor series for larger increments."""
 
 HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
-"""π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
-Waite 1980)."""
+"""π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody and
+Waite, Software Manual for the Elementary Functions, 1980).
+"""
 
 SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
+"""Taylor coefficients of the sine beyond the angle itself, sin x = x + x³ (…), in powers of x²."""
+
 COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
-"""Taylor coefficients of the sine beyond the angle itself, and of the cosine beyond 1."""
+"""Taylor coefficients of the cosine beyond 1, cos x = 1 + x² (…), in powers of x²."""
 
 
 def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
     """Return sine and cosine of an angle [rad], to about one unit in the last place; NaN beyond a
     million rad.
 
-    Two Taylor polynomials, whose error at 45° is below the precision of a double. If a lane has a
-    larger angle, all are first reduced by whole quarter turns, which leaves smaller angles
-    unchanged, so that lanes do not affect each other. A module contains them once, as a function.
+    They are two Taylor polynomials, whose error at 45° is below the precision of a double. If a
+    lane has a larger angle, the angles of all lanes are first reduced by whole quarter turns. This
+    leaves smaller angles unchanged, so that lanes do not affect each other. A module contains the
+    polynomials once, as a function.
     """
     module = code.function.module
     name = f"sine_and_cosine_{code.lanes}"
@@ -63,31 +84,42 @@ def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
         outside = code.builder
         code.builder = ir.IRBuilder(function.append_basic_block())
         pair = ir.Constant(kind.return_type, ir.Undefined)
-        for i, value in enumerate(_both(code, type(angle)(code, function.args[0]))):
+        argument = type(angle)(code, function.args[0])
+        for i, value in enumerate(_evaluate(code, argument)):
             pair = code.builder.insert_value(pair, value.register, i)
         code.builder.ret(pair)
         code.builder = outside
-    both = code.builder.call(module.globals[name], [angle.register])
-    sine, cosine = (type(angle)(code, code.builder.extract_value(both, i)) for i in range(2))
+    result = code.builder.call(module.globals[name], [angle.register])
+    sine = type(angle)(code, code.builder.extract_value(result, 0))
+    cosine = type(angle)(code, code.builder.extract_value(result, 1))
     return sine, cosine
 
 
-def _both(code: Instructions, angle: Value) -> tuple[Value, Value]:
+def _evaluate(code: Instructions, angle: Value) -> tuple[Value, Value]:
+    """Return sine and cosine of an angle of any size, without the reduction where all lanes have
+    less than 45°.
+    """
     small = code.everywhere(code.call("llvm.fabs", angle) < np.pi / 4.0)
     with code.builder.if_else(small, likely=True) as (then, otherwise):
         with then:
-            plain = _of_eighth_turn(code, angle)
+            unreduced = _of_eighth_turn(code, angle)
             small_block = code.builder.block
         with otherwise:
-            turned = _of_any_angle(code, angle)
+            reduced = _of_any_angle(code, angle)
             reduced_block = code.builder.block
-    pairs = zip(plain, turned, strict=True)
-    sine, cosine = (code.join_paths(a, small_block, b, reduced_block) for a, b in pairs)
+    sine = code.join_paths(unreduced[0], small_block, reduced[0], reduced_block)
+    cosine = code.join_paths(unreduced[1], small_block, reduced[1], reduced_block)
     return sine, cosine
 
 
 class Turn(NamedTuple):
-    """Rotation to a new angle: sine and cosine before, increment [rad], and the new angle."""
+    """Rotation to a new angle.
+
+    Attributes:
+        sine_cosine: Sine and cosine of the angle before.
+        increment: Change of the angle [rad].
+        angle: The new angle [rad].
+    """
 
     sine_cosine: tuple[Value, Value]
     increment: Value
@@ -97,22 +129,27 @@ class Turn(NamedTuple):
         """Return sine and cosine, updated by the rotation; each update adds a rounding error or
         two.
         """
-        (sine, cosine), increment, code = self.sine_cosine, self.increment, self.increment.code
+        sine, cosine = self.sine_cosine
+        increment = self.increment
+        code = increment.code
         square = increment * increment
         rise = code.fused(increment * square, _polynomial(code, square, series.sine), increment)
         versine = square * _polynomial(code, square, series.versine_series)
-        return (
-            code.fused(cosine, rise, code.fused(-sine, versine, sine)),
-            code.fused(-sine, rise, code.fused(-cosine, versine, cosine)),
-        )
+        # sin x - sin x (1 - cos h) + cos x sin h, and likewise for the cosine.
+        new_sine = code.fused(cosine, rise, code.fused(-sine, versine, sine))
+        new_cosine = code.fused(-sine, rise, code.fused(-cosine, versine, cosine))
+        return new_sine, new_cosine
 
     def refine(self, quick: tuple[Value, Value]) -> tuple[Value, Value]:
         """Return sine and cosine, with lanes beyond the limit of the shorter series replaced by the
         longer series or a full evaluation; other lanes are unchanged.
+
+        Args:
+            quick: Sine and cosine by the shorter series.
         """
-        short = self.increment * self.increment < SHORTER.limit**2
+        is_short = self.increment * self.increment < SHORTER.limit**2
         code = self.increment.code
-        return _where_accurate(self, _chosen(code, short, quick, self.rotate(LONGER)))
+        return _where_accurate(self, _choose_pair(code, is_short, quick, self.rotate(LONGER)))
 
 
 def all_within(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.Value:
@@ -120,7 +157,9 @@ def all_within(code: Instructions, turns: Sequence[Turn], series: Series) -> ir.
     if not turns:
         return ir.Constant(ir.IntType(1), True)
     squares = [turn.increment * turn.increment for turn in turns]
-    largest = reduce(larger, squares)
+    largest = squares[0]
+    for square in squares[1:]:
+        largest = larger(largest, square)
     return code.everywhere(largest < series.limit**2)
 
 
@@ -135,32 +174,41 @@ def _where_accurate(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value
     small = all_within(code, [turn], LONGER)
     fast_block = code.builder.block
     with code.builder.if_then(code.builder.not_(small), likely=False):
-        little = turn.increment * turn.increment < LONGER.limit**2
-        slow = _chosen(code, little, fast, sine_and_cosine(code, turn.angle))
+        is_small = turn.increment * turn.increment < LONGER.limit**2
+        slow = _choose_pair(code, is_small, fast, sine_and_cosine(code, turn.angle))
         slow_block = code.builder.block
-    pairs = zip(fast, slow, strict=True)
-    sine, cosine = (code.join_paths(a, fast_block, b, slow_block) for a, b in pairs)
+    sine = code.join_paths(fast[0], fast_block, slow[0], slow_block)
+    cosine = code.join_paths(fast[1], fast_block, slow[1], slow_block)
     return sine, cosine
 
 
-def _chosen(
+def _choose_pair(
     code: Instructions, condition: ir.Value, yes: tuple[Value, Value], no: tuple[Value, Value]
 ) -> tuple[Value, Value]:
     return code.chosen(condition, yes[0], no[0]), code.chosen(condition, yes[1], no[1])
 
 
 def _of_eighth_turn(code: Instructions, angle: Value) -> tuple[Value, Value]:
+    """Return sine and cosine of an angle up to 45°, by their Taylor polynomials."""
     square = angle * angle
     sine = code.fused(angle * square, _polynomial(code, square, SINE), angle)
-    return sine, code.fused(square, _polynomial(code, square, COSINE), 1.0)
+    cosine = code.fused(square, _polynomial(code, square, COSINE), 1.0)
+    return sine, cosine
 
 
 def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
+    """Return sine and cosine of an angle that is reduced by whole quarter turns; NaN beyond
+    `LARGEST_ANGLE`.
+
+    After an odd number of quarter turns, sine and cosine change places and one of them its sign;
+    after half a turn both change their signs.
+    """
     quarters = code.call("llvm.rint", angle * (2.0 / np.pi))
     reduced = angle
-    for term in HALF_PI:
-        reduced = code.fused(-quarters, code.value(term), reduced)
+    for part in HALF_PI:
+        reduced = code.fused(-quarters, code.value(part), reduced)
     sine, cosine = _of_eighth_turn(code, reduced)
+    # Remainders of the number of quarters by 4 and by 2, in doubles.
     quarter = quarters - code.call("llvm.floor", quarters * 0.25) * 4.0
     half = code.call("llvm.floor", quarter * 0.5)
     odd = quarter - half * 2.0 > 0.5
@@ -170,6 +218,7 @@ def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
 
 
 def _polynomial(code: Instructions, x: Value, coefficients: Sequence[float]) -> Value:
+    """Return a polynomial by Horner's rule, from its coefficients of ascending order."""
     value = code.value(coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         value = code.fused(value, x, coefficient)

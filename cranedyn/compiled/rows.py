@@ -1,4 +1,4 @@
-"""Compiled functions of numbers, from a text for any kind of number."""
+"""Compiled functions of numbers, from Python functions for any kind of number."""
 
 from __future__ import annotations
 
@@ -20,21 +20,22 @@ def compile_rows(
     """Return a function of rows of numbers, compiled.
 
     Args:
-        function: Returns the results for an array of numbers of any kind, see
+        function: Function that returns the results for an array of numbers of any kind, see
             `cranedyn.dynamics.scalars`.
         width_in: Length of its array without numbers that rows share.
         width_out: Number of its results.
-        shared: How many numbers all rows share, which stand before those of a row.
+        shared: Number of numbers that all rows share; they come before those of a row.
     """
     module = ir.Module()
     code = Code(module, "rows", ["given", "count", "answers", "shared"], 1)
-    given, answers = code.argument["given"], code.argument["answers"]
+    inputs = code.argument["given"]
+    outputs = code.argument["answers"]
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, width_in)
         numbers = [code.spread(code.argument["shared"], code.integer(i)) for i in range(shared)]
-        numbers += [code.spread(given, code.plus(first, i)) for i in range(width_in)]
+        numbers += [code.spread(inputs, code.plus(first, i)) for i in range(width_in)]
         for i, result in enumerate(function(array(numbers))):
-            code.store(result, answers, code.plus(code.product(row, width_out), i))
+            code.store(result, outputs, code.plus(code.product(row, width_out), i))
     code.end()
     return RowFunction(translate(module), "rows", width_in, width_out, shared)
 
@@ -45,9 +46,10 @@ def compile_columns(
     """Return a function of columns of numbers, compiled, that rounds as NumPy does.
 
     Args:
-        function: Returns the results for a function that makes a constant a number of code, and the
-            numbers of all arrays, see `cranedyn.dynamics.scalars`.
-        widths: Rows of its arrays.
+        function: Function that returns the results. Its arguments are a function that makes a value
+            of the program from a constant, and the numbers of a column of all arrays, see
+            `cranedyn.dynamics.scalars`.
+        widths: Number of rows of each of its arrays.
         width_out: Number of its results.
     """
     module = ir.Module()

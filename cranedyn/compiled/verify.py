@@ -31,19 +31,33 @@ from cranedyn.plant import rigid_body
 from cranedyn.plant.cranes import Cranes
 from cranedyn.plant.plant import Topology, numbers
 
-_CHECKED = 16
-"""Number of cranes of a batch that are checked at most."""
+_MAX_CHECKED_CRANES = 16
+"""Number of cranes of a batch that are compared with Pinocchio at most."""
 
-_REMEMBERED = 4096
-"""Number of cranes that code remembers to have been checked with."""
+_CHECKED_STATES = 8
+"""Number of random states at which a crane is compared."""
 
-_MAKING = threading.Lock()
+_MAX_REMEMBERED_CRANES = 4096
+"""Number of cranes for which code remembers that it agreed."""
+
+_SWING = 1.4
+"""Largest angle of a swing joint at which cranes are compared [rad], short of the horizontal."""
+
+_MIN_STRETCH_RATIO = -0.5
+"""Least stretch of a rope at which cranes are compared, over its length: a slack rope."""
+
+_MAX_STRETCH_RATIO = 0.1
+"""Largest such stretch."""
+
+_COMPILING = threading.Lock()
 """Held while code is made, so that threads make it only once."""
 
-_kernel = lru_cache(maxsize=256)(kernel)
+_cached_kernel = lru_cache(maxsize=256)(kernel)
 
 Accelerations = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
-"""Accelerations at one state in each lane, see `cranedyn.compiled.binding.kernel_accelerations`."""
+"""Function that returns accelerations at one state in each lane, see
+`cranedyn.compiled.binding.kernel_accelerations`.
+"""
 
 
 def compile_kernel(
@@ -63,15 +77,21 @@ def compile_kernel(
     Raises:
         ModelError: If the code does not do what Pinocchio does.
     """
-    rows = cranes.numbers if isinstance(cranes, Cranes) else np.array([*map(numbers, cranes)])
+    if isinstance(cranes, Cranes):
+        rows = cranes.numbers
+    else:
+        rows = np.array([numbers(crane) for crane in cranes])
     if converters is not None:
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
+    # Numbers that all cranes share become constants of the code, which the compiler folds.
     varied = (rows != rows[0]).any(axis=0)
-    constants = tuple(None if v else x for v, x in zip(varied, rows[0].tolist(), strict=True))
+    constants: list[float | None] = []
+    for is_varied, value in zip(varied, rows[0].tolist(), strict=True):
+        constants.append(None if is_varied else value)
     varied_numbers = np.ascontiguousarray(rows[:, varied])
-    with _MAKING:
-        code = _kernel(KernelSource(Topology.of(cranes[0]), constants, recipe))
-        if len(code.verified) > _REMEMBERED:
+    with _COMPILING:
+        code = _cached_kernel(KernelSource(Topology.of(cranes[0]), tuple(constants), recipe))
+        if len(code.verified) > _MAX_REMEMBERED_CRANES:
             code.verified.clear()
         verify_cranes(cranes, code, varied_numbers, code.verified, converters)
     return code, varied_numbers
@@ -79,7 +99,13 @@ def compile_kernel(
 
 @lru_cache(maxsize=256)
 def crane_kernel(crane: ref[Crane], recipe: Recipe, response: bytes | None) -> Kernel:
-    """Return code for one crane; response is that of its converters, see `compile_kernel`."""
+    """Return code for one crane, as `compile_kernel`; it is cached.
+
+    Args:
+        crane: The crane.
+        recipe: Features of the code.
+        response: Bytes of the numbers of its converters; None for drives without converters.
+    """
     converters = None if response is None else np.frombuffer(response)
     return compile_kernel([cast(Crane, crane())], recipe, converters)[0]
 
@@ -93,7 +119,15 @@ def verify_cranes(
     answers: Accelerations = kernel_accelerations,
 ) -> None:
     """Compare accelerations of the first 16 cranes with Pinocchio's, except those that have agreed
-    before; converters are as in `compile_kernel`.
+    before.
+
+    Args:
+        cranes: The cranes.
+        code: Code for them.
+        varied: Their numbers that vary, shape (cranes, k).
+        verified: Bytes of the varied numbers of cranes that have agreed; new ones are added.
+        converters: As for `compile_kernel`.
+        answers: Function that runs the code.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -101,7 +135,9 @@ def verify_cranes(
     rows: Any = repeat(None)
     if converters is not None:
         rows = np.broadcast_to(converters, (len(varied), converters.shape[-1]))
-    for crane, row, response in zip(cranes[:_CHECKED], varied, rows, strict=False):
+    # The shortest of the three ends the loop, which is that of the cranes.
+    checked = cranes[:_MAX_CHECKED_CRANES]
+    for crane, row, response in zip(checked, varied, rows, strict=False):
         if row.tobytes() not in verified:
             _verify_crane(crane, code, row, response, answers)
             verified.add(row.tobytes())
@@ -116,49 +152,92 @@ def _verify_crane(
 ) -> None:
     """Compare accelerations of a crane with Pinocchio's at random states, see `verify_cranes`."""
     recipe = code.source.recipe
-    layout = crane.layout
     rng = random.Random(0)
     external = ExternalForces(crane, buffers=False) if recipe.forces else None
     drives = _drives(crane, recipe.drive, external, converters)
     rope = crane.springs.rope
     lane_numbers = np.repeat(varied[:, None], recipe.lanes, axis=1)
-    sizes = layout.n, 3 * len(crane.points)
-    for k in range(8):
-        q = np.array([*map(rng.uniform, crane.lower, crane.upper)])
-        q[crane.swings] = [rng.uniform(-1.4, 1.4) for _ in crane.swings]
-        v, force = (np.array([rng.gauss() for _ in range(size)]) for size in sizes)
-        if rope is not None:
-            q[rope.stretch] = rng.uniform(-0.5, 0.1) * q[rope.length]
-            if rope.inextensible:  # taut in every other state
-                q[rope.stretch], v[rope.stretch] = (-1.0, v[rope.stretch]) if k % 2 else (0.0, 0.0)
-        if crane.coupling is not None:
-            q, v = crane.coupling.complete(q), crane.coupling.spread(v)
-        command = np.array([rng.uniform(-1.0, 1.0) for _ in range(layout.m)])
-        force *= crane.payload_mass
-        mass = crane.mass_matrix(q)
-        inertia = mass.diagonal()[layout.drives]
+    for k in range(_CHECKED_STATES):
+        # An inextensible rope is taut in every other state.
+        state, force = _random_state(crane, rng, taut=k % 2 == 0)
         if external is not None:
             external.force = force.reshape(-1, 3)
-        if recipe.drive == "effort":
-            command = np.clip(command * inertia, -crane.effort_limit, crane.effort_limit)
-        if isinstance(drives, VelocityDrives):
-            assert converters is not None
-            lags = np.array_split(converters, len(Response._fields))[3]
-            # every other time beyond the effort limits
-            strong = rng.choice([1.0, 3.0]) * crane.effort_limit / inertia
-            command = v[layout.drives] + lags * strong * command
-            drives.recall(command, 0.0 * command, command[:0].reshape(0, layout.m))
-        else:
-            drives.take_command(command, State(q, v))
+        command = _random_command(crane, drives, state, rng, converters)
         if rope is not None and rope.inextensible:
-            drives.free = _free_joints(drives, crane, State(q, v))
-        expected = drives.acceleration(q, v)
-        query = np.repeat(np.concatenate([q, v, command, force])[:, None], recipe.lanes, axis=1)
-        if off := rigid_body.disagreement(answers(code, query, lane_numbers).T, expected, mass):
+            drives.free = _free_joints(drives, crane, state)
+        expected = drives.acceleration(state.q, state.v)
+        numbers_of_query = np.concatenate([state.q, state.v, command, force])
+        query = np.repeat(numbers_of_query[:, None], recipe.lanes, axis=1)
+        computed = answers(code, query, lane_numbers).T
+        mass = crane.mass_matrix(state.q)
+        if off := rigid_body.disagreement(computed, expected, mass):
             raise ModelError(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
                 f"{off:.1e} of the largest."
             )
+
+
+def _random_state(crane: Crane, rng: random.Random, *, taut: bool) -> tuple[State, np.ndarray]:
+    """Return a random state and random forces on the points [N], shape (3 points,).
+
+    Coordinates are in their ranges, swings up to `_SWING`. Rates are of the order of 1, forces of
+    that of the mass of the load.
+
+    Args:
+        crane: The crane.
+        rng: Source of the numbers.
+        taut: Whether an inextensible rope is taut.
+    """
+    layout = crane.layout
+    limits = zip(crane.lower, crane.upper, strict=True)
+    q = np.array([rng.uniform(lower, upper) for lower, upper in limits])
+    q[crane.swings] = [rng.uniform(-_SWING, _SWING) for _ in crane.swings]
+    v = np.array([rng.gauss() for _ in range(layout.n)])
+    force = np.array([rng.gauss() for _ in range(3 * len(crane.points))])
+    rope = crane.springs.rope
+    if rope is not None:
+        ratio = rng.uniform(_MIN_STRETCH_RATIO, _MAX_STRETCH_RATIO)
+        q[rope.stretch] = ratio * q[rope.length]
+        if rope.inextensible and taut:
+            q[rope.stretch] = 0.0
+            v[rope.stretch] = 0.0
+        elif rope.inextensible:
+            q[rope.stretch] = -1.0  # slack by 1 m
+    if crane.coupling is not None:
+        q = crane.coupling.complete(q)
+        v = crane.coupling.spread(v)
+    return State(q, v), force * crane.payload_mass
+
+
+def _random_command(
+    crane: Crane,
+    drives: Drives,
+    state: State,
+    rng: random.Random,
+    converters: np.ndarray | None,
+) -> np.ndarray:
+    """Give a random command to Pinocchio's drives, and return it as compiled code takes it, shape
+    (m,).
+
+    These are efforts within the limits, accelerations of the order of 1, or reference rates. Of the
+    latter about half may take more than the largest effort.
+    """
+    layout = crane.layout
+    command = np.array([rng.uniform(-1.0, 1.0) for _ in range(layout.m)])
+    inertia = crane.mass_matrix(state.q).diagonal()[layout.drives]
+    if isinstance(drives, VelocityDrives):
+        assert converters is not None
+        response = Response(*np.array_split(converters, len(Response._fields)))
+        largest = rng.choice([1.0, 3.0]) * crane.effort_limit / inertia
+        # The speed control asks for the acceleration (reference - rate)/lag.
+        reference = state.v[layout.drives] + response.lags * largest * command
+        no_delay = np.zeros((0, layout.m))
+        drives.recall(reference, np.zeros(layout.m), no_delay)
+        return reference
+    if isinstance(drives, EffortDrives):
+        command = np.clip(command * inertia, -crane.effort_limit, crane.effort_limit)
+    drives.take_command(command, state)
+    return command
 
 
 def _free_joints(drives: Drives, crane: Crane, state: State) -> np.ndarray:

@@ -20,6 +20,7 @@ from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane, Point, once_per_crane
 
 _UP = (0.0, 0.0, 1.0)
+"""Unit vector of the world upwards."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +29,15 @@ class Bodies:
 
     Attributes:
         parents: Row of the joint before, -1 for the world; shape (n,).
-        rotation: Of the joint's placement in the frame of its parent, shape (n, 3, 3).
-        translation: The same [m], shape (n, 3).
+        rotation: Rotation of the joint's placement in the frame of its parent, shape (n, 3, 3).
+        translation: Origin of the placement [m], shape (n, 3).
         axis: Velocity per rate of the coordinate, linear and angular, in the joint's own frame,
             shape (n, 2, 3).
-        mass: [kg], shape (n,).
-        lever: Centre of mass [m], shape (n, 3).
-        inertia: Rotational inertia about it [kg m²], shape (n, 3, 3).
+        mass: Mass of the body [kg], shape (n,).
+        lever: Centre of mass in the joint's frame [m], shape (n, 3).
+        inertia: Rotational inertia about the centre of mass [kg m²], shape (n, 3, 3).
         armature: Inertia added to that of the coordinate [kg m² or kg], shape (n,).
-        gravity: In the world [m/s²], shape (3,).
+        gravity: Gravity in the world [m/s²], shape (3,).
     """
 
     parents: Sequence[int]
@@ -55,33 +56,54 @@ class Bodies:
     def path(self, body: int) -> list[int]:
         """Return the rows of the joints from the world to a body."""
         parent = self.parents[body]
-        return [*(self.path(parent) if parent >= 0 else ()), body]
+        if parent < 0:
+            return [body]
+        return [*self.path(parent), body]
 
     def numbers(self) -> np.ndarray:
-        """Return all numbers in a row."""
-        return np.concatenate([getattr(self, field.name).ravel() for field in fields(self)[1:]])
+        """Return all numbers in a row, attribute by attribute."""
+        return np.concatenate([getattr(self, name).ravel() for name in _NUMBER_ATTRIBUTES])
 
-    def with_numbers(self, numbers: Sequence[Any]) -> Bodies:
+    def with_numbers(self, numbers: Sequence[Any] | np.ndarray) -> Bodies:
         """Return the same tree with other numbers or symbols, in the order of `numbers`."""
         arrays = []
         first = 0
-        for field in fields(self)[1:]:
-            old = getattr(self, field.name)
-            arrays.append(array(numbers[first : first + old.size]).reshape(old.shape))
+        for name in _NUMBER_ATTRIBUTES:
+            old = getattr(self, name)
+            elements = array(list(numbers[first : first + old.size]))
+            arrays.append(elements.reshape(old.shape))
             first += old.size
         return Bodies(self.parents, *arrays)
 
     def in_steps(self, dt: Any, mass: Any) -> Bodies:
         """Return the same with time in units of `dt` [s] and mass in units of `mass` [kg]."""
-        masses = {name: getattr(self, name) / mass for name in ("mass", "inertia", "armature")}
-        return replace(self, **masses, gravity=self.gravity * (dt * dt))
+        return replace(
+            self,
+            mass=self.mass / mass,
+            inertia=self.inertia / mass,
+            armature=self.armature / mass,
+            gravity=self.gravity * (dt * dt),
+        )
+
+
+_NUMBER_ATTRIBUTES = tuple(field.name for field in fields(Bodies) if field.name != "parents")
+"""Attributes of `Bodies` that hold its numbers, in the order of its arguments and of a row."""
 
 
 def blank(parents: Sequence[int]) -> Bodies:
     """Return a tree whose numbers are all zero."""
     n = len(parents)
-    shapes = (n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,)
-    return Bodies(parents, *map(np.zeros, shapes))
+    return Bodies(
+        parents=parents,
+        rotation=np.zeros((n, 3, 3)),
+        translation=np.zeros((n, 3)),
+        axis=np.zeros((n, 2, 3)),
+        mass=np.zeros(n),
+        lever=np.zeros((n, 3)),
+        inertia=np.zeros((n, 3, 3)),
+        armature=np.zeros(n),
+        gravity=np.zeros(3),
+    )
 
 
 def bodies(model: pin.Model) -> Bodies:
@@ -92,12 +114,16 @@ def bodies(model: pin.Model) -> Bodies:
     """
     if model.njoints < 2:
         raise ModelError(f"The model {model.name!r} has no joint that moves.")
-    rows: list[tuple[Any, ...]] = []
+    n = model.njoints - 1
+    # Joint 0 of Pinocchio is the world.
+    tree = blank([parent - 1 for parent in list(model.parents)[1:]])
     neutral = pin.neutral(model)
-    for i in range(1, model.njoints):
-        joint, placement, body = model.joints[i], model.jointPlacements[i], model.inertias[i]
+    for row in range(n):
+        i = row + 1
+        joint = model.joints[i]
         kind = joint.shortname()
-        if (joint.nv, joint.idx_v) != (1, i - 1) or kind == "JointModelComposite":
+        has_one_coordinate = (joint.nv, joint.idx_v) == (1, row)
+        if not has_one_coordinate or kind == "JointModelComposite":
             raise ModelError(
                 f"{model.names[i]} is a {kind}; to be compiled or made symbols, joints must be "
                 "revolute, prismatic or helical, "
@@ -105,16 +131,23 @@ def bodies(model: pin.Model) -> Bodies:
             )
         joint_data = joint.createData()
         joint.calc(joint_data, neutral)
-        frame = placement.rotation, placement.translation, joint_data.S.reshape(2, 3)
-        rows.append((*frame, body.mass, body.lever, body.inertia))
-    columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
-    columns += [model.armature.copy(), model.gravity.linear.copy()]
-    return Bodies([model.parents[i] - 1 for i in range(1, model.njoints)], *columns)
+        placement = model.jointPlacements[i]
+        body = model.inertias[i]
+        tree.rotation[row] = placement.rotation
+        tree.translation[row] = placement.translation
+        # Pinocchio's motion vectors are linear, then angular.
+        tree.axis[row] = joint_data.S.reshape(2, 3)
+        tree.mass[row] = body.mass
+        tree.lever[row] = body.lever
+        tree.inertia[row] = body.inertia
+    tree.armature[:] = model.armature
+    tree.gravity[:] = model.gravity.linear
+    return tree
 
 
 @once_per_crane
 def numeric_bodies(crane: Crane) -> Bodies:
-    """Return the bodies of a crane in plain numbers, computed once."""
+    """Return the bodies of a crane in Python floats, computed once."""
     tree = bodies(crane.model)
     return tree.with_numbers(tree.numbers().tolist())
 
@@ -124,13 +157,18 @@ def height(
 ) -> Any:
     """Return the height of a point of a body above the origin of the world [m].
 
-    Only the vertical is carried from joint to joint, which is a third of the work of `frames`.
+    Only the vertical is carried from joint to joint, which is a third of the work of
+    `cranedyn.plant.rigid_body.frames`. A joint that turns by q about the unit vector u takes the
+    vertical e into its frame by Rodrigues' formula for -q, with the part p = u (u·e) along the
+    axis:
+
+        e' = p + cos q (e - p) - sin q (u × e).
 
     Args:
         tree: The bodies.
         q: Coordinates, shape (n,).
-        body: The body.
-        point: In the joint's frame [m], shape (3,).
+        body: Row of the body.
+        point: Point in the joint's frame [m], shape (3,).
         upwards: Unit vector of the world along which height is measured.
     """
     up = array(upwards)
@@ -138,32 +176,46 @@ def height(
     for i in tree.path(body):
         altitude = altitude + up @ tree.translation[i]
         up = tree.rotation[i].T @ up
-        (along, about), coordinate = tree.axis[i], q[i : i + 1]
+        along, about = tree.axis[i]
+        coordinate = q[i : i + 1]
         altitude = altitude + up @ (along * coordinate)
-        if all(map(is_zero, about)):
+        if all(is_zero(component) for component in about):
             continue
-        level = about * array([about @ up])
-        if not all(map(is_zero, up - level)):
-            cosine, sine = np.cos(coordinate), np.sin(coordinate)
-            up = level + cosine * (up - level) - sine * cross_product(about, up)
+        axial = about * array([about @ up])
+        # A joint about the vertical does not change it, such as the slew.
+        if not all(is_zero(component) for component in up - axial):
+            cosine = np.cos(coordinate)
+            sine = np.sin(coordinate)
+            up = axial + cosine * (up - axial) - sine * cross_product(about, up)
     return altitude + up @ point
 
 
 def heights(
     tree: Bodies, q: np.ndarray, body: int, point: np.ndarray, upwards: Sequence[float] = _UP
 ) -> np.ndarray:
-    """Return heights as `height` at many states, q of shape (rows, n): shape (rows,) [m]."""
+    """Return heights as `height` at many coordinates, shape (rows, n): shape (rows,) [m]."""
     altitude = height(tree, rows(q), body, point, upwards)
     return np.broadcast_to(np.asarray(altitude, dtype=float), len(q))
 
 
 def point_paths(crane: Crane, q: np.ndarray, points: Sequence[Point] = ()) -> np.ndarray:
-    """Return the positions of points in the world [m], of all points on which forces act if none
-    are given, at many coordinates, shape (rows, n): shape (rows, points, 3).
+    """Return the positions of points in the world at many coordinates.
+
+    A coordinate of a point is its height along that axis of the world.
+
+    Args:
+        crane: The crane.
+        q: Coordinates, shape (rows, n).
+        points: The points; all points on which forces act if none are given.
+
+    Returns:
+        Positions [m], shape (rows, points, 3).
     """
     tree = numeric_bodies(crane)
-    axes = [
-        [heights(tree, q, body, lever, axis) for _, body, lever in points or crane.points]
-        for axis in np.eye(3).tolist()
-    ]
+    axes = []
+    for axis in np.eye(3).tolist():
+        columns = []
+        for _, body, lever in points or crane.points:
+            columns.append(heights(tree, q, body, lever, axis))
+        axes.append(columns)
     return np.array(axes).T

@@ -2,12 +2,12 @@
 
 Points of the load push against faces: a spring with a damper that pushes but does not pull, and dry
 friction. Friction is a spring with a damper from an anchor, the place where the point came to rest.
-Its force is cut to the friction cone; the anchor follows a point that slides. So a point that
+Its force is limited to the friction cone; the anchor follows a point that slides. So a point that
 sticks does not creep. Faces of the load and edges of a platform do not touch: a load that is larger
-than its support needs points between its corners.
+than its support needs points between its corners. `Contacts.reaction` states the equations.
 
-Written once for any kind of number: arrays of floats in the plain loop, values of a program in
-compiled code.
+The functions work on any kind of number, see `cranedyn.dynamics.scalars`: arrays of floats in
+Python, values of a program in compiled code.
 
 Source: Cundall and Strack, Géotechnique 29 (1979), 47-65 (friction); Schwager and Pöschel, Granular
 Matter 9 (2007), 465-469 (restitution).
@@ -20,7 +20,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,45 +32,68 @@ from cranedyn.errors import ModelError, OutOfRange, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
-_DEAD = 0.05
-"""Coefficient of restitution up to which a load that falls by 1 m does not leave the ground again,
-since gravity holds it. The damping of a smaller one is not stable in a substep of 0.5 ms."""
+MIN_RESTITUTION = 0.05
+"""Smallest coefficient of restitution that is computed; a smaller one counts as this.
 
-_SINKS = (5e-4, 0.1)
-"""Range of static sinks [m]. A harder ground is not stable in a substep of 0.5 ms."""
+A load that falls by 1 m does not leave the ground again with it, since gravity holds the load down.
+The damping of a smaller one would not be stable in substeps of 0.5 ms.
+"""
+
+MIN_SINK = 5e-4
+"""Smallest static sink [m]. A harder ground would not be stable in substeps of 0.5 ms."""
+
+MAX_SINK = 0.1
+"""Largest static sink [m]."""
 
 ON_GROUND = 2.0
-"""Phase of a load that stands, see `joint_forces.TAUT`."""
+"""Phase of the rope of a load that stands, beside `joint_forces.TAUT` and `joint_forces.SLACK`."""
 
 OFF_LEAD = 3.0
-"""Phase of a load that is lifted off-lead."""
+"""Phase of the rope of a load that is lifted off-lead: it slides, or the taut rope leans."""
 
-LEANS = math.radians(1.0)
+OFF_LEAD_ANGLE = math.radians(1.0)
 """Lean of a taut rope beyond which a load on the ground is lifted off-lead [rad]."""
 
-SLIDES = 0.01
+OFF_LEAD_SPEED = 0.01
 """Speed of a point on the ground beyond which its load is lifted off-lead [m/s]."""
 
-_START_DEPTH = 5.0
-"""Static sinks that a load may be in the ground at the start; on one corner it is at four."""
+MAX_START_SINKS = 5.0
+"""Depth that a load may have in the ground at the start, in static sinks.
 
-_ITERATIONS = 20
-"""Steps in which a load on a rope that leans is put on the ground; each leaves 1 - cos of the lean
-of the error."""
+Where a load stands on one of its four corners alone, that corner is at four static sinks.
+"""
 
-_BEHIND = 1e-6
-"""Distance behind a face at which another support covers it [m]."""
+STANDING_ITERATIONS = 20
+"""Number of times that `standing` moves a load along its rope.
 
-_COVERED = 0.1
-"""Depth below other faces up to which no point leaves a support through a covered face [m]."""
+A rope that leans by an angle α lowers the load by cos α times what it lengthens, so that each
+iteration leaves 1 - cos α of the error.
+"""
 
-_FARTHEST = 1e6
-"""Largest distance of a platform or of a corner of a hull from the origin along an axis [m]. There
-doubles tell places apart by 1e-10 m."""
+NEIGHBOUR_GAP = 1e-6
+"""Distance by which supports may be apart and still adjoin, and distance behind a face at which a
+point must lie in another support for that support to cover the face there [m].
+"""
 
-_THINNEST = 1e-6
+COVERED_PENALTY = 0.1
+"""Amount that is added to the way out of a support through a covered face [m].
+
+A point leaves through a face that is not covered as long as it is less than this deeper below it.
+"""
+
+MAX_COORDINATE = 1e6
+"""Largest distance of a platform or of a corner of a hull from the origin along an axis [m].
+
+Doubles of this size tell places apart by 1e-10 m.
+"""
+
+MIN_THICKNESS = 1e-6
 """Least thickness of a hull and least side of a platform [m]. The planes of flatter bodies are
-decided by round-off, and Qhull fails on them."""
+decided by round-off, and Qhull fails on them.
+"""
+
+PLANE_DECIMALS = 9
+"""Decimals to which the planes of a hull are rounded, to find those that Qhull lists repeatedly."""
 
 Vector = Sequence[Any] | np.ndarray
 """Three numbers, or three arrays of them."""
@@ -83,7 +105,8 @@ class Face(NamedTuple):
     Attributes:
         normal: Unit vector out of the body.
         offset: Distance from the origin [m].
-        neighbours: Supports, by their indices, that begin behind a part of it.
+        neighbours: Supports, by their indices in `Contacts.supports`, that begin behind a part of
+            it.
     """
 
     normal: tuple[float, float, float]
@@ -96,10 +119,10 @@ class Platform:
     """A box that stands on the ground.
 
     Attributes:
-        centre: Of its plan in the world [m], shape (2,).
+        centre: Centre of its plan in the world [m], shape (2,).
         size: Its sides [m], shape (2,), the first along X where yaw is zero.
         height: Height of its top in the world [m].
-        yaw: Its turn from X towards Y [rad].
+        yaw: Angle from X towards Y by which it is turned [rad].
 
     Raises:
         OutOfRange: If a number is not finite, farther than 1000 km, or a side less than 1 µm.
@@ -111,27 +134,27 @@ class Platform:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("centre", "size"):
-            least = _THINNEST if name == "size" else -_FARTHEST
-            values = [
-                within(f"{name} of a platform", x, least, _FARTHEST, "m")
-                for x in getattr(self, name)
-            ]
+        for name, lowest in (("centre", -MAX_COORDINATE), ("size", MIN_THICKNESS)):
+            values = []
+            for value in getattr(self, name):
+                values.append(within(f"{name} of a platform", value, lowest, MAX_COORDINATE, "m"))
             object.__setattr__(self, name, tuple(values))
-        within("height of a platform", self.height, -_FARTHEST, _FARTHEST, "m")
+        within("height of a platform", self.height, -MAX_COORDINATE, MAX_COORDINATE, "m")
         number("yaw of a platform", self.yaw, "rad")
 
     @property
     def faces(self) -> tuple[Face, ...]:
-        """Its top and its four sides."""
+        """Its top and its four sides. It has no underside, since it stands on the ground."""
         x, y = self.centre
-        cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
-        sides = [
-            Face((u, w, 0.0), u * x + w * y + size / 2.0)
-            for (a, b), size in zip(((cosine, sine), (-sine, cosine)), self.size, strict=True)
-            for u, w in ((a, b), (-a, -b))
-        ]
-        return (Face((0.0, 0.0, 1.0), self.height), *sides)
+        cosine = math.cos(self.yaw)
+        sine = math.sin(self.yaw)
+        first_axis = (cosine, sine)
+        second_axis = (-sine, cosine)
+        faces = [Face((0.0, 0.0, 1.0), self.height)]
+        for (a, b), size in zip((first_axis, second_axis), self.size, strict=True):
+            for u, w in ((a, b), (-a, -b)):
+                faces.append(Face((u, w, 0.0), u * x + w * y + size / 2.0))
+        return tuple(faces)
 
 
 @dataclass(frozen=True)
@@ -150,11 +173,13 @@ class Hull:
     def __post_init__(self) -> None:
         corners = finite("corners of a hull", self.corners, ("n", 3), unit="m")
         farthest = float(np.abs(corners).max(initial=0.0))
-        within("coordinate of a corner of a hull", farthest, 0.0, _FARTHEST, "m")
-        # The spread across the plane that is fitted to the corners, which is their thickness.
+        within("coordinate of a corner of a hull", farthest, 0.0, MAX_COORDINATE, "m")
+
+        # The plane that fits the corners best passes through their mean; its normal is the last
+        # right singular vector of the centred corners. Their spread along it is their thickness.
         centred = corners - corners.mean(axis=0) if len(corners) else np.zeros((1, 3))
         normal = np.linalg.svd(centred)[2][-1]
-        if not np.ptp(centred @ normal) >= _THINNEST:
+        if not np.ptp(centred @ normal) >= MIN_THICKNESS:
             allowed = "four that are not in a plane, to within 1 µm"
             raise OutOfRange("corners of a hull", quoted(self.corners), allowed, "m")
 
@@ -163,8 +188,12 @@ class Hull:
         """Its faces."""
         from scipy.spatial import ConvexHull  # takes long to import, and few runs need it
 
-        planes = np.unique(ConvexHull(np.array(self.corners)).equations.round(9), axis=0)
-        return tuple(Face((x, y, z), -offset) for x, y, z, offset in planes.tolist())
+        # Qhull divides faces into triangles and lists the plane of each: normal and -offset.
+        planes = ConvexHull(np.array(self.corners)).equations.round(PLANE_DECIMALS)
+        faces = []
+        for x, y, z, negative_offset in np.unique(planes, axis=0).tolist():
+            faces.append(Face((x, y, z), -negative_offset))
+        return tuple(faces)
 
 
 @dataclass(frozen=True)
@@ -174,10 +203,11 @@ class Ground:
     Attributes:
         points: Points of the load from its centre of mass, in the frame of its joint [m], shape
             (n, 3), such as `box_corners`.
-        platforms: Platforms on it and hulls.
+        platforms: Platforms and hulls on the ground.
         friction: Coefficient of dry friction.
-        restitution: Speed after over speed before an impact of all points at once, without gravity,
-            0 to 1. Up to 0.05 it counts as 0.05: a load that falls by 1 m then stays down.
+        restitution: Speed after an impact over the speed before it, where all points touch at once
+            and without gravity, 0 to 1. Up to 0.05 it counts as 0.05: a load that falls by 1 m then
+            stays down.
         sink: Depth to which the load at rest sinks with four points below it [m], 0.5 mm to 0.1 m.
         height: Height of the ground in the world [m].
 
@@ -200,31 +230,44 @@ class Ground:
         object.__setattr__(self, "platforms", tuple(self.platforms))
         number("coefficient of friction", self.friction, "", ">= 0")
         within("coefficient of restitution", self.restitution, 0.0, 1.0, "")
-        within("static sink of the load", self.sink, *_SINKS, "m")
+        within("static sink of the load", self.sink, MIN_SINK, MAX_SINK, "m")
         level = number("height of the ground", self.height, "m")
         for body in self.platforms:
             if isinstance(body, Platform):
                 number("height of a platform above the ground", body.height - level, "m", "> 0")
 
     def contacts(self, crane: Crane) -> Contacts:
-        """Return the contacts of the load of a crane: masses and gravity give the stiffness."""
+        """Return the contacts of the load of a crane.
+
+        At rest on four points a load of mass m is carried by four springs that are compressed by
+        the static sink s, so that each has the stiffness
+
+            k = m g / (4 s) = (m/4) ω²   with   ω = √(g/s),
+
+        and the damping 2 ζ (m/4) ω along the normal, see `damping_ratio`. Across the normal, where
+        a point sticks, the same spring is damped critically.
+        """
         omega = math.sqrt(crane.gravity / self.sink)
         mass = crane.payload_mass / 4.0
         level = float(self.height)
         points = crane.payload.lever + np.array(self.points)
-        # what stands on the ground has no underside, since points sink below it
-        bodies = [
-            tuple(f for f in body.faces if f.normal[2] > -1.0 or -f.offset > level)
-            for body in self.platforms
-        ]
+        ratio = damping_ratio(max(self.restitution, MIN_RESTITUTION))
+
+        # What stands on the ground has no underside: points sink below the ground, and must not be
+        # pushed out of the platform downwards.
+        bodies = []
+        for body in self.platforms:
+            faces = [f for f in body.faces if f.normal[2] > -1.0 or -f.offset > level]
+            bodies.append(tuple(faces))
+        ground = (Face((0.0, 0.0, 1.0), level),)
         return Contacts(
-            crane.payload.body,
-            tuple(map(tuple, points.tolist())),
-            ((Face((0.0, 0.0, 1.0), level),), *_with_neighbours(bodies)),
-            mass * omega**2,
-            2.0 * damping_ratio(max(self.restitution, _DEAD)) * mass * omega,
-            2.0 * mass * omega,
-            float(self.friction),
+            body=crane.payload.body,
+            points=tuple(tuple(point) for point in points.tolist()),
+            supports=(ground, *_with_neighbours(bodies)),
+            stiffness=mass * omega**2,
+            damping=2.0 * ratio * mass * omega,
+            slip_damping=2.0 * mass * omega,
+            friction=float(self.friction),
         )
 
 
@@ -239,31 +282,66 @@ def box_corners(width: float, length: float, height: float) -> tuple[tuple[float
     Raises:
         OutOfRange: If a side is not positive.
     """
-    sides = (number("side of a box", side, "m", "> 0") for side in (width, length, height))
-    return tuple(itertools.product(*((-side / 2.0, side / 2.0) for side in sides)))
+    sides = _positive_sides(width, length, height)
+    ends = [(-side / 2.0, side / 2.0) for side in sides]
+    return tuple(itertools.product(*ends))
 
 
 def box_load(mass: float, width: float, length: float, height: float) -> dict[str, float]:
-    """Return the values of `load_crane` for a uniform box of a mass [kg] that hangs on a lug amid
-    its top; its sides are as for `box_corners`.
+    """Return the values of `load_crane` for a uniform box that hangs on a lug amid its top.
+
+    Args:
+        mass: Mass of the box [kg].
+        width: Side along X, as for `box_corners` [m].
+        length: Side along Y [m].
+        height: Height [m].
+
+    Raises:
+        OutOfRange: If a side is not positive.
     """
-    across, along, up = (2.0 * x for x in box_corners(width, length, height)[-1])
-    x, y, z = across * across, along * along, up * up
-    xx, yy, zz = y + z, x + z, x + y
-    inertia = {
-        f"payload_i{axis}": mass * x / 12.0 for axis, x in (("xx", xx), ("yy", yy), ("zz", zz))
+    width, length, height = _positive_sides(width, length, height)
+    x_squared = width * width
+    y_squared = length * length
+    z_squared = height * height
+    # The moment of inertia about an axis through the centre is m/12 times the sum of the squares of
+    # the two sides across it.
+    return {
+        "payload_mass": mass,
+        "lug_height": height / 2.0,
+        "payload_ixx": mass * (y_squared + z_squared) / 12.0,
+        "payload_iyy": mass * (x_squared + z_squared) / 12.0,
+        "payload_izz": mass * (x_squared + y_squared) / 12.0,
     }
-    return {"payload_mass": mass, "lug_height": up / 2.0, **inertia}
+
+
+def _positive_sides(width: float, length: float, height: float) -> list[float]:
+    return [number("side of a box", side, "m", "> 0") for side in (width, length, height)]
 
 
 def damping_ratio(restitution: float) -> float:
-    """Return the damping ratio of a spring and damper that pushes but does not pull, by which an
-    impact without gravity has a coefficient of restitution. The contact ends where the force is
-    zero, which is before the depth is.
+    """Return the damping ratio by which an impact without gravity has a coefficient of restitution.
+
+    The contact is a spring with a damper that pushes but does not pull, so that it ends where the
+    force is zero, which is before the depth is. With the depth d, d(0) = 0 and d'(0) = v,
+
+        d'' + 2 ζ ω d' + ω² d = 0
+        d(t) = v/(ω sin α) exp(-ζ ω t) sin(ω t sin α)   with   ζ = cos α.
+
+    The force, as d'', is zero where ω t sin α = 2 α. There d' = -v exp(-2 ζ α / sin α), whence
+
+        e = exp(-2 ζ arccos(ζ) / √(1 - ζ²)).
+
+    Above critical damping both the angle and the root are imaginary, and their ratio is
+    arcosh(ζ) / √(ζ² - 1).
+
+    Source: Schwager and Pöschel, Granular Matter 9 (2007), 465-469.
+
+    Args:
+        restitution: Coefficient of restitution, 0.03 to 1.
     """
 
     def excess(ratio: float) -> float:
-        angle = abs(cmath.acos(ratio))  # of the hyperbolic cosine above critical damping
+        angle = abs(cmath.acos(ratio))
         return math.exp(-2.0 * ratio * angle / math.sqrt(abs(1.0 - ratio**2))) - restitution
 
     from scipy.optimize import brentq  # takes long to import, and few runs need it
@@ -279,6 +357,9 @@ def standing(crane: Crane, ground: Ground, state: State) -> State:
         crane: The crane, whose rope stretches.
         ground: The ground.
         state: State with the load anywhere above or below its support.
+
+    Raises:
+        ModelError: If the rope of the crane does not stretch.
     """
     contacts = ground.contacts(crane)
     q = state.q.copy()
@@ -288,10 +369,11 @@ def standing(crane: Crane, ground: Ground, state: State) -> State:
             "A load can stand on the ground only below a rope that stretches; give the crane a "
             "rope_stiffness, such as 2e7 N."
         )
-    for _ in range(_ITERATIONS):
-        position, _ = body_points(
-            crane.model, crane.data, contacts.body, np.array(contacts.points), q, 0.0 * q
-        )
+    points = np.array(contacts.points)
+    at_rest = 0.0 * q
+    for _ in range(STANDING_ITERATIONS):
+        position, _ = body_points(crane.model, crane.data, contacts.body, points, q, at_rest)
+        # A longer rope lowers the load: it is shortened by what the load is too deep.
         q[rope.stretch] -= np.max(contacts.depth(position)[0]) - ground.sink
     return State(q, state.v)
 
@@ -301,16 +383,15 @@ def anchors_at(crane: Crane, contacts: Contacts, start: State) -> np.ndarray:
     shape (3, points).
 
     Raises:
-        OutOfRange: If the load is deeper in the ground than `_START_DEPTH` static sinks.
+        OutOfRange: If the load is deeper in the ground than `MAX_START_SINKS` static sinks.
     """
-    anchors, _ = body_points(
-        crane.model, crane.data, contacts.body, np.array(contacts.points), *start
-    )
+    points = np.array(contacts.points)
+    anchors, _ = body_points(crane.model, crane.data, contacts.body, points, start.q, start.v)
     depth = float(np.max(contacts.depth(anchors)[0]))
     weight = crane.payload_mass * crane.gravity
     # At rest, four points carry the load.
     static_sink = weight / 4.0 / contacts.stiffness
-    deepest = _START_DEPTH * static_sink
+    deepest = MAX_START_SINKS * static_sink
     if depth > deepest:
         allowed = f"{deepest:g} at most, above it the load stands"
         raise OutOfRange("depth of the load in the ground at the start", depth, allowed, "m")
@@ -320,19 +401,43 @@ def anchors_at(crane: Crane, contacts: Contacts, start: State) -> np.ndarray:
 def ground_phases(
     crane: Crane, contacts: Contacts, q: np.ndarray, v: np.ndarray, phase: np.ndarray
 ) -> np.ndarray:
-    """Return phases of a rope, shape (rows,), with `ON_GROUND` where the load touches, and
-    `OFF_LEAD` where it slides or leans on a taut rope, from coordinates and rates, shape (rows, n).
+    """Return phases of a rope with those of a load on the ground filled in.
+
+    They are `ON_GROUND` where the load touches, and `OFF_LEAD` where it touches and the rope is
+    taut, and either a point that touches slides or the rope leans. Elsewhere they stay.
+
+    Args:
+        crane: The crane.
+        contacts: Contacts of its load.
+        q: Coordinates, shape (rows, n).
+        v: Their rates, shape (rows, n).
+        phase: Phases of the rope without the ground, `TAUT` or `SLACK`, shape (rows,).
+
+    Returns:
+        Phases, shape (rows,).
     """
     points = np.array(contacts.points)
-    roles = ("radial_swing", "tangential_swing")
-    lean = np.hypot.reduce([q[:, crane.layout.role(role, "Off-lead")] for role in roles])
-    body = crane.model, crane.data, contacts.body, points
-    motions = [body_points(*body, *state) for state in zip(q, v, strict=True)]
-    position, velocity = np.reshape(motions, (-1, 2, 3, len(points))).transpose(1, 2, 0, 3)
-    touches = contacts.depth(position)[0] > 0.0
-    speeds = np.where(touches, np.hypot(*velocity[:2]), 0.0).max(axis=1)
-    off_lead = (phase == TAUT) & ((speeds > SLIDES) | (lean > LEANS))
+    radial = crane.layout.role("radial_swing", "Off-lead")
+    tangential = crane.layout.role("tangential_swing", "Off-lead")
+    lean = np.hypot(q[:, radial], q[:, tangential])
+
+    positions = np.empty((3, len(q), len(points)))
+    velocities = np.empty_like(positions)
+    for row, (row_q, row_v) in enumerate(zip(q, v, strict=True)):
+        positions[:, row], velocities[:, row] = body_points(
+            crane.model, crane.data, contacts.body, points, row_q, row_v
+        )
+    touches = contacts.depth(positions)[0] > 0.0
+    speeds = np.where(touches, np.hypot(velocities[0], velocities[1]), 0.0).max(axis=1)
+    off_lead = (phase == TAUT) & ((speeds > OFF_LEAD_SPEED) | (lean > OFF_LEAD_ANGLE))
     return np.where(touches.any(axis=1), np.where(off_lead, OFF_LEAD, ON_GROUND), phase)
+
+
+class _FaceDepth(NamedTuple):
+    """Depth of a point below a face [m], and the normal of that face."""
+
+    depth: Any
+    normal: Vector
 
 
 class Contacts(NamedTuple):
@@ -341,10 +446,10 @@ class Contacts(NamedTuple):
     Attributes:
         body: Index of the joint that carries the points.
         points: Points in its frame [m].
-        supports: Faces of each support.
-        stiffness: Of a point, along and across a face [N/m].
-        damping: Of a point along the normal [N s/m].
-        slip_damping: Of a point that sticks [N s/m].
+        supports: Faces of each support; the first support is the ground.
+        stiffness: Stiffness of a point, along and across a face [N/m].
+        damping: Damping of a point along the normal [N s/m].
+        slip_damping: Damping of a point that sticks, across the normal [N s/m].
         friction: Coefficient of dry friction.
     """
 
@@ -372,90 +477,173 @@ class Contacts(NamedTuple):
     def depth(self, position: Vector) -> tuple[Any, Vector]:
         """Return the depth of a point in the support in which it is deepest [m], negative outside
         of all, and the normal of the nearest face there that no other support covers.
+
+        Args:
+            position: The point in the world [m].
         """
-        deepest: tuple[Any, Vector] | None = None
+        deepest: _FaceDepth | None = None
         for faces in self.supports:
-            nearest: tuple[Any, Vector] | None = None
-            for normal, offset, neighbours in faces:
-                face = (offset - _dot(normal, position), normal)
-                exit_depth = face[0]
-                if neighbours:
-                    steps = zip(position, normal, strict=True)
-                    exit_point = [x + (face[0] + _BEHIND) * n for x, n in steps]
-                    for k in neighbours:
-                        depths = (f.offset - _dot(f.normal, exit_point) for f in self.supports[k])
-                        covered = reduce(smaller, depths) > 0.0
-                        exit_depth = chosen(covered, face[0] + _COVERED, exit_depth)
-                if nearest is None:
-                    nearest, shortest = face, exit_depth
-                    continue
-                nearest = _choose(exit_depth < shortest, face, nearest)
-                shortest = chosen(exit_depth < shortest, exit_depth, shortest)
-            assert nearest is not None
+            nearest = self._nearest_face(faces, position)
             if deepest is not None:
-                nearest = _choose(nearest[0] > deepest[0], nearest, deepest)
+                nearest = _choose(nearest.depth > deepest.depth, nearest, deepest)
             deepest = nearest
         assert deepest is not None
         return deepest
+
+    def _nearest_face(self, faces: Sequence[Face], position: Vector) -> _FaceDepth:
+        """Return the face of one support through which a point is nearest to the outside.
+
+        The way out through a face that another support covers at the place where the point would
+        come out counts as longer by `COVERED_PENALTY`. On a seam of two platforms that are flush, a
+        point is therefore pushed up and not into the other platform.
+        """
+        nearest: _FaceDepth | None = None
+        shortest: Any = None
+        for face in faces:
+            depth = face.offset - _dot(face.normal, position)
+            face_depth = _FaceDepth(depth, face.normal)
+            exit_distance = self._exit_distance(face, depth, position)
+            if nearest is None:
+                nearest = face_depth
+                shortest = exit_distance
+                continue
+            nearest = _choose(exit_distance < shortest, face_depth, nearest)
+            shortest = chosen(exit_distance < shortest, exit_distance, shortest)
+        assert nearest is not None
+        return nearest
+
+    def _exit_distance(self, face: Face, depth: Any, position: Vector) -> Any:
+        """Return the way of a point out of a support through a face [m], with `COVERED_PENALTY`
+        where another support covers the face.
+        """
+        if not face.neighbours:
+            return depth
+        exit_point = []
+        for coordinate, component in zip(position, face.normal, strict=True):
+            exit_point.append(coordinate + (depth + NEIGHBOUR_GAP) * component)
+        distance = depth
+        for neighbour in face.neighbours:
+            depth_inside = self._depth_inside(neighbour, exit_point)
+            is_covered = depth_inside > 0.0
+            distance = chosen(is_covered, depth + COVERED_PENALTY, distance)
+        return distance
+
+    def _depth_inside(self, support: int, point: Vector) -> Any:
+        """Return the depth of a point in a support [m]; it is outside where that is negative."""
+        least: Any = None
+        for face in self.supports[support]:
+            depth = face.offset - _dot(face.normal, point)
+            least = depth if least is None else smaller(least, depth)
+        return least
 
     def reaction(
         self, position: Vector, velocity: Vector, anchor: Vector
     ) -> tuple[list[Any], list[Any]]:
         """Return the force on a point [N] and its anchor after that [m], in the world.
 
+        With depth d, normal n, velocity v, and the offset s of the point from its anchor and its
+        velocity r, both across the normal, the force is F = N n + f with
+
+            N = max(k d - c n·v, 0)        in contact, d > 0, and 0 elsewhere,
+            f = -(k s + b r)               where |k s + b r| <= μ N: the point sticks,
+            f = -μ N (k s + b r)/|k s + b r|   elsewhere: the point slides.
+
+        The anchor of a point that slides follows it so that spring and damper together make up the
+        friction, f = -(k h + b r): it is left behind by h = -(f + b r)/k. The anchor of a point in
+        the air is the point.
+
+        Sources: Cundall and Strack, Géotechnique 29 (1979), 47-65 (friction); Schwager and Pöschel,
+        Granular Matter 9 (2007), 465-469 (no pull at the end of contact).
+
         Args:
-            position: Of the point in the world [m].
-            velocity: Of the point [m/s].
-            anchor: Where it came to rest [m].
+            position: Position of the point in the world [m].
+            velocity: Its velocity [m/s].
+            anchor: Place where it came to rest [m].
         """
         depth, normal = self.depth(position)
         push = self.stiffness * depth - self.damping * _dot(normal, velocity)
         load = chosen(depth > 0.0, chosen(push > 0.0, push, 0.0), 0.0)
+
         offset = [p - a for p, a in zip(position, anchor, strict=True)]
-        slip, rate = _across(normal, offset), _across(normal, velocity)
-        pull = [
-            -(self.stiffness * s + self.slip_damping * r) for s, r in zip(slip, rate, strict=True)
-        ]
-        square = _dot(pull, pull)
+        slip = _across(normal, offset)
+        rate = _across(normal, velocity)
+        sticking = []
+        for s, r in zip(slip, rate, strict=True):
+            sticking.append(-(self.stiffness * s + self.slip_damping * r))
+
+        # Where the point sticks, the square may be 0. It is replaced by 1 there, since a division
+        # by zero would give NaN, also times a flag of 0.
+        square = _dot(sticking, sticking)
         limit = self.friction * load
         slides = square > limit * limit
         root = square_root(chosen(slides, square, 1.0))
         share = 1.0 - flag(slides, square) * (1.0 - limit / root)
-        friction = [share * component for component in pull]
-        hold = [
-            -(f + self.slip_damping * r) / self.stiffness
-            for f, r in zip(friction, rate, strict=True)
-        ]
-        moved = [
-            chosen(load > 0.0, chosen(slides, p - h, a), p)
-            for p, h, a in zip(position, hold, anchor, strict=True)
-        ]
-        return [load * n + f for n, f in zip(normal, friction, strict=True)], moved
+        friction = [share * component for component in sticking]
+
+        spring_offset = []
+        for f, r in zip(friction, rate, strict=True):
+            spring_offset.append(-(f + self.slip_damping * r) / self.stiffness)
+        moved = []
+        for p, h, a in zip(position, spring_offset, anchor, strict=True):
+            moved.append(chosen(load > 0.0, chosen(slides, p - h, a), p))
+        force = [load * n + f for n, f in zip(normal, friction, strict=True)]
+        return force, moved
 
 
 def _with_neighbours(supports: Sequence[tuple[Face, ...]]) -> list[tuple[Face, ...]]:
-    """Return supports whose faces know the supports behind them; the ground comes before all."""
-    from scipy.optimize import linprog  # takes long to import, and few runs need it
+    """Return supports whose faces know the supports that begin behind them.
 
-    def radius(*faces: Face) -> float:
-        """Return the radius of the largest ball within faces [m], 1 m at most."""
-        planes = [[*face.normal, 1.0] for face in faces]
-        bounds = [(None, None)] * 3 + [(None, 1.0)]
-        return -float(linprog([0, 0, 0, -1], planes, [f.offset for f in faces], bounds=bounds).fun)
-
-    def behind(face: Face, body: tuple[Face, ...], adjacent: list[int]) -> tuple[int, ...]:
-        (x, y, z), sides = face.normal, [f for f in body if f is not face]
-        beyond = Face((-x, -y, -z), -face.offset)
-        return tuple(k + 1 for k in adjacent if radius(beyond, *sides, *supports[k]) > _BEHIND)
-
+    Args:
+        supports: Supports without the ground, which is number 0 of `Contacts.supports`.
+    """
     bodies = []
     for body in supports:
-        adjacent = [k for k, support in enumerate(supports) if support is not body]
-        adjacent = [k for k in adjacent if radius(*body, *supports[k]) > -_BEHIND]
-        bodies.append(
-            tuple(face._replace(neighbours=behind(face, body, adjacent)) for face in body)
-        )
+        adjoining = []
+        for index, other in enumerate(supports):
+            if other is not body and _ball_radius([*body, *other]) > -NEIGHBOUR_GAP:
+                adjoining.append(index)
+        faces = []
+        for face in body:
+            behind = _supports_behind(face, body, supports, adjoining)
+            faces.append(face._replace(neighbours=behind))
+        bodies.append(tuple(faces))
     return bodies
+
+
+def _supports_behind(
+    face: Face,
+    body: Sequence[Face],
+    supports: Sequence[tuple[Face, ...]],
+    adjoining: Sequence[int],
+) -> tuple[int, ...]:
+    """Return the supports, by their numbers in `Contacts.supports`, of which a part lies straight
+    behind a face of a body, between the planes of its other faces.
+    """
+    x, y, z = face.normal
+    outside = Face((-x, -y, -z), -face.offset)
+    sides = [other for other in body if other is not face]
+    behind = []
+    for index in adjoining:
+        if _ball_radius([outside, *sides, *supports[index]]) > NEIGHBOUR_GAP:
+            behind.append(index + 1)  # the ground is number 0
+    return tuple(behind)
+
+
+def _ball_radius(faces: Sequence[Face]) -> float:
+    """Return the radius of the largest ball within faces [m], 1 m at most. It is negative where the
+    faces have no point in common.
+
+    The ball of centre p and radius r is within a face where n·p + r <= offset. The largest one is a
+    linear programme in p and r.
+    """
+    from scipy.optimize import linprog  # takes long to import, and few runs need it
+
+    planes = [[*face.normal, 1.0] for face in faces]
+    offsets = [face.offset for face in faces]
+    free = (None, None)
+    at_most_one = (None, 1.0)  # keeps the programme bounded where the faces do not enclose a space
+    bounds = [free, free, free, at_most_one]
+    return -float(linprog([0, 0, 0, -1], planes, offsets, bounds=bounds).fun)
 
 
 def _dot(a: Vector, b: Vector) -> Any:
@@ -464,16 +652,20 @@ def _dot(a: Vector, b: Vector) -> Any:
 
 def _across(normal: Vector, vector: Vector) -> list[Any]:
     """Return the part of a vector across a unit vector."""
-    along = _dot(normal, vector)
-    return [x - along * n for x, n in zip(vector, normal, strict=True)]
+    length = _dot(normal, vector)
+    return [x - length * n for x, n in zip(vector, normal, strict=True)]
 
 
-def _choose(condition: Any, yes: tuple[Any, Vector], no: tuple[Any, Vector]) -> tuple[Any, Vector]:
-    """Return one depth and normal or the other."""
-    depth = chosen(condition, yes[0], no[0])
+def _choose(condition: Any, yes: _FaceDepth, no: _FaceDepth) -> _FaceDepth:
+    """Return one depth and normal where a condition holds, another where not.
+
+    Components of two normals are often plain floats, among which a condition of compiled code
+    cannot choose, see `scalars.chosen`. They are therefore mixed by a weight of 1 or 0.
+    """
+    depth = chosen(condition, yes.depth, no.depth)
     weight = flag(condition, depth)
-    normal = [
-        b if isinstance(a, float) and isinstance(b, float) and a == b else b + weight * (a - b)
-        for a, b in zip(yes[1], no[1], strict=True)
-    ]
-    return depth, normal
+    normal = []
+    for a, b in zip(yes.normal, no.normal, strict=True):
+        is_same = isinstance(a, float) and isinstance(b, float) and a == b
+        normal.append(b if is_same else b + weight * (a - b))
+    return _FaceDepth(depth, normal)

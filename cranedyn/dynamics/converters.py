@@ -1,19 +1,19 @@
 """Frequency converters: drives that follow commanded rates.
 
-A command is cut to the largest rate, rounded to the resolution of the bus, and delayed. A ramp
+A command is clipped to the largest rate, rounded to the resolution of the bus, and delayed. A ramp
 generator leads a reference rate r to it, within an acceleration and a jerk. The speed control makes
 the drive follow r as a first-order lag, T v̇ = r - v, so that the acceleration of the drive keeps
-the limits of the ramp. The effort is limited; where it does not suffice the drive stalls, and the
-reference waits within T times the acceleration of the rate of the drive.
+the limits of the ramp. The effort is limited. Where it does not suffice the drive stalls, and the
+reference stays within T times the largest acceleration of the rate of the drive.
 
-Written once for any kind of number, as `cranedyn.dynamics.joint_forces` is.
+The functions work on any kind of number, see `cranedyn.dynamics.scalars`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,23 +33,31 @@ from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.model.crane import Crane
 
 RATES = {"slew": 0.0838, "trolley": 1.583, "hoist": 1.0}
-"""Largest rates by role: 0.8 rpm of slewing, 95 m/min of the trolley and 60 m/min of hoisting, of a
-large tower crane; for other drives, and where a crane has less, the velocity limit of its joint."""
+"""Largest rates by role [rad/s or m/s], of a large tower crane: 0.8 rpm of slewing, 95 m/min of the
+trolley and 60 m/min of hoisting.
+
+Other drives, and those of a crane that allows less, have the velocity limit of their joint.
+"""
 
 DEFAULT_RATES = {"revolute": 0.1, "prismatic": 1.0}
 """Largest rates by kind of joint [rad/s or m/s] of drives that are in none of these roles and have
-no velocity limit, as in MJCF, which has none; ours, of the size of `RATES`."""
+no velocity limit, such as those of an MJCF, which knows none.
+
+Chosen in the order of magnitude of `RATES`.
+"""
 
 HEADROOM = 1.1
-"""Largest rate over that by role: a converter goes a tenth beyond it, into field weakening, to make
-up for its lag."""
+"""Largest rate over that of `RATES`: a converter goes a tenth beyond it, into field weakening, to
+make up for its lag.
+"""
 
 RAMP_TIMES = {"slew": 3.0, "trolley": 2.5, "hoist": 1.5}
-"""Time from rest to the rate of `RATES` [s]; ours, within the 1 to 5 s that converters of cranes
-are set to."""
+"""Time from rest to the rate of `RATES` by role [s]. Chosen within the 1 to 5 s to which converters
+of cranes are set.
+"""
 
 LAGS = {"slew": 0.2, "trolley": 0.1, "hoist": 0.1}
-"""Time constants of the speed control [s]; ours: soft for the slew, whose tower twists."""
+"""Time constants of the speed control by role [s]. Chosen: long for the slew; its tower twists."""
 
 RAMP_TIME = 2.5
 """Time from rest to the rate of a drive in none of these roles [s]."""
@@ -58,16 +66,19 @@ LAG = 0.1
 """Time constant of the speed control of such a drive [s]."""
 
 ROUNDING = 0.2
-"""Time in which the ramp reaches its acceleration [s], the rounding of an S-curve; ours."""
+"""Time in which the ramp reaches its acceleration [s], the rounding of an S-curve. Chosen."""
 
 STEPS = 16384
 """Steps of a command up to the largest rate: 4000 hex are 100 % in PROFIdrive's 16-bit words."""
 
 DELAY = 0.02
-"""Delay from a command to the response [s]: a cycle of the bus and one of the converter; ours."""
+"""Delay from a command to the response [s]: a cycle of the bus and one of the converter. Chosen."""
 
-_LARGEST_DELAY = 64
-"""Control periods of the longest delay."""
+_MAX_DELAY_STEPS = 64
+"""Number of control periods of the longest delay."""
+
+_ROUND_OFF = 1e-9
+"""Relative round-off of a rate at its limit, and of a delay that is a number of control periods."""
 
 
 class Response(NamedTuple):
@@ -88,31 +99,45 @@ class Response(NamedTuple):
     resolutions: Any
 
     def heard(self, command: Any) -> list[Any]:
-        """Return commands cut to the largest rates and rounded to the resolution, m numbers."""
+        """Return commands clipped to the largest rates and rounded to the resolution, m numbers."""
         rates = []
-        for w, rate_limit, step in zip(command, self.rates, self.resolutions, strict=True):
-            cut = clipped(w, -rate_limit, rate_limit)
+        for rate, limit, step in zip(command, self.rates, self.resolutions, strict=True):
+            allowed = clipped(rate, -limit, limit)
             if isinstance(step, float) and step == 0.0:
-                rates.append(cut)
+                rates.append(allowed)
                 continue
-            near = rounded(cut * (1.0 / chosen(step > 0.0, step, 1.0))) * step
-            rates.append(near if isinstance(step, float) else chosen(step > 0.0, near, cut))
+            # A resolution that is not known yet may turn out to be 0, which means no rounding. It
+            # is replaced by 1 where it divides.
+            divisor = chosen(step > 0.0, step, 1.0)
+            quantized = rounded(allowed * (1.0 / divisor)) * step
+            if not isinstance(step, float):
+                quantized = chosen(step > 0.0, quantized, allowed)
+            rates.append(quantized)
         return rates
 
     def cuts(self, command: Any) -> list[Any]:
         """Return for each drive whether its command is beyond its largest rate."""
-        pairs = zip(command, self.rates, strict=True)
-        return [magnitude(w) > rate_limit * (1.0 + 1e-9) for w, rate_limit in pairs]
+        exceeds = []
+        for rate, limit in zip(command, self.rates, strict=True):
+            exceeds.append(magnitude(rate) > limit * (1.0 + _ROUND_OFF))
+        return exceeds
 
     def ramped(
         self, heard: Any, reference: Any, slope: Any, rate: Any, dt: Any
     ) -> tuple[list[Any], list[Any]]:
         """Return reference rates after a step and their slopes, m numbers each.
 
-        The slope towards the command is the largest that the jerk can still bring to zero in steps
-        as long as this one: with a slope of n J dt in the n-th step before the end, the reference
-        still has n (n + 1) J dt²/2 to go. Where n is no whole number the last step overshoots by
-        J dt²/8 at most.
+        The slope towards the command is the largest that the jerk J can still bring to zero in
+        steps as long as this one. With a slope of n J dt in the n-th step before the end, the
+        reference still has e = n (n + 1) J dt²/2 to go, so that the slope is
+
+            n J dt = ½ (√((J dt)² + 8 J e) - J dt).
+
+        Where n is no whole number the last step overshoots by J dt²/8 at most. The slope is also
+        limited to e/dt, which reaches the command in this step, and to the largest acceleration A.
+
+        The reference stays within T A of the rate of the drive, with the lag T: the speed control
+        then asks for no more than A, also after the drive has stalled.
 
         Args:
             heard: Commanded rates.
@@ -121,35 +146,62 @@ class Response(NamedTuple):
             rate: Rates of the drives.
             dt: Time step [s].
         """
-        references, slopes = [], []
+        references = []
+        slopes = []
         for i, target in enumerate(heard):
             jump = self.jerks[i] * dt
             error = target - reference[i]
             distance = magnitude(error)
-            curve = 0.5 * (square_root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)
-            slope_limit = clipped(clipped(curve, 0.0, distance / dt), 0.0, self.accelerations[i])
+            stoppable = 0.5 * (square_root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)
+            slope_limit = clipped(stoppable, 0.0, distance / dt)
+            slope_limit = clipped(slope_limit, 0.0, self.accelerations[i])
             target_slope = chosen(error < 0.0, -slope_limit, slope_limit)
             new_slope = clipped(target_slope, slope[i] - jump, slope[i] + jump)
             lead = self.accelerations[i] * self.lags[i]
+            new_reference = reference[i] + dt * new_slope
             slopes.append(new_slope)
-            references.append(
-                clipped(reference[i] + dt * new_slope, rate[i] - lead, rate[i] + lead)
-            )
+            references.append(clipped(new_reference, rate[i] - lead, rate[i] + lead))
         return references, slopes
 
     def accelerations_at(self, reference: Any, rate: Any) -> list[Any]:
-        """Return the accelerations that the speed control asks for [rad/s² or m/s²], m numbers."""
-        rows = zip(reference, rate, self.lags, strict=True)
-        return [(r - v) / lag for r, v, lag in rows]
+        """Return the accelerations (r - v)/T that the speed control asks for [rad/s² or m/s²], m
+        numbers.
+        """
+        accelerations = []
+        for r, v, lag in zip(reference, rate, self.lags, strict=True):
+            accelerations.append((r - v) / lag)
+        return accelerations
+
+
+class DrivenMotion(NamedTuple):
+    """Motion of a crane whose drives follow commands, and the efforts that it takes.
+
+    Attributes:
+        acceleration: Accelerations, of the drives or of all joints [rad/s² or m/s²].
+        effort: Efforts of the drives [N m or N], shape (m,).
+        needed: Efforts that the drives would need to accelerate as wanted, shape (m,).
+    """
+
+    acceleration: np.ndarray
+    effort: np.ndarray
+    needed: np.ndarray
 
 
 def within_efforts(
     inertia: np.ndarray, resisting: np.ndarray, target: np.ndarray, limits: Any
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return accelerations of m drives of limited effort.
+) -> DrivenMotion:
+    """Return the accelerations and efforts of m drives of limited effort.
 
     A drive that would need more than its limit exerts its limit and accelerates accordingly. The
     others accelerate as wanted, unless the yielding of that drive takes them beyond their limits.
+
+    With the inertia M, the wanted accelerations a take the efforts M a + resisting. Of the set S of
+    drives that saturate, the accelerations change by x_S so that they exert their limits,
+
+        M_SS x_S = limit_S - (M a + resisting)_S,
+
+    and those of the others by x = 0. This changes the efforts of the others, too, so that more of
+    them may saturate. S only grows, by one drive at least in each of m passes that is not the last.
 
     Args:
         inertia: Inertia of the drives with the passive joints free, shape (m, m).
@@ -158,33 +210,46 @@ def within_efforts(
         limits: Largest efforts, m numbers.
 
     Returns:
-        Accelerations, efforts, and the efforts that the wanted accelerations need, shape (m,) each.
+        The motion of the drives, shape (m,) each.
     """
     m = len(target)
     needed = inertia @ target + resisting
     effort = list(needed)
-    saturated = [0.0] * m
+    # 1 for a drive that saturates, 0 for the others. In code the set is not known, so that all m
+    # equations are solved: those of the others read 1 x = 0.
+    saturated: list[Any] = [0.0] * m
     goal = list(needed)
-    gained: Any = target
+    acceleration: Any = target
     for _ in range(m):
         for i, limit in enumerate(limits):
             over = flag(magnitude(effort[i]) > limit, effort[i])
             goal[i] = chosen(over > 0.5, clipped(effort[i], -limit, limit), goal[i])
-            saturated[i] = saturated[i] + over - saturated[i] * over
-        matrix = np.array(
-            [[saturated[i] * inertia[i, j] * saturated[j] for j in range(m)] for i in range(m)]
-        )
-        right = np.array([saturated[i] * (goal[i] - needed[i]) for i in range(m)])
-        for i in range(m):
-            matrix[i, i] = matrix[i, i] + (1.0 - saturated[i])
-        correction = solve_linear(matrix, right)
-        gained = target + correction
+            saturated[i] = saturated[i] + over - saturated[i] * over  # logical or
+        correction = solve_linear(*_saturated_system(inertia, saturated, goal, needed))
+        acceleration = target + correction
         effort = list(needed + inertia @ correction)
-    cut = [
-        chosen(saturated[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
-        for i, limit in enumerate(limits)
-    ]
-    return gained, array(cut) if target.dtype == object else np.array(cut), needed
+    limited = []
+    for i, limit in enumerate(limits):
+        is_saturated = saturated[i] > 0.5
+        limited.append(chosen(is_saturated, goal[i], clipped(effort[i], -limit, limit)))
+    efforts = array(limited) if target.dtype == object else np.array(limited)
+    return DrivenMotion(acceleration, efforts, needed)
+
+
+def _saturated_system(
+    inertia: np.ndarray, saturated: Sequence[Any], goal: Sequence[Any], needed: Sequence[Any]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return matrix and right side of the equations for the accelerations by which drives yield,
+    see `within_efforts`.
+    """
+    m = len(saturated)
+    matrix = np.array(
+        [[saturated[i] * inertia[i, j] * saturated[j] for j in range(m)] for i in range(m)]
+    )
+    right = np.array([saturated[i] * (goal[i] - needed[i]) for i in range(m)])
+    for i in range(m):
+        matrix[i, i] = matrix[i, i] + (1.0 - saturated[i])
+    return matrix, right
 
 
 def saturate_acceleration(
@@ -194,36 +259,46 @@ def saturate_acceleration(
     limits: np.ndarray,
     drives: np.ndarray,
     passive: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> DrivenMotion:
     """Return accelerations of all joints for drives of limited effort, in any kind of number.
 
-    See `within_efforts`.
+    With the accelerations split into those of the drives d and the passive joints p, the passive
+    rows of the equation of motion give a_p = -M_pp⁻¹ (r_p + M_pd a_d). The drive rows then are
+
+        τ = (M_dd - M_dp M_pp⁻¹ M_pd) a_d + (r_d - M_dp M_pp⁻¹ r_p):
+
+    the bracket before a_d is the inertia of the drives with the passive joints free, see
+    `within_efforts`.
 
     Args:
         mass: Mass matrix, shape (n, n).
-        resisting: Generalized forces without acceleration, shape (n,).
+        resisting: Generalized forces r without acceleration, shape (n,).
         target: Wanted accelerations of the drives, shape (m,).
         limits: Their largest efforts, shape (m,).
         drives: Indices of the drives.
         passive: Indices of the passive joints; the others stand still.
 
     Returns:
-        Accelerations of all joints, shape (n,), efforts of the drives and the efforts that they
-        would need, shape (m,) each.
+        The motion: accelerations of all joints, shape (n,), and efforts of the drives.
     """
     inertia = mass[np.ix_(drives, drives)]
     resisting_drives = resisting[drives]
     a = np.array([0.0] * len(resisting), dtype=resisting.dtype)
     if not len(passive):
-        a[drives], effort, needed = within_efforts(inertia, resisting_drives, target, limits)
-        return a, effort, needed
-    passive_mass, coupling = mass[np.ix_(passive, passive)], mass[np.ix_(passive, drives)]
-    falling = solve_linear(passive_mass, resisting[passive])
-    carried = np.array([solve_linear(passive_mass, coupling[:, i]) for i in range(len(drives))]).T
-    free = resisting_drives - coupling.T @ falling
-    a[drives], effort, needed = within_efforts(inertia - coupling.T @ carried, free, target, limits)
+        driven = within_efforts(inertia, resisting_drives, target, limits)
+        a[drives] = driven.acceleration
+        return DrivenMotion(a, driven.effort, driven.needed)
+    passive_mass = mass[np.ix_(passive, passive)]
+    coupling = mass[np.ix_(passive, drives)]
+    falling = solve_linear(passive_mass, resisting[passive])  # -a_p where the drives do not move
+    columns = [solve_linear(passive_mass, coupling[:, i]) for i in range(len(drives))]
+    carried = np.array(columns).T  # -a_p for a unit acceleration of each drive
+    resisting_free = resisting_drives - coupling.T @ falling
+    inertia_free = inertia - coupling.T @ carried
+    driven = within_efforts(inertia_free, resisting_free, target, limits)
+    a[drives] = driven.acceleration
     a[passive] = -(falling + carried @ a[drives])
-    return a, effort, needed
+    return DrivenMotion(a, driven.effort, driven.needed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +306,7 @@ class Converters:
     """Frequency converters of a crane with m drives; `converters` returns typical ones.
 
     Attributes:
-        rates: Largest rates [rad/s or m/s], shape (m,); commands beyond are cut to them.
+        rates: Largest rates [rad/s or m/s], shape (m,); commands beyond are clipped to them.
         accelerations: Largest accelerations of the ramps [rad/s² or m/s²], shape (m,).
         jerks: Largest jerks of the ramps [rad/s³ or m/s³], shape (m,).
         lags: Time constants of the speed control [s], shape (m,); no less than the physics step.
@@ -249,32 +324,35 @@ class Converters:
 
     def __post_init__(self) -> None:
         m = np.size(self.rates)
-        for field in fields(self)[:-1]:
-            name = f"{field.name} of converters"
-            values = getattr(self, field.name)
-            column = finite(name, values, (m,)).astype(float)
-            allowed = ">= 0" if field.name == "resolutions" else "> 0"
+        for attribute in Response._fields:
+            name = f"{attribute} of converters"
+            column = finite(name, getattr(self, attribute), (m,)).astype(float)
+            allowed = ">= 0" if attribute == "resolutions" else "> 0"
             for value in column.tolist():
                 number(name, value, "", allowed)
             column.flags.writeable = False
-            object.__setattr__(self, field.name, column)
+            object.__setattr__(self, attribute, column)
         number("delay of converters", self.delay, "s", ">= 0")
 
     @property
     def response(self) -> Response:
-        """Numbers of the converters."""
+        """Numbers of the converters without their delay."""
         return Response(self.rates, self.accelerations, self.jerks, self.lags, self.resolutions)
 
     def delay_steps(self, dt: float, control_period: float) -> int:
-        """Return the delay in control periods.
+        """Return the delay in control periods, rounded up.
+
+        Args:
+            dt: Physics step [s].
+            control_period: Time from a command to the next [s].
 
         Raises:
             OutOfRange: If there are more than 64, or a physics step [s] is longer than a lag.
         """
         within("shortest lag of the converters", float(self.lags.min()), dt, math.inf, "s")
-        steps = math.ceil(self.delay / control_period - 1e-9)
-        if steps > _LARGEST_DELAY:
-            longest = _LARGEST_DELAY * control_period
+        steps = math.ceil(self.delay / control_period - _ROUND_OFF)
+        if steps > _MAX_DELAY_STEPS:
+            longest = _MAX_DELAY_STEPS * control_period
             raise OutOfRange(
                 "delay of converters", self.delay, f"{longest:g} or less: 64 control periods", "s"
             )
@@ -289,10 +367,10 @@ class Converters:
         return (self.delay_steps(0.0, control_period) + 0.5) * control_period
 
     def of(self, crane: Crane) -> Converters:
-        """Return the same if there is a converter for each drive of a crane.
+        """Return these converters.
 
         Raises:
-            OutOfRange: If there is not.
+            OutOfRange: If there is not one for each drive of the crane.
         """
         if len(self.rates) != crane.layout.m:
             raise OutOfRange(
@@ -308,8 +386,7 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
 
     Their rates are those of `RATES` with `HEADROOM`, and never more than the velocity limits of the
     crane's joints. A drive that has neither gets one of `DEFAULT_RATES`, see `default_rates`. They
-    ramp up to `RATES` in `RAMP_TIMES`, and reach this acceleration in
-    `ROUNDING`.
+    ramp up to `RATES` in `RAMP_TIMES`, and reach this acceleration in `ROUNDING`.
 
     Args:
         crane: The crane.
@@ -322,46 +399,61 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
         UnknownName: If there is no such attribute or drive.
     """
     layout = crane.layout
-    columns: dict[str, list[float]] = {field.name: [] for field in fields(Converters)[:-1]}
+    columns: dict[str, list[float]] = {attribute: [] for attribute in Response._fields}
     for joint, limit in zip(layout.driven, crane.rate_limit.tolist(), strict=True):
-        usual = min(RATES.get(joint.role, math.inf), limit)
-        if not math.isfinite(usual):
-            usual = DEFAULT_RATES[joint.kind]
-        acceleration = usual / RAMP_TIMES.get(joint.role, RAMP_TIME)
-        rate = min(HEADROOM * usual, limit)
+        nominal_rate = min(RATES.get(joint.role, math.inf), limit)
+        if not math.isfinite(nominal_rate):
+            nominal_rate = DEFAULT_RATES[joint.kind]
+        acceleration = nominal_rate / RAMP_TIMES.get(joint.role, RAMP_TIME)
+        rate = min(HEADROOM * nominal_rate, limit)
         columns["rates"].append(rate)
         columns["accelerations"].append(acceleration)
         columns["jerks"].append(acceleration / ROUNDING)
         columns["lags"].append(LAGS.get(joint.role, LAG))
         columns["resolutions"].append(rate / STEPS)
-    for name, of_drives in values.items():
+    for name, values_by_symbol in values.items():
         if name not in columns:
             raise UnknownName("number of converters", name, [*columns, "delay"])
-        for symbol, value in of_drives.items():
+        for symbol, value in values_by_symbol.items():
             columns[name][layout.drive(symbol)] = number(f"{name} of {symbol}", value)
-    numbers = {name: np.array(column) for name, column in columns.items()}
-    return Converters(**numbers, delay=delay)
+    return Converters(
+        rates=np.array(columns["rates"]),
+        accelerations=np.array(columns["accelerations"]),
+        jerks=np.array(columns["jerks"]),
+        lags=np.array(columns["lags"]),
+        resolutions=np.array(columns["resolutions"]),
+        delay=delay,
+    )
 
 
 def default_rates(crane: Crane) -> list[str]:
-    """Return a sentence for each drive whose converter has one of `DEFAULT_RATES`, for whoever
-    shows what a crane with converters does.
+    """Return a sentence for each drive whose converter has one of `DEFAULT_RATES`.
+
+    It is shown beside the motion of a crane with converters.
     """
-    return [
-        f"{joint.name} has no velocity limit; its converter is taken to reach the default rate of "
-        f"{DEFAULT_RATES[joint.kind]:g} {joint.unit}/s. A URDF says another as velocity of "
-        "<limit>, Python as converters(crane, rates=...)."
-        for joint, limit in zip(crane.layout.driven, crane.rate_limit.tolist(), strict=True)
-        if joint.role not in RATES and not math.isfinite(limit)
-    ]
+    sentences = []
+    for joint, limit in zip(crane.layout.driven, crane.rate_limit.tolist(), strict=True):
+        if joint.role in RATES or math.isfinite(limit):
+            continue
+        sentences.append(
+            f"{joint.name} has no velocity limit; its converter is taken to reach the default rate "
+            f"of {DEFAULT_RATES[joint.kind]:g} {joint.unit}/s. A URDF says another as velocity of "
+            "<limit>, Python as converters(crane, rates=...)."
+        )
+    return sentences
 
 
 def fitting(crane: Crane, drive: str, explicit: Converters | None) -> Converters | None:
-    """Return the frequency converters of a run, typical ones where none are given to drives that
-    take velocities.
+    """Return the frequency converters of a run: those given, or typical ones, for drives that take
+    velocities, and None for other drives.
+
+    Args:
+        crane: The crane.
+        drive: What the drives take: "effort", "motion" or "velocity".
+        explicit: Converters that the caller gives; None for none.
 
     Raises:
-        OutOfRange: If some are given to drives that have none, or not one for each drive.
+        OutOfRange: If converters are given to drives that have none, or not one for each drive.
     """
     if drive == "velocity":
         return converters(crane) if explicit is None else explicit.of(crane)

@@ -1,8 +1,9 @@
 """Drives: how commands become forces at the joints.
 
 Drives exert an effort, follow an acceleration, or follow a rate as frequency converters do. Each
-kind has the same four methods: `take_command` at a control instant, `effort` and `acceleration` at
-a state under the last command, and `begin_step` before each physics step.
+kind has the same methods: `take_command` at a control instant, `acceleration` at a state under the
+last command, and `begin_step` before each physics step. Those that follow a motion or a rate also
+tell the `effort` that they exert at a state.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.converters import Converters, saturate_acceleration
+from cranedyn.dynamics.converters import Converters, DrivenMotion, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops
 from cranedyn.dynamics.pinocchio import follow_drives, inverse_dynamics, outside_effort
 from cranedyn.errors import OutOfRange
@@ -36,7 +37,8 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     if hoist is None:
         return np.zeros(len(q))
     stops = Stops.of(crane)
-    return stops.effort_of(hoist, q[:, stops.drives[hoist]], v[:, stops.drives[hoist]])
+    joint = stops.drives[hoist]
+    return stops.effort_of(hoist, q[:, joint], v[:, joint])
 
 
 class ExternalForces:
@@ -59,11 +61,10 @@ class ExternalForces:
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return generalized forces [N m or N], shape (n,)."""
-        effort = (
-            outside_effort(self._points, self._model, self._data, q, self.force)
-            if self.force.any()
-            else np.zeros(len(v))
-        )
+        if self.force.any():
+            effort = outside_effort(self._points, self._model, self._data, q, self.force)
+        else:
+            effort = np.zeros(len(v))
         if self.stops is not None:
             self.stop_effort = self.stops.effort(q, v)
             effort[self._drives] += self.stop_effort
@@ -77,8 +78,8 @@ class _Drives:
         model: Pinocchio's model of the crane.
         external: External forces; None for none.
         saturated: Whether the last command was beyond the largest rate of a frequency converter.
-        free: Joints whose motion answers to forces, by their indices. A taut rope that does not
-            stretch holds one of them, see `Springs.free`.
+        free: Indices of the joints whose accelerations follow from forces. Whoever simulates a taut
+            inextensible rope takes its stretch out of them, see `Springs.free`.
     """
 
     saturated = False
@@ -124,7 +125,8 @@ class EffortDrives(_Drives):
     """Drives that exert the effort commanded, within their limits.
 
     Attributes:
-        convention: Frame in which Pinocchio's algorithm computes; that of the world is faster.
+        convention: Frame in which Pinocchio's algorithm computes. That of the world is faster,
+            those of the joints lose fewer digits.
     """
 
     convention = pin.Convention.WORLD
@@ -132,8 +134,8 @@ class EffortDrives(_Drives):
     def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
         super().__init__(crane, external, crane.layout.independent)
         self._all_joints = self.free
-        self._least = -crane.effort_limit
-        self._largest = crane.effort_limit
+        self._lowest = -crane.effort_limit
+        self._highest = crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
         self._damping = self._joint.damping
@@ -141,7 +143,7 @@ class EffortDrives(_Drives):
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Hold efforts until the next command."""
-        self._effort = np.minimum(np.maximum(command, self._least), self._largest)
+        self._effort = np.minimum(np.maximum(command, self._lowest), self._highest)
         self._tau[self._layout.drives] = self._effort
         return command, self._effort
 
@@ -151,12 +153,14 @@ class EffortDrives(_Drives):
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
+        # Most cranes have viscous damping only, for which this takes the least time.
         if self._viscous_only:
             tau = self._tau - self._damping * v
         else:
             tau = self._tau + self._joint.effort(q, v)
         if self.external is not None:
             tau += self.external.effort(q, v)
+        # ABA moves all joints, each by itself.
         if self.free is self._all_joints and self._coupling is None:
             return pin.aba(self.model, self._data, q, v, tau, self.convention)
         return follow_drives(
@@ -194,22 +198,35 @@ class MotionDrives(_Drives):
 
     def effort(self, state: State) -> np.ndarray:
         """Return the effort exerted at a state [N m or N], shape (m,)."""
-        joint, external = self.passive_forces(*state)
-        model, data, coupling = self.model, self._data, self._coupling
-        a = follow_drives(model, data, *state, self._command, joint, self.free, external, coupling)
-        effort = inverse_dynamics(model, data, *state, a, joint, external, coupling)
+        q = state.q
+        v = state.v
+        joint, external = self.passive_forces(q, v)
+        model = self.model
+        data = self._data
+        coupling = self._coupling
+        a = follow_drives(model, data, q, v, self._command, joint, self.free, external, coupling)
+        effort = inverse_dynamics(model, data, q, v, a, joint, external, coupling)
         return effort[self._layout.drives]
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
         joint, external = self.passive_forces(q, v)
-        model, data = self.model, self._data
+        model = self.model
+        data = self._data
         coupling = self._coupling
         return follow_drives(model, data, q, v, self._command, joint, self.free, external, coupling)
 
 
 class VelocityDrives(_Drives):
-    """Drives with frequency converters, see `cranedyn.dynamics.converters`."""
+    """Drives with frequency converters, see `cranedyn.dynamics.converters`.
+
+    Args:
+        crane: The crane.
+        external: External forces; None for none.
+        converters: The converters.
+        dt: Physics step [s].
+        delay_steps: Number of control periods by which commands are late.
+    """
 
     def __init__(
         self,
@@ -227,7 +244,7 @@ class VelocityDrives(_Drives):
         self.reset(crane.start)
 
     def reset(self, state: State) -> None:
-        """Hold the rates of a state until the first command is heard."""
+        """Hold the rates of a state until the delay of the first command has passed."""
         rate = state.v[self._layout.drives]
         self.recall(rate, np.zeros_like(rate), np.tile(rate, (self._delay_steps, 1)))
 
@@ -237,7 +254,8 @@ class VelocityDrives(_Drives):
         Args:
             reference: Reference rates [rad/s or m/s], shape (m,).
             slope: Their rates of change [rad/s² or m/s²], shape (m,).
-            queue: Commands not yet heard, shape (delay_steps, m).
+            queue: Commands whose delay has not passed yet, the oldest first, shape (delay_steps,
+                m).
         """
         self._reference = reference.copy()
         self._slope = slope.copy()
@@ -245,14 +263,19 @@ class VelocityDrives(_Drives):
         self._heard = self._reference
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Queue rates until they are heard."""
-        self.saturated = any(self._response.cuts(command.tolist()))
-        queue = [*self._queue, np.array(self._response.heard(command.tolist()))]
+        """Queue rates until their delay has passed, and follow those whose delay has.
+
+        The efforts returned are those of the next physics step, whose reference rates follow from
+        the command.
+        """
+        rates = command.tolist()
+        self.saturated = any(self._response.cuts(rates))
+        queue = [*self._queue, np.array(self._response.heard(rates))]
         self._heard = queue[0]
         self._queue = queue[1:]
-        reference = self._ramp(state.v)[0]
-        _, effort, needed = self._driven(*state, reference)
-        return needed, effort
+        reference, _ = self._ramp(state.v)
+        motion = self._driven(state.q, state.v, reference)
+        return motion.needed, motion.effort
 
     def begin_step(self, v: np.ndarray) -> None:
         """Move the ramps on by a physics step from rates v, shape (n,)."""
@@ -260,48 +283,53 @@ class VelocityDrives(_Drives):
 
     def effort(self, state: State) -> np.ndarray:
         """Return the effort exerted at a state [N m or N], shape (m,)."""
-        return self._driven(*state, self._reference)[1]
+        return self._driven(state.q, state.v, self._reference).effort
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
-        return self._driven(q, v, self._reference)[0]
+        return self._driven(q, v, self._reference).acceleration
 
     def _ramp(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return reference rates after a physics step, and how fast they change, shape (m,)."""
-        memory = self._heard.tolist(), self._reference.tolist(), self._slope.tolist()
-        rates = v[self._layout.drives].tolist()
-        reference, slope = self._response.ramped(*memory, rates, self._dt)
+        """Return reference rates after a physics step and their slopes, shape (m,) each."""
+        # Lists of floats are several times quicker than elements of arrays.
+        reference, slope = self._response.ramped(
+            self._heard.tolist(),
+            self._reference.tolist(),
+            self._slope.tolist(),
+            v[self._layout.drives].tolist(),
+            self._dt,
+        )
         return np.array(reference), np.array(slope)
 
-    def _driven(
-        self, q: np.ndarray, v: np.ndarray, reference: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return accelerations of all joints, shape (n,), efforts of the drives and the efforts
-        that they would need, shape (m,) each.
+    def _driven(self, q: np.ndarray, v: np.ndarray, reference: np.ndarray) -> DrivenMotion:
+        """Return the motion of all joints under reference rates of the drives, shape (m,).
+
+        The accelerations that the speed control asks for are tried first. Where they take more
+        effort than a drive has, see `saturate_acceleration`, which needs the mass matrix.
         """
         drives = self._layout.drives
         model = self.model
         data = self._data
+        coupling = self._coupling
         target = np.zeros(len(v))
         target[drives] = self._response.accelerations_at(reference, v[drives].tolist())
         joint, external = self.passive_forces(q, v)
-        coupling = self._coupling
         a = follow_drives(model, data, q, v, target, joint, self.free, external, coupling)
         forces = inverse_dynamics(model, data, q, v, a, joint, external, coupling)
         needed = forces[drives]
-        effort = needed
-        if not (np.abs(needed) <= self._limit).all():
-            mass = pin.crba(model, data, q)
-            if coupling is not None:
-                mass = coupling.reduce(mass)
-            still = np.zeros(len(v))
-            bias = inverse_dynamics(model, data, q, v, still, joint, external, coupling)
-            a, effort, needed = saturate_acceleration(
-                mass, bias, target[drives], self._limit, drives, self.free
-            )
-            if coupling is not None:
-                a = coupling.spread(a)
-        return a, effort, needed
+        # Written so that an effort that is NaN takes the second way.
+        if (np.abs(needed) <= self._limit).all():
+            return DrivenMotion(a, needed, needed)
+
+        mass = pin.crba(model, data, q)
+        if coupling is not None:
+            mass = coupling.reduce(mass)
+        without_motion = np.zeros(len(v))
+        bias = inverse_dynamics(model, data, q, v, without_motion, joint, external, coupling)
+        limited = saturate_acceleration(mass, bias, target[drives], self._limit, drives, self.free)
+        if coupling is None:
+            return limited
+        return limited._replace(acceleration=coupling.spread(limited.acceleration))
 
 
 Drives = EffortDrives | MotionDrives | VelocityDrives

@@ -9,17 +9,19 @@ import numpy as np
 import pinocchio as pin
 
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From coordinates q and rates v to accelerations."""
+"""Function of coordinates q and rates v that returns accelerations."""
 
 Add = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From a quantity and its rate to the quantity one time step later."""
+"""Function of a quantity and its rate that returns the quantity one time step later."""
 
 Rule = Callable[
     [Acceleration, Add, Add, np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray]
 ]
-"""From the acceleration, the step of rates, the step of coordinates, q, v and a number of steps to
-q and v after these steps. A rule only adds and multiplies, so that the plain loop and compiled code
-use the same one."""
+"""Function that takes steps. Its arguments are the acceleration, the step of rates, the step of
+coordinates, q, v and the number of steps; it returns q and v after these steps.
+
+A rule only adds and multiplies, so that the plain loop and compiled code use the same one.
+"""
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,8 @@ class Integrator:
     Attributes:
         name: Name in records and tables.
         rule: The rule.
-        lead: Steps by which positions run ahead of velocities.
-        smooth: Whether the order of the rule needs a motion without kinks, such as buffers make.
+        lead: Number of steps by which positions run ahead of velocities.
+        smooth: Whether the order of the rule needs a smooth motion, which buffers make kinks in.
     """
 
     name: str
@@ -54,7 +56,8 @@ class Integrator:
             model: The model, whose coordinates need not be a vector space.
             q: Coordinates, shape (nq,).
             v: Rates, shape (nv,).
-            dt: Time step [s]; the same step for each coordinate, shape (nv,), is faster.
+            dt: Time step [s]. An array with the same step for each coordinate, shape (nv,), is
+                faster.
             steps: Number of steps.
 
         Returns:
@@ -63,8 +66,8 @@ class Integrator:
         integrate = pin.integrate
         return self.rule(
             acceleration,
-            lambda v, a: v + dt * a,
-            lambda q, v: integrate(model, q, dt * v),
+            lambda rates, acceleration: rates + dt * acceleration,
+            lambda coordinates, rates: integrate(model, coordinates, dt * rates),
             q,
             v,
             steps,
@@ -104,6 +107,7 @@ def _rk4(
     v: np.ndarray,
     steps: int,
 ) -> tuple[np.ndarray, np.ndarray]:
+    # The four stages of q' = v, v' = a(q, v): the rates of stage i are vi, its accelerations ai.
     for _ in range(steps):
         a1 = acceleration(q, v)
         v2 = step_rates(v, 0.5 * a1)

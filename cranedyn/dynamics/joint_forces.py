@@ -1,8 +1,21 @@
 """Joint forces besides drives, gravity and inertia: damping, dry friction, springs, and stops at
 the ends of the ranges.
 
-Written once for any kind of number: floats in the plain loop, symbols in the optimiser, values of a
-program in compiled code.
+With the coordinate q and rate v of a joint these are
+
+    damping          -d v
+    dry friction     -f v/√(v² + w²)                          see `cranedyn.model.friction`
+    spring           -k (q - q_rest)
+    elastic rope     -T on the stretch s, and +½ EA (s/l)² on the length l where s > 0
+    two falls        see `cranedyn.model.springs.Bifilar`
+    stops            -k (q - q_end) - d v, where this pushes inwards
+
+The rope pulls and does not push: its tension is T = max(0, EA s/l + d v_s), and 0 where s < 0. The
+force on the length is minus the derivative by l of the strain energy EA s²/(2 l), see
+`cranedyn.model.springs`.
+
+The functions work on any kind of number, see `cranedyn.dynamics.scalars`: floats in the plain loop,
+symbols in the optimiser, values of a program in compiled code.
 """
 
 from __future__ import annotations
@@ -22,7 +35,7 @@ _STOP_FREQUENCY = 20.0
 """Natural frequency of the inertia at a joint on its end stop [rad/s]."""
 
 _STOP_DAMPING = 0.5
-"""Damping ratio of it."""
+"""Damping ratio of this oscillation."""
 
 TAUT = 0.0
 """Phase of a rope that pulls."""
@@ -59,9 +72,11 @@ class JointForces:
         return self.springs is None and self.friction is None
 
     def in_steps(self, dt: Any, mass: Any = 1.0) -> JointForces:
-        """Return the same with time in steps of `dt` [s] and mass in units of `mass` [kg].
+        """Return the same with time in units of `dt` [s] and mass in units of `mass` [kg].
 
-        Forces scale like dt², damping like dt.
+        A force is a mass times a length over a squared time, so that its number is multiplied by
+        dt²/mass, and so is that of a stiffness. A damping is multiplied by dt/mass, since it is a
+        force over a rate.
         """
         damping = self.damping * (dt / mass)
         force = dt * dt / mass
@@ -73,6 +88,7 @@ class JointForces:
         """Return the efforts by which damping and dry friction oppose rates v, with the sign of the
         rates: shape (n,), or (n, rows) for rates of shape (n, rows).
         """
+        # Transposed, so that one row or many are multiplied by the damping of their joint.
         viscous = (self.damping * v.T).T
         if self.friction is None:
             return viscous
@@ -91,7 +107,10 @@ class JointForces:
         return viscous + self._dry_friction(joint, rate)
 
     def _dry_friction(self, joint: int, rate: Any) -> Any:
-        """Return f v / sqrt(v² + w²), see `cranedyn.model.friction`."""
+        """Return f v/√(v² + w²): Coulomb's law f sign(v), smoothed over a width w of the rate.
+
+        See `cranedyn.model.friction`.
+        """
         assert self.friction is not None
         place = self.friction.joints.index(joint)
         width = self.friction.width[place]
@@ -103,47 +122,65 @@ class JointForces:
         if self.springs is None:
             return resisting
         effort = resisting + self.springs.effort(q)
+        # Spring and damper of the rope were counted each by itself, and the damper also where it
+        # pushes. The tension takes their place.
         if self.rope is not None and not self.rope.inextensible:
             effort[self.rope.stretch] = -self.tension(q, v)
         return effort
 
     def tangent(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the stiffness, shape (n, n), and the damping, shape (n,), at a state in floats.
+        """Return the stiffness -∂τ/∂q, shape (n, n), and the damping -∂τ/∂v, shape (n,), at a state
+        in floats.
 
         Dry friction is left out: its slope at rest is that of the smoothing, which a controller
         must not take for damping, and in motion it has none.
         """
-        stiffness = np.zeros(2 * q.shape) if self.springs is None else self.springs.tangent(q)
+        n = len(q)
+        stiffness = np.zeros((n, n)) if self.springs is None else self.springs.tangent(q)
         damping = self.damping.copy()
         if self.rope is not None and not self.phase(q, v) == TAUT:
-            stiffness[self.rope.stretch], damping[self.rope.stretch] = 0.0, 0.0
+            # A slack rope pulls at nothing.
+            stiffness[self.rope.stretch] = 0.0
+            damping[self.rope.stretch] = 0.0
         return stiffness, damping
 
     def dissipation(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the power that damping and dry friction dissipate [W], for coordinates and rates
-        of shape (n,) or (n, rows). A slack rope dissipates the strain energy that it has left.
+        of shape (n,) or (n, rows).
+
+        The sum of d v² over the joints counts the damper of an elastic rope as if it always acted.
+        What the rope dissipates is its tension less the force of its spring, T - EA s/l with
+        s >= 0, times v_s. While the rope pulls, this is the same. While it is slack, this is
+        -EA (s/l) v_s, the rate at which the rope loses the strain energy that it has left.
         """
         power = (self.resistance(v) * v).sum(axis=0) if self.friction else self.damping @ (v * v)
         if self.rope is None or self.rope.inextensible:
             return power
-        stretch, _, stiffness, _ = self.rope
-        damper = self.tension(q, v) - stiffness * self.rope.strain(q)
-        return power + (damper - self.damping[stretch] * v[stretch]) * v[stretch]
+        stretch = self.rope.stretch
+        damper = self.tension(q, v) - self.rope.stiffness * self.rope.strain(q)
+        counted = self.damping[stretch] * v[stretch]
+        return power + (damper - counted) * v[stretch]
 
     @property
     def rope(self) -> Rope | None:
-        """Elastic rope; None if there is none."""
+        """Rope that may go slack; None if there is none."""
         return None if self.springs is None else self.springs.rope
 
     def tension(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """Return the tension of an elastic rope, of spring and damper [N]; 0 where it is slack."""
+        """Return the tension of an elastic rope, of spring and damper [N]; 0 where it is slack.
+
+        Where `taut` is given, it decides between the two, and not the state.
+        """
         spring, damper = self._rope_forces(q, v)
         taut = self.pull(q, v) > 0.0 if self.taut is None else self.taut
         return chosen(taut, spring + damper, 0.0)
 
     def pull(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """Return a force that is positive where an elastic rope pulls [N]: that of its spring and,
-        while the rope shortens, of its damper.
+        """Return a force that is positive where an elastic rope pulls [N].
+
+        It is the force of the spring and, while the rope shortens, of the damper: a rope goes slack
+        where its damper would push harder than its spring pulls, and becomes taut only where it is
+        stretched, however fast it lengthens.
         """
         spring, damper = self._rope_forces(q, v)
         return spring + chosen(damper < 0.0, damper, 0.0)
@@ -158,9 +195,13 @@ class JointForces:
         return chosen(taut, TAUT, SLACK)
 
     def _rope_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
+        """Return the forces EA s/l of the spring of a rope, and d v_s of its damper [N]."""
         assert self.rope is not None
-        stretch, length, stiffness, _ = self.rope
-        return stiffness * (q[stretch] / q[length]), self.damping[stretch] * v[stretch]
+        stretch = self.rope.stretch
+        strain = q[stretch] / q[self.rope.length]
+        spring = self.rope.stiffness * strain
+        damper = self.damping[stretch] * v[stretch]
+        return spring, damper
 
 
 def tension_from_hoist_force(
@@ -169,21 +210,23 @@ def tension_from_hoist_force(
     """Return the tension of the rope [N]; None without a hoist.
 
     It is the force that stretches an elastic rope. For a rigid rope it is the force of the hoist
-    joint, which lies along the rope: that of the drive, less damping and dry friction.
+    joint, which lies along the rope. A positive force lowers the load, so that the tension is minus
+    the force of the drive, plus the damping and dry friction that resist the lowering.
 
     Args:
         layout: Joints of the crane.
         joint: Damping, dry friction and springs of the joints.
         q: Coordinates, n numbers or rows of them.
         v: Their rates, likewise.
-        hoist: Force of the hoist and of the buffers at the ends of the cable [N].
+        hoist: Force of the hoist and of the buffers at the ends of the cable [N], negative where it
+            holds the load.
     """
     if joint.rope is not None:
         return joint.tension(q, v)
     if not layout.has("hoist"):
         return None
-    i = layout.role("hoist", "The rope")
-    return joint.resistance_of(i, v[i]) - hoist
+    hoist_joint = layout.role("hoist", "The rope")
+    return joint.resistance_of(hoist_joint, v[hoist_joint]) - hoist
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +249,11 @@ class Stops:
 
     @classmethod
     def of(cls, crane: Crane) -> Stops:
-        """Return the buffers of a crane: each drive, with the masses on it, oscillates at 20 rad/s
-        with half of critical damping.
+        """Return the buffers of a crane.
+
+        On its buffer, each drive with the masses on it oscillates at ω = `_STOP_FREQUENCY` with the
+        damping ratio ζ = `_STOP_DAMPING`: k = m ω² and d = 2 ζ ω m. The inertia m is that at the
+        start with the passive joints at zero, where the load hangs below.
         """
         drives = crane.layout.drives
         q = crane.start.q.copy()
@@ -227,21 +273,31 @@ class Stops:
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the efforts of the buffers at coordinates q and rates v, shape (m,)."""
-        floats = q.dtype != object
-        positions, rates = (q.tolist(), v.tolist()) if floats else (q, v)
-        efforts = [
-            self.effort_of(drive, positions[joint], rates[joint])
-            for drive, joint in enumerate(self.drives)
-        ]
-        return np.array(efforts) if floats else array(efforts)
+        are_floats = q.dtype != object
+        # Floats of Python are quicker than elements of an array.
+        positions = q.tolist() if are_floats else q
+        rates = v.tolist() if are_floats else v
+        efforts = []
+        for drive, joint in enumerate(self.drives):
+            efforts.append(self.effort_of(drive, positions[joint], rates[joint]))
+        return np.array(efforts) if are_floats else array(efforts)
 
     def effort_of(self, drive: int, position: Any, rate: Any) -> Any:
-        """Return the effort of the buffers of one drive at its position and rate."""
+        """Return the effort of the buffers of one drive at its position and rate.
+
+        A buffer only pushes: its force counts where it is opposite to the way by which the drive is
+        beyond the end of its range, which is 0 inside the range.
+        """
         beyond = position - clipped(position, self.lower[drive], self.upper[drive])
         pushing = -(self.stiffness[drive] * beyond) - self.damping[drive] * rate
         return chosen(pushing * beyond < 0.0, pushing, 0.0)
 
     def beyond(self, q: np.ndarray) -> list[Any]:
-        """Return whether a drive is beyond its range, for both ends of each range."""
-        ends = zip(self.drives, self.lower, self.upper, strict=True)
-        return [side for joint, low, high in ends for side in (q[joint] < low, q[joint] > high)]
+        """Return for each end of the range of each drive whether the drive is beyond it, 2 m in
+        all: lower and upper end of the first drive, then those of the next.
+        """
+        are_beyond = []
+        for joint, low, high in zip(self.drives, self.lower, self.upper, strict=True):
+            are_beyond.append(q[joint] < low)
+            are_beyond.append(q[joint] > high)
+        return are_beyond

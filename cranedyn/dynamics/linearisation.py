@@ -1,7 +1,8 @@
 """The linear crane about a rest or a motion: what a small motion does, step by step, under a held
 command and in a closed loop.
 
-Deviations are stacked as z = (coordinates, rates), shape (2 n,).
+Deviations are stacked as z = (coordinates, rates), shape (2 n,); u are the deviations of the m
+commands.
 """
 
 from __future__ import annotations
@@ -21,14 +22,18 @@ from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.springs import rest_stiffness
 
+MIN_FREQUENCY = 1e-3
+"""Frequency below which a mode of a loop does not count as an oscillation [rad/s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """z after one control period = a z + b u, with the drive efforts u held.
+    """The linear crane in discrete time: z after one control period is a z + b u, with the drive
+    efforts u held.
 
     Attributes:
-        a: Shape (2 n, 2 n).
-        b: Shape (2 n, m).
+        a: Derivative of z by z a period before, shape (2 n, 2 n).
+        b: Derivative of z by the efforts, shape (2 n, m).
         period: The control period [s].
     """
 
@@ -47,11 +52,11 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """dz/dt = a z + b u.
+    """The linear crane in continuous time, dz/dt = a z + b u.
 
     Attributes:
-        a: Shape (2 n, 2 n).
-        b: Shape (2 n, m).
+        a: Derivative of dz/dt by z, shape (2 n, 2 n).
+        b: Derivative of dz/dt by the command, shape (2 n, m).
         held: Indices in z of what has no motion of its own, see `held_states`.
     """
 
@@ -60,8 +65,13 @@ class Linear:
     held: Sequence[int] = ()
 
     def sampled(self, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
-        """Step it exactly as `simulate` does: semi-implicit Euler in steps of `dt` [s] under a
-        command held for a control period [s].
+        """Return the discrete model of the steps that `simulate` takes.
+
+        They are those of semi-implicit Euler under a command that is held for a control period.
+
+        Args:
+            dt: Physics step [s].
+            control_period: Time for which a command is held [s].
 
         Raises:
             OutOfRange: If a time is out of range, the period is not a multiple of `dt`, or a state
@@ -69,15 +79,20 @@ class Linear:
         """
         steps = clocks(control_period, dt, control_period).steps
         n = len(self.b) // 2
-        (a,), (b,) = over_period(self.a[None, n:], self.b[None, n:], dt, steps, self.held)
-        return Sampled(a, b, control_period)
+        # The lower halves are the derivatives of the accelerations, of one crane.
+        by_state = self.a[None, n:]
+        by_effort = self.b[None, n:]
+        a, b = over_period(by_state, by_effort, dt, steps, self.held)
+        return Sampled(a[0], b[0], control_period)
 
 
 def over_period(
     by_state: np.ndarray, by_effort: np.ndarray, dt: float, steps: int, held: Sequence[int] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the discrete model of several physics steps of `dt` [s], as in `Sampled`, for many
-    cranes at once.
+    """Return the discrete model of several physics steps, as in `Sampled`, for many cranes at once.
+
+    A step of semi-implicit Euler is v' = v + dt (A_q q + A_v v + B u) and q' = q + dt v'. As a
+    matrix on (q, v, u), with u' = u, its power is the model of so many steps.
 
     Args:
         by_state: Derivatives of the accelerations by coordinates and rates, shape (k, n, 2 n).
@@ -87,8 +102,8 @@ def over_period(
         held: Indices in z whose deviations vanish, see `held_states`.
 
     Returns:
-        States after these steps by those before, shape (k, 2 n, 2 n), and by the efforts, shape (k,
-        2 n, m).
+        Derivatives of z after these steps by z before, shape (k, 2 n, 2 n), and by the efforts,
+        shape (k, 2 n, m).
 
     Raises:
         OutOfRange: If a state would be beyond what a number can hold.
@@ -97,8 +112,10 @@ def over_period(
     nz = 2 * n
     step = np.tile(np.eye(nz + m), (k, 1, 1))
     step[:, n:nz, :nz] += dt * by_state
-    step[:, :n, :nz] += dt * step[:, n:nz, :nz]  # positions by the new rates
-    step[:, n:nz, nz:], step[:, :n, nz:] = dt * by_effort, dt * dt * by_effort
+    step[:, :n, :nz] += dt * step[:, n:nz, :nz]  # positions move by the new rates
+    step[:, n:nz, nz:] = dt * by_effort
+    step[:, :n, nz:] = dt * dt * by_effort
+    # An overflow is reported below.
     with np.errstate(over="ignore", invalid="ignore"):
         power = np.linalg.matrix_power(step, steps)
     finite("what a control period does to a state", power, ("k", nz + m, nz + m))
@@ -107,19 +124,21 @@ def over_period(
 
 
 def held_states(crane: Crane, state: State) -> list[int]:
-    """Return the indices in z of what has no motion of its own: the stretch of a taut inextensible
-    rope and its rate, none at a state with another rope or a slack one; and joints that follow
-    others, whose effect is counted with their leaders.
+    """Return the indices in z of what has no motion of its own.
+
+    These are coordinate and rate of the stretch of an inextensible rope that is taut at the state,
+    and of joints that follow others, whose effect is counted with their leaders.
     """
-    joints = np.arange(crane.layout.n)
+    n = crane.layout.n
+    joints = np.arange(n)
     rope = crane.springs.rope
     if crane.coupling is not None:
-        followers = list(crane.coupling.followers)
-        return [*followers, *(len(joints) + follower for follower in followers)]
-    if rope is None or JointForces.of(crane).phase(*state) != TAUT:
-        return []
-    taut = np.setdiff1d(joints, crane.springs.free(joints))
-    return [*taut.tolist(), *(len(joints) + taut).tolist()]
+        held = list(crane.coupling.followers)
+    elif rope is None or JointForces.of(crane).phase(state.q, state.v) != TAUT:
+        held = []
+    else:
+        held = np.setdiff1d(joints, crane.springs.free(joints)).tolist()
+    return [*held, *(n + joint for joint in held)]
 
 
 def linear(
@@ -129,30 +148,39 @@ def linear(
 
     Args:
         crane: The crane.
-        state: Where it hangs at rest, or passes by in a motion.
-        effort: What the drives exert there, shape (m,); None for what balances gravity.
-        drive: What u is: "effort", or with "motion" the accelerations of the drives.
+        state: A state of rest, or one that a motion passes.
+        effort: Efforts of the drives there [N m or N], shape (m,); None for those that balance
+            gravity.
+        drive: Kind of the command u: "effort", or with "motion" the accelerations of the drives.
 
     Raises:
         OutOfRange: If the effort is not one finite number for each drive, or `drive` is none of
             these.
     """
     check_choice("drive", drive, DirectDrive)
-    n, m, drives = crane.layout.n, crane.layout.m, crane.layout.drives
+    n = crane.layout.n
+    m = crane.layout.m
+    drives = crane.layout.drives
     state = crane.layout.as_state("state", state)
     exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (m,))
     by_state, by_command = linearise(crane, state, exerted)
-    if drive == "motion":  # the efforts are then what gives the drives their accelerations
-        moved = by_command @ np.linalg.inv(by_command[drives])
-        by_state = by_state - moved @ by_state[drives]
-        by_command = moved
-        by_state[drives], by_command[drives] = 0.0, np.eye(m)
+    if drive == "motion":
+        # The efforts are those that give the drives their accelerations a_d: with the rows d of the
+        # drives, a_d = A_d z + B_d u becomes u = B_d⁻¹ (a_d - A_d z). The rows of the drives are
+        # then a_d itself, without round-off.
+        by_acceleration = by_command @ np.linalg.inv(by_command[drives])
+        by_state = by_state - by_acceleration @ by_state[drives]
+        by_command = by_acceleration
+        by_state[drives] = 0.0
+        by_command[drives] = np.eye(m)
     held = held_states(crane, state)
-    by_z = np.vstack([np.eye(n, 2 * n, n), by_state])
+    rates_by_state = np.eye(n, 2 * n, n)
+    by_z = np.vstack([rates_by_state, by_state])
     by_u = np.vstack([np.zeros_like(by_command), by_command])
     if crane.coupling is not None:
-        by_z[held], by_u[held] = 0.0, 0.0
+        by_z[held] = 0.0
         by_z[:, held] = 0.0
+        by_u[held] = 0.0
     return Linear(by_z, by_u, held)
 
 
@@ -164,23 +192,26 @@ def sampled(
     dt: float = 5e-4,
     control_period: float = 5e-3,
 ) -> Sampled:
-    """Linearise a crane that takes efforts about a state, and step it as `simulate` does, see
-    `linear` and `Linear.sampled`.
+    """Linearise a crane that takes efforts about a state, and step it as `simulate` does.
 
-    Raises:
-        OutOfRange: As these.
+    Arguments and errors are those of `linear` and `Linear.sampled`.
     """
     return linear(crane, state, effort).sampled(dt=dt, control_period=control_period)
 
 
 def feedback_gain(crane: Crane, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """Return the gain of proportional-derivative control of each drive by itself, shape (m, 2 n),
-    from its k_p and k_d, shape (m,) each.
+    """Return the gain of proportional-derivative control of each drive by itself, shape (m, 2 n).
+
+    Args:
+        crane: The crane.
+        stiffness: Proportional gains k_p of the drives [N m/rad or N/m], shape (m,).
+        damping: Derivative gains k_d of the drives [N m s/rad or N s/m], shape (m,).
     """
     layout = crane.layout
     gain = np.zeros((layout.m, 2 * layout.n))
-    gain[range(layout.m), layout.drives] = finite("stiffness", stiffness, (layout.m,))
-    gain[range(layout.m), layout.n + layout.drives] = finite("damping", damping, (layout.m,))
+    rows = range(layout.m)
+    gain[rows, layout.drives] = finite("stiffness", stiffness, (layout.m,))
+    gain[rows, layout.n + layout.drives] = finite("damping", damping, (layout.m,))
     return gain
 
 
@@ -190,13 +221,13 @@ class FreeModes:
     slowest first.
 
     Attributes:
-        frequencies: [rad/s], shape (p,).
-        shapes: Column k holds the passive joints in mode k [rad or m], scaled to a modal mass of 1,
-            shape (p, p).
-        weights: Row k tells how much of mode k a deviation of the passive joints holds, shape (p,
-            p).
+        frequencies: Frequencies [rad/s], shape (p,).
+        shapes: Column k is the deviation of the passive joints in mode k [rad or m], scaled to a
+            modal mass of 1, shape (p, p).
+        weights: Inverse of the shapes: row k times a deviation of the passive joints is the share
+            of mode k in it, shape (p, p).
         rest: Coordinates about which they swing, shape (n,).
-        passive: Where the passive joints stand among the coordinates, shape (p,).
+        passive: Indices of the passive joints among the coordinates, shape (p,).
     """
 
     frequencies: np.ndarray
@@ -206,26 +237,31 @@ class FreeModes:
     passive: np.ndarray
 
     def amplitudes(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the amplitude of each mode in small motions, shape (rows, p), of coordinates and
-        rates, shape (rows, n) each.
+        """Return the amplitude of each mode in small motions, shape (rows, p).
 
+        A mode with the deviation y, the rate ẏ and the frequency ω has the amplitude √(y² + ẏ²/ω²).
         Times the column of `shapes` it is the amplitude in each passive joint.
+
+        Args:
+            q: Coordinates, shape (rows, n).
+            v: Their rates, shape (rows, n).
         """
-        q, v = as_array("q", q, ("rows", len(self.rest))), as_array("v", v, q.shape)
-        modal = (q - self.rest)[:, self.passive] @ self.weights.T
-        return np.hypot(modal, v[:, self.passive] @ self.weights.T / self.frequencies)
+        q = as_array("q", q, ("rows", len(self.rest)))
+        v = as_array("v", v, q.shape)
+        deviations = (q - self.rest)[:, self.passive] @ self.weights.T
+        rates = v[:, self.passive] @ self.weights.T
+        return np.hypot(deviations, rates / self.frequencies)
 
 
 def free_modes(crane: Crane, state: State) -> FreeModes:
-    """Return frequencies and shapes of the passive joints with the drives locked,
-    from K x = ω² M x.
+    """Return frequencies and shapes of the passive joints with the drives locked.
 
-    K are the second derivatives of the energy of gravity and springs, M is the mass matrix, both of
-    the passive joints alone.
+    They solve K x = ω² M x, with the second derivatives K of the energy of gravity and springs and
+    the mass matrix M, both of the passive joints alone.
 
     Args:
         crane: The crane.
-        state: Where it hangs at rest; its rates do not enter.
+        state: A state at which it hangs at rest; its rates do not enter.
 
     Raises:
         ModelError: If a passive joint has no inertia there, or would fall instead of swinging.
@@ -241,6 +277,7 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
         allowed = "one at which gravity, springs and masses have finite effects"
         raise OutOfRange("state", crane.layout.coordinates_text(q), allowed)
     try:
+        # The stiffness is symmetric but for round-off.
         squares, shapes = scipy.linalg.eigh((stiffness + stiffness.T) / 2.0, mass)
     except np.linalg.LinAlgError:
         raise ModelError(
@@ -253,17 +290,24 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
             f"not swing: ω² = {float(squares.min()):g} /s². Start from a state that hangs, as "
             "crane.hanging returns it."
         )
-    return FreeModes(np.sqrt(squares), shapes, shapes.T @ mass, q.copy(), free)
+    # The shapes are normal, shapesᵀ M shapes = 1, so that shapesᵀ M is their inverse.
+    return FreeModes(
+        frequencies=np.sqrt(squares),
+        shapes=shapes,
+        weights=shapes.T @ mass,
+        rest=q.copy(),
+        passive=free,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A swing of the linear loop: z(t) = Re(c shape exp(rate t)).
+    """An oscillation of the linear loop, z(t) = Re(c shape exp(rate t)).
 
     Attributes:
         rate: Complex growth rate [1/s]; its imaginary part is the frequency [rad/s].
-        shape: Complex deviations, shape (2 n,), one at the coordinate asked for.
-        weights: How much of the mode a state z holds is weights @ z, shape (2 n,).
+        shape: Complex deviations, shape (2 n,); that of the coordinate asked for is 1.
+        weights: Left eigenvector, shape (2 n,): the amplitude c of the mode in z is weights @ z.
     """
 
     rate: complex
@@ -272,7 +316,7 @@ class Mode:
 
     @property
     def period(self) -> float:
-        """Time of one swing [s]."""
+        """Duration of one oscillation [s]."""
         return float(2.0 * np.pi / self.rate.imag)
 
     @property
@@ -282,8 +326,12 @@ class Mode:
 
 
 def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
-    """Return the oscillation of a sampled closed loop, shape (2 n, 2 n), in which a coordinate, by
-    its index, has the largest share.
+    """Return the oscillation of a sampled closed loop in which a coordinate has the largest share.
+
+    Args:
+        loop: Derivative of z by z a period before, see `Sampled.closed`, shape (2 n, 2 n).
+        period: The control period [s].
+        coordinate: Index of the coordinate.
 
     Raises:
         OutOfRange: If the loop has another shape, the period is out of range, or the coordinate
@@ -296,12 +344,18 @@ def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
     if whole("coordinate", coordinate, 0) > n - 1:
         raise OutOfRange("coordinate", coordinate, f"0 to {n - 1}")
     values, vectors = np.linalg.eig(loop)
+    # An eigenvalue is exp(rate period).
     rates = np.log(values.astype(complex)) / within("period", period, 1e-9, 1e13, "s")
     share = np.abs(vectors[coordinate]) / np.linalg.norm(vectors[:n], axis=0)
-    shares = np.where(rates.imag > 1e-3, share, 0.0)
+    # Of a pair of conjugate modes that with the positive frequency is taken.
+    shares = np.where(rates.imag > MIN_FREQUENCY, share, 0.0)
     i = int(np.argmax(shares))
     if not shares[i] > 0.0:
         value = "one in which this coordinate does not oscillate"
         raise OutOfRange("loop", value, "one in which it does")
     scale = vectors[coordinate, i]
-    return Mode(complex(rates[i]), vectors[:, i] / scale, np.linalg.inv(vectors)[i] * scale)
+    return Mode(
+        rate=complex(rates[i]),
+        shape=vectors[:, i] / scale,
+        weights=np.linalg.inv(vectors)[i] * scale,
+    )

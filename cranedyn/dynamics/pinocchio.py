@@ -1,5 +1,18 @@
 """How the crane moves: functions of a crane and a state, by Pinocchio's algorithms.
 
+The equation of motion of the n joints is
+
+    M(q) a + b(q, v) = τ + τ_joint(q, v) + τ_outside,
+
+with the mass matrix M, the bias b of gravity, Coriolis and centrifugal forces, the efforts τ of the
+drives among zeros, the forces τ_joint of damping, dry friction and springs, see
+`cranedyn.dynamics.joint_forces`, and those from outside. Of Pinocchio's algorithms RNEA returns
+M a + b, ABA solves for a, and CRBA returns M (Featherstone, Rigid Body Dynamics Algorithms, 2008,
+chapters 5 to 7).
+
+Where joints follow others, a = G a with the coupling matrix G, and both sides are multiplied by Gᵀ,
+see `cranedyn.model.mimics`.
+
 Efforts are those of the m drives [N m or N]; for the tower crane slew torque, trolley force and
 hoist force (negative holds the load). Positions are in the world frame [m]: Z up, for the tower
 crane the origin on the ground at the slew axis, the jib along -Y at zero slew.
@@ -22,26 +35,36 @@ from cranedyn.model.springs import rest_stiffness
 
 
 def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
-    """Return the numbers of the drives, shape (m,), among those of all joints, shape (n,): zero for
-    the passive ones.
+    """Return an array over all joints, shape (n,), from one over the drives, shape (m,), with zeros
+    for the passive joints.
     """
-    among = np.zeros(crane.layout.n, np.asarray(drives).dtype)
-    among[crane.layout.drives] = drives
-    return among
+    all_joints = np.zeros(crane.layout.n, np.asarray(drives).dtype)
+    all_joints[crane.layout.drives] = drives
+    return all_joints
 
 
 def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
-    """Return the accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts,
-    with damping, dry friction and springs: ABA, or from the reduced mass matrix where joints follow
-    others.
+    """Return the accelerations of all joints under efforts of the drives.
+
+    Damping, dry friction and springs are included. Where no joint follows another the algorithm is
+    ABA; elsewhere the reduced equation of motion is solved.
+
+    Args:
+        crane: The crane.
+        state: Its state.
+        effort: Efforts of the drives [N m or N], shape (m,).
+
+    Returns:
+        Accelerations [rad/s² or m/s²], shape (n,).
     """
-    tau = full(crane, effort) + JointForces.of(crane).effort(*state)
+    tau = full(crane, effort) + JointForces.of(crane).effort(state.q, state.v)
     if crane.coupling is None:
-        return pin.aba(crane.model, crane.data, *state, tau)
+        return pin.aba(crane.model, crane.data, state.q, state.v, tau)
     return follow_drives(
         crane.model,
         crane.data,
-        *state,
+        state.q,
+        state.v,
         np.zeros(crane.layout.n),
         tau,
         crane.layout.independent,
@@ -53,24 +76,32 @@ def prescribed_acceleration(
     crane: Crane, state: State, drive_acceleration: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the accelerations of all joints when those of the drives are given, and the drive
-    efforts that this costs.
+    efforts that this takes.
 
-    Solves the passive rows of M a + b = τ for the passive joints, then reads the drive rows.
+    The passive rows of the equation of motion give the accelerations of the passive joints, its
+    drive rows then the efforts.
 
     Args:
         crane: The crane.
-        state: Where it is.
-        drive_acceleration: Of the drives [rad/s² or m/s²], shape (m,).
+        state: Its state.
+        drive_acceleration: Accelerations of the drives [rad/s² or m/s²], shape (m,).
 
     Returns:
-        Accelerations, shape (n,), and efforts [N m or N], shape (m,).
+        Accelerations of all joints, shape (n,), and efforts of the drives [N m or N], shape (m,).
+
+    Raises:
+        OutOfRange: If a passive joint has no inertia.
     """
-    joint = JointForces.of(crane).effort(*state)
+    q = state.q
+    v = state.v
+    model = crane.model
+    data = crane.data
+    coupling = crane.coupling
     layout = crane.layout
+    joint = JointForces.of(crane).effort(q, v)
     a = full(crane, drive_acceleration)
-    model, data, coupling = crane.model, crane.data, crane.coupling
-    a = follow_drives(model, data, *state, a, joint, layout.passive, coupling=coupling)
-    needed = inverse_dynamics(model, data, *state, a, joint, coupling=coupling)
+    a = follow_drives(model, data, q, v, a, joint, layout.passive, coupling=coupling)
+    needed = inverse_dynamics(model, data, q, v, a, joint, coupling=coupling)
     return a, needed[layout.drives]
 
 
@@ -88,8 +119,13 @@ def follow_drives(
     """Return the accelerations of all joints, shape (n,), from those of the drives; in any unit of
     time.
 
-    The passive rows of M a + b = joint + outside are as many equations as there are passive joints.
-    Where joints follow others these are the rows of Gᵀ M G and Gᵀ b, see `cranedyn.model.mimics`.
+    With the accelerations split into those of passive joints p and all others d, the passive rows
+    of the equation of motion are as many equations as there are passive joints:
+
+        M_pp a_p = -(M_pd a_d + b_p - τ_joint,p - τ_outside,p).
+
+    The bracket is what the inverse dynamics leaves in the passive rows with a_p = 0. Where joints
+    follow others these are the rows of Gᵀ M G and Gᵀ b, see `cranedyn.model.mimics`.
 
     Args:
         model: A crane's model.
@@ -104,35 +140,59 @@ def follow_drives(
 
     Raises:
         OutOfRange: If a passive joint has no inertia, as the swing of a point load on a cable of no
-            length, or it is no number.
+            length, or its inertia is not a number.
     """
     if coupling is not None:
         a = coupling.spread(a)
     if not len(passive):
         return a.copy()
-    still_open = inverse_dynamics(model, data, q, v, a, joint, outside, coupling)
+    unbalanced = inverse_dynamics(model, data, q, v, a, joint, outside, coupling)
     mass = pin.crba(model, data, q)
-    solved = a.copy()
     if coupling is not None:
         mass = coupling.reduce(mass)
-    if len(passive) == 2:  # the tower crane's, by determinants: quicker than NumPy's
-        i, j = passive.tolist()
-        m11, m12, m22 = mass.item(i, i), mass.item(i, j), mass.item(j, j)
-        open_i, open_j = still_open.item(i), still_open.item(j)
-        determinant = m11 * m22 - m12 * m12
-        if not determinant > 0.0:
-            raise _no_inertia(m11, m22)
-        solved[i] = (m12 * open_j - m22 * open_i) / determinant
-        solved[j] = (m12 * open_i - m11 * open_j) / determinant
-        return solved if coupling is None else coupling.spread(solved)
-    passive_mass = mass[passive[:, None], passive]
-    if not (np.isfinite(passive_mass).all() and np.linalg.eigvalsh(passive_mass)[0] > 0.0):
-        raise _no_inertia(*passive_mass.diagonal().tolist())
-    solved[passive] = -np.linalg.solve(passive_mass, still_open[passive])
+    solved = a.copy()
+    if len(passive) == 2:
+        # A tower crane's two swings are solved by determinants, which is quicker than NumPy.
+        _solve_two_passive(mass, unbalanced, passive, solved)
+    else:
+        passive_mass = mass[passive[:, None], passive]
+        if not (np.isfinite(passive_mass).all() and np.linalg.eigvalsh(passive_mass)[0] > 0.0):
+            raise _no_inertia(*passive_mass.diagonal().tolist())
+        solved[passive] = -np.linalg.solve(passive_mass, unbalanced[passive])
     return solved if coupling is None else coupling.spread(solved)
 
 
+def _solve_two_passive(
+    mass: np.ndarray, unbalanced: np.ndarray, passive: np.ndarray, a: np.ndarray
+) -> None:
+    """Write the accelerations of two passive joints by Cramer's rule, see `follow_drives`.
+
+    Args:
+        mass: Mass matrix, shape (n, n).
+        unbalanced: Generalized forces that are left where the two do not accelerate, shape (n,).
+        passive: Indices of the two joints.
+        a: Accelerations, shape (n,), of which those of the two joints are written.
+
+    Raises:
+        OutOfRange: If the determinant is not positive.
+    """
+    # Scalars of Python are several times quicker than arrays with two elements.
+    i, j = passive.tolist()
+    m11 = mass.item(i, i)
+    m12 = mass.item(i, j)
+    m22 = mass.item(j, j)
+    force_i = unbalanced.item(i)
+    force_j = unbalanced.item(j)
+    determinant = m11 * m22 - m12 * m12
+    # Written so that a determinant that is NaN is refused, too.
+    if not determinant > 0.0:
+        raise _no_inertia(m11, m22)
+    a[i] = (m12 * force_j - m22 * force_i) / determinant
+    a[j] = (m12 * force_i - m11 * force_j) / determinant
+
+
 def _no_inertia(*inertias: float) -> OutOfRange:
+    """Return the error for passive joints whose inertias [kg m²] are not all positive."""
     values = " and ".join(f"{inertia:g}" for inertia in inertias)
     allowed = "> 0; a load without rotational inertia needs a cable"
     return OutOfRange("inertia against swing", values, allowed, "kg m²")
@@ -148,8 +208,10 @@ def inverse_dynamics(
     outside: np.ndarray | None = None,
     coupling: Coupling | None = None,
 ) -> np.ndarray:
-    """Return the generalized forces that cause these accelerations beside those of joints and
-    outside, shape (n,); arguments as `follow_drives`. Leaders carry those of their followers.
+    """Return the generalized forces that cause accelerations in addition to given ones, shape (n,):
+    M a + b - τ_joint - τ_outside.
+
+    Leaders carry the forces of their followers. Arguments are those of `follow_drives`.
     """
     needed = pin.rnea(model, data, q, v, a) - joint
     if outside is not None:
@@ -162,12 +224,15 @@ def outside_effort(
 ) -> np.ndarray:
     """Return the generalized forces of a force on each of some points, shape (n,).
 
+    A force F on a point with the Jacobian J = ∂ṗ/∂v does the power F·ṗ = F·J v, so that its
+    generalized force is Jᵀ F.
+
     Args:
         points: The points.
         model: A crane's model.
         data: Its scratch memory.
         q: Coordinates, shape (n,).
-        force: In the world [N], shape (points, 3).
+        force: Forces in the world [N], shape (points, 3).
     """
     pairs = zip(force, _jacobians(points, model, data, q), strict=True)
     return sum(point_force @ jacobian for point_force, jacobian in pairs)
@@ -176,18 +241,21 @@ def outside_effort(
 def _jacobians(
     points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the velocity of each point in the world per rate of the coordinates, shape (3, n)
-    each.
+    """Return the derivative of the velocity of each point in the world by the rates of the
+    coordinates, shape (3, n) each.
     """
     pin.computeJointJacobians(model, data, q)
     jacobians = []
     for _, body, lever in points:
-        # Pinocchio gives a matrix of one column without its second dimension.
-        jacobian = pin.getJointJacobian(model, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
-        jacobian = jacobian.reshape(6, model.nv)
-        jacobians.append(
-            jacobian[:3] - pin.skew(data.oMi[body + 1].rotation @ lever) @ jacobian[3:]
-        )
+        # Joint 0 of Pinocchio is the world. A matrix of one column comes without its second
+        # dimension.
+        joint_jacobian = pin.getJointJacobian(model, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
+        joint_jacobian = joint_jacobian.reshape(6, model.nv)
+        linear = joint_jacobian[:3]
+        angular = joint_jacobian[3:]
+        # A point at r from the origin of the joint has the velocity v + ω × r = v - r × ω.
+        arm = pin.skew(data.oMi[body + 1].rotation @ lever)
+        jacobians.append(linear - arm @ angular)
     return jacobians
 
 
@@ -201,20 +269,24 @@ def body_points(
         model: A crane's model.
         data: Its scratch memory.
         body: Index of the joint that carries the points.
-        points: In its frame [m], shape (points, 3).
+        points: Points in its frame [m], shape (points, 3).
         q: Coordinates, shape (n,).
         v: Their rates, shape (n,).
     """
     pin.forwardKinematics(model, data, q, v)
-    placement, motion = data.oMi[body + 1], data.v[body + 1]
+    placement = data.oMi[body + 1]
+    motion = data.v[body + 1]
+    # Pinocchio's velocity of a joint is in the frame of the joint, as the points are.
     velocity = motion.linear[:, None] + pin.skew(motion.angular) @ points.T
     position = placement.rotation @ points.T + placement.translation[:, None]
     return position, placement.rotation @ velocity
 
 
 def energy(crane: Crane, state: State) -> float:
-    """Return the mechanical energy, that of springs included [J], zero of height at the ground."""
-    rigid = float(pin.computeMechanicalEnergy(crane.model, crane.data, *state))
+    """Return the mechanical energy, including that of springs [J]; potential energy is zero at the
+    height of the ground.
+    """
+    rigid = float(pin.computeMechanicalEnergy(crane.model, crane.data, state.q, state.v))
     return rigid + float(crane.springs.energy(state.q)) if crane.springs.any else rigid
 
 
@@ -237,18 +309,29 @@ def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 def pivot_position(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Return the point above the payload in the world [m], shape (3,): the swing pivot at the
-    trolley, if there is one.
+    trolley, or the payload itself where a crane has no other point.
     """
-    return point_positions(crane, q)[min(1, len(crane.points) - 1)]
+    positions = point_positions(crane, q)
+    return positions[1] if len(positions) > 1 else positions[0]
 
 
 def natural_frequencies(crane: Crane, q: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return the frequencies of small motions of some joints, by their indices, about a rest at
-    coordinates q with all others locked [rad/s], increasing; 0 where nothing restores them.
+    """Return the frequencies ω of small motions of some joints about a rest with all others locked.
+
+    They solve K x = ω² M x, with the second derivatives K of the energy of gravity and springs and
+    the mass matrix M, both of these joints alone.
+
+    Args:
+        crane: The crane.
+        q: Coordinates at rest, shape (n,).
+        joints: Indices of the joints.
+
+    Returns:
+        Frequencies [rad/s], increasing; 0 where nothing restores a motion.
     """
-    among = np.ix_(joints, joints)
-    stiffness = rest_stiffness(crane.model, crane.data, crane.springs, q, crane.coupling)[among]
-    squares = scipy.linalg.eigvalsh(stiffness, crane.mass_matrix(q)[among])
+    block = np.ix_(joints, joints)
+    stiffness = rest_stiffness(crane.model, crane.data, crane.springs, q, crane.coupling)[block]
+    squares = scipy.linalg.eigvalsh(stiffness, crane.mass_matrix(q)[block])
     return np.sqrt(np.maximum(squares, 0.0))
 
 
@@ -261,21 +344,29 @@ def payload_orientation(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 
 def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Drive efforts that balance gravity and springs at rest, shape (m,); with swing, what they
-    balance of it.
+    """Return the drive efforts that balance gravity and springs in the joints of the drives [N m or
+    N], shape (m,). Where the load does not hang at rest, its passive joints stay unbalanced.
     """
-    weight = pin.computeGeneralizedGravity(crane.model, crane.data, q)
-    held = weight - crane.springs.effort(q) if crane.springs.any else weight
+    forces = pin.computeGeneralizedGravity(crane.model, crane.data, q)
+    if crane.springs.any:
+        forces = forces - crane.springs.effort(q)
     if crane.coupling is not None:
-        held = crane.coupling.gather(held)
-    return held[crane.layout.drives]
+        forces = crane.coupling.gather(forces)
+    return forces[crane.layout.drives]
 
 
 def linearise(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivatives of the accelerations, with damping and springs.
+    """Return the derivatives of the accelerations of all joints, with damping and springs.
+
+    Dry friction is left out, see `JointForces.tangent`.
+
+    Args:
+        crane: The crane.
+        state: Where it is linearised.
+        effort: Efforts of the drives there [N m or N], shape (m,).
 
     Returns:
-        A, shape (n, 2 n): by coordinates then rates; B, shape (n, m): by drive efforts.
+        A, shape (n, 2 n): by coordinates, then rates; B, shape (n, m): by efforts of the drives.
     """
     by_state, inverse_mass = by_state_and_force(crane, state, effort)
     return by_state, inverse_mass[:, crane.layout.drives]
@@ -287,19 +378,26 @@ def by_state_and_force(
     """Return A as `linearise`, and the inverse of the mass matrix, shape (n, n), in place of B.
 
     The accelerations are in `crane.data.ddq` afterwards, unless a taut inextensible rope holds.
+
+    Pinocchio differentiates ABA for a fixed τ (Carpentier and Mansard, Analytical derivatives of
+    rigid body dynamics algorithms, RSS 2018). The forces of joints depend on the state as well,
+    ∂τ/∂q = -K and ∂τ/∂v = -D, and add -M⁻¹ K and -M⁻¹ D.
     """
     joint = JointForces.of(crane)
     rope = crane.springs.rope
-    if rope is not None and rope.inextensible and joint.phase(*state) == TAUT:
+    if rope is not None and rope.inextensible and joint.phase(state.q, state.v) == TAUT:
         return _by_state_and_force_when_taut(crane, state, effort, rope.stretch)
     if crane.coupling is not None:
         return _by_state_and_force_when_coupled(crane, crane.coupling, state, effort)
-    tau = full(crane, effort) + joint.effort(*state)
-    by_q, by_v, inverse_mass = pin.computeABADerivatives(crane.model, crane.data, *state, tau)
-    stiffness, damping = joint.tangent(*state)
+    tau = full(crane, effort) + joint.effort(state.q, state.v)
+    by_q, by_v, inverse_mass = pin.computeABADerivatives(
+        crane.model, crane.data, state.q, state.v, tau
+    )
+    stiffness, damping = joint.tangent(state.q, state.v)
     if crane.springs.any:
         by_q = by_q - inverse_mass @ stiffness
     by_state = np.concatenate([by_q, by_v - inverse_mass * damping], axis=1)
+    # Pinocchio returns a view of its scratch memory.
     return by_state, inverse_mass.copy()
 
 
@@ -308,18 +406,18 @@ def _by_state_and_force_when_coupled(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return `by_state_and_force` where joints follow others.
 
-    From the derivatives of the inverse dynamics, with a = G x and the reduced mass matrix
+    From the derivatives of the inverse dynamics, with a = G a and the reduced mass matrix
     R = Gᵀ M G,
 
-        R dx = Gᵀ (dτ - ∂(M a + b)/∂q G dq - ∂(M a + b)/∂v G dv).
+        R da = Gᵀ (dτ - ∂(M a + b)/∂q G dq - ∂(M a + b)/∂v G dv).
 
-    What followers do by themselves has no effect, so that their columns are zero.
+    A follower has no motion of its own, so that its columns are zero.
     """
     joint = JointForces.of(crane)
     spread = coupling.matrix
     a = acceleration(crane, state, effort)
-    pin.computeRNEADerivatives(crane.model, crane.data, *state, a)
-    stiffness, damping = joint.tangent(*state)
+    pin.computeRNEADerivatives(crane.model, crane.data, state.q, state.v, a)
+    stiffness, damping = joint.tangent(state.q, state.v)
     by_q = (crane.data.dtau_dq + stiffness) @ spread
     by_v = (crane.data.dtau_dv + np.diag(damping)) @ spread
     inverse_mass = spread @ np.linalg.inv(crane.mass_matrix(state.q)) @ spread.T
@@ -330,19 +428,31 @@ def _by_state_and_force_when_coupled(
 def _by_state_and_force_when_taut(
     crane: Crane, state: State, effort: np.ndarray, stretch: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return `by_state_and_force` of the joints that a taut inextensible rope lets move, from the
-    derivatives of the inverse dynamics.
+    """Return `by_state_and_force` of the joints that a taut inextensible rope lets move.
+
+    The rope holds its stretch, so that rows and columns of the stretch are zero. For the free
+    joints f the derivatives of the inverse dynamics give
+
+        M_ff da_f = dτ_f - (∂(M a + b)/∂q + K)_f dq - (∂(M a + b)/∂v + D)_f dv.
+
+    Args:
+        crane: A crane with an inextensible rope.
+        state: A state in which the rope is taut.
+        effort: Efforts of the drives [N m or N], shape (m,).
+        stretch: Index of the stretch of the rope among the coordinates.
     """
     n = crane.layout.n
     data = crane.data
+    q = state.q
+    v = state.v
     joint = JointForces.of(crane)
     free = crane.springs.free(np.arange(n))
-    inverse_mass = np.zeros((n, n))
-    tau = full(crane, effort) + joint.effort(*state)
-    a = follow_drives(crane.model, data, *state, np.zeros(n), tau, free)
-    pin.computeRNEADerivatives(crane.model, data, *state, a)
-    stiffness, damping = joint.tangent(*state)
+    tau = full(crane, effort) + joint.effort(q, v)
+    a = follow_drives(crane.model, data, q, v, np.zeros(n), tau, free)
+    pin.computeRNEADerivatives(crane.model, data, q, v, a)
+    stiffness, damping = joint.tangent(q, v)
     resisting = np.hstack([data.dtau_dq + stiffness, data.dtau_dv + np.diag(damping)])
+    inverse_mass = np.zeros((n, n))
     inverse_mass[np.ix_(free, free)] = np.linalg.inv(data.M[np.ix_(free, free)])
     by_state = -inverse_mass @ resisting
     by_state[:, [stretch, n + stretch]] = 0.0

@@ -2,23 +2,28 @@
 once.
 
 A number is a float, an array of floats (many rows at once), or a value of a program under
-construction, which brings its own way to choose as `choices`.
+construction. The attribute `choices` of such a value is the program, whose methods ``chosen`` and
+``call`` emit choices and calls of functions.
+
+A comparison of values of a program gives a condition that is not known while the program is made,
+so that Python's ``if``, ``and`` and ``or`` do not work on it. That is why physics chooses by
+`chosen`, `smaller`, `larger` and `clipped`, and computes with `flag`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 
 class Rows(np.ndarray):
-    """One quantity in many rows, as an element of an array of objects: it knows sine and cosine as
-    symbols do.
+    """One quantity in many rows, as an element of an array of objects.
 
-    As in code, nothing is multiplied by the numbers 0 or 1, or added to 0, which would be most of
-    the work.
+    NumPy computes sine and cosine of an array of objects by methods of its elements, which this
+    class has, as symbols do. As in code, nothing is multiplied by the numbers 0 or 1, or added to
+    0, which would be most of the work.
     """
 
     def __mul__(self, other: Any) -> Any:
@@ -37,16 +42,16 @@ class Rows(np.ndarray):
         return self if type(other) is float and other == 0.0 else super().__sub__(other)
 
     def sin(self) -> np.ndarray:
-        """Return the sine of each."""
+        """Return the sine of each row."""
         return np.sin(self)
 
     def cos(self) -> np.ndarray:
-        """Return the cosine of each."""
+        """Return the cosine of each row."""
         return np.cos(self)
 
 
 def rows(table: np.ndarray) -> np.ndarray:
-    """Return columns of a table, shape (n, k), as an array of k objects of n rows each."""
+    """Return the columns of a table, shape (n, k), as an array of k objects of n rows each."""
     columns = np.empty(table.shape[1], dtype=object)
     for i, column in enumerate(np.asarray(table, dtype=float).T):
         columns[i] = column.view(Rows)
@@ -57,18 +62,17 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
     """Return one number where a condition holds, another where not.
 
     Args:
-        condition: What a comparison of two such numbers gives. Never that of two arrays of objects:
-            NumPy takes all of theirs for true.
+        condition: Result of a comparison of two such numbers. Never that of two arrays of objects:
+            NumPy turns their conditions into booleans, which are all true.
         yes: A number.
-        no: Another.
+        no: Another. Where the condition is one of a program, one of the two must be a value of it.
     """
     if isinstance(condition, bool | np.bool_):
         return yes if condition else no
     if isinstance(condition, np.ndarray):
         return np.where(condition, yes, no)
-    return next(number for number in (yes, no) if hasattr(number, "choices")).choices.chosen(
-        condition, yes, no
-    )
+    value = yes if hasattr(yes, "choices") else no
+    return value.choices.chosen(condition, yes, no)
 
 
 def smaller(a: Any, b: Any) -> Any:
@@ -82,13 +86,18 @@ def larger(a: Any, b: Any) -> Any:
 
 
 def clipped(value: Any, low: Any, high: Any) -> Any:
-    """Return a number cut to a range; what is not a number stays."""
+    """Clip a number to the range [low, high]. NaN is returned unchanged."""
     value = chosen(value < low, low, value)
     return chosen(value > high, high, value)
 
 
 def flag(condition: Any, of: Any) -> Any:
-    """Return 1 where a condition on a number holds, else 0, as such a number."""
+    """Return 1 where a condition holds, else 0.
+
+    Args:
+        condition: The condition.
+        of: A number that was compared; its program emits the choice, see `chosen`.
+    """
     if isinstance(condition, bool | np.bool_ | np.ndarray):
         return chosen(condition, 1.0, 0.0)
     return of.choices.chosen(condition, 1.0, 0.0)
@@ -101,16 +110,24 @@ def magnitude(value: Any) -> Any:
 
 def square_root(value: Any) -> Any:
     """Return the square root of a number that is not negative."""
-    return value.choices.call("llvm.sqrt", value) if hasattr(value, "choices") else np.sqrt(value)
+    if hasattr(value, "choices"):
+        return value.choices.call("llvm.sqrt", value)
+    return np.sqrt(value)
 
 
 def rounded(value: Any) -> Any:
-    """Return the nearest whole number, the even one of two."""
-    return value.choices.call("llvm.rint", value) if hasattr(value, "choices") else np.rint(value)
+    """Return the nearest whole number; of two that are as near, the even one."""
+    if hasattr(value, "choices"):
+        return value.choices.call("llvm.rint", value)
+    return np.rint(value)
 
 
 def array(elements: Sequence[Any]) -> np.ndarray:
-    """Return an object array, numbers among its elements as Python floats."""
+    """Return an object array in which numbers are Python floats.
+
+    It is filled one by one, since ``np.array`` would look into elements that are sequences. Python
+    floats, and not those of NumPy, leave their products with symbols to the symbols.
+    """
     objects = np.empty(len(elements), dtype=object)
     for i, element in enumerate(elements):
         objects[i] = float(element) if isinstance(element, float | int) else element
@@ -118,7 +135,7 @@ def array(elements: Sequence[Any]) -> np.ndarray:
 
 
 def is_zero(element: Any) -> bool:
-    """Return whether an element is known to be zero."""
+    """Return whether an element is known to be zero, so that its products can be left out."""
     return isinstance(element, float) and element == 0.0
 
 
@@ -132,30 +149,56 @@ def solve_linear(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
     the tree are left out.
 
     Unknowns are eliminated from the last, two at a time: by determinants two take one division,
-    where one after the other they take two, and the second waits for the first. The last two are
-    multiplied by the determinant of those before, so that they do not wait for its division.
+    where one after the other they take two, and the second waits for the first. With the last block
+    B, its coupling C to the unknowns before, and the right sides r and rB, those before solve
+
+        (A - Cᵀ B⁻¹ C) x = r - Cᵀ B⁻¹ rB     and then     xB = B⁻¹ (rB - C x),
+
+    where B⁻¹ = adj(B)/det(B). Where at most two unknowns are left, their equations are multiplied
+    by det(B) instead, so that they do not wait for its division.
     """
-    lower = mass.copy()
+    lower = mass.copy()  # only the lower triangle is used
     x = right.copy()
-    blocks = list[tuple[range, np.ndarray, np.ndarray]]()
+    eliminated: list[_EliminatedBlock] = []
     end = len(mass)
     while end:
-        begin = end - (1 if end == 1 or isinstance(lower[end - 1, end - 1], float) else 2)
+        # A last pivot that is a float takes no division in code, so that it is eliminated alone.
+        is_alone = end == 1 or isinstance(lower[end - 1, end - 1], float)
+        begin = end - (1 if is_alone else 2)
         adjugate, determinant = _adjugate(lower[begin:end, begin:end])
         if begin > 2:
             adjugate = adjugate * (1.0 / determinant)
             determinant = np.ones(1)
-        shares, (scale,) = adjugate @ lower[begin:end, :begin], determinant
+        shares = adjugate @ lower[begin:end, :begin]
+        scale = determinant[0]
         for i in range(begin):
             for j in range(i + 1):
                 lower[i, j] = lower[i, j] * scale - shares[:, i] @ lower[begin:end, j]
             x[i] = x[i] * scale - shares[:, i] @ x[begin:end]
         x[begin:end] = adjugate @ x[begin:end]
-        blocks.append((range(begin, end), 1.0 / determinant, shares))
+        eliminated.append(_EliminatedBlock(begin, end, 1.0 / determinant, shares))
         end = begin
-    for block, inverse, shares in reversed(blocks):
-        x[block] = (x[block] - shares @ x[: block.start]) * inverse
+    for block in reversed(eliminated):
+        known = x[: block.begin]
+        coupled = x[block.begin : block.end] - block.shares @ known
+        x[block.begin : block.end] = coupled * block.inverse_determinant
     return x
+
+
+class _EliminatedBlock(NamedTuple):
+    """One or two unknowns that `solve_linear` eliminated.
+
+    Attributes:
+        begin: The first of them.
+        end: The one after the last.
+        inverse_determinant: Factor on their values, shape (1,).
+        shares: Their changes with the unknowns before, before that factor, shape (1 or 2, begin).
+    """
+
+    begin: int
+    end: int
+    inverse_determinant: np.ndarray
+    shares: np.ndarray
 
 
 def _adjugate(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -164,5 +207,7 @@ def _adjugate(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     if len(block) == 1:
         return np.ones((1, 1)), block[0]
-    (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]
+    a = block[0, 0]
+    c = block[1, 0]
+    b = block[1, 1]
     return array([b, -c, -c, a]).reshape(2, 2), array([a * b - c * c])

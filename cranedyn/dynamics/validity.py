@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import reduce
-from itertools import chain
-from operator import and_
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,9 +29,11 @@ class Bound(NamedTuple):
     Attributes:
         joint: Index of the joint concerned among the coordinates.
         value: Bounded quantity [rad, m or N].
-        low, high: The bounds; no upper one where that is None.
-        strict: Whether the bound itself is excluded.
-        words: Message of a violation, without its time.
+        low: Lower bound.
+        high: Upper bound; None where there is none.
+        strict: Whether the lower bound itself is excluded.
+        words: Message of a violation, without its time. It is a format string with the fields
+            value, low and high.
     """
 
     joint: int
@@ -52,11 +51,12 @@ class Bound(NamedTuple):
 
     @property
     def holds(self) -> np.ndarray:
-        """Whether the condition holds at each row."""
-        return reduce(and_, self.conditions)
+        """Whether the condition holds at each row, shape (rows,)."""
+        return np.logical_and.reduce(self.conditions)
 
 
-_ROUND_OFF = 1.0 + 1e-9
+_LIMIT_MARGIN = 1.0 + 1e-9
+"""Factor on limits of drives, by which round-off may exceed them."""
 
 
 def bounds(
@@ -71,7 +71,7 @@ def bounds(
     buffers: bool,
     needed: Any,
     rates: bool,
-    rope: Sequence[int] | None,
+    rope: tuple[int, int] | None,
     level: float,
 ) -> Iterator[Bound]:
     """Yield the conditions that a state must meet, in any kind of number.
@@ -81,7 +81,8 @@ def bounds(
         limits: The crane, or its plant: ranges of the joints and limits of the drives.
         q: Coordinates, n numbers.
         v: Their rates, n numbers.
-        swings: Swing angles from where the load hangs [rad], by index among the coordinates.
+        swings: Angles of the swing joints from where they hang [rad], by their indices among the
+            coordinates.
         tension: Tension of the rope [N]; None without a hoist.
         height: Height of the payload [m].
         buffers: See `conditions`.
@@ -91,40 +92,58 @@ def bounds(
             that may not.
         level: Height of the ground [m].
     """
+    yield from _joint_ranges(layout, limits, q, swings, buffers=buffers)
+
+    if rope is not None:
+        stretch, length = rope
+        message = "the load is {value:.6g} m below its pivot"
+        yield Bound(stretch, q[stretch] + q[length], 0.0, None, True, message)
+    elif tension is not None:
+        message = (
+            "the rope would have to push, its tension is {value:.6g} N; a rope goes slack, as with "
+            "rope_stiffness = inf"
+        )
+        yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, message)
+
+    message = "the payload is at a height of {value:.6g} m, below the ground"
+    yield Bound(layout.n - 1, height, level, None, False, message)
+
+    for i, joint in enumerate(layout.driven):
+        index = int(layout.drives[i])
+        if needed is not None:
+            limit = limits.effort_limit[i] * _LIMIT_MARGIN
+            message = _exceeded_message(joint.name, "would need", "has", joint.effort_unit)
+            yield Bound(index, needed[i], -limit, limit, False, message)
+        if rates:
+            limit = limits.rate_limit[i] * _LIMIT_MARGIN
+            message = _exceeded_message(joint.name, "moves at", "at", f"{joint.unit}/s")
+            yield Bound(index, v[index], -limit, limit, False, message)
+
+
+def _joint_ranges(
+    layout: Layout, limits: Any, q: np.ndarray, swings: Mapping[int, Any], *, buffers: bool
+) -> Iterator[Bound]:
+    """Yield the conditions on coordinates: swings below the horizontal, and joints inside their
+    ranges, but for those of drives that buffers end. Arguments are those of `bounds`.
+    """
     for i, joint in enumerate(layout.joints):
         message = (
             f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to "
             f"{{high:.6g}} {joint.unit}"
         )
         if joint.passive and joint.kind == "revolute":
+            # A passive joint that is no swing counts from its zero.
             yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, message)
         if not (joint.driven and buffers):
             yield Bound(i, q[i], limits.lower[i], limits.upper[i], False, message)
-    if rope is not None:
-        distance = q[rope[0]] + q[rope[1]]
-        yield Bound(rope[0], distance, 0.0, None, True, "the load is {value:.6g} m below its pivot")
-    elif tension is not None:
-        slack = (
-            "the rope would have to push, its tension is {value:.6g} N; a rope goes slack, as with "
-            "rope_stiffness = inf"
-        )
-        yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, slack)
-    message = "the payload is at a height of {value:.6g} m, below the ground"
-    yield Bound(layout.n - 1, height, level, None, False, message)
-    for i, joint in enumerate(layout.driven):
-        index = int(layout.drives[i])
-        checks = list[tuple[Any, Any, str, str, str]]()
-        if needed is not None:
-            largest = limits.effort_limit[i]
-            checks.append((needed[i], largest, "would need", "has", joint.effort_unit))
-        if rates:
-            checks.append((v[index], limits.rate_limit[i], "moves at", "at", f"{joint.unit}/s"))
-        for value, largest, verb, ability, unit in checks:
-            limit = largest * _ROUND_OFF
-            message = (
-                f"{{value:.6g}} {unit}, its drive {ability} {{low:.6g}} to {{high:.6g}} {unit}"
-            )
-            yield Bound(index, value, -limit, limit, False, f"{joint.name} {verb} {message}")
+
+
+def _exceeded_message(joint: str, verb: str, ability: str, unit: str) -> str:
+    """Return the message of a drive beyond its limit, with fields to fill in as in `Bound`."""
+    return (
+        f"{joint} {verb} {{value:.6g}} {unit}, its drive {ability} {{low:.6g}} to {{high:.6g}} "
+        f"{unit}"
+    )
 
 
 class Event(NamedTuple):
@@ -181,10 +200,22 @@ def conditions(
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     if needed is not None:
         needed = as_array("needed", needed, (len(q), crane.layout.m)).T
-    rope = crane.springs.rope and crane.springs.rope[:2]
-    options: Any = {"buffers": buffers, "needed": needed, "rates": rates, "level": level}
-    motion = q.T, v.T, swings, tension, height
-    return [*bounds(crane.layout, crane, *motion, rope=rope, **options)]
+    rope = crane.springs.rope
+    state_bounds = bounds(
+        crane.layout,
+        crane,
+        q.T,
+        v.T,
+        swings,
+        tension,
+        height,
+        buffers=buffers,
+        needed=needed,
+        rates=rates,
+        rope=None if rope is None else (rope.stretch, rope.length),
+        level=level,
+    )
+    return list(state_bounds)
 
 
 def valid(state_bounds: Sequence[Bound]) -> np.ndarray:
@@ -194,27 +225,47 @@ def valid(state_bounds: Sequence[Bound]) -> np.ndarray:
 
 def first_event(crane: Crane, state_bounds: Sequence[Bound]) -> Event | None:
     """Return the first row at which one of `conditions` does not hold, None if there is none."""
-    beginnings = (_beginnings(crane, bound, bound.holds)[:1] for bound in state_bounds)
-    return min(chain.from_iterable(beginnings), key=lambda event: event.row, default=None)
+    first_events = []
+    for bound in state_bounds:
+        first_events += _beginnings(crane, bound, bound.holds)[:1]
+    return min(first_events, key=lambda event: event.row, default=None)
 
 
 def events(crane: Crane, run: Trajectory) -> list[Event]:
-    """Return the beginning of every stretch in which the model does not hold, ordered by time."""
+    """Return the beginnings of all times in which the model does not hold, ordered by time.
+
+    Args:
+        crane: The crane of the run.
+        run: The run. Rows that it marks as valid count as such.
+    """
     buffers = run.parameters.get("validity") == "buffers"
-    hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
+    hoist = hoisting(crane, run.effort)
+    if buffers:
+        hoist = hoist + cable_buffers(crane, run.q, run.v)
     drive = run.parameters.get("drive")
-    ground = run.record.get("ground", {})
-    needed = run.command if drive in ("motion", "velocity") else None
-    options: Any = {"buffers": buffers, "needed": needed, "rates": drive in ("motion", "effort")}
-    level = ground.get("height", 0.0)
-    state_bounds = conditions(crane, run.q, run.v, hoist, level=level, **options)
-    holding = ((bound, bound.holds | (run.valid == 1.0)) for bound in state_bounds)
-    return sorted(event for pair in holding for event in _beginnings(crane, *pair))
+    state_bounds = conditions(
+        crane,
+        run.q,
+        run.v,
+        hoist,
+        buffers=buffers,
+        needed=run.command if drive in ("motion", "velocity") else None,
+        rates=drive in ("motion", "effort"),
+        level=run.record.get("ground", {}).get("height", 0.0),
+    )
+    found = []
+    for bound in state_bounds:
+        found += _beginnings(crane, bound, bound.holds | (run.valid == 1.0))
+    return sorted(found)
 
 
 def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
-    """Return the hoist's column of efforts of the drives [N], shape (rows,); zeros without a
-    hoist.
+    """Return the column of the hoist in the efforts of the drives [N], shape (rows,); zeros without
+    a hoist.
+
+    Args:
+        crane: The crane.
+        effort: Efforts of the drives [N m or N], shape (rows, m).
     """
     hoist = crane.layout.drive_of("hoist")
     effort = as_array("effort", effort, ("rows", crane.layout.m))
@@ -222,13 +273,21 @@ def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
 
 
 def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:
+    """Return an event for each row at which a condition does not hold and did so in the row before.
+
+    Args:
+        crane: The crane.
+        bound: The condition.
+        holds: Whether it holds at each row, shape (rows,).
+    """
     if holds.all():
         return []
-    rows = np.flatnonzero(~holds & np.concatenate([[True], holds[:-1]]))
+    held_before = np.concatenate([[True], holds[:-1]])
     name = crane.layout.joints[bound.joint].name
     values = np.broadcast_to(bound.value, holds.shape)
-    words = bound.words.format
-    return [
-        Event(int(row), name, float(x), words(value=x, low=bound.low, high=bound.high))
-        for row, x in zip(rows, values[rows], strict=True)
-    ]
+    found = []
+    for row in np.flatnonzero(~holds & held_before):
+        value = values[row]
+        message = bound.words.format(value=value, low=bound.low, high=bound.high)
+        found.append(Event(int(row), name, float(value), message))
+    return found

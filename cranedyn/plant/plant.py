@@ -1,5 +1,9 @@
-"""A crane in any kind of number: what drives, gravity, joint forces, forces from outside and
-buffers make of a state.
+"""A crane in any kind of number: the accelerations that drives, gravity, joint forces, forces from
+outside and buffers cause at a state.
+
+A `Plant` is made of a `Topology`, which says what there is, and of a row of numbers, see `numbers`.
+The row may hold floats, symbols or values of a program under construction, see
+`cranedyn.dynamics.scalars`. The order of operations in this module is that of the generated code.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from cranedyn.checks import read_only
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.bodies import Bodies, blank, bodies, height, numeric_bodies
 from cranedyn.dynamics.contact import Contacts
-from cranedyn.dynamics.converters import Response, saturate_acceleration
+from cranedyn.dynamics.converters import DrivenMotion, Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
 from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
 from cranedyn.dynamics.validity import bounds
@@ -27,18 +31,19 @@ from cranedyn.model.springs import Bifilar, Rope, Springs
 from cranedyn.plant import rigid_body
 from cranedyn.plant.rigid_body import ExternalForce
 
-_NO_LIMIT = 1e9
-"""Stands for no limit of a rate: whatever is faster has diverged."""
+_NO_RATE_LIMIT = 1e9
+"""Limit of a rate where a joint has none [rad/s or m/s]: a drive that is faster has diverged."""
 
 
 @dataclass(frozen=True)
 class Topology:
-    """What cranes have in common that differ in numbers only.
+    """What cranes have in common that differ in numbers only. Joints are given by their indices
+    among the coordinates.
 
     Attributes:
-        parents: Place of the joint before each joint among the coordinates, -1 for the world.
+        parents: The joint before each joint, -1 for the world.
         layout: The joints by name.
-        bodies: The joints that carry the points that forces act on.
+        bodies: The joints that carry the points on which forces act.
         swings: The joints that are swings, and whether the hoist hangs on each.
         springs: Whether anything is elastic.
         rope: Stretch and length of a rope that may go slack, and whether it is inextensible; None
@@ -62,33 +67,35 @@ class Topology:
     @once_per_crane
     def of(crane: Crane) -> Topology:
         """Return the topology of a crane."""
+        # Joint 0 of Pinocchio is the world.
         parents = tuple(int(parent) - 1 for parent in list(crane.model.parents)[1:])
-        hoist = crane.layout.role("hoist", "") if crane.layout.has("hoist") else None
-        above = [] if hoist is None else numeric_bodies(crane).path(hoist)[:-1]
-        swings = tuple((i, i in above) for i in crane.swings.tolist())
-        rope, falls = crane.springs.rope, crane.springs.bifilar
-        bodies = tuple(point.body for point in crane.points)
+        above_hoist: list[int] = []
+        if crane.layout.has("hoist"):
+            hoist = crane.layout.role("hoist", "")
+            above_hoist = numeric_bodies(crane).path(hoist)[:-1]
+        rope = crane.springs.rope
+        falls = crane.springs.bifilar
         return Topology(
-            parents,
-            crane.layout,
-            bodies,
-            swings,
-            crane.springs.any,
-            None if rope is None else (rope.stretch, rope.length, rope.inextensible),
-            None if falls is None else (falls.yaw, falls.length),
-            () if crane.friction is None else crane.friction.joints,
-            crane.coupling,
+            parents=parents,
+            layout=crane.layout,
+            bodies=tuple(point.body for point in crane.points),
+            swings=tuple((swing, swing in above_hoist) for swing in crane.swings.tolist()),
+            springs=crane.springs.any,
+            rope=None if rope is None else (rope.stretch, rope.length, rope.inextensible),
+            bifilar=None if falls is None else (falls.yaw, falls.length),
+            friction=() if crane.friction is None else crane.friction.joints,
+            coupling=crane.coupling,
         )
 
 
 class Units(NamedTuple):
-    """What is what for a plant that counts time and mass in units of its own.
+    """Units of a plant that counts time and mass in units of its own.
 
     Attributes:
-        time: Its unit of time [s].
-        command: How much it has of a unit of a command.
-        force: How much it has of a newton, from outside or of a drive.
-        work: What its unit of work is [J].
+        time: Unit of time [s].
+        command: Factor from a command in SI units to that of the plant.
+        force: Factor from a force from outside or of a drive in newtons to that of the plant.
+        work: Unit of work [J].
     """
 
     time: Any
@@ -101,10 +108,14 @@ SI = Units(1.0, 1.0, 1.0, 1.0)
 """Seconds and kilograms."""
 
 
-class Answer(NamedTuple):
-    """Answer of a crane to a command: accelerations, shape (n,), efforts of the drives and efforts
-    needed to follow the command, shape (m,), and a force that is positive where a rope that may go
-    slack pulls, None for any other.
+class DynamicsResult(NamedTuple):
+    """Accelerations and efforts of a crane under a command.
+
+    Attributes:
+        acceleration: Accelerations of all joints, shape (n,).
+        effort: Efforts of the drives, shape (m,).
+        needed: Efforts that the drives would need to follow the command, shape (m,).
+        pull: Force that is positive where a rope that may go slack pulls; None for any other rope.
     """
 
     acceleration: np.ndarray
@@ -119,20 +130,21 @@ class Plant:
     yet.
 
     Attributes:
-        topology: What it has in common with others.
+        topology: What it has in common with cranes of other numbers.
         tree: Its bodies.
         joint: Damping, dry friction and springs.
         stops: Buffers at the ends of the ranges of the drives.
-        lower, upper: Ranges, shape (n,).
-        effort_limit, rate_limit: Of the drives, shape (m,).
-        levers: Where the points are in the frames of their joints [m], shape (points, 3).
-        arms: From each swing joint to the payload, but for the cable [m], shape (swings,).
-        rest: Where the swing joints hang, see `cranedyn.model.springs.Rest`: angle and slope.
-        drive: Whether commands are efforts, "effort", accelerations, "motion", or reference rates,
+        lower, upper: Ends of the ranges of the joints, shape (n,).
+        effort_limit, rate_limit: Limits of the drives, shape (m,).
+        levers: Places of the points in the frames of their joints [m], shape (points, 3).
+        arms: Distance from each swing joint to the payload without the cable [m], shape (swings,).
+        rest: Angles at which the swing joints hang, see `cranedyn.model.springs.Rest`: angle and
+            slope.
+        drive: Kind of the commands: efforts, "effort", accelerations, "motion", or reference rates,
             "velocity".
-        buffers: Whether there are buffers.
-        response: Of the drives' frequency converters; None if there are none.
-        contacts: Of the load with the ground; None for none.
+        buffers: Whether buffers act at the ends of the ranges.
+        response: Response of the drives' frequency converters; None if there are none.
+        contacts: Contacts of the load with the ground; None for none.
     """
 
     topology: Topology
@@ -152,9 +164,11 @@ class Plant:
     contacts: Contacts | None = None
 
     def in_steps(self, dt: Any) -> tuple[Plant, Units]:
-        """Return the same with time in units of `dt` [s] and mass in units of the load, unless that
-        is counted with another body: rates are v dt, accelerations a dt², and step and load drop
-        out of much arithmetic.
+        """Return the same with time in units of `dt` [s] and mass in units of the load.
+
+        Rates are then v dt and accelerations a dt², and step and load are 1, so that they drop out
+        of much arithmetic. The unit of mass stays 1 kg where the mass of the load is counted with
+        another body, see `rigid_body.regrouped`.
 
         Returns:
             The plant, and its units.
@@ -183,44 +197,56 @@ class Plant:
         command: np.ndarray,
         forces: np.ndarray | None,
         reactions: Sequence[ExternalForce] = (),
-    ) -> Answer:
-        """Return the answer to a command at a state.
+    ) -> DynamicsResult:
+        """Return the accelerations and efforts that a command causes at a state.
 
         Args:
             q: Coordinates, shape (n,).
             v: Their rates, shape (n,).
             command: Efforts within the limits, accelerations, or reference rates of the drives,
                 shape (m,).
-            forces: From outside on the points in the world [N], shape (3 points,); None for none.
-            reactions: Those of the ground, see `ground_reactions`.
+            forces: Forces from outside on the points in the world [N], shape (3 points,); None for
+                none.
+            reactions: Forces of the ground, see `ground_reactions`.
         """
         drives = self.topology.layout.drives
         rope = self.joint.rope
         frames = rigid_body.frames(self.tree, q)
-        pushes: Any = [] if forces is None else forces.reshape(-1, 3)
-        acting = zip(self.topology.bodies, self.levers, pushes, strict=forces is not None)
-        external = [*map(ExternalForce._make, acting), *reactions]
+        external = [*self._forces_on_points(forces), *reactions]
         effort = self.joint.effort(q, v)
         if self.buffers:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
         pull = None if rope is None or rope.inextensible else self.joint.pull(q, v)
         coupling = self.topology.coupling
-        direct = coupling is None and (rope is None or not rope.inextensible)
-        if self.drive == "effort" and direct:
+        holds_no_joint = rope is None or not rope.inextensible
+        if self.drive == "effort" and coupling is None and holds_no_joint:
+            # All joints are free: the equation of motion is solved as a whole.
             effort[drives] = effort[drives] + command
             a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
-            return Answer(a, command, command, pull)
+            return DynamicsResult(a, command, command, pull)
         resisting = rigid_body.tree_inverse_dynamics(self.tree, frames, v, external_forces=external)
         resisting = resisting - effort
         mass = rigid_body.mass_matrix(self.tree, frames)
         if coupling is not None:
-            a, exerted, needed = self._solved(
-                coupling.reduce(mass), coupling.gather(resisting), v, command
-            )
-            return Answer(coupling.spread(a), exerted, needed, pull)
+            reduced_mass = coupling.reduce(mass)
+            gathered = coupling.gather(resisting)
+            motion = self._solved(reduced_mass, gathered, v, command)
+            a = coupling.spread(motion.acceleration)
+            return DynamicsResult(a, motion.effort, motion.needed, pull)
         if rope is None or not rope.inextensible:
-            return Answer(*self._solved(mass, resisting, v, command), pull)
+            motion = self._solved(mass, resisting, v, command)
+            return DynamicsResult(motion.acceleration, motion.effort, motion.needed, pull)
         return self._on_inextensible_rope(rope.stretch, mass, resisting, q, v, command)
+
+    def _forces_on_points(self, forces: np.ndarray | None) -> list[ExternalForce]:
+        """Return the forces from outside on the points, from their numbers, shape (3 points,)."""
+        if forces is None:
+            return []
+        external = []
+        vectors = forces.reshape(-1, 3)
+        for body, lever, force in zip(self.topology.bodies, self.levers, vectors, strict=True):
+            external.append(ExternalForce(body, lever, force))
+        return external
 
     def _on_inextensible_rope(
         self,
@@ -230,27 +256,51 @@ class Plant:
         q: np.ndarray,
         v: np.ndarray,
         command: np.ndarray,
-    ) -> Answer:
-        """Return `answer` for a rope that holds its stretch where it is taut."""
+    ) -> DynamicsResult:
+        """Return `answer` for an inextensible rope, which holds its stretch where it is taut.
+
+        A taut rope is a constraint: the stretch s does not accelerate, and the tension is the force
+        that this takes, T = -(M a + b)_s, with the row s of the equation of motion. The rope stays
+        taut while T > 0. A slack rope does not act on its stretch.
+
+        Where `JointForces.taut` gives the phase, the equations of that phase are solved. Where the
+        state decides, in one pass for all lanes of code: from the tension that a taut rope would
+        have, its phase, and then both phases by one system of equations. Where the rope is taut,
+        its row and column are taken out of that, but for the diagonal, so that the stretch has no
+        acceleration.
+
+        Args:
+            stretch: The joint of the stretch.
+            mass: Mass matrix, shape (n, n).
+            resisting: Generalized forces without acceleration, shape (n,).
+            q: Coordinates, shape (n,).
+            v: Their rates, shape (n,).
+            command: As for `answer`.
+        """
         taut = self.joint.taut
         pull = None
         if taut is None or isinstance(taut, bool):
-            still = self._solved(mass, resisting, v, command, stretch)
-            pull = -(mass[stretch] @ still[0] + resisting[stretch])
+            held = self._solved(mass, resisting, v, command, stretch)
+            pull = -(mass[stretch] @ held.acceleration + resisting[stretch])
             if taut:
-                return Answer(*still, pull)
-            # a rope that is slack already, or goes slack at this instant, does not pull
+                return DynamicsResult(held.acceleration, held.effort, held.needed, pull)
+            # A rope that is slack already, or goes slack at this instant, does not pull.
             pull = chosen(q[stretch] < 0.0, -1.0, chosen(v[stretch] < 0.0, -1.0, pull))
             taut = pull > 0.0
-        held = mass.copy()
-        pushed = resisting.copy()
-        loose = 1.0 - flag(taut, resisting[stretch])
-        for i in np.delete(np.arange(len(q)), stretch):
-            held[stretch, i] = held[i, stretch] = mass[stretch, i] * loose
-        pushed[stretch] = resisting[stretch] * loose
-        a, effort, needed = self._solved(held, pushed, v, command)
-        tension = -(mass[stretch] @ a + resisting[stretch])
-        return Answer(a, effort, needed, tension if pull is None else pull)
+        masked_mass = mass.copy()
+        masked_resisting = resisting.copy()
+        is_slack = 1.0 - flag(taut, resisting[stretch])
+        for i in range(len(q)):
+            if i != stretch:
+                entry = mass[stretch, i] * is_slack
+                masked_mass[stretch, i] = entry
+                masked_mass[i, stretch] = entry
+        masked_resisting[stretch] = resisting[stretch] * is_slack
+        motion = self._solved(masked_mass, masked_resisting, v, command)
+        tension = -(mass[stretch] @ motion.acceleration + resisting[stretch])
+        if pull is None:
+            pull = tension
+        return DynamicsResult(motion.acceleration, motion.effort, motion.needed, pull)
 
     def _solved(
         self,
@@ -259,12 +309,18 @@ class Plant:
         v: np.ndarray,
         command: np.ndarray,
         still: int | None = None,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return accelerations, efforts and the efforts needed, of all joints or of all but one
-        that stands still.
+    ) -> DrivenMotion:
+        """Return the solution of the equation of motion M a + resisting = τ for a command.
+
+        Args:
+            mass: Mass matrix M, shape (n, n).
+            resisting: Generalized forces without acceleration, shape (n,).
+            v: Rates, shape (n,).
+            command: As for `answer`.
+            still: A joint that does not accelerate; None for none.
         """
         drives = self.topology.layout.drives
-        free = self._answering(still)
+        free = self._free_joints(still)
         if self.response is not None:
             target = array(self.response.accelerations_at(command, v[drives]))
             return saturate_acceleration(mass, resisting, target, self.effort_limit, drives, free)
@@ -274,12 +330,13 @@ class Plant:
             resisting[drives] = resisting[drives] - command
         else:
             a[drives] = command
+        # Rows of the free joints: M_ff a_f = -(resisting + M a)_f with a_f = 0 on the right.
         a[free] = solve_linear(mass[np.ix_(free, free)], -(resisting + mass @ a)[free])
         effort = command if self.drive == "effort" else (mass @ a + resisting)[drives]
-        return a, effort, effort
+        return DrivenMotion(a, effort, effort)
 
-    def _answering(self, still: int | None = None) -> np.ndarray:
-        """Return the joints whose motion is not prescribed, by their indices, but for one that
+    def _free_joints(self, still: int | None = None) -> np.ndarray:
+        """Return the joints whose motion is not prescribed, by their indices, without one that
         stands still.
         """
         layout = self.topology.layout
@@ -287,13 +344,23 @@ class Plant:
         return joints if still is None else joints[joints != still]
 
     def impact(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
-        """Return rates and the kinetic energy gained as `cranedyn.dynamics.drives` does where an
-        inextensible rope becomes taut.
+        """Return the rates after an inextensible rope has become taut, and the kinetic energy that
+        is gained by that, which is negative.
+
+        The impact is plastic: it takes the rate of the stretch. It acts for no time, so that only
+        the impulse of the rope counts, and momentum is conserved in the directions of the free
+        joints f: with the change Δ of the rates, (M Δ)_f = 0, where Δ is -v at the stretch and 0 in
+        drives that follow a command of motion. The energy gained is
+        ½ (v + Δ)ᵀ M (v + Δ) - ½ vᵀ M v = Δᵀ M (v + ½ Δ).
+
+        Args:
+            q: Coordinates, shape (n,).
+            v: Rates before the impact, shape (n,).
         """
         assert self.joint.rope is not None
         stretch = self.joint.rope.stretch
         mass = rigid_body.mass_matrix(self.tree, rigid_body.frames(self.tree, q))
-        free = self._answering(stretch)
+        free = self._free_joints(stretch)
         change = array([0.0] * len(v))
         change[stretch] = -v[stretch]
         change[free] = solve_linear(mass[np.ix_(free, free)], -(mass @ change)[free])
@@ -304,42 +371,49 @@ class Plant:
     def ground_reactions(
         self, q: np.ndarray, v: np.ndarray, anchors: np.ndarray
     ) -> tuple[list[ExternalForce], np.ndarray]:
-        """Return forces of the ground on the load, and the anchors after that, shape (3 points,).
+        """Return the forces of the ground on the load, and the anchors after that, shape
+        (3 points,).
 
         Args:
             q: Coordinates, shape (n,).
             v: Their rates, shape (n,).
-            anchors: Where the points of the load came to rest [m], shape (3 points,).
+            anchors: Places where the points of the load came to rest [m], shape (3 points,).
         """
         contacts = self.contacts
-        reactions = list[ExternalForce]()
-        moved = list[Any]()
         if contacts is None:
-            return reactions, anchors
-        rows = zip(contacts.points, self._ground_motions(q, v), anchors.reshape(-1, 3), strict=True)
-        for point, motion, anchor in rows:
-            force, place = contacts.reaction(*motion, anchor)
+            return [], anchors
+        motions = self._ground_motions(q, v)
+        reactions = []
+        moved: list[Any] = []
+        for point, motion, anchor in zip(
+            contacts.points, motions, anchors.reshape(-1, 3), strict=True
+        ):
+            position, velocity = motion
+            force, moved_anchor = contacts.reaction(position, velocity, anchor)
             reactions.append(ExternalForce(contacts.body, array(point), array(force)))
-            moved += place
+            moved += moved_anchor
         return reactions, array(moved)
 
     def power(self, q: np.ndarray, v: np.ndarray, reactions: Sequence[ExternalForce]) -> Any:
         """Return the power of the forces of `ground_reactions` at coordinates and rates [W]."""
-        pairs = zip(self._ground_motions(q, v), reactions, strict=True)
-        return sum((velocity @ push.force for (_, velocity), push in pairs), 0.0)
+        power: Any = 0.0
+        for (_, velocity), reaction in zip(self._ground_motions(q, v), reactions, strict=True):
+            power = power + velocity @ reaction.force
+        return power
 
     def touching(self, q: np.ndarray) -> list[Any]:
         """Return whether each point of the load is in a support; empty without ground."""
         contacts = self.contacts
-        still = array([0.0] * len(q))
         if contacts is None:
             return []
-        return [contacts.depth(place)[0] > 0.0 for place, _ in self._ground_motions(q, still)]
+        at_rest = array([0.0] * len(q))
+        motions = self._ground_motions(q, at_rest)
+        return [contacts.depth(position)[0] > 0.0 for position, _ in motions]
 
     def _ground_motions(self, q: np.ndarray, v: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return position and velocity of each point of the load that may touch the ground."""
         assert self.contacts is not None
-        points = [array(p) for p in self.contacts.points]
+        points = [array(point) for point in self.contacts.points]
         frames = rigid_body.frames(self.tree, q)
         return rigid_body.point_motions(self.tree, frames, v, self.contacts.body, points)
 
@@ -374,13 +448,19 @@ class Plant:
     def conditions(
         self, q: np.ndarray, v: np.ndarray, hoist_force: Any, needed: np.ndarray
     ) -> list[Any]:
-        """Return comparisons that must be true for the model to hold, given the force of the hoist
-        with that of the cable's buffers, and the efforts needed by drives that follow a motion or a
-        rate.
+        """Return comparisons that must be true for the model to hold, see
+        `cranedyn.dynamics.validity`.
+
+        Args:
+            q: Coordinates, shape (n,).
+            v: Their rates, shape (n,).
+            hoist_force: Force of the hoist and of the cable's buffers [N].
+            needed: Efforts that drives need which follow a motion or a rate, shape (m,).
         """
         layout = self.topology.layout
+        rope = self.joint.rope
         tension = tension_from_hoist_force(layout, self.joint, q, v, hoist_force)
-        above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
+        payload_height = height(self.tree, q, self.topology.bodies[0], self.levers[0])
         state_bounds = bounds(
             layout,
             self,
@@ -388,25 +468,30 @@ class Plant:
             v,
             self.swing_angles(q),
             tension,
-            above,
+            payload_height,
             buffers=self.buffers,
             needed=None if self.drive == "effort" else needed,
             rates=self.drive != "velocity",
-            rope=self.topology.rope,
+            rope=None if rope is None else (rope.stretch, rope.length),
             level=0.0 if self.contacts is None else self.contacts.level,
         )
         return [condition for bound in state_bounds for condition in bound.conditions]
 
     def within(self, command: np.ndarray) -> np.ndarray:
-        """Return efforts cut to the limits of the drives, accelerations as they are, shape (m,)."""
+        """Return efforts clipped to the limits of the drives, other commands as they are, shape
+        (m,).
+        """
         if self.drive != "effort":
             return command
-        return array(
-            [clipped(c, -limit, limit) for c, limit in zip(command, self.effort_limit, strict=True)]
-        )
+        efforts = []
+        for effort, limit in zip(command, self.effort_limit, strict=True):
+            efforts.append(clipped(effort, -limit, limit))
+        return array(efforts)
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """Return the mechanical energy with that of springs [J], zero of height at the ground."""
+        """Return the mechanical energy, including that of springs [J]; potential energy is zero at
+        the origin of the world.
+        """
         frames = rigid_body.frames(self.tree, q)
         rigid = 0.5 * (v @ (rigid_body.mass_matrix(self.tree, frames) @ v))
         rigid = rigid + rigid_body.potential_energy(self.tree, frames)
@@ -418,14 +503,14 @@ class Plant:
         return not any(np.any(term) for term in self.rest)
 
     def hanging_angles(self, drives: np.ndarray) -> np.ndarray:
-        """Return where the swing joints hang for coordinates of the drives, to first order about
-        the start [rad], shape (swings,).
+        """Return the angles at which the swing joints hang for coordinates of the drives, to first
+        order about the start [rad], shape (swings,).
         """
         angle, slope = self.rest
         return angle + slope @ drives
 
     def swing_angles(self, q: np.ndarray) -> dict[int, Any]:
-        """Return angles of the swing joints from where they hang [rad], by their place among the
+        """Return angles of the swing joints from where they hang [rad], by their indices among the
         coordinates.
         """
         hanging = self.hanging_angles(q[self.topology.layout.drives])
@@ -437,48 +522,88 @@ class Plant:
     def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
         """Return the square of the swing, and that of its amplitude if the pendulums below each
         joint swung alone [rad²].
+
+        A pendulum of length l with the angle φ swings with the amplitude √(φ² + φ̇² l/g). Both
+        results are sums over the swing joints.
         """
-        swings = self.topology.swings
-        angle: Any = sum(
-            (component * component for component in self.swing_angles(q).values()), 0.0
-        )
+        squared_angle: Any = 0.0
+        for angle in self.swing_angles(q).values():
+            squared_angle = squared_angle + angle * angle
         gravity = -self.tree.gravity[2]
         kinetic: Any = 0.0
-        for (i, hangs), arm in zip(swings, self.arms, strict=True):
-            length = arm + q[self.topology.layout.role("hoist", "The cable")] if hangs else arm
+        for (i, carries_hoist), arm in zip(self.topology.swings, self.arms, strict=True):
+            length = arm
+            if carries_hoist:
+                length = arm + q[self.topology.layout.role("hoist", "The cable")]
             kinetic = kinetic + v[i] * v[i] * length
-        return angle, angle + kinetic / gravity
+        return squared_angle, squared_angle + kinetic / gravity
+
+
+def _section_sizes(topology: Topology) -> dict[str, int]:
+    """Return the length of each section of the numbers of a crane, in their order.
+
+    `numbers` writes the sections, and `plant` reads them.
+    """
+    n = topology.layout.n
+    m = topology.layout.m
+    frictions = len(topology.friction)
+    swings = len(topology.swings)
+    return {
+        "tree": len(blank(topology.parents).numbers()),
+        "damping": n,
+        "friction_effort": frictions,
+        "friction_width": frictions,
+        "spring_stiffness": n,
+        "spring_rest": n,
+        "rope_stiffness": 1,  # 0 without a rope
+        "fall_stiffness": 0 if topology.bifilar is None else 1,
+        "lower": n,
+        "upper": n,
+        "effort_limit": m,
+        "rate_limit": m,
+        "levers": 3 * len(topology.bodies),
+        "arms": swings,
+        "rest_angle": swings,
+        "rest_slope": swings * m,
+        "stop_stiffness": m,
+        "stop_damping": m,
+    }
 
 
 @once_per_crane
 def numbers(crane: Crane) -> np.ndarray:
-    """Return all numbers of a crane in a row, in the order of `plant`, read-only."""
-    tree = bodies(crane.model)
+    """Return all numbers of a crane in a row, read-only, in the order of `_section_sizes`. From it
+    `plant` makes the crane again.
+    """
+    friction = crane.friction
     springs = crane.springs
+    rope = springs.rope
+    falls = springs.bifilar
     stops = Stops.of(crane)
-    rope, falls = springs.rope, springs.bifilar
-    levers = np.concatenate([point.lever for point in crane.points])
-    values = (
-        tree.numbers(),
-        crane.damping,
-        [] if crane.friction is None else crane.friction.effort,
-        [] if crane.friction is None else crane.friction.width,
-        springs.stiffness,
-        springs.rest,
-        [0.0 if rope is None else rope.stiffness],
-        [] if falls is None else [falls.stiffness],
-        crane.lower,
-        crane.upper,
-        crane.effort_limit,
-        np.minimum(crane.rate_limit, _NO_LIMIT),
-        levers,
-        _arms(crane),
-        crane.rest.angle,
-        crane.rest.slope.ravel(),
-        stops.stiffness,
-        stops.damping,
+    no_numbers = np.zeros(0)
+    sections: dict[str, Any] = {
+        "tree": bodies(crane.model).numbers(),
+        "damping": crane.damping,
+        "friction_effort": no_numbers if friction is None else friction.effort,
+        "friction_width": no_numbers if friction is None else friction.width,
+        "spring_stiffness": springs.stiffness,
+        "spring_rest": springs.rest,
+        "rope_stiffness": [0.0 if rope is None else rope.stiffness],
+        "fall_stiffness": no_numbers if falls is None else [falls.stiffness],
+        "lower": crane.lower,
+        "upper": crane.upper,
+        "effort_limit": crane.effort_limit,
+        "rate_limit": np.minimum(crane.rate_limit, _NO_RATE_LIMIT),
+        "levers": np.concatenate([point.lever for point in crane.points]),
+        "arms": _arms(crane),
+        "rest_angle": crane.rest.angle,
+        "rest_slope": crane.rest.slope.ravel(),
+        "stop_stiffness": stops.stiffness,
+        "stop_damping": stops.damping,
+    }
+    return read_only(
+        np.concatenate([sections[name] for name in _section_sizes(Topology.of(crane))])
     )
-    return read_only(np.concatenate(values))
 
 
 def _arms(crane: Crane) -> np.ndarray:
@@ -488,52 +613,75 @@ def _arms(crane: Crane) -> np.ndarray:
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
     payload = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
-    pivots = [data.oMi[swing + 1].translation for swing in crane.swings.tolist()]
-    return np.array([float(np.linalg.norm(payload - pivot)) for pivot in pivots])
+    arms = []
+    for swing in crane.swings.tolist():
+        pivot = data.oMi[swing + 1].translation
+        arms.append(float(np.linalg.norm(payload - pivot)))
+    return np.array(arms)
 
 
 def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
-    """Return a plant from its topology and its numbers, in the order of `numbers`; with drive
-    "velocity" those of the frequency converters follow.
+    """Return a plant from its topology and its numbers.
+
+    Args:
+        topology: What it has in common with cranes of other numbers.
+        values: Its numbers in the order of `numbers`; with drive "velocity" those of its frequency
+            converters follow, attribute by attribute of `Response`.
+        drive: "effort", "motion" or "velocity", see `Plant.drive`.
+        buffers: Whether buffers act at the ends of the ranges.
     """
     layout = topology.layout
-    n, m = layout.n, layout.m
     response = None
     if drive == "velocity":
-        count = m * len(Response._fields)
+        count = layout.m * len(Response._fields)
         response = Response(*np.split(array(values[-count:]), len(Response._fields)))
         values = values[:-count]
-    tree = blank(topology.parents)
-    count = len(tree.numbers())
-    swings = len(topology.swings)
-    falls = topology.bifilar and Bifilar(*topology.bifilar, 0.0)
-    rubbing = len(topology.friction)
-    joint_counts = [n, rubbing, rubbing, n, n, 1, int(falls is not None), n, n, m, m]
-    counts = [*joint_counts, 3 * len(topology.bodies), swings, swings, swings * m, m, m]
-    groups = np.split(array(values[count:]), np.cumsum(counts)[:-1])
-    damping, dry, width, stiffness, rest, ea, yaw_stiffness, lower, upper, *groups = groups
-    effort_limit, rate_limit, levers, arms, rest_angle, rest_slope, *stop_gains = groups
+
+    sections: dict[str, np.ndarray] = {}
+    first = 0
+    for name, size in _section_sizes(topology).items():
+        sections[name] = array(values[first : first + size])
+        first += size
+
     rope = None
     if topology.rope is not None:
         stretch, length, inextensible = topology.rope
-        rope = Rope(stretch, length, ea[0], inextensible)
-    falls = falls and falls._replace(stiffness=yaw_stiffness[0])
-    springs = Springs(stiffness, rest, rope, falls) if topology.springs else None
-    friction = DryFriction(topology.friction, dry, width) if topology.friction else None
-    stops = Stops(layout.drives, lower[layout.drives], upper[layout.drives], *stop_gains)
+        rope = Rope(stretch, length, sections["rope_stiffness"][0], inextensible)
+    falls = None
+    if topology.bifilar is not None:
+        yaw, length = topology.bifilar
+        falls = Bifilar(yaw, length, sections["fall_stiffness"][0])
+    springs = None
+    if topology.springs:
+        springs = Springs(sections["spring_stiffness"], sections["spring_rest"], rope, falls)
+    friction = None
+    if topology.friction:
+        friction = DryFriction(
+            topology.friction, sections["friction_effort"], sections["friction_width"]
+        )
+    lower = sections["lower"]
+    upper = sections["upper"]
+    rest_slope = sections["rest_slope"].reshape(len(topology.swings), layout.m)
+    tree = blank(topology.parents).with_numbers(sections["tree"])
     return Plant(
-        topology,
-        rigid_body.regrouped(tree.with_numbers(values[:count])),
-        JointForces(damping, springs, friction),
-        stops,
-        lower,
-        upper,
-        effort_limit,
-        rate_limit,
-        levers.reshape(-1, 3),
-        arms,
-        (rest_angle, rest_slope.reshape(swings, m)),
-        drive,
-        buffers,
-        response,
+        topology=topology,
+        tree=rigid_body.regrouped(tree),
+        joint=JointForces(sections["damping"], springs, friction),
+        stops=Stops(
+            drives=layout.drives,
+            lower=lower[layout.drives],
+            upper=upper[layout.drives],
+            stiffness=sections["stop_stiffness"],
+            damping=sections["stop_damping"],
+        ),
+        lower=lower,
+        upper=upper,
+        effort_limit=sections["effort_limit"],
+        rate_limit=sections["rate_limit"],
+        levers=sections["levers"].reshape(-1, 3),
+        arms=sections["arms"],
+        rest=(sections["rest_angle"], rest_slope),
+        drive=drive,
+        buffers=buffers,
+        response=response,
     )

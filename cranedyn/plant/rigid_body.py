@@ -6,6 +6,13 @@ multiply, divide and know `sin` and `cos`: symbols of CasADi, or values of a pro
 construction. They fold what is 0 or 1, so what is left is the arithmetic of that one crane. A
 motion or a force of a body is a pair, linear and angular, in the frame of its joint.
 
+Single elements of arrays are taken as arrays of one element, such as ``v[i : i + 1]``: NumPy then
+multiplies element by element, where a symbol times an array would be left to the symbol's class.
+
+Notation in comments: of joint i with the rate q̇ and the acceleration q̈, s is the linear and u the
+angular velocity per rate, in the frame of the joint (`Bodies.axis`); E is the rotation of that
+frame in the frame of its parent, and r its origin there [m] (`Frame`).
+
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), §5.3 (Newton-Euler), §6.2 (composite
 bodies), §6.5 (factorisation).
 """
@@ -24,28 +31,42 @@ from cranedyn.dynamics.scalars import array, cross_product, is_zero, solve_linea
 _AGREEMENT = 1e-11
 """Relative difference of accelerations that is round-off whatever the mass matrix."""
 
+_ROUNDINGS = 1e3
+"""Number of roundings that is expected for each unit of the condition number of a mass matrix."""
+
 
 def regrouped(tree: Bodies) -> Bodies:
-    """Return the same tree with less in its bodies: what a joint moves as its parent does anyway is
-    counted with the parent, which leaves dynamics and energy as they are.
+    """Return the same tree with fewer numbers in its bodies that are not zero.
 
-    That is the inertia about the centre of mass where the joint does not turn, and the mass where
-    the centre lies on an axis of the frame about which it turns.
+    What a joint moves exactly as its parent does is counted with the parent, which leaves dynamics
+    and energy as they are:
+
+    * A prismatic joint does not turn its body against the parent. The parent takes over the inertia
+      about the centre of mass.
+    * A revolute joint about an axis of its frame on which the centre of mass lies does not move the
+      centre against the parent. The parent takes over the mass, as a point there.
 
     Source: Gautier and Khalil, IEEE Trans. Robotics and Automation 6 (1990), 368-373.
     """
-    mass, lever, inertia = tree.mass.copy(), tree.lever.copy(), tree.inertia.copy()
+    mass = tree.mass.copy()
+    lever = tree.lever.copy()
+    inertia = tree.inertia.copy()
+    # From the tips to the base, so that what a body took over can be handed on.
     for i in range(len(tree) - 1, -1, -1):
-        parent, (_, about), turn = tree.parents[i], tree.axis[i], tree.rotation[i]
-        axes = [k for k, component in enumerate(about) if not is_zero(component)]
-        if parent < 0 or len(axes) > 1:
+        parent = tree.parents[i]
+        about = tree.axis[i, 1]
+        rotation = tree.rotation[i]
+        turned_axes = [k for k, component in enumerate(about) if not is_zero(component)]
+        if parent < 0 or len(turned_axes) > 1:
             continue
-        if not axes:
-            inertia[parent] = inertia[parent] + turn @ inertia[i] @ turn.T
+        if not turned_axes:
+            inertia[parent] = inertia[parent] + rotation @ inertia[i] @ rotation.T
             inertia[i] = 0.0
-        elif all(is_zero(component) for component in np.delete(lever[i], axes)):
-            _add_mass(mass, lever, inertia, parent, mass[i], tree.translation[i] + turn @ lever[i])
-            mass[i], lever[i] = 0.0, 0.0
+        elif all(is_zero(component) for component in np.delete(lever[i], turned_axes)):
+            place = tree.translation[i] + rotation @ lever[i]
+            _add_mass(mass, lever, inertia, parent, mass[i], place)
+            mass[i] = 0.0
+            lever[i] = 0.0
     return replace(tree, mass=mass, lever=lever, inertia=inertia)
 
 
@@ -57,15 +78,28 @@ def _add_mass(
     point_mass: Any,
     point: np.ndarray,
 ) -> None:
-    """Put a point mass [kg] somewhere on a body [m]."""
+    """Put a point mass on body i, in place.
+
+    Two masses m and p at the offset d from each other have the common centre at p/(m + p) d, and
+    add -m p/(m + p) [d]² to the inertia about it, with the matrix [d] of the product d ×.
+
+    Args:
+        mass: Masses of all bodies [kg], shape (n,).
+        lever: Their centres of mass [m], shape (n, 3).
+        inertia: Their inertias about these [kg m²], shape (n, 3, 3).
+        i: The body.
+        point_mass: Mass that is added [kg].
+        point: Its place in the frame of the body's joint [m], shape (3,).
+    """
     if is_zero(point_mass):
         return
     total = mass[i] + point_mass
     offset = point - lever[i]
     share = point_mass / total
-    arm = _skew(offset)
-    inertia[i] = inertia[i] - arm @ arm * (mass[i] * share)
-    mass[i], lever[i] = total, lever[i] + offset * share
+    offset_cross = _skew(offset)
+    inertia[i] = inertia[i] - offset_cross @ offset_cross * (mass[i] * share)
+    mass[i] = total
+    lever[i] = lever[i] + offset * share
 
 
 class Frame(NamedTuple):
@@ -79,9 +113,9 @@ class ExternalForce(NamedTuple):
     """A force on a body.
 
     Attributes:
-        body: Its row.
-        point: Where, in the joint's frame [m], shape (3,).
-        force: In the world [N], shape (3,).
+        body: Row of the body.
+        point: Point on which the force acts, in the joint's frame [m], shape (3,).
+        force: The force in the world [N], shape (3,).
     """
 
     body: int
@@ -90,10 +124,17 @@ class ExternalForce(NamedTuple):
 
 
 def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
-    """Return each joint's frame at coordinates q, shape (n,)."""
+    """Return each joint's frame at coordinates q, shape (n,).
+
+    A revolute joint turns by Rodrigues' formula, with the unit vector u and [u] of the product u ×:
+
+        R(q) = cos q (1 - u uᵀ) + u uᵀ + sin q [u].
+    """
     joint_frames = []
     for i in range(len(tree)):
-        (along, about), rotation, coordinate = tree.axis[i], tree.rotation[i], q[i : i + 1]
+        along, about = tree.axis[i]
+        rotation = tree.rotation[i]
+        coordinate = q[i : i + 1]
         if any(not is_zero(component) for component in about):
             projection = np.multiply.outer(about, about)
             turn = (
@@ -102,9 +143,8 @@ def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
                 + np.sin(coordinate) * _skew(about)
             )
             rotation = rotation @ turn
-        joint_frames.append(
-            Frame(rotation, tree.translation[i] + tree.rotation[i] @ (along * coordinate))
-        )
+        origin = tree.translation[i] + tree.rotation[i] @ (along * coordinate)
+        joint_frames.append(Frame(rotation, origin))
     return joint_frames
 
 
@@ -121,19 +161,23 @@ def point_motions(
         points: In the joint's frame [m], shape (3,) each.
     """
     zero = array([0.0] * 3)
-    turn = array(np.eye(3).ravel().tolist()).reshape(3, 3)
-    place = zero
-    speed = zero
-    spin = zero
+    # Pose and motion in the world of the joint that was reached.
+    rotation = array(np.eye(3).ravel().tolist()).reshape(3, 3)
+    position = zero
+    velocity = zero
+    omega = zero
     for i in tree.path(body):
-        (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], poses[i]
-        arm = turn @ origin
-        speed = speed + cross_product(spin, arm) + turn @ (tree.rotation[i] @ (along * rate))
-        turn = turn @ rotation
-        place = place + arm
-        spin = spin + turn @ (about * rate)
-    arms = [turn @ point for point in points]
-    return [(place + arm, speed + cross_product(spin, arm)) for arm in arms]
+        along, about = tree.axis[i]
+        rate = v[i : i + 1]
+        frame = poses[i]
+        arm = rotation @ frame.origin
+        velocity = velocity + cross_product(omega, arm)
+        velocity = velocity + rotation @ (tree.rotation[i] @ (along * rate))
+        rotation = rotation @ frame.rotation
+        position = position + arm
+        omega = omega + rotation @ (about * rate)
+    arms = [rotation @ point for point in points]
+    return [(position + arm, velocity + cross_product(omega, arm)) for arm in arms]
 
 
 def tree_inverse_dynamics(
@@ -144,19 +188,20 @@ def tree_inverse_dynamics(
     external_forces: Sequence[ExternalForce] = (),
     pulled: tuple[int, Any] | None = None,
 ) -> np.ndarray:
-    """Return generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`;
-    damping is not counted.
+    """Return the generalized forces that cause accelerations, given gravity and external forces, as
+    `pin.rnea` does. Damping is not counted.
 
     Args:
         tree: The bodies.
         poses: Their frames.
         v: Rates of the coordinates, shape (n,).
         a: Their accelerations, shape (n,); None for zero.
-        external_forces: What pushes from outside.
-        pulled: A body that slides along an axis of its frame, and the effort that acts on it there,
-            which is what the others feel of it along the axis, whatever its acceleration.
+        external_forces: Forces from outside.
+        pulled: A body that slides along an axis of its frame, and the effort that acts on it there.
+            The other bodies feel this effort along the axis, whatever the body's acceleration, see
+            `tree_forward_dynamics`. None for no such body.
     """
-    return _newton_euler(tree, poses, v, a, external_forces, pulled)[0]
+    return _newton_euler(tree, poses, v, a, external_forces, pulled).efforts
 
 
 def transmitted(
@@ -169,8 +214,36 @@ def transmitted(
     """Return force and torque that each joint passes on to its body, in the frame of the joint,
     shape (3,) each; arguments as of `tree_inverse_dynamics`.
     """
-    _, forces, torques = _newton_euler(tree, poses, v, a, external_forces)
-    return list(zip(forces, torques, strict=True))
+    loads = _newton_euler(tree, poses, v, a, external_forces)
+    return list(zip(loads.forces, loads.torques, strict=True))
+
+
+class _JointLoads(NamedTuple):
+    """What the joints carry.
+
+    Attributes:
+        efforts: Generalized forces, shape (n,).
+        forces: Forces on the bodies through their joints, in the frames of these, shape (3,) each.
+        torques: Torques likewise, about the origins of the frames.
+    """
+
+    efforts: np.ndarray
+    forces: list[np.ndarray]
+    torques: list[np.ndarray]
+
+
+class _BodyMotion(NamedTuple):
+    """Motion of a body, in the frame of its joint.
+
+    Attributes:
+        omega: Angular velocity ω [rad/s], shape (3,).
+        alpha: Angular acceleration α [rad/s²], shape (3,).
+        acceleration: Acceleration of the origin, less gravity [m/s²], shape (3,).
+    """
+
+    omega: np.ndarray
+    alpha: np.ndarray
+    acceleration: np.ndarray
 
 
 def _newton_euler(
@@ -180,66 +253,122 @@ def _newton_euler(
     a: np.ndarray | None,
     external_forces: Sequence[ExternalForce],
     pulled: tuple[int, Any] | None = None,
-) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
-    """Return generalized forces, and forces and torques on the bodies through their joints."""
-    n = len(tree)
+) -> _JointLoads:
+    """Return what the joints carry, by the recursive Newton-Euler algorithm: motions from the base
+    to the tips, then forces from the tips to the base. Arguments are those of
+    `tree_inverse_dynamics`.
+    """
     zero = array([0.0] * 3)
-    motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    forces, torques = [], []
-    for i in range(n):
-        (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], poses[i]
-        spin, turn, gain = (
-            motions[tree.parents[i]] if tree.parents[i] >= 0 else (zero, zero, -tree.gravity)
-        )
-        sliding = 2.0 * (tree.rotation[i] @ (along * rate))
-        gain = rotation.T @ (gain + _of_point(spin, turn, origin, sliding))
-        spin, turn = rotation.T @ spin, rotation.T @ turn
-        turn = turn + cross_product(spin, about * rate)
-        spin = spin + about * rate
-        if a is not None:
-            gain, turn = gain + along * a[i : i + 1], turn + about * a[i : i + 1]
-        motions.append((spin, turn, gain))
-        inertia, lever = tree.inertia[i], tree.lever[i]
-        force = tree.mass[i : i + 1] * (gain + _of_point(spin, turn, lever))
-        unequal = inertia - np.diag(inertia[[2], [2]].repeat(3))
+    # The base accelerates against gravity, which puts the weight into the inertial forces.
+    base = _BodyMotion(zero, zero, -tree.gravity)
+    motions: list[_BodyMotion] = []
+    forces = []
+    torques = []
+    for i, frame in enumerate(poses):
+        parent_motion = motions[tree.parents[i]] if tree.parents[i] >= 0 else base
+        motion = _body_motion(tree, i, frame, parent_motion, v, a)
+        force, torque = _inertial_load(tree, i, motion)
+        motions.append(motion)
         forces.append(force)
-        torques.append(
-            inertia @ turn + cross_product(spin, unequal @ spin) + cross_product(lever, force)
-        )
-    for body_row, point, external in external_forces:
-        local = into(tree, poses, body_row, external)
-        forces[body_row] = forces[body_row] - local
-        torques[body_row] = torques[body_row] - cross_product(point, local)
-    effort = array([0.0] * n) if a is None else tree.armature * a
+        torques.append(torque)
+    for body, point, external in external_forces:
+        local = into(tree, poses, body, external)
+        forces[body] = forces[body] - local
+        torques[body] = torques[body] - cross_product(point, local)
+
+    n = len(tree)
+    efforts = array([0.0] * n) if a is None else tree.armature * a
     for i in range(n - 1, -1, -1):
-        effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]
+        along, about = tree.axis[i]
+        efforts[i] = efforts[i] + along @ forces[i] + about @ torques[i]
         if pulled is not None and i == pulled[0]:
-            sides = zip(tree.axis[i, 0], forces[i], strict=True)
-            force = array(
-                [f if is_zero(component) else component * pulled[1] for component, f in sides]
-            )
-            torques[i] = torques[i] + cross_product(tree.lever[i], force - forces[i])
-            forces[i] = force
-        if (parent := tree.parents[i]) >= 0:
-            force, torque = _to_parent(poses[i], forces[i], torques[i])
-            forces[parent], torques[parent] = forces[parent] + force, torques[parent] + torque
-    return effort, forces, torques
+            components = []
+            for component, inertial in zip(along, forces[i], strict=True):
+                components.append(inertial if is_zero(component) else component * pulled[1])
+            felt = array(components)
+            torques[i] = torques[i] + cross_product(tree.lever[i], felt - forces[i])
+            forces[i] = felt
+        parent = tree.parents[i]
+        if parent >= 0:
+            force_on_parent, torque_on_parent = _to_parent(poses[i], forces[i], torques[i])
+            forces[parent] = forces[parent] + force_on_parent
+            torques[parent] = torques[parent] + torque_on_parent
+    return _JointLoads(efforts, forces, torques)
+
+
+def _body_motion(
+    tree: Bodies,
+    i: int,
+    frame: Frame,
+    parent: _BodyMotion,
+    v: np.ndarray,
+    a: np.ndarray | None,
+) -> _BodyMotion:
+    """Return the motion of body i from that of its parent.
+
+    With the latter marked by a p, and s q̇ in the bracket turned into the frame of the parent,
+
+        ω = Eᵀ ωp + u q̇
+        α = Eᵀ αp + (Eᵀ ωp) × u q̇ + u q̈
+        a = Eᵀ (ap + αp × r + ωp × (ωp × r + 2 s q̇)) + s q̈.
+    """
+    along, about = tree.axis[i]
+    rate = v[i : i + 1]
+    rotation = frame.rotation
+    twice_slide = 2.0 * (tree.rotation[i] @ (along * rate))
+    at_origin = _relative_acceleration(parent.omega, parent.alpha, frame.origin, twice_slide)
+    acceleration = rotation.T @ (parent.acceleration + at_origin)
+    omega = rotation.T @ parent.omega
+    alpha = rotation.T @ parent.alpha
+    alpha = alpha + cross_product(omega, about * rate)
+    omega = omega + about * rate
+    if a is not None:
+        acceleration = acceleration + along * a[i : i + 1]
+        alpha = alpha + about * a[i : i + 1]
+    return _BodyMotion(omega, alpha, acceleration)
+
+
+def _inertial_load(tree: Bodies, i: int, motion: _BodyMotion) -> tuple[np.ndarray, np.ndarray]:
+    """Return the force and the torque about the origin of its joint that give a body its motion.
+
+    With the mass m, the centre of mass c and the inertia I about it,
+
+        f = m (a + α × c + ω × (ω × c))
+        t = I α + ω × I ω + c × f.
+    """
+    inertia = tree.inertia[i]
+    lever = tree.lever[i]
+    omega = motion.omega
+    alpha = motion.alpha
+    at_centre = motion.acceleration + _relative_acceleration(omega, alpha, lever)
+    force = tree.mass[i : i + 1] * at_centre
+    # A multiple of the unit matrix adds nothing to ω × I ω. Less one moment, the inertia of a round
+    # body is mostly zeros.
+    unequal = inertia - _unit_matrix_times(inertia, 2)
+    torque = inertia @ alpha + cross_product(omega, unequal @ omega) + cross_product(lever, force)
+    return force, torque
 
 
 def mass_matrix(tree: Bodies, poses: Sequence[Frame]) -> np.ndarray:
     """Return the mass matrix, as `pin.crba`, both triangles, shape (n, n)."""
     n = len(tree)
-    composites = [
-        _Body(tree.mass[i : i + 1], tree.mass[i : i + 1] * tree.lever[i], _about_origin(tree, i))
-        for i in range(n)
-    ]
+    # Body i with all bodies that it carries, as one rigid body.
+    composites = []
+    for i in range(n):
+        mass_of_body = tree.mass[i : i + 1]
+        first_moment = mass_of_body * tree.lever[i]
+        composites.append(_RigidBody(mass_of_body, first_moment, _inertia_about_origin(tree, i)))
     mass = np.empty((n, n), dtype=object)
     mass[:] = 0.0
     for i in range(n - 1, -1, -1):
-        row = _exerted(tree, poses, i, *composites[i].times(*tree.axis[i]))
+        # The force and torque for a unit acceleration of joint i act on the joints below it, too.
+        along, about = tree.axis[i]
+        row = _generalized_force(tree, poses, i, *composites[i].times(along, about))
         row[i] = row[i] + tree.armature[i]
-        mass[i, : i + 1] = mass[: i + 1, i] = row[: i + 1]
-        if (parent := tree.parents[i]) >= 0:
+        mass[i, : i + 1] = row[: i + 1]
+        mass[: i + 1, i] = row[: i + 1]
+        parent = tree.parents[i]
+        if parent >= 0:
             composites[parent] = composites[parent].plus(composites[i].seen_from_parent(poses[i]))
     return mass
 
@@ -251,17 +380,26 @@ def tree_forward_dynamics(
     effort: np.ndarray,
     external_forces: Sequence[ExternalForce] = (),
 ) -> np.ndarray:
-    """Return accelerations that generalized forces cause, as `pin.aba`.
+    """Return the accelerations that generalized forces cause, as `pin.aba` does.
 
-    Of a load that hangs on nothing but its rope the others feel its mass across the rope, and along
-    it the effort of the rope: what is left to solve has one unknown less, and nothing that cancels.
+    A load that hangs on nothing but its rope, see `_is_sliding_point`, is taken out of the system
+    of equations. With its mass m, the acceleration J a + s̈ along the rope that the other
+    coordinates a and the length s of the rope give it, and the effort T of the rope, its own
+    equation is m (J a + s̈) + r = T, where r is what its motion without accelerations needs. The
+    others feel the load along the rope by T alone, and across the rope by its mass:
+
+        (M' + m Σ Jcᵀ Jc) a = τ - b',     s̈ = (T - r)/m - J a,
+
+    where M' is the mass matrix without the load, Jc belongs to the two directions c across the
+    rope, and b' is the bias with T in place of the inertial force along the rope. So there is one
+    unknown less to solve, and the large masses m, which cancel along the rope, do not occur.
 
     Args:
         tree: The bodies.
         poses: Their frames.
         v: Rates of the coordinates, shape (n,).
         effort: Generalized forces, damping and springs among them, shape (n,).
-        external_forces: What pushes from outside.
+        external_forces: Forces from outside.
     """
     last = len(tree) - 1
     if not _is_sliding_point(tree, last):
@@ -273,37 +411,41 @@ def tree_forward_dynamics(
     masses = tree.mass.copy()
     masses[last] = 0.0
     mass = mass_matrix(replace(tree, mass=masses), poses)[:last, :last]
-    along = array([0.0] * last)
-    for side, component in zip(np.eye(3), tree.axis[last, 0], strict=True):
-        # What a unit force on the point exerts is how fast each coordinate moves it that way.
-        unit = array(side.tolist())
-        moved = _exerted(tree, poses, last, unit, cross_product(tree.lever[last], unit))[:last]
+    along_rope = array([0.0] * last)
+    for axis, component in zip(np.eye(3), tree.axis[last, 0], strict=True):
+        # The generalized force of a unit force on the point is also the velocity of the point along
+        # that force per rate of each coordinate: a row of the Jacobian.
+        unit = array(axis.tolist())
+        torque = cross_product(tree.lever[last], unit)
+        jacobian = _generalized_force(tree, poses, last, unit, torque)[:last]
         if is_zero(component):
-            mass = mass + np.multiply.outer(moved, moved) * tree.mass[last]
+            mass = mass + np.multiply.outer(jacobian, jacobian) * tree.mass[last]
         else:
-            along = component * moved
-    free = effort - resisting
-    a = solve_linear(mass, free[:last])
-    return array([*a, free[last] / tree.mass[last] - along @ a])
+            along_rope = component * jacobian
+    unbalanced = effort - resisting
+    a = solve_linear(mass, unbalanced[:last])
+    return array([*a, unbalanced[last] / tree.mass[last] - along_rope @ a])
 
 
 def _is_sliding_point(tree: Bodies, i: int) -> bool:
     """Return whether a body has nothing but mass, and slides along an axis of its frame."""
     along, about = tree.axis[i]
-    nothing = np.concatenate([about, tree.inertia[i].ravel(), tree.armature[[i]]])
+    must_be_zero = np.concatenate([about, tree.inertia[i].ravel(), tree.armature[[i]]])
     return (
         tree.parents[i] >= 0
-        and all(map(is_zero, nothing))
+        and all(is_zero(number) for number in must_be_zero)
         and all(isinstance(component, float) for component in along)
-        and sorted(map(abs, along)) == [0.0, 0.0, 1.0]
+        and sorted(abs(component) for component in along) == [0.0, 0.0, 1.0]
         and not is_zero(tree.mass[i])
     )
 
 
-def _exerted(
+def _generalized_force(
     tree: Bodies, poses: Sequence[Frame], body: int, force: np.ndarray, torque: np.ndarray
 ) -> np.ndarray:
-    """Return the generalized force of a force and a torque on a body, shape (n,)."""
+    """Return the generalized force, shape (n,), of a force and a torque on a body, which are in the
+    frame of its joint.
+    """
     effort = array([0.0] * len(tree))
     effort[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
     while (parent := tree.parents[body]) >= 0:
@@ -314,10 +456,17 @@ def _exerted(
 
 
 def angular_velocity(tree: Bodies, poses: Sequence[Frame], body: int, v: np.ndarray) -> np.ndarray:
-    """Return the angular velocity of a body in the frame of its joint [rad/s], shape (3,)."""
-    zero = array([0.0] * 3)
-    axes = np.eye(3).tolist()
-    return array([_exerted(tree, poses, body, zero, array(axis)) @ v for axis in axes])
+    """Return the angular velocity of a body in the frame of its joint [rad/s], shape (3,).
+
+    The generalized force of a unit torque is also the angular velocity about its axis per rate of
+    each coordinate.
+    """
+    no_force = array([0.0] * 3)
+    components = []
+    for axis in np.eye(3).tolist():
+        jacobian = _generalized_force(tree, poses, body, no_force, array(axis))
+        components.append(jacobian @ v)
+    return array(components)
 
 
 def lost_digits(mass: np.ndarray) -> float:
@@ -328,7 +477,8 @@ def lost_digits(mass: np.ndarray) -> float:
         mass: The matrix in numbers; it is scaled to a unit diagonal first.
     """
     root = np.sqrt(np.diag(mass))
-    return float(1e3 * np.finfo(float).eps * np.linalg.cond(mass / root / root[:, None]))
+    scaled = mass / root / root[:, None]
+    return float(_ROUNDINGS * np.finfo(float).eps * np.linalg.cond(scaled))
 
 
 def disagreement(computed: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> float:
@@ -336,22 +486,33 @@ def disagreement(computed: np.ndarray, expected: np.ndarray, mass: np.ndarray) -
     0 if it is round-off.
 
     Args:
-        computed: One state or the same in each row, shape (n,) or (m, n).
-        expected: By Pinocchio, shape (n,).
-        mass: The mass matrix there, shape (n, n).
+        computed: Accelerations at one state, shape (n,), or the same in each row, shape (m, n).
+        expected: Accelerations there by Pinocchio, shape (n,).
+        mass: Mass matrix there, shape (n, n).
     """
-    off = float(np.abs(computed - expected).max() / np.abs(expected).max())
-    return 0.0 if off <= _AGREEMENT or off <= lost_digits(mass) else off
+    difference = float(np.abs(computed - expected).max() / np.abs(expected).max())
+    if difference <= _AGREEMENT or difference <= lost_digits(mass):
+        return 0.0
+    return difference
 
 
 def potential_energy(tree: Bodies, poses: Sequence[Frame]) -> Any:
-    """Return the potential energy in gravity [J], zero at the origin of the world."""
-    fallen: list[tuple[np.ndarray, Any]] = []
+    """Return the potential energy in gravity [J], zero at the origin of the world.
+
+    It is -m g·p for each body with its centre of mass at p. Gravity is turned from frame to frame,
+    and with it the share -g·p of the origins adds up.
+    """
+    in_frames: list[tuple[np.ndarray, Any]] = []
     energy: Any = 0.0
     for i, (rotation, origin) in enumerate(poses):
-        gravity, depth = fallen[tree.parents[i]] if tree.parents[i] >= 0 else (tree.gravity, 0.0)
-        fallen.append((rotation.T @ gravity, depth + gravity @ origin))
-        energy = energy - tree.mass[i] * (fallen[i][1] + fallen[i][0] @ tree.lever[i])
+        parent = tree.parents[i]
+        gravity_of_parent, fall_of_parent = (
+            in_frames[parent] if parent >= 0 else (tree.gravity, 0.0)
+        )
+        gravity = rotation.T @ gravity_of_parent
+        fall = fall_of_parent + gravity_of_parent @ origin
+        in_frames.append((gravity, fall))
+        energy = energy - tree.mass[i] * (fall + gravity @ tree.lever[i])
     return energy
 
 
@@ -362,59 +523,100 @@ def into(tree: Bodies, poses: Sequence[Frame], body: int, vector: np.ndarray) ->
     return vector
 
 
-def _of_point(
-    spin: np.ndarray, turn: np.ndarray, point: np.ndarray, sliding: np.ndarray | float = 0.0
+def _relative_acceleration(
+    omega: np.ndarray,
+    alpha: np.ndarray,
+    point: np.ndarray,
+    twice_slide: np.ndarray | float = 0.0,
 ) -> np.ndarray:
-    """Return the acceleration of a point beyond that of the origin, in a frame that spins at a rate
-    and turns up at an acceleration; sliding is twice the rate at which the point moves in it.
+    """Return the acceleration of a point beyond that of the origin of a turning frame,
+    α × p + ω × (ω × p + 2 ṗ), but for p̈.
+
+    Args:
+        omega: Angular velocity ω of the frame, shape (3,).
+        alpha: Angular acceleration α of the frame, shape (3,).
+        point: The point p in the frame, shape (3,).
+        twice_slide: 2 ṗ, twice the velocity of the point in the frame, shape (3,).
     """
-    return cross_product(turn, point) + cross_product(spin, cross_product(spin, point) + sliding)
+    tangential = cross_product(alpha, point)
+    centripetal_and_coriolis = cross_product(omega, cross_product(omega, point) + twice_slide)
+    return tangential + centripetal_and_coriolis
 
 
-class _Body(NamedTuple):
-    """Mass, shape (1,), first moment and inertia about the origin of a frame."""
+class _RigidBody(NamedTuple):
+    """Inertia of a body about the origin of a frame.
+
+    Attributes:
+        mass: Mass [kg], shape (1,).
+        first_moment: Mass times centre of mass [kg m], shape (3,).
+        inertia: Rotational inertia about the origin of the frame [kg m²], shape (3, 3).
+    """
 
     mass: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
+    first_moment: np.ndarray
+    inertia: np.ndarray
 
     def times(self, linear: np.ndarray, angular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the momentum of a velocity, or the force of an acceleration."""
-        return self.mass * linear + cross_product(angular, self.first), cross_product(
-            self.first, linear
-        ) + self.second @ angular
+        """Return linear and angular momentum of a velocity, or force and torque of an acceleration.
 
-    def plus(self, body: _Body) -> _Body:
-        return _Body(self.mass + body.mass, self.first + body.first, self.second + body.second)
+        About the origin they are f = m v + ω × m c and t = m c × v + I ω.
+        """
+        force = self.mass * linear + cross_product(angular, self.first_moment)
+        torque = cross_product(self.first_moment, linear) + self.inertia @ angular
+        return force, torque
 
-    def seen_from_parent(self, frame: Frame) -> _Body:
-        first = frame.rotation @ self.first
-        arm = _skew(frame.origin)
-        mixed = arm @ _skew(first)
-        # the part that is the same about every axis is the same in every frame
-        same = np.diag(self.second[[0], [0]].repeat(3))
-        second = (
-            frame.rotation @ (self.second - same) @ frame.rotation.T
-            + same
+    def plus(self, body: _RigidBody) -> _RigidBody:
+        """Return both bodies as one."""
+        return _RigidBody(
+            self.mass + body.mass,
+            self.first_moment + body.first_moment,
+            self.inertia + body.inertia,
+        )
+
+    def seen_from_parent(self, frame: Frame) -> _RigidBody:
+        """Return the body about the origin of the parent, in whose frame its frame stands.
+
+        With the matrix [x] of the product x ×, the first moment h = E m c and the origin r of the
+        frame, both in that of the parent, I' = E I Eᵀ - [r] [h] - ([r] [h])ᵀ - m [r] [r].
+        """
+        first_moment = frame.rotation @ self.first_moment
+        origin_cross = _skew(frame.origin)
+        mixed = origin_cross @ _skew(first_moment)
+        # A multiple of the unit matrix is the same in every frame, so that it need not be turned.
+        equal = _unit_matrix_times(self.inertia, 0)
+        inertia = (
+            frame.rotation @ (self.inertia - equal) @ frame.rotation.T
+            + equal
             - mixed
             - mixed.T
-            - arm @ arm * self.mass
+            - origin_cross @ origin_cross * self.mass
         )
-        second[[1, 2, 2], [0, 0, 1]] = second[[0, 0, 1], [1, 2, 2]]
-        return _Body(self.mass, first + self.mass * frame.origin, second)
+        # The matrix is symmetric; taking one triangle for both leaves one to compute.
+        inertia[[1, 2, 2], [0, 0, 1]] = inertia[[0, 0, 1], [1, 2, 2]]
+        return _RigidBody(self.mass, first_moment + self.mass * frame.origin, inertia)
 
 
-def _about_origin(tree: Bodies, i: int) -> np.ndarray:
-    arm = _skew(tree.lever[i])
-    return tree.inertia[i] - arm @ arm * tree.mass[i : i + 1]
+def _inertia_about_origin(tree: Bodies, i: int) -> np.ndarray:
+    """Return the inertia of a body about the origin of its joint [kg m²], by Steiner's theorem."""
+    lever_cross = _skew(tree.lever[i])
+    return tree.inertia[i] - lever_cross @ lever_cross * tree.mass[i : i + 1]
+
+
+def _unit_matrix_times(inertia: np.ndarray, k: int) -> np.ndarray:
+    """Return the unit matrix times the moment of inertia about axis k, shape (3, 3)."""
+    return np.diag(inertia[[k], [k]].repeat(3))
 
 
 def _to_parent(
     frame: Frame, force: np.ndarray, torque: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Return a force and a torque about the origin of a frame as those about the origin of the
+    parent, in its frame.
+    """
     turned = frame.rotation @ force
     return turned, frame.rotation @ torque + cross_product(frame.origin, turned)
 
 
 def _skew(a: np.ndarray) -> np.ndarray:
+    """Return the matrix [a] with [a] b = a × b, shape (3, 3)."""
     return array([0.0, -a[2], a[1], a[2], 0.0, -a[0], -a[1], a[0], 0.0]).reshape(3, 3)
