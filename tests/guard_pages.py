@@ -138,7 +138,8 @@ def guard() -> None:
     engine.finalize_object()
     names = (f"guarded_{name}" for name in ("malloc", "calloc", "realloc", "free"))
     handler = _Handler(b"guarded", 1, None, *map(engine.get_function_address, names))
-    python, name = ctypes.pythonapi, b"mem_handler"
+    python = ctypes.pythonapi
+    name = b"mem_handler"
     python.PyCapsule_New.restype = ctypes.py_object
     python.PyCapsule_New.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
     python.PyCapsule_GetPointer.restype = ctypes.c_void_p
@@ -205,7 +206,8 @@ class _Corrupted:
     """A controller or reference whose table may be invalid, differently at each call."""
 
     def __init__(self, valid: Any, draw: _Draw) -> None:
-        self._valid, self._draw = valid, draw
+        self._valid = valid
+        self._draw = draw
 
     def __call__(self, *arguments: Any) -> Any:
         return self._valid(*arguments)
@@ -229,8 +231,11 @@ def _cranes() -> list[list[Crane]]:
 
 
 def _batch(draw: _Draw) -> Any:
-    rng, cranes, n = draw.rng, draw.cranes, int(draw.rng.integers(1, 20))
-    joints, points = cranes[0].layout.n, len(cranes[0].points)
+    rng = draw.rng
+    cranes = draw.cranes
+    n = int(draw.rng.integers(1, 20))
+    joints = cranes[0].layout.n
+    points = len(cranes[0].points)
     q = np.tile(cranes[0].start.q, (n, 1)) + rng.uniform(-0.1, 0.1, (n, joints))
     options = draw.clock() | {"start": State(draw.maybe(q), draw.maybe(np.zeros((n, joints))))}
     if rng.random() < 0.3:
@@ -242,12 +247,14 @@ def _batch(draw: _Draw) -> Any:
     controllers = [draw.controller() for _ in range(n)]
     uniform = rng.random() < 0.5
     plant = (cranes[0], controllers[0]) if uniform else ([*cranes, *cranes * n][:n], controllers)
-    reference, threads = draw.reference(), int(rng.integers(1, 4))
+    reference = draw.reference()
+    threads = int(rng.integers(1, 4))
     return simulate_batch(*plant, reference, buffers=draw.rough, threads=threads, **options)
 
 
 def _run(draw: _Draw) -> Any:
-    crane, controller = draw.cranes[0], draw.controller()
+    crane = draw.cranes[0]
+    controller = draw.controller()
     options = {"validity": "buffers" if draw.rough else "mark", "start": crane.state(phi=0.1)}
     plain_function = draw.rng.random() < 0.3
     function = (lambda *arguments: controller(*arguments)) if plain_function else controller
@@ -256,12 +263,16 @@ def _run(draw: _Draw) -> Any:
 
 
 def _fleet(draw: _Draw) -> np.ndarray:
-    rng, crane, n = draw.rng, draw.cranes[0], int(draw.rng.integers(1, 40))
+    rng = draw.rng
+    crane = draw.cranes[0]
+    n = int(draw.rng.integers(1, 40))
     indices = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
     q, v = np.tile(crane.start.q, (len(indices), 1)), np.zeros((len(indices), crane.layout.n))
-    forces, drive = bool(rng.random() < 0.5), str(rng.choice(["motion", "effort"]))
+    forces = bool(rng.random() < 0.5)
+    drive = str(rng.choice(["motion", "effort"]))
     fleet = Fleet(draw.cranes, n, control_period=1e-2, drive=drive, forces=forces, threads=2)
-    drawn, kinds = draw.maybe(indices), draw.maybe(rng.integers(0, 2, len(indices)))
+    drawn = draw.maybe(indices)
+    kinds = draw.maybe(rng.integers(0, 2, len(indices)))
     fleet.place(drawn, State(draw.maybe(q), draw.maybe(v)), kinds)
     if forces or rng.random() < draw.share:
         fleet.push(drawn, draw.maybe(np.zeros((len(indices), 3 * len(crane.points)))))

@@ -101,7 +101,8 @@ def flow(
         given = np.zeros(m) if drive is None else drive(t)
         return np.concatenate([state.v, prescribed_acceleration(crane, state, given)[0]])
 
-    span, exact = (0.0, times[-1]), dict(rtol=1e-10, atol=1e-12, max_step=0.5)
+    span = (0.0, times[-1])
+    exact = dict(rtol=1e-10, atol=1e-12, max_step=0.5)
     y = solve_ivp(rates, span, np.concatenate(start), "DOP853", times, **exact).y.T
     return y[:, :n], y[:, n:]
 

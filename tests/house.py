@@ -82,7 +82,8 @@ def circles(edges: set[Edge], package: str) -> list[list[str]]:
 
 
 def _reachable(start: str, targets: dict[str, set[str]]) -> set[str]:
-    reached, stack = set[str](), [start]
+    reached = set[str]()
+    stack = [start]
     while stack:
         new = targets.get(stack.pop(), set()) - reached
         reached |= new

@@ -31,7 +31,8 @@ class Lagrangian:
     def payload(self, q: np.ndarray) -> np.ndarray:
         """Position in the world, jib along -Y at zero slew."""
         gamma, x, phi, theta, length = q
-        radius, aside = x - length * np.cos(theta) * np.sin(phi), -length * np.sin(theta)
+        radius = x - length * np.cos(theta) * np.sin(phi)
+        aside = -length * np.sin(theta)
         return np.array(
             [
                 radius * np.sin(gamma) + aside * np.cos(gamma),
@@ -45,7 +46,8 @@ class Lagrangian:
         _, x, phi, theta, length = q
         slew, x_dot, phi_dot, theta_dot, length_dot = v
         sp, cp, st, ct = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
-        radius, aside = x - length * ct * sp, -length * st
+        radius = x - length * ct * sp
+        aside = -length * st
         radial = (
             x_dot - length_dot * ct * sp + length * theta_dot * st * sp - length * phi_dot * ct * cp
         )

@@ -47,7 +47,8 @@ def test_a_swing_without_noise_is_recovered(
 
 def test_a_noisy_swing_is_recovered_within_the_cramer_rao_bound() -> None:
     true = SwingFit(7.796, 0.00021, 0.0986, 1.0, 0.002, 0.0)
-    sigma, rng = 0.003, np.random.default_rng(7)
+    sigma = 0.003
+    rng = np.random.default_rng(7)
     fit = fit_swing(T, true(T) + sigma * rng.normal(size=len(T)))
     bound = sigma / true.amplitude / math.sqrt(len(T))  # of a phase, up to a factor
     omega = 2.0 * math.pi / true.period
@@ -81,7 +82,8 @@ def test_a_sample_on_zero_is_one_crossing() -> None:
 
 def test_peaks_are_found_between_samples_with_their_heights() -> None:
     t = np.arange(0.0, 30.0, 0.01)
-    omega, phase = 2.0 * math.pi / 3.3, 0.4
+    omega = 2.0 * math.pi / 3.3
+    phase = 0.4
     when, height = peaks(t, 0.2 * np.exp(-0.01 * t) * np.cos(omega * t + phase))
     # derivative zero: tan(ωt + phase) = -0.01/ω
     n = np.arange(1, 1 + len(when))

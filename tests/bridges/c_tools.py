@@ -41,7 +41,8 @@ class CompiledBlock:
     """A block in C, compiled and loaded; its variables are attributes of `memory`."""
 
     def __init__(self, block: FunctionBlock, folder: Path, precision: Precision = "double") -> None:
-        name, folder = block.name, folder / block.name
+        name = block.name
+        folder = folder / block.name
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{name}.h").write_text(c_header(block, precision))
         (folder / f"{name}.c").write_text(c_source(block, precision))
@@ -53,7 +54,8 @@ class CompiledBlock:
         arrays = [(key, number * len(values)) for key, values in block.arrays.items()]
         tail = [("count", ctypes.c_int32), ("fault", ctypes.c_bool)]
         kind = type("Memory", (ctypes.Structure,), {"_fields_": [*fields, *arrays, *tail]})
-        self.block, self.memory = block, kind()
+        self.block = block
+        self.memory = kind()
         self._library = ctypes.CDLL(str(library))
         self.call("reset")
 

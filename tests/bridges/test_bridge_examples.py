@@ -60,7 +60,8 @@ def soft_plc(out: Path) -> None:
     from cranedyn.bridges.commissioning.serve import keep_time, servers
     from cranedyn.bridges.commissioning.served_crane import ServedCrane
 
-    crane, port = ServedCrane(load_crane(), duration=60.0), free_port()
+    crane = ServedCrane(load_crane(), duration=60.0)
+    port = free_port()
     with servers(crane, opcua=("127.0.0.1", port)):
         clock = threading.Thread(target=keep_time, args=(crane, 1600))
         clock.start()

@@ -158,7 +158,8 @@ def test_what_cannot_be_exported_is_a_sentence_and_nothing_is_written(
 def test_a_target_that_exists_stays_as_it_is(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    exporter, target = name.partition(".")[0], tmp_path / name
+    exporter = name.partition(".")[0]
+    target = tmp_path / name
     target.write_text("mine")
     assert main(["export", exporter, str(target)]) == 2
     there = f"error: Cannot write {target}: it is there already; name another, or remove it.\n"
@@ -181,7 +182,8 @@ def test_a_link_without_inertia_is_refused_with_the_argument_that_gives_it_one(
     tmp_path: Path,
 ) -> None:
     message = "link hook_link has no mass or no inertia, .* by hook_mass and hook_inertia"
-    point, solid = load_crane(hook_mass=200.0), load_crane(hook_mass=200.0, hook_inertia=20.0)
+    point = load_crane(hook_mass=200.0)
+    solid = load_crane(hook_mass=200.0, hook_inertia=20.0)
     for exporter, target in ((mjcf, "crane.xml"), (ros2, "crane")):
         with pytest.raises(CraneError, match=message):
             exporter.export(tmp_path / target, point)

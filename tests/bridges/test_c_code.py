@@ -110,7 +110,8 @@ def test_predictive_control_in_c_agrees_with_python_at_random_states_within_its_
 ) -> None:
     """See docs/howto/controller_code.md, which says where it does not."""
     drive, make = CONTROLLERS["predictive"]
-    controller, rng = make(CRANE, 5e-3), np.random.default_rng(3)
+    controller = make(CRANE, 5e-3)
+    rng = np.random.default_rng(3)
     block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
     compiled = CompiledBlock(block, tmp_path)
     inputs, outputs = block.of_kind("input"), block.of_kind("output")
@@ -149,13 +150,15 @@ SCALE = {"effort": [2e4, 1.5e3, 500.0], "motion": [0.02, 0.3, 0.2], "velocity": 
 def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path: Path) -> None:
     c = crane(damp_swing=2e3)
     block = crane_block(c, drive=drive)
-    compiled, steps = CompiledBlock(block, tmp_path, precision), 400
+    compiled = CompiledBlock(block, tmp_path, precision)
+    steps = 400
     start = c.state(x=12.0, l=11.0, phi=0.1, theta_dot=0.05, x_dot=0.2)
     commands = np.random.default_rng(1).uniform(-1.0, 1.0, (steps // 40, 3)).repeat(40, axis=0)
     commands *= SCALE[drive]
     drives = drive
     if drive == "velocity":  # another ramp than the typical one
-        compiled.memory.x_ramp, drives = 0.2, converters(c, accelerations={"x": 0.2})
+        compiled.memory.x_ramp = 0.2
+        drives = converters(c, accelerations={"x": 0.2})
     commands[:, 2] -= 9810.0 if drive == "effort" else 0.0
     names = [variable.name for variable in block.of_kind("state")]
     inputs = block.of_kind("input")
@@ -187,7 +190,8 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
 
 @pytest.mark.slow
 def test_a_rope_in_c_goes_slack_as_in_simulate(tmp_path: Path) -> None:
-    c, commands = crane(rope_stiffness=2e6), np.zeros((160, 3))
+    c = crane(rope_stiffness=2e6)
+    commands = np.zeros((160, 3))
     commands[20:80, 2], commands[80:, 2] = 12.0, -7.0
     compiled = CompiledBlock(crane_block(c, drive="motion"), tmp_path)
     run = simulate(
@@ -211,9 +215,11 @@ def test_parameters_of_a_crane_in_c_are_those_of_another_crane(tmp_path: Path) -
     heavy = CompiledBlock(crane_block(crane(payload_mass=2000.0, damp_swing=3e3)), tmp_path / "2")
     compiled.memory.payload_mass = 2000.0
     compiled.memory.phi_damping = compiled.memory.theta_damping = 3e3
-    compiled.memory.cable_offset, heavy.memory.l = 0.5, compiled.memory.l + 0.5
+    compiled.memory.cable_offset = 0.5
+    heavy.memory.l = compiled.memory.l + 0.5
     for one in (compiled, heavy):
-        one.memory.phi, one.memory.F_l_command = 0.1, -19000.0
+        one.memory.phi = 0.1
+        one.memory.F_l_command = -19000.0
         for _ in range(2000):
             one.call()
     assert compiled.memory.phi == pytest.approx(heavy.memory.phi, abs=1e-12)
@@ -223,7 +229,8 @@ def test_parameters_of_a_crane_in_c_are_those_of_another_crane(tmp_path: Path) -
 @pytest.mark.slow
 def test_wind_on_a_crane_in_c_is_that_of_simulate(tmp_path: Path) -> None:
     compiled = CompiledBlock(crane_block(CRANE), tmp_path)
-    compiled.memory.wind_y, compiled.memory.payload_area = -8.0, 5.0
+    compiled.memory.wind_y = -8.0
+    compiled.memory.payload_area = 5.0
     load = wind(CRANE, steady(8.0), direction=-np.pi / 2.0, payload_area=5.0)
     command = np.array([0.0, 0.0, -9810.0])
     run = simulate(

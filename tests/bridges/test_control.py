@@ -81,7 +81,8 @@ def test_the_sampled_system_answers_a_small_step_as_the_nonlinear_crane_does(
     steps = 50
     found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
     holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(c.layout.m)
-    command, duration = constant(*(holding + small)), steps * PERIOD
+    command = constant(*(holding + small))
+    duration = steps * PERIOD
     run = simulate(c, command, start=rest, duration=duration, drive=drive, engine=FAST, **CLOCKS)
     off = np.abs(found - deviation(run, rest)).max(axis=1)
     # Second order: deviations of about 1e-3.
@@ -125,7 +126,8 @@ def test_what_python_control_calls_a_state_feedback_is_the_same_controller() -> 
     rest = c.state(l=12.0)
     plant = to_control(c, rest, **CLOCKS)
     gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
-    names, commands = state_names(c), input_names(c, "effort")
+    names = state_names(c)
+    commands = input_names(c, "effort")
     turned = names[::-1]
     systems = [
         ct.create_statefbk_iosystem(plant, gain)[0],
@@ -140,7 +142,8 @@ def test_what_python_control_calls_a_state_feedback_is_the_same_controller() -> 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_about_a_motion_the_gain_keeps_the_load_on_it(drive: Drive) -> None:
     c = crane()
-    start, goal = c.state(x=12.0, l=12.0), c.state(gamma=0.2, x=15.0, l=10.0)
+    start = c.state(x=12.0, l=12.0)
+    goal = c.state(gamma=0.2, x=15.0, l=10.0)
     motion = flat(c, start, goal, 12.0, period=PERIOD)
     plant = to_control(c, start, drive=drive, **CLOCKS)
     weight = effort_weight_of(c) if drive == "effort" else np.diag([10.0, 1.0, 1.0])
@@ -320,9 +323,11 @@ def test_a_feedback_with_integral_action_adds_up_what_is_left() -> None:
     c = crane()
     rest = c.state(x=12.0, l=15.0)
     gain = np.random.default_rng(0).normal(size=(3, 11))
-    plant, place = to_control(c, rest, **CLOCKS), np.eye(1, 10, 1)
+    plant = to_control(c, rest, **CLOCKS)
+    place = np.eye(1, 10, 1)
     design, _ = ct.create_statefbk_iosystem(plant, gain, integral_action=place)
-    controller, off = from_control(c, design, rest), c.state(x=12.5, l=15.0)
+    controller = from_control(c, design, rest)
+    off = c.state(x=12.5, l=15.0)
     z = np.concatenate(off) - np.concatenate(rest)
     for k in range(4):
         expected = holding_effort(c, rest.q) - gain[:, :10] @ z - gain[:, 10] * (0.5 * k)
@@ -334,7 +339,8 @@ def test_a_feedback_with_integral_action_adds_up_what_is_left() -> None:
 def test_a_taut_inextensible_rope_has_states_and_feedback_of_a_rigid_one(
     period: float | None,
 ) -> None:
-    rigid, taut = crane(), crane(rope_stiffness=math.inf, drum_inertia=1e-6)
+    rigid = crane()
+    taut = crane(rope_stiffness=math.inf, drum_inertia=1e-6)
     systems = [to_control(c, control_period=period, dt=2e-3) for c in (rigid, taut)]
     assert systems[1].state_labels == systems[0].state_labels
     assert_allclose(systems[1].A, systems[0].A, rtol=1e-8, atol=1e-12)

@@ -169,7 +169,8 @@ def test_no_output_in_c_is_nan_or_jumps_at_a_fault(
     table = hostile_rows(block, rows)
     slack = 1e-12
     if precision == "single":
-        table, slack = table.astype(np.float32).astype(float), 1e-6
+        table = table.astype(np.float32).astype(float)
+        slack = 1e-6
     assert check_hostile(block, kind, call, table, slack) > rows / 100
 
 
@@ -262,7 +263,8 @@ def test_rates_keep_to_what_converters_of_a_large_crane_reach() -> None:
 
 def test_a_follower_at_fault_brakes_at_the_ramps_of_a_large_crane() -> None:
     block = following()
-    call, names = in_structured_text(block), [v.name for v in block.of_kind("input")]
+    call = in_structured_text(block)
+    names = [v.name for v in block.of_kind("input")]
     row = np.array([v.start for v in block.of_kind("input")])
     row[names.index("x_dot")] = 1.0
     call(row, True)

@@ -145,7 +145,8 @@ def check_same(found: np.ndarray, run: Trajectory) -> None:
 def test_a_unit_moves_as_simulate_does(
     units: dict[str, Path], tmp_path: Path, drive: Drive, engine: Any
 ) -> None:
-    c, steps = damped(), 1000 if engine == "compiled" else 200
+    c = damped()
+    steps = 1000 if engine == "compiled" else 200
     rng = np.random.default_rng(1)
     scale = {
         "effort": [2e4, 1.5e3, 500.0],
@@ -283,13 +284,15 @@ def test_model_exchange_goes_where_cosimulation_goes(version: Any, tmp_path: Pat
 
 @pytest.mark.slow
 def test_units_of_a_crane_and_a_controller_together_are_simulate(tmp_path: Path) -> None:
-    c, steps = damped(), 600
+    c = damped()
+    steps = 600
     make = CONTROLLERS["integral"][1]
     units = []
     for name, controller in (("crane", None), ("controller", make(c, PERIOD))):
         path = fmi.export(c, tmp_path / f"{name}.fmu", controller=controller)
         units.append(Unit(path, tmp_path / name, f"cranedyn_{name}"))
-    plant, law = units[0].begin(**START), units[1].begin(x_set=11.0, l_set=11.5)
+    plant = units[0].begin(**START)
+    law = units[1].begin(x_set=11.0, l_set=11.5)
     measured = [name for name in state_names(c) if name in law.reference]
     commands = [f"{name}_command" for name in input_names(c, "effort")]
     rows = []
@@ -327,7 +330,8 @@ def test_a_unit_for_another_platform_has_its_library(tmp_path: Path) -> None:
 def test_a_unit_of_a_crane_of_other_topology_moves_as_simulate_does(
     tmp_path: Path, relative: Relative
 ) -> None:
-    c, steps = relative.crane(), 200
+    c = relative.crane()
+    steps = 200
     path = fmi.export(c, tmp_path / "crane.fmu", drive="motion")
     assert validate_fmu(path) == []
     push = np.random.default_rng(2).uniform(-100.0, 100.0, (len(c.points), 3))
@@ -449,7 +453,8 @@ def test_altered_bytes_of_a_state_are_refused_before_a_table_is_read_with_them(
     rows = np.array([np.frombuffer(state[len(state) % 4 :], np.int32) for state in states])
     (place,) = np.flatnonzero((rows == [[1], [2], [3]]).all(axis=0))
     count = len(states[-1]) % 4 + 4 * int(place)
-    fault, mode = count + 4, len(states[-1]) - 20
+    fault = count + 4
+    mode = len(states[-1]) - 20
 
     def sent(position: int, value: bytes) -> list[int]:
         state = bytearray(states[-1])
@@ -574,7 +579,8 @@ def test_a_controller_in_a_unit_never_answers_nan_and_says_that_it_is_at_fault(
         if v.causality == "output" and v.type == "Float64"
     ]
     unit = Unit(path, tmp_path / "unit", fmi.CONTROLLER_NAME)
-    valid, faults = [unit.reference["valid"]], 0
+    valid = [unit.reference["valid"]]
+    faults = 0
     for wrong in inputs:
         for value in HOSTILE:
             unit.begin(**{wrong: unit.get(wrong)[0]})
@@ -692,10 +698,8 @@ def test_a_unit_says_once_the_model_no_longer_holds(unit: Unit) -> None:
 
 def test_a_unit_is_a_hundred_times_as_quick_as_the_real_crane(unit: Unit) -> None:
     unit.begin(**START)
-    step, names = (
-        unit.slave.fmi3DoStep,
-        (ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), ctypes.c_double()),
-    )
+    step = unit.slave.fmi3DoStep
+    names = (ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), ctypes.c_double())
     began = time.process_time()
     for k in range(2000):
         step(unit.slave.component, k * PERIOD, PERIOD, True, *map(ctypes.byref, names))

@@ -117,7 +117,8 @@ def test_the_plugin_is_told_rates_at_the_start_and_what_to_overwrite(tmp_path: P
 
 
 def test_the_tables_are_the_controller_to_the_bit(tmp_path: Path) -> None:
-    rng, crane = np.random.default_rng(1), SETUP.crane
+    rng = np.random.default_rng(1)
+    crane = SETUP.crane
     tracking = Tracking(
         5e-3, rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 10)), rng.normal(size=(7, 10))
     )
@@ -281,7 +282,9 @@ def test_an_overhead_crane_moves_in_gazebo_as_it_does_here(in_gazebo: Runner) ->
     start = crane.state(phi=0.1, theta=-0.08)
     reference = ramp(crane, hold(crane, start), "x", 3.0, rate=0.5, at=1.0)
     program = Program(crane, hold_controller(crane), reference, start, 20.0)
-    here, swings, allowed = ran(program), ("phi_rad", "theta_rad"), experiments.gazebo.ALLOWED
+    here = ran(program)
+    swings = ("phi_rad", "theta_rad")
+    allowed = experiments.gazebo.ALLOWED
     there = read_columns(in_gazebo(program, False), swings)
     # Gazebo's step, as there.
     assert max(np.abs(there[name] - here[name]).max() for name in swings) < allowed

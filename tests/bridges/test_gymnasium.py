@@ -49,8 +49,10 @@ def rollout(env: TowerCraneVectorEnv, steps: int, seed: int = 1) -> tuple[np.nda
     """States before and after steps of random actions, shape (steps + 1, 10, n), and the
     accelerations, shape (steps, 3, n).
     """
-    rng, task = np.random.default_rng(seed), env.task
-    states, commands = [task.fleet.z.copy()], []
+    rng = np.random.default_rng(seed)
+    task = env.task
+    states = [task.fleet.z.copy()]
+    commands = []
     for _ in range(steps):
         action = rng.uniform(-1.0, 1.0, (env.num_envs, 3))
         commands.append(task.accelerations(action.T, task.fleet.z))
@@ -93,9 +95,11 @@ def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(
     states, commands = rollout(env, steps)
     kinds = [env.task.crane_of(i) for i in range(21)]
     for i in map(kinds.index, cranes):
-        force, z = env.task.force_on(i), states[0, :, i]
+        force = env.task.force_on(i)
+        z = states[0, :, i]
         assert np.hypot(*force[:2]) > 1.0
-        own, external = commands[:, :, i], constant_force(kinds[i], payload=force)
+        own = commands[:, :, i]
+        external = constant_force(kinds[i], payload=force)
         for dt, apart in ((1e-2, 1e-12), (5e-4, 1e-8)):  # RK4 of 10 ms is exact to 1e-8
             run = simulate(
                 kinds[i],
@@ -120,7 +124,8 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
         env = many(8, action=action, limits=limits, dt=dt, max_episode_steps=10_000)
         env.reset(seed=0)
         push = np.sign(np.random.default_rng(0).uniform(-1.0, 1.0, (8, 3)))
-        task, c = env.task, crane()
+        task = env.task
+        c = crane()
         for _ in range(400):
             a = task.accelerations(push.T, task.fleet.z)
             env.step(push)
@@ -136,7 +141,8 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
 
 @pytest.mark.slow
 def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> None:
-    cranes, reach = [crane(), crane(trolley_max=12.0)], (1.0, 20.0, 20.0)
+    cranes = [crane(), crane(trolley_max=12.0)]
+    reach = (1.0, 20.0, 20.0)
     env = many(50, crane=cranes, reach=reach, max_episode_steps=10_000)
     env.reset(seed=0)
     assert env.task.goal[1].max() < 12.0
@@ -162,7 +168,8 @@ def test_what_is_shared_among_threads_changes_nothing(monkeypatch: pytest.Monkey
 
 def test_the_reward_is_that_of_the_distance_the_load_would_have_from_its_goal() -> None:
     env = many(1, control_period=0.1)
-    start, goal = crane().state(x=12.0, l=10.0), (0.1, 13.0, 10.5)
+    start = crane().state(x=12.0, l=10.0)
+    goal = (0.1, 13.0, 10.5)
     env.reset(options={"start": start, "goal": goal})
     seen, reward, *_, infos = env.step(np.zeros((1, 3)))
     # at rest: 12 m · 0.1 rad, 1 m, 0.5 m
@@ -237,7 +244,8 @@ def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
     for one in (task, other):
         one.begin(np.random.default_rng(7), np.arange(500))
     assert np.array_equal(task.fleet.z, other.fleet.z) and np.array_equal(task.goal, other.goal)
-    z, way = task.fleet.z, np.abs(task.goal - task.fleet.z[DRIVES]).max(axis=1)
+    z = task.fleet.z
+    way = np.abs(task.goal - task.fleet.z[DRIVES]).max(axis=1)
     assert (way <= rules.reach).all() and (way > 0.9 * np.array(rules.reach)).all()
     swing = np.sqrt((z[PASSIVE] ** 2 + z[5 + PASSIVE] ** 2 * z[4] / crane().gravity).sum(axis=0))
     assert 0.045 < swing.max() <= 0.05 + 1e-12
@@ -253,7 +261,8 @@ def test_an_episode_is_drawn_by_rerun_as_seen(tmp_path: Path, dt: float, rows: i
         env.step(env.action_space.sample())
     path = Path(str(env.render()))
     assert path == tmp_path / "episode_0001.rrd" and path.stat().st_size > 10_000
-    again, z = env.unwrapped._simulated(), env.unwrapped.task.fleet.z[:, 0]
+    again = env.unwrapped._simulated()
+    z = env.unwrapped.task.fleet.z[:, 0]
     assert len(again) == rows and again.t[-1] == pytest.approx(2.0)
     assert_allclose(np.concatenate([again.q[-1], again.v[-1]]), z, atol=1e-12)
 
@@ -289,7 +298,8 @@ def test_actions_that_are_none_are_refused_and_change_nothing() -> None:
     with pytest.raises(OutOfRange, match="call reset"):
         env.step(np.zeros((2, 3)))
     env.reset(seed=0)
-    nan, large = np.full((2, 3), np.nan), np.full((2, 3), 1.5)
+    nan = np.full((2, 3), np.nan)
+    large = np.full((2, 3), 1.5)
     for wrong in (np.zeros((3, 2)), np.zeros(3), nan, large, np.zeros((2, 3), dtype=complex)):
         before = env.task.fleet.z.copy()
         with pytest.raises(OutOfRange):
@@ -335,7 +345,8 @@ def test_a_copy_of_an_environment_has_cranes_of_its_own() -> None:
     assert np.array_equal(there, expected) and np.array_equal(here, expected)
     single = TowerCraneEnv(crane=crane())
     single.reset(seed=0)
-    before, moved = single.task.fleet.z.copy(), deepcopy(single)
+    before = single.task.fleet.z.copy()
+    moved = deepcopy(single)
     moved.step(np.array([0.0, 1.0, 0.0]))
     assert np.array_equal(single.task.fleet.z, before)
     assert not np.array_equal(moved.task.fleet.z, before)

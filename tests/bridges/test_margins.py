@@ -71,7 +71,8 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_a_drive_is_unstable_just_beyond_what_its_margins_say(name: str) -> None:
-    plant, law = sampled(crane(), REST), law_of(CONTROLLERS[name]())
+    plant = sampled(crane(), REST)
+    law = law_of(CONTROLLERS[name]())
     found = margins(plant, law)
     for drive, margin in enumerate(found.drives):
         below, beyond = (
@@ -91,7 +92,8 @@ def test_a_drive_is_unstable_just_beyond_what_its_margins_say(name: str) -> None
 
 
 def test_a_regulator_answers_as_the_controller_that_it_stands_for() -> None:
-    law, goal = law_of(integrating()), Setpoint(REST.q[crane().layout.drives], *np.zeros((2, 3)))
+    law = law_of(integrating())
+    goal = Setpoint(REST.q[crane().layout.drives], *np.zeros((2, 3)))
     away = np.random.default_rng(2).normal(size=10) * 1e-2
     runs = [integrating(), integrating()]
     for controller in runs:
@@ -109,7 +111,8 @@ def test_a_regulator_answers_as_the_controller_that_it_stands_for() -> None:
 
 
 def test_damping_and_growth_are_those_of_the_slowest_poles() -> None:
-    plant, law = sampled(crane(), REST), law_of(integrating())
+    plant = sampled(crane(), REST)
+    law = law_of(integrating())
     found = margins(plant, law)
     assert math.exp(found.growth_rate * PERIOD) == pytest.approx(radius(plant, law, 0), rel=1e-9)
     assert 0.0 < found.damping < 1.0
@@ -140,7 +143,8 @@ def test_an_unstable_loop_has_no_margins_and_negative_damping() -> None:
 
 
 def test_a_loop_behind_a_filter_has_the_poles_of_both() -> None:
-    plant, law = sampled(crane(), REST), law_of(integrating())
+    plant = sampled(crane(), REST)
+    law = law_of(integrating())
     measured = with_observer(lqr(crane(), at_rest()), crane(), at_rest()).gains.measured
     gain = np.random.default_rng(1).normal(size=(10, 6)) * 1e-3
     gain[measured] += np.eye(6) * 0.2

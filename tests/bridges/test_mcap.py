@@ -149,10 +149,12 @@ def test_the_frames_put_the_load_where_the_model_does(messages: Any, run: Trajec
         frames = {one.child_frame_id: one for one in [*static.transforms, *message.transforms]}
         links = "foot_link base_link upper_link trolley_link swing_r_link swing_t_link hook_link"
         assert list(frames) == links.split()
-        point, frame = np.zeros(3), "hook_link"
+        point = np.zeros(3)
+        frame = "hook_link"
         while frame != "world":
             moved, turned = frames[frame].transform.translation, frames[frame].transform.rotation
-            axis, w = np.array([turned.x, turned.y, turned.z]), turned.w
+            axis = np.array([turned.x, turned.y, turned.z])
+            w = turned.w
             point = (
                 point
                 + 2.0 * np.cross(axis, np.cross(axis, point) + w * point)
@@ -179,7 +181,8 @@ def test_what_is_published_once_plays_back_to_who_comes_late(file: Path) -> None
 
 
 def test_the_command_writes_a_run_with_the_crane_that_its_record_names(tmp_path: Path) -> None:
-    crane, file = load_crane(machine="gantry_cosys"), tmp_path / "run.mcap"
+    crane = load_crane(machine="gantry_cosys")
+    file = tmp_path / "run.mcap"
     run = simulate(crane, hold_controller(crane), duration=0.02)
     trajectory = str(run.write(tmp_path / "run.parquet"))
     assert main(["export", "mcap", str(file), "--trajectory", trajectory]) == 0
@@ -215,7 +218,8 @@ def test_a_run_of_another_crane_is_refused_with_the_coordinates_of_both(
 def test_a_recording_is_analysed_as_the_run_itself(
     file: Path, run: Trajectory, tmp_path: Path
 ) -> None:
-    files, out = [str(file), str(run.write(tmp_path / "a3.parquet"))], tmp_path / "out"
+    files = [str(file), str(run.write(tmp_path / "a3.parquet"))]
+    out = tmp_path / "out"
     with redirect_stdout(io.StringIO()):
         assert a3.main(["--from", *files, "--out", str(out)]) == 0
     ours, same, _ = json.loads((out / "result.json").read_text())["tables"][0]["rows"]
@@ -441,7 +445,8 @@ def test_rates_that_a_recording_lacks_are_a_sentence(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_damaged_file_is_a_sentence_wherever_it_is_damaged(file: Path, tmp_path: Path) -> None:
-    whole, broken = file.read_bytes(), tmp_path / "broken.mcap"
+    whole = file.read_bytes()
+    broken = tmp_path / "broken.mcap"
     for cut in (0, 3, 8, 60, len(whole) // 3, len(whole) - 20):
         broken.write_bytes(whole[:cut])
         with pytest.raises(CraneError, match=r"^Cannot read .*broken\.mcap"):

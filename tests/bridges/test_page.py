@@ -130,9 +130,13 @@ class Operator:
     """The sticks of `ITINERARY` with an assistance, by the numbers that the page has."""
 
     def __init__(self, crane: Crane, data: dict[str, Any], name: str) -> None:
-        self.crane, self.assist, self.name = crane, data["assist"], name
-        self.drives, self.past = crane.layout.drives, list[np.ndarray]()
-        self.rate, self.position = np.zeros(len(self.drives)), crane.start.q[self.drives]
+        self.crane = crane
+        self.assist = data["assist"]
+        self.name = name
+        self.drives = crane.layout.drives
+        self.past = list[np.ndarray]()
+        self.rate = np.zeros(len(self.drives))
+        self.position = crane.start.q[self.drives]
         self.accelerations = np.array(self.assist["accelerations"])
         if table := self.assist.get("lqr"):
             rows = len(table["radii"]), len(table["lengths"]), len(self.drives), -1
@@ -150,8 +154,11 @@ class Operator:
 
     def stoppable(self, rates: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Rates from which a drive comes to rest within its range, by v² / (2 a) + v τ."""
-        a, delay = self.accelerations, np.array(self.assist["reaction"])
-        low, high, at = self.crane.lower[self.drives], self.crane.upper[self.drives], q[self.drives]
+        a = self.accelerations
+        delay = np.array(self.assist["reaction"])
+        low = self.crane.lower[self.drives]
+        high = self.crane.upper[self.drives]
+        at = q[self.drives]
 
         def within(way: np.ndarray) -> np.ndarray:
             way = np.clip(way, 0.0, None)
@@ -262,7 +269,8 @@ def test_every_assistance_moves_the_crane_as_simulate_does_for_a_minute() -> Non
 @pytest.mark.long
 def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     crane, data = crane_of("tower"), data_of("tower")
-    drives, code = converters(crane), partial(webassembly.webassembly, simd=False)
+    drives = converters(crane)
+    code = partial(webassembly.webassembly, simd=False)
     monkeypatch.setattr(webassembly, "webassembly", code)
     scalar = browser_crane.kernel_data(crane, drives, browser_crane.variations(crane, drives))
     assert scalar["horizon"]["module"] != data["kernel"]["horizon"]["module"]
@@ -306,7 +314,8 @@ def test_a_shaped_push_leaves_little_swing() -> None:
 
 @pytest.mark.slow
 def test_sliders_change_the_crane_as_its_arguments_do() -> None:
-    data, crane = data_of("tower"), load_crane(payload_mass=2500.0, damp_swing=400.0)
+    data = data_of("tower")
+    crane = load_crane(payload_mass=2500.0, damp_swing=400.0)
     inputs = [
         [0, "slider", ["payload_mass", 2500.0]],
         [0, "slider", ["damping", 400.0]],
@@ -478,7 +487,8 @@ def test_predictive_control_keeps_to_the_ramps_and_to_the_ranges_of_the_drives()
         for goal in goals
     ]
     crane = crane_of("tower")
-    drives, margin = crane.layout.drives, 0.02 * (crane.upper - crane.lower)
+    drives = crane.layout.drives
+    margin = 0.02 * (crane.upper - crane.lower)
     inside = crane.lower + margin, crane.upper - margin
     for done, goal in zip(in_node(data_of("tower"), *requests), 2 * goals, strict=True):
         assert (done["event"], done["assist"]) == (None, "predictive")
@@ -629,7 +639,9 @@ def test_a_crane_without_visuals_and_roles_has_a_load_colours_and_the_force_of_i
 
 @pytest.mark.slow
 def test_contact_is_that_of_coal() -> None:
-    rng, cases, expected = np.random.default_rng(1), [], []
+    rng = np.random.default_rng(1)
+    cases = []
+    expected = []
     for _ in range(300):
         solid = box("box", rng.uniform(-2, 2, 2).tolist(), (2.0, 3.0, 2.5), -1.0, rng.uniform(0, 3))
         part = next(page._parts(solid))

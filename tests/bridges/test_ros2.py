@@ -54,7 +54,8 @@ def test_the_package_is_one_by_the_rules_of_ament(package: Path) -> None:
     catkin = pytest.importorskip(
         "catkin_pkg.package", reason="catkin_pkg is not installed: pip install 'cranedyn[test]'"
     )
-    found, warnings = catkin.parse_package(str(package)), []
+    found = catkin.parse_package(str(package))
+    warnings = []
     found.validate(warnings=warnings)
     assert (found.name, found.get_build_type(), warnings) == (
         "crane_description",
@@ -257,7 +258,8 @@ def test_the_crane_moves_in_dart_as_here_under_the_same_efforts_to_rounding(
     )
     # DART takes damping at the rates after a step; both take semi-implicit Euler steps.
     crane = load_crane(ROOT / "urdf" / f"{xacro}.urdf.xacro", damp_swing=0.0)
-    push, hold = np.random.default_rng(0).normal(size=(2001, 3)), hold_controller(crane)
+    push = np.random.default_rng(0).normal(size=(2001, 3))
+    hold = hold_controller(crane)
     run = quickly(
         crane,
         lambda t, state, goal: hold(t, state, goal) + [2e3, 1e3, 800.0] * push[round(t / PERIOD)],
@@ -302,7 +304,8 @@ class _Stub:
     """Whatever ROS would have there; remembers what it was made with."""
 
     def __init__(self, *args: Any, **named: Any) -> None:
-        self.args, self.named = args, named
+        self.args = args
+        self.named = named
 
 
 @pytest.fixture
@@ -347,7 +350,8 @@ def test_the_launch_files_start_what_the_package_depends_on(launched: Any, packa
 def test_the_simulated_crane_is_told_where_its_controllers_stand(
     launched: Any, package: Path
 ) -> None:
-    entries, package = [entry.named for entry in launched("gz.launch.py")], package.resolve()
+    entries = [entry.named for entry in launched("gz.launch.py")]
+    package = package.resolve()
     (publisher,) = [one for one in entries if one.get("package") == "robot_state_publisher"]
     robot = ET.fromstring(publisher["parameters"][0]["robot_description"].encode())
     controllers = str(package / "config" / "controllers.yaml")
@@ -459,7 +463,8 @@ OWN_CONTROL = """<transmission name="slew_gear"><joint name="yaw_joint"/></trans
 @pytest.mark.parametrize("exporter", ["ros2", "gazebo"])
 def test_control_of_the_file_is_replaced_and_named(exporter: str, tmp_path: Path) -> None:
     (tmp_path / "crane.urdf").write_text(describe().replace("</robot>", OWN_CONTROL))
-    crane, folder = load_crane(tmp_path / "crane.urdf"), tmp_path / "out"
+    crane = load_crane(tmp_path / "crane.urdf")
+    folder = tmp_path / "out"
     if exporter == "ros2":
         urdf = ros2.export(folder, crane) / "urdf" / "crane.urdf"
     else:

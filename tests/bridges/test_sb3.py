@@ -30,7 +30,8 @@ def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards(mode:
     env.seed(3)
     first, _ = same.reset(seed=3)
     assert (env.reset() == 2.0 * first).all()
-    rng, returns = np.random.default_rng(0), np.zeros(4)
+    rng = np.random.default_rng(0)
+    returns = np.zeros(4)
     for k in range(10):
         actions = rng.uniform(-1.0, 1.0, (4, 3))
         observation, reward, _, truncated, info = same.step(actions)

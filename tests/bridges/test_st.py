@@ -182,7 +182,8 @@ def test_a_plc_with_the_block_moves_the_crane_as_python_does(make_plc: MakePlc) 
 
 def bang_ramp(c: Any, goal: State) -> Callable[[float], Setpoint]:
     """The drives on straight lines to a goal within 3 s."""
-    begin, end = c.start.q[c.layout.drives], goal.q[c.layout.drives]
+    begin = c.start.q[c.layout.drives]
+    end = goal.q[c.layout.drives]
 
     def reference(t: float) -> Setpoint:
         share = min(t / 3.0, 1.0)
@@ -216,7 +217,8 @@ def test_an_input_out_of_range_is_a_fault_until_the_reset(
 
 def test_the_xml_has_the_variables_and_the_body_of_the_text(tmp_path: Path) -> None:
     path = st.export(CRANE, tmp_path / "hold.st", CONTROLLERS["hold"][1](CRANE, 5e-3))
-    root, text = ET.parse(tmp_path / "hold.xml").getroot(), path.read_text()
+    root = ET.parse(tmp_path / "hold.xml").getroot()
+    text = path.read_text()
     space = {"p": "http://www.plcopen.org/xml/tc6_0201", "h": "http://www.w3.org/1999/xhtml"}
     names = [entry.get("name") for entry in root.findall(".//p:variable", space)]
     assert {"reset", "x_set", "fault", "F_x_command"} <= set(names)

@@ -67,7 +67,8 @@ def driver(change: Callable[[str], str] = str) -> SimpleNamespace:
     Args:
         change: What becomes of the text of a module, for code that is wrong.
     """
-    done, calls = SimpleNamespace(name="CUDA_SUCCESS"), list[str]()
+    done = SimpleNamespace(name="CUDA_SUCCESS")
+    calls = list[str]()
     memory: dict[int, np.ndarray] = {}
 
     def load(image: bytes) -> tuple[str, Machine]:

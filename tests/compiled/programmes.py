@@ -57,7 +57,8 @@ class Solved(NamedTuple):
 
 def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     """By our solver."""
-    shape, work = problem.shape, np.zeros(problem.shape.size)
+    shape = problem.shape
+    work = np.zeros(problem.shape.size)
     z, w, m = shape.states, shape.both, shape.inputs
 
     def common(name: str, i: int = 0) -> np.ndarray:

@@ -69,7 +69,8 @@ def _start(starts: State, i: int) -> State:
 
 
 def _references(count: int) -> list[Reference]:
-    c, starts = crane(), _starts(count)
+    c = crane()
+    starts = _starts(count)
     held = [hold(c, State(*rows)) for rows in zip(*starts, strict=True)]
     return [
         ramp(c, still, "xl"[i % 2], 0.2, rate=0.3 + 0.05 * i, at=0.1)
@@ -132,7 +133,8 @@ def _pushed(rows: np.ndarray, interval: int = 1) -> Callable[[float, State], np.
 def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
     cranes, starts, references = _cranes(count), _starts(count), _references(count)
     rng = np.random.default_rng(6)
-    force, offsets = rng.normal(size=(count, 10, 6)) * 200.0, rng.normal(size=(count, 10)) * 0.01
+    force = rng.normal(size=(count, 10, 6)) * 200.0
+    offsets = rng.normal(size=(count, 10)) * 0.01
     given: Any = {"start": starts, "force": force, "force_interval": 3, "sensor_offset": offsets}
     batch = simulate_batch(cranes, _controllers(count), references, record=1, **given, **CLOCK)
     assert len(batch) == count
@@ -154,7 +156,8 @@ RULES = pytest.mark.parametrize(
 def test_drives_and_stepping_rules_are_those_of_a_run_alone(
     drive: Any, integrator: Integrator, dt: float
 ) -> None:
-    count, how = 9, {**CLOCK, "dt": dt, "drive": drive, "integrator": integrator, "t_start": 1.0}
+    count = 9
+    how = {**CLOCK, "dt": dt, "drive": drive, "integrator": integrator, "t_start": 1.0}
     cranes, starts, references = _cranes(count), _starts(count), _references(count)
     controllers: list[Any] = [hold_controller(crane())] * count
     if drive == "motion":
@@ -171,7 +174,9 @@ def test_drives_and_stepping_rules_are_those_of_a_run_alone(
 @RULES
 @pytest.mark.slow
 def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: float) -> None:
-    count, c, how = 9, crane(trolley_max=11.0), {**CLOCK, "dt": dt, "integrator": integrator}
+    count = 9
+    c = crane(trolley_max=11.0)
+    how = {**CLOCK, "dt": dt, "integrator": integrator}
     starts = [c.state(x=9.0 + 0.24 * i, x_dot=0.5, phi=0.05, theta=0.02) for i in range(count)]
     pull = Hold(c, np.zeros(3), np.array([0.0, 0.0, 2e4]), np.array([1e3, 500.0, -1000.0 * G]))
     batch = simulate_batch(c, pull, start=starts, buffers=True, record=1, **how)
@@ -183,8 +188,11 @@ def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: f
 
 @pytest.mark.slow
 def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_is_for_all() -> None:
-    c, brake, starts = crane(), hold_controller(crane(), gravity=G), _starts(5)
-    force, offset = np.full((1, 6), 100.0), np.full(10, 0.001)
+    c = crane()
+    brake = hold_controller(crane(), gravity=G)
+    starts = _starts(5)
+    force = np.full((1, 6), 100.0)
+    offset = np.full(10, 0.001)
     how = {"record": 1, **CLOCK}
     batch = simulate_batch(c, brake, start=starts, force=force, sensor_offset=offset, **how)
     states = [_start(starts, i) for i in range(5)]
@@ -246,7 +254,9 @@ class _Scheduled:
 
 @pytest.mark.slow
 def test_a_controller_that_looks_at_its_reference_does_so_for_each_crane() -> None:
-    controller, references, starts = _Scheduled(), _references(9), _starts(9)
+    controller = _Scheduled()
+    references = _references(9)
+    starts = _starts(9)
     batch = simulate_batch(crane(), controller, references, start=starts, record=1, **CLOCK)
     for i, reference in enumerate(references):
         start = _start(starts, i)
@@ -274,7 +284,8 @@ def test_controllers_that_remember_begin_with_it_and_are_left_as_they_are() -> N
 
 def _many(order: Sequence[int], **how: Any) -> Batch:
     """Twenty cranes in some order."""
-    starts, each = _starts(20), (_cranes(20), _controllers(20), _references(20))
+    starts = _starts(20)
+    each = (_cranes(20), _controllers(20), _references(20))
     return simulate_batch(
         *([items[i] for i in order] for items in each),  # type: ignore[arg-type]
         start=State(starts.q[list(order)], starts.v[list(order)]),
@@ -293,7 +304,8 @@ def _bits(batch: Batch, order: Sequence[int]) -> list[bytes]:
 
 @pytest.mark.slow
 def test_neither_the_order_of_the_cranes_nor_the_number_of_threads_changes_a_bit() -> None:
-    usual, order = _bits(_many(range(20)), range(20)), np.random.default_rng(8).permutation(20)
+    usual = _bits(_many(range(20)), range(20))
+    order = np.random.default_rng(8).permutation(20)
     assert _bits(_many(order.tolist()), np.argsort(order).tolist()) == usual
     for threads in (1, 3):
         assert _bits(_many(range(20), threads=threads), range(20)) == usual
@@ -324,8 +336,11 @@ def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
 def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
     # strong enough for a ramp that is followed exactly from its first instant
     strong = dict.fromkeys(("slew_effort", "trolley_effort", "hoist_effort"), 1e9)
-    count, c = 9, crane(swing_limit=0.2, trolley_max=11.5, **strong)
-    starts, since, late = _starts(count), 2.0, 2.3
+    count = 9
+    c = crane(swing_limit=0.2, trolley_max=11.5, **strong)
+    starts = _starts(count)
+    since = 2.0
+    late = 2.3
     references = [
         ramp(c, hold(c, State(*rows)), "x", 2.0, rate=1.0, at=2.1)
         for rows in zip(*starts, strict=True)
@@ -358,7 +373,8 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
 
 @pytest.mark.slow
 def test_by_default_the_swing_left_at_the_end_is_residual() -> None:
-    brake, starts = hold_controller(crane(), gravity=G), _starts(3)
+    brake = hold_controller(crane(), gravity=G)
+    starts = _starts(3)
     for since in (0.0, 1e6 + 0.1):
         found = simulate_batch(crane(), brake, start=starts, t_start=since, record=1, **CLOCK)
         expected = [
@@ -370,7 +386,8 @@ def test_by_default_the_swing_left_at_the_end_is_residual() -> None:
 
 @pytest.mark.parametrize("every", [2, 50, 51, 1000])
 def test_every_nth_row_is_recorded(every: int) -> None:
-    whole, thinned = _many(range(20)), _many(range(20), record=every)
+    whole = _many(range(20))
+    thinned = _many(range(20), record=every)
     for name in RECORDED:
         np.testing.assert_array_equal(getattr(thinned, name), getattr(whole, name)[:, ::every])
     assert thinned.t.tolist() == whole.t[::every].tolist()
@@ -389,7 +406,8 @@ def _peak(call: Callable[[], Any]) -> float:
 
 @pytest.mark.slow
 def test_what_is_not_recorded_takes_no_memory() -> None:
-    c, brake = crane(), hold_controller(crane(), gravity=G)
+    c = crane()
+    brake = hold_controller(crane(), gravity=G)
     starts = State(np.tile(c.start.q, (256, 1)), np.zeros((256, 5)))
     # the log of 256 cranes and 501 rows of 22 numbers takes 23 MB; with it off, some arrays of 256
     # times 30 numbers and one table remain
@@ -454,7 +472,8 @@ def _refused_at_once(sentence: str) -> Iterator[None]:
 
 def test_what_would_not_fit_into_memory_is_refused_before_any_is_taken() -> None:
     starts = State(np.broadcast_to(crane().start.q, (100000, 5)), np.zeros((100000, 5)))
-    brake, long = hold_controller(crane()), {"duration": 1e6, "dt": 1e-4, "control_period": 1e-4}
+    brake = hold_controller(crane())
+    long = {"duration": 1e6, "dt": 1e-4, "control_period": 1e-4}
     with _refused_at_once("record is 100001 rows of 100000 cranes; .* would take 3.68e.03 GB"):
         simulate_batch(crane(), brake, start=starts, record=1, **{**CLOCK, "duration": 1000.0})
     with _refused_at_once("duration is 10000000000 control periods; allowed is what takes 4 GB"):
@@ -462,7 +481,8 @@ def test_what_would_not_fit_into_memory_is_refused_before_any_is_taken() -> None
 
 
 def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
-    count, c = 20000, crane()
+    count = 20000
+    c = crane()
     starts = State(np.broadcast_to(c.start.q, (count, 5)), np.zeros((count, 5)))
     short = {**CLOCK, "duration": PERIOD}
     found = _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **short))
@@ -502,7 +522,8 @@ def test_a_hold_controller_keeps_its_places_as_any_other_controller(places: int)
 
 
 def test_starts_of_their_own_take_a_fifth_more_memory_than_equal_ones_at_most() -> None:
-    c, count = crane(), 10_000
+    c = crane()
+    count = 10_000
     q, v = np.tile(c.start.q, (count, 1)), np.zeros((count, c.layout.n))
     own = q + np.linspace(0.0, 1.0, count)[:, None] * [0.0, 1.0, 0.0, 0.0, 0.0]
     run = partial(simulate_batch, c, hold_controller(c), **{**CLOCK, "duration": PERIOD})
@@ -514,7 +535,8 @@ def test_starts_of_their_own_take_a_fifth_more_memory_than_equal_ones_at_most() 
 def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_table_of_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    c, count = crane(), 1000
+    c = crane()
+    count = 1000
     away = np.linspace(0.0, 1.0, count)[:, None] * [0.0, 1.0, 0.0, 0.0, 0.0]
     starts = State(c.start.q + away, np.zeros((count, 5)))
     own = [hold(c, State(*rows)) for rows in zip(*starts, strict=True)]
@@ -556,7 +578,9 @@ def test_tables_that_would_not_fit_are_refused_while_they_are_made(
 
 @pytest.mark.slow
 def test_noisy_late_sensors_in_a_batch_are_those_of_each_crane_alone() -> None:
-    cranes, starts, delays = _cranes(10), _starts(10), [0, 3, 1, 0, 7, 2, 49, 60, 1, 5]
+    cranes = _cranes(10)
+    starts = _starts(10)
+    delays = [0, 3, 1, 0, 7, 2, 49, 60, 1, 5]
     controllers = [hold_controller(cranes[0])] * 10
     sizes = noise_of(cranes[0])
     noise = np.array(
@@ -572,7 +596,8 @@ def test_noisy_late_sensors_in_a_batch_are_those_of_each_crane_alone() -> None:
         start = State(starts.q[i], starts.v[i])
         alone = simulate(one, seen, hold(one, start), start=start, validity="mark", **CLOCK)
         for name in ("q", "v", "command"):
-            mine, theirs = getattr(found, name)[i], getattr(alone, name)
+            mine = getattr(found, name)[i]
+            theirs = getattr(alone, name)
             assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
     assert (np.abs(found.q - quiet.q).max(axis=(1, 2)) > 1e-7).all()  # that it does something
 
@@ -583,6 +608,7 @@ def test_one_delay_is_that_of_all_and_none_is_no_other_code() -> None:
         c = crane()
         return simulate_batch(c, hold_controller(c), start=_starts(9), **delay, **CLOCK).end.q
 
-    one, none = end(sensor_delay=4), end()
+    one = end(sensor_delay=4)
+    none = end()
     assert (end(sensor_delay=[4] * 9) == one).all() and (one != none).any()
     assert (end(sensor_delay=0) == none).all()

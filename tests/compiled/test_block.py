@@ -76,7 +76,8 @@ def test_a_result_that_is_no_number_is_a_fault_in_c(name: str, tmp_path: Path) -
     def call(x: float, gain: float, *, reset: bool = False) -> tuple[float, float, bool]:
         if reset:
             compiled.call("reset")
-        memory.x, memory.gain = x, gain
+        memory.x = x
+        memory.gain = gain
         sound = compiled.call()
         return memory.y, memory.calls, not sound
 

@@ -180,7 +180,8 @@ FORCES: dict[str, Callable[[Crane], Disturbance | None]] = {
 def test_a_run_of_many_blocks_is_the_same(controller: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 2000)
     drive, made = CONTROLLERS[controller]
-    c, told = crane(**DAMPED), list[float]()
+    c = crane(**DAMPED)
+    told = list[float]()
     tracking = lqr(c, hanging_reference(c, _reference(), 4.2, 2e-3), dt=1e-3)
     if controller == "integral":
         made = lambda: HoistIntegral(c, tracking, 2e3, 2e4)  # noqa: E731
@@ -227,7 +228,8 @@ def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
 
 @pytest.mark.slow
 def test_a_run_that_begins_late_is_the_same() -> None:
-    c, late = crane(), 5e4
+    c = crane()
+    late = 5e4
     reference = ramp(c, hold(c, _start()), "x", 0.3, rate=1.0, at=late + 0.1)
     both(c, lambda: HoistIntegral(c, _lqr(), 2e3, 1.2e4), reference, t_start=late, **CLOCK)
 
@@ -278,7 +280,8 @@ def _midpoint(
 
 @pytest.mark.slow
 def test_a_stepping_rule_of_ones_own_runs_in_both_engines() -> None:
-    c, rule = crane(**DAMPED), Integrator("midpoint", _midpoint, lead=0.0)
+    c = crane(**DAMPED)
+    rule = Integrator("midpoint", _midpoint, lead=0.0)
     how: dict[str, Any] = {"duration": LASTS, "control_period": PERIOD}
     for made in (CONTROLLERS["hold"][1], _plain_function):
         both(c, made, _reference(), **how, dt=PERIOD / 2, integrator=rule)
@@ -303,7 +306,8 @@ def test_code_that_moves_otherwise_is_refused(
     drive: Any, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cranedyn.plant.rigid_body.cross_product", _wrong_cross)
-    c, controller = load_crane(payload_mass=1234.5), CONTROLLERS[name][1]()
+    c = load_crane(payload_mass=1234.5)
+    controller = CONTROLLERS[name][1]()
     words = "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
     with pytest.raises(ModelError, match=words):
         simulate(c, controller, duration=0.1, drive=drive, engine="compiled")
@@ -326,7 +330,8 @@ def test_a_crane_that_is_a_billionth_heavier_than_its_model_is_refused(
 ) -> None:
     from cranedyn.compiled import verify
 
-    c, honest = load_crane(payload_mass=1234.5, hoist_effort=1e12), verify.numbers
+    c = load_crane(payload_mass=1234.5, hoist_effort=1e12)
+    honest = verify.numbers
 
     def numbers(one: Crane) -> np.ndarray:
         heavier = replace(one, model=one.model.copy())
@@ -372,7 +377,8 @@ except CraneError as error:
 
 @pytest.mark.slow
 def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None:
-    c, made = crane(payload_mass=1100.0), list[HoistIntegral]()
+    c = crane(payload_mass=1100.0)
+    made = list[HoistIntegral]()
 
     def controller() -> HoistIntegral:
         made.append(HoistIntegral(crane(), _lqr(), 2e3, 1.12e4))
@@ -387,7 +393,8 @@ def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None
 
 @pytest.mark.slow
 def test_at_its_limit_the_integrator_stops_alike_and_comes_back() -> None:
-    c, quiet = crane(payload_mass=1300.0, trolley_max=30.0), hold(crane(), _start())
+    c = crane(payload_mass=1300.0, trolley_max=30.0)
+    quiet = hold(crane(), _start())
     tracking = lqr(crane(), hanging_reference(c, quiet, 3.0, PERIOD), dt=1e-3)
     how = {**CLOCK, "duration": 3.0}
     plain, _ = both(c, lambda: HoistIntegral(c, tracking, 2e4, 1.25e4), quiet, **how)
@@ -401,7 +408,8 @@ def test_pieces_of_a_run_joined_are_the_whole(name: str) -> None:
     drive, made = CONTROLLERS[name]
     c, controller = crane(), made()
     how = {**CLOCK, "drive": drive, "validity": "mark", "engine": "compiled"}
-    whole, pieces = simulate(c, made(), _reference(), start=_start(), **how), list[Trajectory]()
+    whole = simulate(c, made(), _reference(), start=_start(), **how)
+    pieces = list[Trajectory]()
     how["duration"] = 0.2
     for begin in (0.0, 0.2, 0.4):
         start = pieces[-1].state(-1) if pieces else _start()
@@ -414,7 +422,8 @@ def test_a_variant_that_answers_otherwise_is_asked() -> None:
         def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
             return 1.1 * super().__call__(t, state, setpoint)
 
-    c, brake = crane(), hold_controller(crane(), gravity=G)
+    c = crane()
+    brake = hold_controller(crane(), gravity=G)
     louder = Louder(c, brake.stiffness, brake.damping, brake.feed_forward)
     plain, _ = both(c, lambda: louder, _reference(), duration=0.2)
     assert plain.effort[0].tolist() == (1.1 * brake(0.0, _start(), _reference()(0.0))).tolist()
@@ -487,7 +496,8 @@ def test_a_run_that_diverges_ends_alike() -> None:
 def test_a_run_that_diverges_late_is_repeated_only_from_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    c, calls = crane(hoist_effort=1e12), list[int]()
+    c = crane(hoist_effort=1e12)
+    calls = list[int]()
     slowly = hold_controller(c, damping=(1e6, 5e4, 4.1e5))
     command = Hold.__call__
     monkeypatch.setattr(Hold, "__call__", lambda *a: calls.append(1) or command(*a))
@@ -542,7 +552,8 @@ def test_a_controller_that_cannot_answer_ends_both_runs_in_the_same_words(
 def test_a_table_with_a_number_missing_ends_both_runs_where_it_is_reached() -> None:
     feed_forward = _lqr().feed_forward.copy()
     feed_forward[30, 2] = math.nan
-    wrong, how = replace(_lqr(), feed_forward=feed_forward), {**CLOCK, "start": _start()}
+    wrong = replace(_lqr(), feed_forward=feed_forward)
+    how = {**CLOCK, "start": _start()}
     failure = _same_failure(crane(), lambda: wrong, _reference(), per_second=None, **how)
     assert failure.joint == "hoist_joint"
     assert failure.trajectory is not None
@@ -578,7 +589,8 @@ def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 2000)
-    c, how = crane(), {"start": _start(), "dt": 1e-3, "control_period": 1e-3, "validity": "mark"}
+    c = crane()
+    how = {"start": _start(), "dt": 1e-3, "control_period": 1e-3, "validity": "mark"}
     stop = {"monitors": [lambda row, t, state: _raise(KeyboardInterrupt())], "engine": "compiled"}
     with pytest.raises(RunError, match=r"Interrupted at t = 1\.999 s\.") as caught:
         simulate(c, hold_controller(c), _reference(), duration=5.0, **how, **stop)
@@ -680,7 +692,8 @@ def test_rk4_keeps_the_energy_of_a_swing(engine: Any) -> None:
 @IN_BOTH
 @pytest.mark.slow
 def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
-    c, push = crane(trolley_max=11.0, **DAMPED), constant(0.0, 500.0, -1000.0 * G)
+    c = crane(trolley_max=11.0, **DAMPED)
+    push = constant(0.0, 500.0, -1000.0 * G)
     how: dict[str, Any] = {
         "start": c.state(x=10.8, x_dot=1.0),
         "duration": 1.5,

@@ -483,7 +483,8 @@ _STANDING: dict[str, Any] = {
     "duration": 3.0,
     "dt": 1e-8,
 }
-_ALONE, _MANY = {**_STANDING, "engine": "compiled"}, {**_STANDING, "start": NINE}
+_ALONE = {**_STANDING, "engine": "compiled"}
+_MANY = {**_STANDING, "start": NINE}
 _LONGEST_STEPS = {"duration": 1e7, "control_period": 1e3, "dt": 1e3, "integrator": rk4,
                   # Drives that leave their rest run to their buffers, where steps are divided.
                   "controller": hold_controller(crane(), gravity=9.8)}  # fmt: skip
@@ -568,7 +569,8 @@ def test_compiled_columns_have_the_bits_of_numpy_and_are_all_there_are(count: in
 
 @pytest.mark.slow
 def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    c, made = load_crane(payload_mass=1023.0), []
+    c = load_crane(payload_mass=1023.0)
+    made = []
     recipe = replace(_RECIPE, lanes=1, shared=(True, True, True, True))
 
     def slowly(*given: Any) -> Any:

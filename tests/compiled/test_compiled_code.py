@@ -37,10 +37,8 @@ def _machine(lanes: int, made: Callable[[Code, Value], list]) -> Machine:
 def _run(made: Callable[[Code, Value], list], x: np.ndarray, answers: int) -> np.ndarray:
     """What code makes of numbers, a group of lanes at a time, shape (answers, n)."""
     lanes = LANES if len(x) % LANES == 0 else 1
-    run, found = (
-        _machine(lanes, made).function("run", 2),
-        np.empty((len(x) // lanes, answers, lanes)),
-    )
+    run = _machine(lanes, made).function("run", 2)
+    found = np.empty((len(x) // lanes, answers, lanes))
     groups = np.ascontiguousarray(x.reshape(-1, lanes))
     for group, out in zip(groups, found, strict=True):
         run(group.ctypes.data, out.ctypes.data)
@@ -111,7 +109,8 @@ def _folded(code: Code, x: Value) -> list:
 
 
 def test_what_is_known_is_folded_and_the_rest_computed() -> None:
-    x, zero = np.linspace(0.5, 4.0, LANES), np.zeros(LANES)
+    x = np.linspace(0.5, 4.0, LANES)
+    zero = np.zeros(LANES)
     expected = np.array([x, x, x, -x, x, -x, zero, x / 4.0, 3.0 / x, zero])
     assert _run(_folded, x, 10).tolist() == expected.tolist()
     code = Code(ir.Module(), "run", ["given"], 1)

@@ -60,7 +60,9 @@ def _check_alone(
 
     Further arguments are those of `simulate`, commands and forces by crane.
     """
-    commands, force, steps = how.pop("commands"), how.pop("force", None), len(found)
+    commands = how.pop("commands")
+    force = how.pop("force", None)
+    steps = len(found)
     for i in indices:
         own: Any = commands[:, :, i]
         push: Any = None if force is None else force[i].reshape(-1, 3)
@@ -81,12 +83,15 @@ def _check_alone(
 
 @pytest.mark.slow
 def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
-    rng, kinds = np.random.default_rng(1), [crane(), crane(payload_mass=2500.0, trolley_effort=5e2)]
+    rng = np.random.default_rng(1)
+    kinds = [crane(), crane(payload_mass=2500.0, trolley_effort=5e2)]
     fleet = Fleet(kinds, COUNT, drive="effort", control_period=2e-2, dt=1e-3)
-    start, which = scattered(rng, COUNT), rng.integers(0, 2, COUNT)
+    start = scattered(rng, COUNT)
+    which = rng.integers(0, 2, COUNT)
     assert which[:2].tolist() == [0, 1]
     fleet.place(np.arange(COUNT), start, which)
-    drawn, weight = rng.uniform(-1.0, 1.0, (25, 3, COUNT)), np.array([0.0, 0.0, 1e4])[:, None]
+    drawn = rng.uniform(-1.0, 1.0, (25, 3, COUNT))
+    weight = np.array([0.0, 0.0, 1e4])[:, None]
     commands = drawn * np.array([1e5, 2e3, 4e3])[:, None] - weight
     found = np.array([fleet.step(command).copy() for command in commands])
     _check_alone(found, kinds, which, start, (0, 1, COUNT - 1), commands=commands)
@@ -99,12 +104,14 @@ def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
 def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_points(
     relative: Relative, drive: DirectDrive
 ) -> None:
-    rng, kinds = np.random.default_rng(4), [relative.crane(), relative.crane(payload_mass=1500.0)]
+    rng = np.random.default_rng(4)
+    kinds = [relative.crane(), relative.crane(payload_mass=1500.0)]
     c, n, m = kinds[0], kinds[0].layout.n, kinds[0].layout.m
     fleet = Fleet(kinds, COUNT, drive=drive, control_period=2e-2, dt=1e-3, forces=True)
     away, rates = rng.uniform(-0.01, 0.01, (COUNT, n)), rng.uniform(-0.01, 0.01, (COUNT, n))
     start = State(c.start.q + away, rates)
-    which, force = rng.integers(0, 2, COUNT), rng.uniform(-200.0, 200.0, (COUNT, 3 * len(c.points)))
+    which = rng.integers(0, 2, COUNT)
+    force = rng.uniform(-200.0, 200.0, (COUNT, 3 * len(c.points)))
     fleet.place(np.arange(COUNT), start, which)
     fleet.push(np.arange(COUNT), force)
     size = holding_effort(c, c.start.q)[:, None] + 100.0 if drive == "effort" else 0.1
@@ -142,11 +149,10 @@ def test_cranes_with_springs_in_different_joints_do_not_run_together(tmp_path: P
 @pytest.mark.parametrize("threads", [1, 3])
 def test_how_many_there_are_and_on_how_many_threads_changes_no_bit(threads: int) -> None:
     rng = np.random.default_rng(2)
-    start, command = scattered(rng, 900), rng.uniform(-0.1, 0.1, (3, 900))
-    many, one = (
-        Fleet(crane(), 900, control_period=0.1, threads=threads),
-        Fleet(crane(), 1, control_period=0.1),
-    )
+    start = scattered(rng, 900)
+    command = rng.uniform(-0.1, 0.1, (3, 900))
+    many = Fleet(crane(), 900, control_period=0.1, threads=threads)
+    one = Fleet(crane(), 1, control_period=0.1)
     many.place(np.arange(900), start)
     assert len(many.chunks) == threads
     for _ in range(3):
@@ -198,14 +204,16 @@ def test_a_fleet_on_threads_goes_on_in_a_forked_process() -> None:
 
 def test_one_that_diverges_or_is_placed_anew_is_felt_by_no_other() -> None:
     rng = np.random.default_rng(3)
-    start, command = scattered(rng, COUNT), rng.uniform(-0.1, 0.1, (3, COUNT))
+    start = scattered(rng, COUNT)
+    command = rng.uniform(-0.1, 0.1, (3, COUNT))
     fleets = [Fleet(crane(), COUNT, control_period=1e-2) for _ in range(2)]
     for fleet in fleets:
         fleet.place(np.arange(COUNT), start)
     wild = command.copy()
     wild[:, 5] = 1e200
     for _ in range(3):
-        calm, stormy = fleets[0].step(command).copy(), fleets[1].step(wild)
+        calm = fleets[0].step(command).copy()
+        stormy = fleets[1].step(wild)
     assert not np.isfinite(stormy[:, 5]).all()
     assert np.array_equal(np.delete(calm, 5, axis=1), np.delete(stormy, 5, axis=1))
     fleets[1].place(np.array([5]), State(start.q[5], start.v[5]))

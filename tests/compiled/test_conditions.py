@@ -59,14 +59,16 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_where_code_says_that_the_model_holds_nobody_asks_again(asked: list[str]) -> None:
-    start, brake = crane().state(phi=0.1), hold_controller(crane())
+    start = crane().state(phi=0.1)
+    brake = hold_controller(crane())
     run = simulate(crane(), brake, start=start, duration=20.0, engine="compiled")
     assert not asked and (run.valid == 1.0).all()
 
 
 @pytest.mark.slow
 def test_rows_are_marked_where_code_says_that_the_model_does_not_hold() -> None:
-    start, brake = crane().state(phi=1.5, theta=1.5), hold_controller(crane())
+    start = crane().state(phi=1.5, theta=1.5)
+    brake = hold_controller(crane())
     plain, code = (
         simulate(crane(), brake, start=start, duration=15.0, validity="mark", engine=engine)
         for engine in ("pinocchio", "compiled")
@@ -89,7 +91,8 @@ def test_rows_are_marked_where_code_says_that_the_model_does_not_hold() -> None:
 def test_code_says_whether_drives_can_and_rows_are_marked_where_they_cannot(
     drive: Drive, effort: float, away: float, asked: list[str]
 ) -> None:
-    c, none = crane(trolley_effort=effort), np.zeros(3)
+    c = crane(trolley_effort=effort)
+    none = np.zeros(3)
     law = Hold(c, np.ones(3), np.ones(3) * (drive == "motion"), none)
     goal = hold(c, c.state(x=float(c.start.q[1]) + away))
     how: Any = {"duration": 4.0, "drive": drive, "validity": "mark"}

@@ -87,7 +87,8 @@ def _moved() -> dict[str, Any]:
 
 def _on_converters() -> dict[str, Any]:
     """Drives with lags of their own that hear commands two control periods late."""
-    none, share = np.zeros(3), np.array([0.3, 0.4, 0.5])
+    none = np.zeros(3)
+    share = np.array([0.3, 0.4, 0.5])
     lags = [{"x": 0.1 + 0.1 * i} for i in range(4)]
     return {
         "crane": _cranes(4),

@@ -87,11 +87,14 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
     which: str,
 ) -> None:
     moved = crane() if which == "tower" else overhead()
-    made, layout = receding(moved, _limits(moved), drive="motion"), moved.layout
-    shape, length = made.programme.shape(1), 0.05
+    made = receding(moved, _limits(moved), drive="motion")
+    layout = moved.layout
+    shape = made.programme.shape(1)
+    length = 0.05
     n, z, w = layout.n, shape.states, shape.both
     module = ir.Module()
-    known, work = model.emit(module, shape, made.programme.plant, length), np.zeros(shape.size)
+    known = model.emit(module, shape, made.programme.plant, length)
+    work = np.zeros(shape.size)
     stages = work[shape.first :].reshape(shape.stages, shape.stride)
     for name, i, lane, value in known:
         stages[:, shape.place(name, i) + lane] = value
@@ -116,7 +119,8 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
             name: stages[k, shape.place(name) :][: rows * shape.lanes].reshape(rows, shape.lanes)
             for name, rows in shape.stage.items()
         }
-        ahead, node = row["forward"][:, :w], nodes[k]
+        ahead = row["forward"][:, :w]
+        node = nodes[k]
         # the next power of a stage's length times how its slopes change along it
         moved_to = ahead @ node + row["shift"][0, :z]
         np.testing.assert_allclose(moved_to, flow(node), atol=2e-3 * length**2)
@@ -202,7 +206,8 @@ def test_from_any_state_the_load_comes_to_rest_at_the_goal(which: str) -> None:
 
 def test_a_copy_of_the_controller_plans_in_memory_of_its_own() -> None:
     goal = at((0.6, 20.0, 10.0))
-    setpoint, start = hold(crane(), goal)(0.0), at((0.0, 10.0, 15.0), phi=0.05)
+    setpoint = hold(crane(), goal)(0.0)
+    start = at((0.0, 10.0, 15.0), phi=0.05)
     elsewhere = at((0.3, 12.0, 12.0), x_dot=0.5)
     made, alone = (receding(crane(), LIMITS) for _ in range(2))
     made(0.0, start, setpoint), alone(0.0, start, setpoint)
@@ -227,7 +232,8 @@ def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> N
     numbers |= {"payload_inertia": 0.0, "trolley_inertia": 1e-3, "slewing_inertia": 1.0}
     numbers |= {"dummy_inertia": 1e-6, "damp_swing": 0.0, "slew_velocity": 3.0}
     lab = load_crane(**numbers)
-    start, goal = lab.state(gamma=-1.0472), lab.state(gamma=1.0472, x=0.2, l=0.25)
+    start = lab.state(gamma=-1.0472)
+    goal = lab.state(gamma=1.0472, x=0.2, l=0.25)
     limits = Limits(rates=(3.0, 3.0, 3.0), accelerations=(2.0, 2.0, 2.0))
     run = to(goal, start, receding(lab, limits, drive="motion"), 5.0, lab, drive="motion")
     gamma, x, phi, theta, length = run.q.T
@@ -261,14 +267,16 @@ def test_a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estim
     load: float,
 ) -> None:
     goal = at((0.3, 15.0, 12.0))
-    made, other = receding(crane(), LIMITS), crane(payload_mass=load)
+    made = receding(crane(), LIMITS)
+    other = crane(payload_mass=load)
     run = to(goal, at((0.0, 10.0, 15.0)), made, moved=other)
     np.testing.assert_allclose(run.q[-1], goal.q, atol=2e-4)
 
 
 def _swing_left(run: Trajectory, length: float) -> np.ndarray:
     """Amplitudes of the swing after half a minute [rad]."""
-    rows, swings = run.t > 30.0, crane().swings
+    rows = run.t > 30.0
+    swings = crane().swings
     return swing_amplitude(run.q[rows][:, swings], run.v[rows][:, swings], length, crane().gravity)
 
 
@@ -285,7 +293,8 @@ def test_noise_of_the_swings_sensors_is_averaged(
 
 @pytest.mark.long
 def test_what_it_believes_of_the_swing_is_what_swings_where_sensors_are_exact() -> None:
-    start, goal = at((0.0, 10.0, 15.0), phi=0.05, theta=-0.03), at((0.3, 15.0, 12.0))
+    start = at((0.0, 10.0, 15.0), phi=0.05, theta=-0.03)
+    goal = at((0.3, 15.0, 12.0))
     runs = [
         to(goal, start, receding(crane(), LIMITS, smoothing=smoothing), duration=20.0)
         for smoothing in (5e-3, 0.2)
@@ -326,8 +335,10 @@ def test_on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_co
         crane(), LIMITS, motion=motion, drive="motion", swing_limit=0.3, input_weight=weight
     )
     made.begin_run(0.0, 5e-3)
-    drives, stage = crane().layout.drives, round(made.programme.stage_length / 5e-3)
-    largest, worst = np.abs(motion.a[:, drives]).max(axis=0), 0.0
+    drives = crane().layout.drives
+    stage = round(made.programme.stage_length / 5e-3)
+    largest = np.abs(motion.a[:, drives]).max(axis=0)
+    worst = 0.0
     for k in range(1600):
         setpoint = Setpoint(motion.q[k, drives], motion.v[k, drives], motion.a[k, drives])
         planned = made(5e-3 * k, State(motion.q[k], motion.v[k]), setpoint)
@@ -366,7 +377,8 @@ def test_the_compiled_loop_does_what_python_does_to_the_bit(drive: Drive, moving
 
 
 def test_rates_for_converters_are_those_that_accelerate_the_drives_as_planned() -> None:
-    start, goal = at((0.1, 12.0, 14.0), gamma_dot=0.02, x_dot=0.3), at((0.3, 15.0, 12.0))
+    start = at((0.1, 12.0, 14.0), gamma_dot=0.02, x_dot=0.3)
+    goal = at((0.3, 15.0, 12.0))
     soft = converters(crane(), lags={"x": 0.25}, delay=0.012)
     aim = hold(crane(), goal)(0.0)
     accelerations = receding(crane(), LIMITS, drive="motion")(0.0, start, aim)
@@ -379,7 +391,8 @@ def test_rates_for_converters_are_those_that_accelerate_the_drives_as_planned() 
 
 @pytest.mark.long
 def test_drives_twice_as_late_as_believed_leave_no_swing() -> None:
-    typical, goal = converters(crane()), at((0.3, 15.0, 12.0))
+    typical = converters(crane())
+    goal = at((0.3, 15.0, 12.0))
     weight = 1e3 * usual_input_weight(np.array(LIMITS.accelerations))
     made = receding(crane(), LIMITS, drive="velocity", input_weight=weight)
     slow = replace(typical, lags=2.0 * typical.lags)
@@ -421,11 +434,13 @@ def hard(count: int, seed: int) -> list[State]:
 
 
 def test_from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_lane() -> None:
-    starts, goal = hard(104, seed=5), hold(crane(), at((0.5, 14.0, 12.0)))
+    starts = hard(104, seed=5)
+    goal = hold(crane(), at((0.5, 14.0, 12.0)))
     order = np.random.default_rng(6).permutation(len(starts))
 
     def run(which: Sequence[int] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        chosen, made = [starts[i] for i in which], receding(crane(), LIMITS)
+        chosen = [starts[i] for i in which]
+        made = receding(crane(), LIMITS)
         batch = simulate_batch(crane(), made, goal, start=chosen, duration=2.0)
         return np.hstack(batch.end), batch.failures
 
@@ -441,7 +456,9 @@ def test_from_hard_starts_each_crane_of_a_batch_goes_where_it_goes_alone_in_any_
 
 
 def test_a_crane_that_diverges_leaves_others_of_its_batch_alone() -> None:
-    good, made, goal = at((0.0, 10.0, 15.0), phi=0.05), receding(crane(), LIMITS), at((0.3, 15, 12))
+    good = at((0.0, 10.0, 15.0), phi=0.05)
+    made = receding(crane(), LIMITS)
+    goal = at((0.3, 15, 12))
     bad = State(good.q, np.array([0.0, 0.0, 1e200, 0.0, 0.0]))
     runs = [
         simulate_batch(crane(), made, hold(crane(), goal), start=starts, duration=2.0, threads=2)
@@ -454,7 +471,8 @@ def test_a_crane_that_diverges_leaves_others_of_its_batch_alone() -> None:
 
 
 def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
-    made, goal = receding(crane(), LIMITS), at((0.3, 15.0, 12.0))
+    made = receding(crane(), LIMITS)
+    goal = at((0.3, 15.0, 12.0))
     first, second = (to(goal, at((0.0, 10.0, 15.0)), made, duration=3.0) for _ in range(2))
     np.testing.assert_array_equal(first.q, second.q)
 
@@ -493,7 +511,8 @@ def test_one_wrong_reading_of_any_size_leaves_nothing(drive: Drive) -> None:
     offset = np.zeros((1 + 10 * len(GLITCHES), 402, 10))
     for lane, (i, size) in enumerate(np.ndindex(10, len(GLITCHES)), 1):
         offset[lane, 400, i] = GLITCHES[size]  # at an instant of an optimisation
-    made, starts = receding(crane(), LIMITS, drive=drive), [start] * len(offset)
+    made = receding(crane(), LIMITS, drive=drive)
+    starts = [start] * len(offset)
     how: Any = {"start": starts, "duration": 25.0, "drive": drive, "sensor_offset": offset}
     batch = simulate_batch(crane(), made, hold(crane(), goal), **how)
     # A hundredth of what is called settled, 10 mm, and as many radians.
@@ -505,7 +524,8 @@ def test_one_wrong_reading_of_any_size_leaves_nothing(drive: Drive) -> None:
 
 
 def test_a_reading_that_cannot_be_is_refused_and_said() -> None:
-    goal, count = at((0.3, 15.0, 12.0)), 0
+    goal = at((0.3, 15.0, 12.0))
+    count = 0
 
     def wrapped(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         nonlocal count
@@ -535,7 +555,8 @@ def test_a_reading_that_cannot_be_is_refused_and_said() -> None:
 def test_a_reading_is_refused_a_range_beyond_the_range_and_at_ten_times_the_rate(
     x: float, x_dot: float, refused: int
 ) -> None:
-    made, drives = receding(crane(), LIMITS), crane().layout.drives
+    made = receding(crane(), LIMITS)
+    drives = crane().layout.drives
     made.begin_run(0.0, 5e-3)
     start = at((0.0, 12.0, 15.0))
     setpoint = Setpoint(start.q[drives], np.zeros(3), np.zeros(3))
@@ -547,7 +568,9 @@ def test_a_reading_is_refused_a_range_beyond_the_range_and_at_ten_times_the_rate
 
 
 def test_after_each_failure_the_next_plan_begins_farther_from_its_bounds() -> None:
-    made, start, goal = failing(), at(MOVES["combined"][0]), at(MOVES["combined"][1])
+    made = failing()
+    start = at(MOVES["combined"][0])
+    goal = at(MOVES["combined"][1])
     made.begin_run(0.0, 5e-3)
     setpoint = Setpoint(goal.q[crane().layout.drives], np.zeros(3), np.zeros(3))
     for k in range(25):
@@ -600,7 +623,8 @@ def test_a_state_that_is_not_finite_is_refused() -> None:
 
 
 def test_a_run_with_another_control_period_or_other_drives_is_refused() -> None:
-    start, made = at((0.0, 10.0, 15.0)), receding(crane(), LIMITS)
+    start = at((0.0, 10.0, 15.0))
+    made = receding(crane(), LIMITS)
     with pytest.raises(CraneError, match=r"control period of the run is 0\.01 s; allowed is"):
         to(at((0.3, 15.0, 12.0)), start, made, duration=1.0, control_period=0.01)
     with pytest.raises(CraneError, match="drive is motion; allowed is the controller's, eff"):

@@ -31,8 +31,12 @@ def made_for(one: Crane) -> Receding:
 
 def test_a_stage_is_the_exponential_of_the_linear_crane_to_the_fourth_power_of_its_length() -> None:
     tower = crane()
-    plant, n, m = made_for(tower).programme.plant, tower.layout.n, tower.layout.m
-    q, still, length = tower.start.q, np.zeros(n), 0.6
+    plant = made_for(tower).programme.plant
+    n = tower.layout.n
+    m = tower.layout.m
+    q = tower.start.q
+    still = np.zeros(n)
+    length = 0.6
     entries = model.stage(plant, length, q, still, np.zeros(m))
     found = np.zeros((2 * n, 2 * n + m))
     for name, i, j, value in entries:
@@ -78,9 +82,12 @@ def test_a_goal_hangs_where_the_load_rests_for_positions_of_the_drives(
 
 def test_weights_are_those_of_the_payload_and_of_the_joints_by_differences() -> None:
     tower = crane()
-    made, n = made_for(tower), tower.layout.n
-    programme, shape = made.programme, made.programme.shape(1)
-    module, work = ir.Module(), np.zeros(shape.size)
+    made = made_for(tower)
+    n = tower.layout.n
+    programme = made.programme
+    shape = made.programme.shape(1)
+    module = ir.Module()
+    work = np.zeros(shape.size)
     errors = np.arange(1.0, 1.0 + 2 * n).reshape(2, n)
     model.emit_weights(module, shape, programme.plant, errors, np.array([0.1, 0.5]))
     goal = tower.state(gamma=0.3, x=12.0, l=11.0).q

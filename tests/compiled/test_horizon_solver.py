@@ -28,7 +28,8 @@ def test_what_it_finds_costs_no_more_than_what_clarabel_finds(tight: float) -> N
     rng = np.random.default_rng(int(10 * tight))
     for _ in range(4):
         problem = random(rng, tight, SHAPE)
-        ours, theirs = solved(made(SHAPE), problem), by_clarabel(problem)()
+        ours = solved(made(SHAPE), problem)
+        theirs = by_clarabel(problem)()
         assert ours.report["solved"] == 1.0
         assert problem.gap(ours.found) < 1e-9  # rounding
         best = problem.value(theirs)
@@ -40,7 +41,8 @@ def test_what_it_finds_costs_no_more_than_what_clarabel_finds(tight: float) -> N
 
 def check_against_daqp(machine: Machine, problem: HorizonProblem) -> Solved:
     """Keep bounds, at the cost of DAQP's answer, which cannot exceed them."""
-    ours, theirs = solved(machine, problem), by_daqp(problem)()
+    ours = solved(machine, problem)
+    theirs = by_daqp(problem)()
     shape = problem.shape
     gap = 4 * shape.stages * shape.lanes * ours.report["gap"]
     best = problem.value(theirs)
@@ -80,7 +82,8 @@ def test_without_a_bound_in_the_way_it_is_the_riccati_solution_at_once() -> None
 @pytest.mark.slow
 def test_problems_of_other_sizes_are_solved_as_well(states: int, inputs: int, stages: int) -> None:
     shape = HorizonShape(states, inputs, stages)
-    machine, rng = made(shape), np.random.default_rng(states)
+    machine = made(shape)
+    rng = np.random.default_rng(states)
     for _ in range(4):
         check_against_daqp(machine, keepable(rng, shape))
 
@@ -89,7 +92,9 @@ def test_problems_of_other_sizes_are_solved_as_well(states: int, inputs: int, st
 def test_the_cost_beyond_the_horizon_is_that_of_a_horizon_as_long_again() -> None:
     shape = HorizonShape(4, 1, 5)  # after many stages more the cost would change no more
     problem = random(np.random.default_rng(8), 1.0, shape)
-    z, w, work = shape.states, shape.both, np.zeros(shape.size)
+    z = shape.states
+    w = shape.both
+    work = np.zeros(shape.size)
     last = work[shape.first :].reshape(shape.stages, shape.stride)[-1]
     a, b = problem.a[-1], problem.b[-1]
     weight = np.zeros((w, w))

@@ -29,7 +29,8 @@ from cranedyn.compiled.load_filter import compile_load_estimate
 )
 @pytest.mark.slow
 def test_compiled_and_plain_filters_make_the_same_run(sensors: Sensors) -> None:
-    motion, start = at_rest(crane()), crane().state(**REST, phi=0.05, theta=-0.03)
+    motion = at_rest(crane())
+    start = crane().state(**REST, phi=0.05, theta=-0.03)
     plain = with_load_estimate(hold_controller(crane()), crane(), motion, sensors=sensors)
     compiled = compile_load_estimate(plain)
     runs = [
@@ -71,7 +72,8 @@ def test_a_crane_with_springs_keeps_its_plain_filter() -> None:
 def test_an_estimate_that_is_not_finite_is_an_error() -> None:
     motion = at_rest(crane())
     plain = with_load_estimate(hold_controller(crane()), crane(), motion)
-    controller, state = compile_load_estimate(plain), crane().state(**REST)
+    controller = compile_load_estimate(plain)
+    state = crane().state(**REST)
     controller(0.0, state, STILL)
     state.v[0] = np.nan
     with pytest.raises(CraneError, match="not finite"):

@@ -67,7 +67,8 @@ def _in_wind(c: Crane, x: float, engine: Any) -> Trajectory:
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", sorted({"pinocchio", FAST}))
 def test_one_crane_runs_in_two_threads_as_in_one(engine: Any, restless: None) -> None:
-    c, names = crane(), ("q", "v", "force", "energy", "outside", "effort")
+    c = crane()
+    names = ("q", "v", "force", "energy", "outside", "effort")
 
     def run(x: float) -> list[np.ndarray]:
         trajectory = _in_wind(c, x, engine)

@@ -45,7 +45,8 @@ def _turned(before: np.ndarray, by: np.ndarray, way: str) -> np.ndarray:
     for i, value in enumerate(WAYS[way](code, turn)):
         code.store(value, code.argument["found"], i * LANES)
     code.end()
-    given, found = np.ascontiguousarray([before, by]), np.empty((2, LANES))
+    given = np.ascontiguousarray([before, by])
+    found = np.empty((2, LANES))
     machine = translate(module)
     machine.function("run", 2)(given.ctypes.data, found.ctypes.data)
     return found
@@ -60,7 +61,8 @@ def _turned(before: np.ndarray, by: np.ndarray, way: str) -> np.ndarray:
 )
 def test_a_turn_costs_two_roundings_at_most(way: str, largest: float) -> None:
     rng = np.random.default_rng(1)
-    before, by = rng.uniform(-3.0, 3.0, LANES), rng.uniform(-largest, largest, LANES)
+    before = rng.uniform(-3.0, 3.0, LANES)
+    by = rng.uniform(-largest, largest, LANES)
     after = before + by
     off = _turned(before, by, way) - [np.sin(after), np.cos(after)]
     # the sum itself is rounded, which moves the angle by half a unit of 4
@@ -69,7 +71,8 @@ def test_a_turn_costs_two_roundings_at_most(way: str, largest: float) -> None:
 
 @pytest.mark.parametrize("way", ["in a step", "after a step, mended"])
 def test_a_lane_that_turns_far_is_computed_anew_and_no_other_lane_feels_it(way: str) -> None:
-    before, by = np.linspace(-1.0, 1.0, LANES), np.full(LANES, 1e-3)
+    before = np.linspace(-1.0, 1.0, LANES)
+    by = np.full(LANES, 1e-3)
     by[5] = 1e-2
     calm = _turned(before, by, way)
     by[3] = 2.0
@@ -122,7 +125,8 @@ def test_long_steps_that_turn_far_are_those_of_pinocchio(period: float) -> None:
 
 
 def test_a_crane_in_a_batch_goes_as_alone_however_fast_its_neighbours_swing() -> None:
-    calm, wild = crane().state(phi=0.1), crane().state(phi=0.1, theta_dot=40.0)
+    calm = crane().state(phi=0.1)
+    wild = crane().state(phi=0.1, theta_dot=40.0)
     alone, beside = (
         simulate_batch(crane(), hold_controller(crane()), start=starts, duration=0.5)
         for starts in ([calm], [calm, wild])

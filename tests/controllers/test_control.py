@@ -136,7 +136,8 @@ def test_a_flat_motion_of_a_load_with_inertia_is_exact_along_the_jib_on_a_consta
 
 
 def test_a_flat_motion_starts_and_ends_with_the_load_at_rest_where_asked() -> None:
-    first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
+    first = crane().state(x=10.0, l=15.0)
+    last = crane().state(gamma=0.6, x=20.0, l=10.0)
     motion = flat(crane(), first, last, 20.0)
     for q, v, end in ((motion.q[0], motion.v[0], first), (motion.q[-1], motion.v[-1], last)):
         np.testing.assert_allclose(
@@ -166,18 +167,22 @@ def test_no_other_feedback_costs_less_than_the_riccati_sweep() -> None:
     rng = np.random.default_rng(7)
     n, nz, nu = 12, 4, 2
     a, b = rng.normal(size=(n, nz, nz)) / 2, rng.normal(size=(n, nz, nu))
-    q, r, final = np.eye(nz), 0.3 * np.eye(nu), 2.0 * np.eye(nz)
+    q = np.eye(nz)
+    r = 0.3 * np.eye(nu)
+    final = 2.0 * np.eye(nz)
     gains, costs = riccati(a, b, q, r, final)
     start = rng.normal(size=nz)
 
     def cost(inputs: np.ndarray) -> float:
-        z, total = start, 0.0
+        z = start
+        total = 0.0
         for k in range(n):
             total += z @ q @ z + inputs[k] @ r @ inputs[k]
             z = a[k] @ z + b[k] @ inputs[k]
         return total + z @ final @ z
 
-    z, best = start, np.empty((n, nu))
+    z = start
+    best = np.empty((n, nu))
     for k in range(n):
         best[k] = -gains[k] @ z
         z = a[k] @ z + b[k] @ best[k]
@@ -189,7 +194,8 @@ def test_no_other_feedback_costs_less_than_the_riccati_sweep() -> None:
 
 @pytest.mark.slow
 def test_a_tracked_flat_motion_arrives_without_swing_and_half_the_payload_keeps_it_small() -> None:
-    first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
+    first = crane().state(x=10.0, l=15.0)
+    last = crane().state(gamma=0.6, x=20.0, l=10.0)
     motion = flat(crane(), first, last, 20.0)
     controller = lqr(crane(), motion)
     run = quickly(crane(), controller, motion, start=first, duration=30.0)
@@ -342,7 +348,8 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
 def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(
     moves: list[tuple[float, float, float]],
 ) -> None:
-    pushes, t = [], 0.0
+    pushes = []
+    t = 0.0
     for rate, pause, lasts in moves:
         pushes.append(JoystickPulse("x", rate, t + pause, lasts))
         t += pause + lasts
@@ -355,7 +362,8 @@ def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(
     assert np.abs(reference(t + 2.1).velocity).max() < 1e-12  # 0.8 m/s are lost in 2 s
     # asked for is the rate while the joystick is held, zero while it is not; the drive goes there
     # at 0.4 m/s², by steps of 1 ms here
-    speed, times = 0.0, np.arange(0.0, t + 2.5, 1e-3)
+    speed = 0.0
+    times = np.arange(0.0, t + 2.5, 1e-3)
     held = np.zeros(len(times))
     for push in pushes:
         held[(times >= push.at) & (times < push.at + push.hold)] = push.rate
@@ -387,7 +395,8 @@ def test_a_joystick_is_in_one_place_at_a_time() -> None:
 
 
 def test_the_fastest_flat_motion_uses_one_limit_fully_and_no_other_more() -> None:
-    first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
+    first = crane().state(x=10.0, l=15.0)
+    last = crane().state(gamma=0.6, x=20.0, l=10.0)
     limits = Limits((0.08, 0.8, 0.8), (0.05, 0.5, 0.5))
     plan = partial(flat, crane(), first, last, period=0.05)
     duration = fastest(crane(), plan, limits)

@@ -81,7 +81,8 @@ def test_tracking_goes_by_its_first_row_before_it_begins_and_by_its_last_when_it
 def test_between_rows_tracking_goes_on_straight_lines(period: float) -> None:
     rng = np.random.default_rng(1)
     tables = [rng.normal(size=shape) for shape in ((5, 3), (5, 3, 10), (5, 10))]
-    tracking, state = Tracking(0.5, *tables), State(*rng.normal(size=(2, 5)))
+    tracking = Tracking(0.5, *tables)
+    state = State(*rng.normal(size=(2, 5)))
     times = period * np.arange(-2, 15)
     forward, gain, aim = (
         np.stack(
@@ -145,7 +146,8 @@ def test_an_integrator_goes_by_the_period_of_its_loop(period: float, engine: Eng
 
 
 def test_where_time_begins_anew_an_integrator_goes_on_as_before() -> None:
-    integral, away = _integral(), crane().state(l=14.5)
+    integral = _integral()
+    away = crane().state(l=14.5)
     reference = STILL._replace(position=np.array([0.0, 10.0, 15.0]))
     for t in (0.0, 0.02, 0.04, 0.0, 0.02):
         integral(t, away, reference)

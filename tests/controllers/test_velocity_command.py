@@ -41,11 +41,13 @@ def lead(made: Converters) -> np.ndarray:
 
 
 def test_an_effort_becomes_the_rate_that_its_acceleration_leads_to() -> None:
-    c, state = crane(), crane().state(x=12.0, l=10.0, phi=0.1, x_dot=0.3, gamma_dot=0.02)
+    c = crane()
+    state = crane().state(x=12.0, l=10.0, phi=0.1, x_dot=0.3, gamma_dot=0.02)
     efforts = np.array([5e3, 400.0, -9000.0])
     law = as_velocity_command(c, lambda *now: efforts, drive="effort")
     assert isinstance(law, VelocityCommand)
-    a, drives = acceleration(c, state, efforts), c.layout.drives
+    a = acceleration(c, state, efforts)
+    drives = c.layout.drives
     expected = state.v[drives] + lead(converters(c)) * a[drives]
     assert_allclose(law(0.0, state, STILL), expected, rtol=1e-12)
     told = as_velocity_command(c, lambda *now: np.ones(3), drive="motion")
@@ -59,7 +61,8 @@ def test_gains_about_a_motion_ask_for_the_rates_that_their_efforts_give_to_first
         as_velocity_command(c, one, drive="effort")
         for one in (tracking, lambda *now: tracking(*now))
     )
-    rng, row = np.random.default_rng(0), 1000
+    rng = np.random.default_rng(0)
+    row = 1000
 
     def at(one: Any, z: Any) -> np.ndarray:
         return one(row * PERIOD, State(*z), STILL)
@@ -152,7 +155,8 @@ def test_a_spline_is_followed_within_a_millimetre_and_a_jump_is_made_up_for() ->
 @pytest.mark.slow
 def test_drives_that_yield_ask_for_the_rate_that_they_compute() -> None:
     c = crane()
-    reference, limits = hold(c, c.state(x=12.0, l=10.0)), Limits((0.1, 1.0, 1.0), (0.02, 0.4, 0.4))
+    reference = hold(c, c.state(x=12.0, l=10.0))
+    limits = Limits((0.1, 1.0, 1.0), (0.02, 0.4, 0.4))
     yielding = with_damping(c, reference, limits=limits, recovery=0.3)
     law = as_velocity_command(c, yielding, drive="motion")
     state = c.state(x=12.1, l=10.0, phi=0.1)

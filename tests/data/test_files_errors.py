@@ -299,7 +299,8 @@ def test_a_number_out_of_its_range_is_refused_with_value_unit_and_range(
 
 
 def test_a_number_between_two_is_handed_back_and_any_other_refused_to_the_last_digit() -> None:
-    low, high = 0.1, 2 / 3
+    low = 0.1
+    high = 2 / 3
     assert [within("n", x, low, high) for x in (low, "0.2", high)] == [low, 0.2, high]
     for x, allowed in (
         (0.0, "0.1 to 0.666667"),

@@ -163,7 +163,8 @@ def test_both_engines_lift_a_load_off_lead_by_frequency_converters_alike() -> No
 @pytest.mark.slow
 def test_cranes_of_a_batch_touch_the_ground_each_on_its_own() -> None:
     batch = pytest.importorskip("cranedyn.compiled.batch", reason="needs the extra compiled")
-    box, ground = free_box(), Ground(CORNERS, friction=0.2)
+    box = free_box()
+    ground = Ground(CORNERS, friction=0.2)
     starts = [box.state(z=1.0 + height, x_dot=1.0, p=0.1 * height) for height in (0.1, 0.3, 5.0)]
     common = {"duration": 0.6, "dt": 5e-4, "control_period": 5e-3, "ground": ground}
     end = batch.simulate_batch(box, locked(box), start=starts, **common).end
@@ -193,7 +194,8 @@ def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corn
 ) -> None:
     if engine == "compiled":
         pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
-    low, box = -3.0, Platform((2.0, 0.0), (1.0, 2.0), -2.5, 0.2)
+    low = -3.0
+    box = Platform((2.0, 0.0), (1.0, 2.0), -2.5, 0.2)
     (x, y), corners = box.centre, [[a, b] for a in (-0.5, 0.5) for b in (-1.0, 1.0)]
     turn = np.array([[math.cos(0.2), math.sin(0.2)], [-math.sin(0.2), math.cos(0.2)]])
     hull = Hull([[*row, z] for row in np.array(corners) @ turn + [x, y] for z in (low, -2.5)])
@@ -257,13 +259,15 @@ def test_the_spring_of_a_sliding_point_carries_what_its_damper_leaves_of_the_fri
     μ N - c v, and by μ N where it went on.
     """
     contacts = Ground(FLAT, friction=0.4, sink=SINK).contacts(free_box())
-    stiffness, slip_damping = MASS / 4.0 * OMEGA**2, 2.0 * MASS / 4.0 * OMEGA
+    stiffness = MASS / 4.0 * OMEGA**2
+    slip_damping = 2.0 * MASS / 4.0 * OMEGA
     assert (contacts.stiffness, contacts.slip_damping) == pytest.approx((stiffness, slip_damping))
     depth, speed = 0.003, 0.02
     limit = 0.4 * stiffness * depth
     damped = slip_damping * speed
     assert 0.2 * limit < damped < 0.8 * limit
-    place, anchor = [1.0, 2.0, -depth], [0.9, 2.0, 0.0]
+    place = [1.0, 2.0, -depth]
+    anchor = [0.9, 2.0, 0.0]
     force, moved = contacts.reaction(place, [speed, 0.0, 0.0], anchor)
     assert force == pytest.approx([-limit, 0.0, stiffness * depth])
     assert contacts.reaction(place, [speed, 0.0, 0.0], moved)[0] == pytest.approx(force)
@@ -279,7 +283,9 @@ def test_a_point_in_the_air_feels_nothing_and_one_that_leaves_fast_is_not_pulled
         [0.0, 0.0, 0.0],
         [0.0, 0.0, 1e-9],
     )
-    ratio, mass, depth = damping_ratio(0.2), MASS / 4.0, 0.003
+    ratio = damping_ratio(0.2)
+    mass = MASS / 4.0
+    depth = 0.003
     for rate in (-0.1, 0.05, 0.5):
         push = mass * (OMEGA**2 * depth - 2.0 * ratio * OMEGA * rate)
         force, _ = contacts.reaction([0.0, 0.0, -depth], [0.0, 0.0, rate], [0.0, 0.0, 0.0])
@@ -291,7 +297,8 @@ def test_a_taut_rope_that_leans_lifts_off_lead_and_so_does_a_load_that_slides() 
     """By more than one degree, or 10 mm/s of a point that touches."""
     tower = crane(**box_load(MASS, *SIDES), rope_stiffness=2e7, hoist_max=30.0)
     ground = Ground(box_corners(*SIDES))
-    contacts, layout = ground.contacts(tower), tower.layout
+    contacts = ground.contacts(tower)
+    layout = tower.layout
     points = np.array(contacts.points)
     q, v = [], []
     for lean, speed in ((0.5, 0.0), (1.5, 0.0), (-1.5, 0.0), (0.5, 0.02), (0.5, 0.005)):
@@ -321,7 +328,8 @@ def test_a_platform_is_turned_from_x_towards_y() -> None:
     """Its corners by the library of rotations, a little inside and a little outside."""
     platform = Platform((2.0, 1.0), (4.0, 1.0), 3.0, yaw=math.radians(30.0))
     contacts = Ground(CORNERS, (platform,)).contacts(free_box())
-    turn, centre = Rotation.from_euler("z", 30.0, degrees=True), np.array([2.0, 1.0, 0.0])
+    turn = Rotation.from_euler("z", 30.0, degrees=True)
+    centre = np.array([2.0, 1.0, 0.0])
     for x, y in ((2.0, 0.5), (-2.0, 0.5), (2.0, -0.5), (-2.0, -0.5)):
         inside, outside = (
             centre + turn.apply([share * x, share * y, 2.9]) for share in (0.99, 1.01)

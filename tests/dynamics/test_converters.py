@@ -115,7 +115,8 @@ def test_no_ramp_overshoots_or_exceeds_its_limits(
 
 
 def test_a_reference_waits_for_a_drive_that_stalls() -> None:
-    response, dt = one(0.5, 5.0, lag=0.1), 1e-3
+    response = one(0.5, 5.0, lag=0.1)
+    dt = 1e-3
     reference, rising = [0.0], [0.0]
     for _ in range(3000):  # it could be at 1 m/s after 2.1 s
         reference, rising = response.ramped([1.0], reference, rising, [0.0], dt)
@@ -185,7 +186,9 @@ def test_no_drive_exerts_more_than_it_can_and_the_others_do_as_they_want(m: int,
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(m, m))
     inertia = root @ root.T + np.eye(m)
-    resisting, wanted, limits = rng.normal(size=m), 3.0 * rng.normal(size=m), rng.uniform(0.5, 5, m)
+    resisting = rng.normal(size=m)
+    wanted = 3.0 * rng.normal(size=m)
+    limits = rng.uniform(0.5, 5, m)
     gained, effort, needed = within_efforts(inertia, resisting, wanted, limits)
     assert (np.abs(effort) <= limits).all()
     assert_allclose(needed, inertia @ wanted + resisting, rtol=1e-12, atol=1e-12)
@@ -196,7 +199,8 @@ def test_no_drive_exerts_more_than_it_can_and_the_others_do_as_they_want(m: int,
 
 
 def test_typical_converters_are_those_of_the_role_and_never_faster_than_the_joint() -> None:
-    usual, slow = converters(crane()), converters(crane(trolley_velocity=0.5))
+    usual = converters(crane())
+    slow = converters(crane(trolley_velocity=0.5))
     assert_allclose(
         usual.rates, HEADROOM * np.array([RATES[r] for r in ("slew", "trolley", "hoist")])
     )

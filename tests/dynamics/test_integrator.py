@@ -41,7 +41,8 @@ def _advance(
     model: pin.Model, q: np.ndarray, v: np.ndarray, dt: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Free motion by the rule under test."""
-    data, none = model.createData(), np.zeros(model.nv)
+    data = model.createData()
+    none = np.zeros(model.nv)
     return semi_implicit_euler.advance(
         lambda q, v: pin.aba(model, data, q, v, none), model, q, v, dt, steps
     )
@@ -51,7 +52,8 @@ def _exact(model: pin.Model, q: np.ndarray, duration: float) -> tuple[np.ndarray
     """Free motion from rest by a Runge-Kutta of order 8; joints of one degree of freedom each, so
     increments add up.
     """
-    data, none = model.createData(), np.zeros(model.nv)
+    data = model.createData()
+    none = np.zeros(model.nv)
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         moved, v = np.split(y, 2)
@@ -76,7 +78,8 @@ def _energy(model: pin.Model, q: np.ndarray, v: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_error_halves_with_the_step_on_any_robot(name: str) -> None:
-    model, duration = _robot(name), 0.2
+    model = _robot(name)
+    duration = 0.2
     q = _start(model)
     goal, speed = _exact(model, q, duration)
 
@@ -99,7 +102,9 @@ def test_coordinates_that_are_no_vector_space_stay_where_they_belong() -> None:
 
 
 def _energy_errors(model: pin.Model, q: np.ndarray, dt: float, duration: float) -> np.ndarray:
-    first, v, errors = _energy(model, q, np.zeros(model.nv)), np.zeros(model.nv), []
+    first = _energy(model, q, np.zeros(model.nv))
+    v = np.zeros(model.nv)
+    errors = []
     for _ in range(round(duration / (10 * dt))):
         q, v = _advance(model, q, v, dt, 10)
         errors.append(_energy(model, q, v) - first)
@@ -113,7 +118,8 @@ def test_the_energy_of_a_large_swing_ripples_but_does_not_drift() -> None:
     ripples = {}
     for dt in (0.02, 0.01):
         errors = _energy_errors(model, np.array([1.0]), dt, 400.0)
-        first, last = np.abs(np.array_split(errors, 4)[0]), np.abs(np.array_split(errors, 4)[-1])
+        first = np.abs(np.array_split(errors, 4)[0])
+        last = np.abs(np.array_split(errors, 4)[-1])
         # Both hold a dozen swings; the peak is met within ω · 10 dt squared.
         assert last.max() == pytest.approx(first.max(), rel=1e-2)
         # Order 1; explicit Euler gains ω² dt t, more than the whole.
@@ -139,7 +145,9 @@ def test_where_inertia_depends_on_the_posture_the_energy_error_still_halves_with
 
 
 def test_a_step_keeps_the_area_of_the_phase_plane() -> None:
-    model, dt, h = _pendulum(), 0.05, 1e-5
+    model = _pendulum()
+    dt = 0.05
+    h = 1e-5
 
     def step(q: float, v: float) -> np.ndarray:
         return np.concatenate(_advance(model, np.array([q]), np.array([v]), dt, 1))
@@ -155,7 +163,10 @@ def test_a_step_keeps_the_area_of_the_phase_plane() -> None:
 
 @pytest.mark.parametrize("dt", [0.1, 0.3])
 def test_the_period_is_short_by_one_part_in_24_of_the_squared_phase_step(dt: float) -> None:
-    model, q, v, angles = _pendulum(), np.array([1e-4]), np.zeros(1), []
+    model = _pendulum()
+    q = np.array([1e-4])
+    v = np.zeros(1)
+    angles = []
     for _ in range(400):
         q, v = _advance(model, q, v, dt, 1)
         angles.append(q[0])
@@ -170,7 +181,9 @@ def test_the_period_is_short_by_one_part_in_24_of_the_squared_phase_step(dt: flo
 
 
 def test_velocities_are_those_of_half_a_step_earlier() -> None:
-    model, duration, amplitude = _pendulum(), 8.0, 1e-4
+    model = _pendulum()
+    duration = 8.0
+    amplitude = 1e-4
 
     def miss(steps: int) -> tuple[float, float]:
         dt = duration / steps

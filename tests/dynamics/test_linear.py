@@ -26,7 +26,8 @@ DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hois
 
 
 def test_one_sampled_period_is_the_derivative_of_one_simulated_period() -> None:
-    c, clocks = crane(**DAMPED), {"dt": 2e-3, "control_period": 2e-2}
+    c = crane(**DAMPED)
+    clocks = {"dt": 2e-3, "control_period": 2e-2}
     rest = c.state(x=17.0, l=11.0)
     effort = holding_effort(c, rest.q)
 
@@ -35,7 +36,8 @@ def test_one_sampled_period_is_the_derivative_of_one_simulated_period() -> None:
         found = simulate(c, constant(*(effort + u)), start=start, duration=2e-2, **clocks)
         return np.concatenate([found.q[1], found.v[1]])
 
-    plant, h = sampled(c, rest, **clocks), 1e-4
+    plant = sampled(c, rest, **clocks)
+    h = 1e-4
     by_state = np.array(
         [(step(h * e, np.zeros(3)) - step(-h * e, np.zeros(3))) / (2 * h) for e in np.eye(10)]
     ).T

@@ -105,7 +105,8 @@ def test_rk4_keeps_its_order_through_changes_of_phase(rope: str) -> None:
 
 
 def test_an_impact_keeps_the_momentum_of_all_that_is_free() -> None:
-    crane, rng = slack_crane(payload_inertia=300.0, dummy_mass=20.0), np.random.default_rng(5)
+    crane = slack_crane(payload_inertia=300.0, dummy_mass=20.0)
+    rng = np.random.default_rng(5)
     stretch = crane.layout.index("rope_stretch")
     for drives, kept in (
         (EffortDrives(crane, None), [0, 1, 2, 3, 4]),
@@ -126,7 +127,8 @@ def test_an_impact_keeps_the_momentum_of_all_that_is_free() -> None:
 def test_a_load_falls_freely_until_the_rope_catches_it_and_then_hangs(engine: Any) -> None:
     crane = slack_crane()
     run = run_of(crane, lifted(crane, 0.8), 0.6, engine=engine, integrator=rk4)
-    weight, time = crane.payload_mass * crane.gravity, math.sqrt(1.6 / crane.gravity)
+    weight = crane.payload_mass * crane.gravity
+    time = math.sqrt(1.6 / crane.gravity)
     assert_allclose(run.phase, run.t < time)  # type: ignore[arg-type]
     caught = run.t > time
     assert (run["rope_stretch_m"][caught] == 0.0).all()
@@ -139,7 +141,8 @@ def test_a_load_falls_freely_until_the_rope_catches_it_and_then_hangs(engine: An
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["oracle", "compiled"])
 def test_a_drum_that_pays_out_faster_than_a_load_falls_leaves_the_rope_slack(engine: Any) -> None:
-    crane, rigid = slack_crane(), load_crane(hoist_velocity=20.0, **POINT)
+    crane = slack_crane()
+    rigid = load_crane(hoist_velocity=20.0, **POINT)
     with pytest.raises(RunError, match=r"would have to push.*as with rope_stiffness = inf"):
         run_of(rigid, rigid.start, 0.1, controller=paid_out(rigid, 12.0), engine=engine)
     run = run_of(crane, crane.start, 0.5, controller=paid_out(crane, 12.0), engine=engine)
@@ -163,7 +166,8 @@ def test_lanes_of_a_batch_change_their_phases_on_their_own() -> None:
 
 def test_a_taut_rope_that_does_not_stretch_is_a_rigid_one() -> None:
     """Its linear model, its modes and its motion, with a drum that weighs next to nothing."""
-    crane, rigid = slack_crane(drum_inertia=1e-6), load_crane(**POINT)
+    crane = slack_crane(drum_inertia=1e-6)
+    rigid = load_crane(**POINT)
     state = rigid.state(phi=0.2, theta=-0.1, gamma_dot=0.1, l_dot=0.3)
     with_stretch = State(np.append(state.q, 0.0), np.append(state.v, 0.0))
     effort = holding_effort(rigid, state.q)
@@ -247,7 +251,8 @@ def _mujoco(rope: str, start: np.ndarray, length: float, stiffness: float, dt: f
 def test_a_load_that_falls_beside_its_pivot_moves_as_on_a_tendon_of_mujoco(
     rope: str, far: float
 ) -> None:
-    crane, dt = slack_crane(rope), 1e-4
+    crane = slack_crane(rope)
+    dt = 1e-4
     start = lifted(crane, 2.0, phi=0.5, theta=0.3)
     run = run_of(crane, start, 1.5, integrator=rk4, engine="compiled")
     pivot = np.array([0.0, -10.0, 28.0])
@@ -262,9 +267,11 @@ def _exudyn(rope: float, length: float, start: float, speed: float, duration: fl
     pulls only, in 0.1 ms, from a depth [m] and a speed downward [m/s]; rope is EA [N].
     """
     exu = pytest.importorskip("exudyn", reason="extra peers (exudyn) is not installed")
-    items, dt = importlib.import_module("exudyn.itemInterface"), 1e-4
+    items = importlib.import_module("exudyn.itemInterface")
+    dt = 1e-4
     container = exu.SystemContainer()
-    system, down = container.AddSystem(), np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    system = container.AddSystem()
+    down = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
     node = system.AddNode(
         items.NodeRigidBodyRxyz(
             referenceCoordinates=(length * down).tolist(),
@@ -305,12 +312,17 @@ def _exudyn(rope: float, length: float, start: float, speed: float, duration: fl
 def test_a_load_that_falls_or_is_taken_up_pulls_and_bounces_as_on_a_rope_of_exudyn(
     taken_up: bool,
 ) -> None:
-    crane, length, ea = slack_crane("elastic"), 15.0, ROPES["elastic"]
-    weight, stiffness = 1000.0 * crane.gravity, ea / length
+    crane = slack_crane("elastic")
+    length = 15.0
+    ea = ROPES["elastic"]
+    weight = 1000.0 * crane.gravity
+    stiffness = ea / length
     factor = theory.fall_factor(0.5, stiffness, weight)
-    stretch, speed = -0.5, 0.0
+    stretch = -0.5
+    speed = 0.0
     if taken_up:
-        stretch, speed = weight / stiffness, 2.0
+        stretch = weight / stiffness
+        speed = 2.0
         factor = theory.pickup_factor(speed, math.sqrt(stiffness / 1000.0), crane.gravity)
     pull, depth = _exudyn(ea, length, length + stretch, speed, 1.5)
     start = crane.state(rope_stretch=stretch, rope_stretch_dot=speed)

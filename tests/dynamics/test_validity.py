@@ -166,10 +166,13 @@ def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the
 
 
 def test_heights_of_many_rows_are_pinocchios_on_an_arm_with_turned_joints() -> None:
-    model, rng = pin.buildSampleModelManipulator(), np.random.default_rng(5)
+    model = pin.buildSampleModelManipulator()
+    rng = np.random.default_rng(5)
     for i in range(1, model.njoints):
         model.jointPlacements[i] = pin.SE3.Random()
-    data, q, point = model.createData(), rng.normal(size=(20, model.nv)), rng.normal(size=3)
+    data = model.createData()
+    q = rng.normal(size=(20, model.nv))
+    point = rng.normal(size=3)
     expected = np.empty((20, model.nv))
     for row, one in enumerate(q):
         pin.forwardKinematics(model, data, one)

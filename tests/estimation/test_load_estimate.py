@@ -84,7 +84,8 @@ def test_the_crane_believed_in_is_not_the_one_given() -> None:
 
 @pytest.mark.slow
 def test_the_cable_is_found_from_how_fast_the_load_swings_by_the_drives_alone() -> None:
-    offset, motion = 1.5, at_rest(crane())
+    offset = 1.5
+    motion = at_rest(crane())
     controller = with_load_estimate(hold_controller(crane()), crane(), motion)
     start = crane().state(x=10.0, l=15.0 + offset, phi=0.05)
     quickly(crane(), shortened(controller, offset), motion, start=start, duration=16.0)
@@ -119,7 +120,8 @@ def filter_of(sensors: Sensors) -> LoadFilter:
 def test_what_the_sensors_should_say_has_the_derivatives_that_differences_give(
     sensors: Sensors,
 ) -> None:
-    found, step = filter_of(sensors), 1e-6
+    found = filter_of(sensors)
+    step = 1e-6
     _, by = found._expected(found.mean)
     for i, column in enumerate(by.T):
         beside = [found.mean + sign * step * (np.arange(13) == i) for sign in (1, -1)]
@@ -129,7 +131,8 @@ def test_what_the_sensors_should_say_has_the_derivatives_that_differences_give(
 
 
 def test_the_covariance_goes_on_by_the_derivatives_that_differences_give() -> None:
-    effort, step = np.array([3000.0, 500.0, -8000.0]), 1e-6
+    effort = np.array([3000.0, 500.0, -8000.0])
+    step = 1e-6
 
     def after(mean: np.ndarray) -> np.ndarray:
         found = filter_of("drives")
@@ -155,7 +158,8 @@ def test_the_covariance_goes_on_by_the_derivatives_that_differences_give() -> No
 @pytest.mark.parametrize("sensors", ["drives", "swing", "imu"])
 def test_a_correction_adds_what_the_sensors_tell_to_what_is_known(sensors: Sensors) -> None:
     """Of information, the inverse of covariance, it is a sum: P⁻¹ + Hᵀ R⁻¹ H."""
-    found, rng = filter_of(sensors), np.random.default_rng(3)
+    found = filter_of(sensors)
+    rng = np.random.default_rng(3)
     spread = 0.1 * rng.normal(size=(13, 13))
     found.covariance = spread @ spread.T + 1e-3 * np.eye(13)
     _, by = found._expected(found.mean)
@@ -169,7 +173,8 @@ def test_the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period(
     """Half the period leaves an eighth of the error; a quarter if it were the first order."""
 
     def wrong(period: float) -> float:
-        q, still = crane().state(**REST).q, np.zeros((1, 5))
+        q = crane().state(**REST).q
+        still = np.zeros((1, 5))
         motion = Motion(period, q[None], still, still, crane().layout.drives)
         effort = holding_effort(crane(), q)
 
@@ -229,7 +234,8 @@ def test_an_observer_that_knows_nothing_of_the_load_leaves_more_than_tenfold() -
 
 @pytest.mark.slow
 def test_noisy_and_late_sensors_of_the_drives_alone_end_below_a_milliradian() -> None:
-    motion, delay = combined(crane()), 2
+    motion = combined(crane())
+    delay = 2
     inner = with_load_estimate(tracked(), crane(), motion, delay=delay)
     noisy = with_sensor_model(crane(), inner, delay=delay, rng=np.random.default_rng(2))
     start = crane().state(x=10.0, l=16.5)
@@ -245,7 +251,8 @@ def test_noisy_and_late_sensors_of_the_drives_alone_end_below_a_milliradian() ->
 
 @pytest.mark.slow
 def test_both_engines_leave_the_same() -> None:
-    motion, start = combined(crane()), crane().state(**REST)
+    motion = combined(crane())
+    start = crane().state(**REST)
     runs = [
         quickly(
             crane(payload_mass=1500.0),
@@ -269,7 +276,8 @@ def test_it_looks_at_what_is_measured_only(sensors: Sensors, unseen: list[int]) 
     one, other = (
         with_load_estimate(lqr(crane(), motion), crane(), motion, sensors=sensors) for _ in range(2)
     )
-    rng, start = np.random.default_rng(4), np.concatenate(crane().state(**REST))
+    rng = np.random.default_rng(4)
+    start = np.concatenate(crane().state(**REST))
     for k in range(5):
         seen = start + 1e-3 * rng.normal(size=10)
         blind = seen.copy()
@@ -320,7 +328,8 @@ def test_other_cranes_find_their_load_too(xacro: str, values: dict[str, Any]) ->
 
 def test_a_move_on_a_longer_cable_is_the_flat_one_of_that_cable() -> None:
     point = crane(payload_inertia=0.0, dummy_inertia=0.0)
-    found, planned = with_longer_cable(point, combined(point), 1.5), combined(point, 1.5)
+    found = with_longer_cable(point, combined(point), 1.5)
+    planned = combined(point, 1.5)
     np.testing.assert_allclose(found.q, planned.q, atol=1e-9)
 
 
@@ -381,7 +390,8 @@ def test_a_motion_on_another_cable_is_that_of_a_tower_crane() -> None:
 def test_the_estimated_load_hangs_on_two_falls_as_that_of_a_crane_does() -> None:
     light, heavy = (crane(fall_spacing=2.0, payload_mass=mass) for mass in (1000.0, 1500.0))
     (q, _), n, effort = heavy.state(load_yaw=0.8, phi=0.1), heavy.layout.n, np.ones(3)
-    state, noise = State(q, np.full(n, 0.1)), np.eye(n + len(heavy.swings))
+    state = State(q, np.full(n, 0.1))
+    noise = np.eye(n + len(heavy.swings))
 
     def estimated(load: float) -> LoadFilter:
         mean = np.concatenate([*state, [1.0 / load, 0.0, 0.0]])

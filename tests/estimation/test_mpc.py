@@ -40,7 +40,8 @@ def rates(run: Trajectory) -> np.ndarray:
 
 
 def test_at_rest_without_a_limit_in_reach_it_is_the_stationary_lqr() -> None:
-    rest, rng = crane().state(**REST), np.random.default_rng(1)
+    rest = crane().state(**REST)
+    rng = np.random.default_rng(1)
     controller = mpc(crane(), at_rest(crane()))
     model = sampled(crane(), rest, control_period=0.05)
     p = solve_discrete_are(model.a, model.b, Q, R)
@@ -56,7 +57,8 @@ def test_at_rest_without_a_limit_in_reach_it_is_the_stationary_lqr() -> None:
 
 @pytest.mark.slow
 def test_along_a_motion_without_a_limit_in_reach_it_is_the_lqr_of_the_whole_motion() -> None:
-    motion, rng = combined(crane()), np.random.default_rng(2)
+    motion = combined(crane())
+    rng = np.random.default_rng(2)
     controller = mpc(crane(), motion, horizon=20)
     feed_forward = lqr(crane(), motion).feed_forward
     rows = range(0, 4001, 10)
@@ -77,13 +79,17 @@ def test_along_a_motion_without_a_limit_in_reach_it_is_the_lqr_of_the_whole_moti
 
 
 def test_with_efforts_at_their_limits_it_is_the_optimum_of_bounded_least_squares() -> None:
-    limit, n, rest = np.array([3e4, 1.5e3, 1.05e4]), 6, crane().state(**REST)
+    limit = np.array([3e4, 1.5e3, 1.05e4])
+    n = 6
+    rest = crane().state(**REST)
     holding = holding_effort(crane(), rest.q)
     controller = mpc(crane(), at_rest(crane()), horizon=n, effort_limit=limit)
     model = sampled(crane(), rest, control_period=0.05)
     p = solve_discrete_are(model.a, model.b, Q, R)
-    by_start, by_effort = np.eye(10), np.zeros((10, 3 * n))
-    rows, right = [np.kron(np.eye(n), cholesky(R))], [np.zeros(3 * n)]
+    by_start = np.eye(10)
+    by_effort = np.zeros((10, 3 * n))
+    rows = [np.kron(np.eye(n), cholesky(R))]
+    right = [np.zeros(3 * n)]
     z = np.array([0.02, 0.1, 0.08, -0.06, 0.1, 0.0, 0.1, 0.02, 0.02, -0.1])
     for k in range(1, n + 1):
         by_start, by_effort = model.a @ by_start, model.a @ by_effort
@@ -111,7 +117,8 @@ def test_with_efforts_at_their_limits_it_is_the_optimum_of_bounded_least_squares
 @pytest.mark.slow
 def test_where_the_lqr_saturates_and_overspeeds_it_keeps_force_and_rate() -> None:
     weak = crane(trolley_effort=2000.0)
-    motion, start = at_rest(weak), weak.state(**REST, phi=0.15)
+    motion = at_rest(weak)
+    start = weak.state(**REST, phi=0.15)
     free = quickly(weak, lqr(weak, motion), motion, start=start, duration=20.0)
     assert np.abs(free.command[:, 1]).max() > 5.0 * 2000.0
     assert rates(free)[1] > 1.5 * 0.4
@@ -126,7 +133,8 @@ def test_where_the_lqr_saturates_and_overspeeds_it_keeps_force_and_rate() -> Non
 
 @pytest.mark.slow
 def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() -> None:
-    motion, start = (at_rest(crane()), crane().state(**REST, phi=0.12, theta=0.12))
+    motion = at_rest(crane())
+    start = crane().state(**REST, phi=0.12, theta=0.12)
     efforts, speeds = (4e4, 2e3, 1.2e4), (0.03, 0.4, 0.5)
     controller = mpc(crane(), motion, effort_limit=efforts, rate_limit=speeds, swing_limit=0.1)
     excess = []
@@ -150,7 +158,8 @@ def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() ->
 
 @pytest.mark.slow
 def test_a_plan_faster_than_the_drives_may_run_is_run_at_their_limits() -> None:
-    motion, limit = combined(crane()), np.array([0.055, 0.95, 0.5])
+    motion = combined(crane())
+    limit = np.array([0.055, 0.95, 0.5])
     assert (np.abs(motion.v[:, motion.drives]).max(axis=0) > 1.1 * limit).all()
     controller = mpc(crane(), motion, rate_limit=limit)
     run = quickly(crane(), controller, motion, start=crane().state(**REST), duration=40.0)
@@ -162,7 +171,8 @@ def test_a_plan_faster_than_the_drives_may_run_is_run_at_their_limits() -> None:
 
 @pytest.mark.slow
 def test_efforts_stay_within_their_limits_between_the_optimisations_too() -> None:
-    motion, start = combined(crane()), crane().state(**REST, phi=0.05, theta=0.05)
+    motion = combined(crane())
+    start = crane().state(**REST, phi=0.05, theta=0.05)
     limit = np.array([1.9e4, 5e2, 1.0e4])
     controller = mpc(crane(), motion, effort_limit=limit)
     run = quickly(crane(), controller, motion, start=start, duration=20.0)
@@ -173,8 +183,10 @@ def test_efforts_stay_within_their_limits_between_the_optimisations_too() -> Non
 @pytest.mark.slow
 def test_between_optimisations_the_correction_is_held_and_the_feed_forward_goes_on() -> None:
     motion = combined(crane())
-    controller, feed_forward = mpc(crane(), motion), lqr(crane(), motion).feed_forward
-    rng, when = np.random.default_rng(4), []
+    controller = mpc(crane(), motion)
+    feed_forward = lqr(crane(), motion).feed_forward
+    rng = np.random.default_rng(4)
+    when = []
     corrections = []
     for k in range(100, 131):
         z = np.concatenate([motion.q[k], motion.v[k]]) + SIZE * rng.normal(size=10)
@@ -189,7 +201,8 @@ def test_between_optimisations_the_correction_is_held_and_the_feed_forward_goes_
 
 
 def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
-    motion, c = at_rest(crane()), crane()
+    motion = at_rest(crane())
+    c = crane()
     used, other = (mpc(c, motion, effort_limit=(4e4, 2e3, 1.2e4)) for _ in range(2))
     quickly(c, used, motion, start=c.state(**REST, phi=-0.1), duration=0.02)
     second, first = (
@@ -201,7 +214,8 @@ def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
 
 @pytest.mark.slow
 def test_it_keeps_its_period_of_50_ms() -> None:
-    motion, start = combined(crane()), crane().state(**REST, phi=0.12, theta=0.12)
+    motion = combined(crane())
+    start = crane().state(**REST, phi=0.12, theta=0.12)
     efforts, speeds = (6e4, 3e3, 1.2e4), (0.078, 1.28, 0.7)
     controller = mpc(crane(), motion, effort_limit=efforts, rate_limit=speeds, swing_limit=0.12)
     taken = []
@@ -225,14 +239,16 @@ def failing(
     controller: PredictiveController, after: int
 ) -> Callable[..., tuple[np.ndarray, float, int, dict]]:
     """The controller's solver, which goes in circles from one call on."""
-    solve, calls = controller.solve, iter(range(10**6))
+    solve = controller.solve
+    calls = iter(range(10**6))
     return lambda *problem: (
         solve(*problem) if next(calls) < after else (np.zeros(125), 0.0, -2, {"iterations": 9})
     )
 
 
 def test_nothing_is_optimised_where_the_lqr_keeps_all_bounds() -> None:
-    motion, start = at_rest(crane()), crane().state(**REST, phi=0.1)
+    motion = at_rest(crane())
+    start = crane().state(**REST, phi=0.1)
     runs = []
     for swing_limit, solved in ((math.pi / 2.0, failing), (0.1001, None)):
         controller = mpc(crane(), motion, swing_limit=swing_limit)
@@ -243,7 +259,8 @@ def test_nothing_is_optimised_where_the_lqr_keeps_all_bounds() -> None:
 
 
 def test_an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on() -> None:
-    motion, start = at_rest(crane()), crane().state(**REST, phi=0.1)
+    motion = at_rest(crane())
+    start = crane().state(**REST, phi=0.1)
     controller = mpc(crane(), motion, swing_limit=0.01)
     controller.solve = failing(controller, after=3)
     with pytest.raises(
@@ -263,7 +280,8 @@ def test_an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on() ->
 def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
     controller_of: Callable[..., Controller], index: int, name: str
 ) -> None:
-    controller, z = controller_of(crane(), at_rest(crane())), np.concatenate(crane().state(**REST))
+    controller = controller_of(crane(), at_rest(crane()))
+    z = np.concatenate(crane().state(**REST))
     z[index] = math.nan
     with pytest.raises(CraneError, match=f"{name} of the state is nan; allowed is a finite number"):
         controller(0.0, state_of(z), STILL)

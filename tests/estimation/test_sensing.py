@@ -28,7 +28,8 @@ from cranedyn.references import Motion, hanging_reference, spline
 from tests.estimation.motions import PERIOD, REST, STILL, at_rest, combined, residual, tracked
 from tests.helpers import crane, python, quickly
 
-MEASURED, NOISE = crane().layout.measured, noise_of(crane())
+MEASURED = crane().layout.measured
+NOISE = noise_of(crane())
 DISTURBANCE, INITIAL_STD = disturbance_of(crane()), initial_std_of(crane())
 
 
@@ -67,7 +68,8 @@ def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_a
 @pytest.mark.parametrize("noise", [NOISE, NOISE.tolist(), (NOISE[:5], NOISE[5:])])
 @pytest.mark.slow
 def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
-    inner, n = Watched(), 20_000
+    inner = Watched()
+    n = 20_000
     noisy = with_sensor_model(crane(), inner, noise=noise, rng=np.random.default_rng(1))  # type: ignore[arg-type]
     state = crane().state()
     for k in range(n):
@@ -82,7 +84,8 @@ def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
 
 
 def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
-    start, motion = crane().state(**REST), at_rest(crane())
+    start = crane().state(**REST)
+    motion = at_rest(crane())
 
     def run(seed: int) -> Trajectory:
         controller = with_sensor_model(
@@ -96,7 +99,8 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
 
 @pytest.mark.slow
 def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says() -> None:
-    start, motion = crane().state(**REST), at_rest(crane())
+    start = crane().state(**REST)
+    motion = at_rest(crane())
     controller = lqr(crane(), motion)
     run = quickly(
         crane(),
@@ -105,7 +109,8 @@ def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says(
         start=start,
         duration=120.0,
     )
-    model, gain = sampled(crane(), start), controller.gain[0]
+    model = sampled(crane(), start)
+    gain = controller.gain[0]
     by_noise = model.b @ gain
     covariance = solve_discrete_lyapunov(
         model.closed(gain), by_noise @ np.diag(NOISE**2) @ by_noise.T
@@ -131,7 +136,8 @@ class Compared:
     """An observer whose errors are kept; `outer` stands between it and the crane."""
 
     def __init__(self, observer: ObserverController, outer: Controller | None = None) -> None:
-        self.observer, self.outer = observer, outer or observer
+        self.observer = observer
+        self.outer = outer or observer
         self.errors: list[np.ndarray] = []
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -171,7 +177,9 @@ def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
 
 @pytest.mark.slow
 def test_the_filter_errs_as_much_as_it_says() -> None:
-    motion, rng, runs = at_rest(crane()), np.random.default_rng(11), 30
+    motion = at_rest(crane())
+    rng = np.random.default_rng(11)
+    runs = 30
     model = sampled(crane(), crane().state(**REST))
     shares, (values, vectors) = [], np.linalg.eigh(process_noise())
     root = vectors * np.sqrt(values.clip(0.0))
@@ -202,7 +210,8 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
 def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
     motion_of: Callable[[Crane], Motion], swing: str
 ) -> None:
-    motion, start = motion_of(crane()), crane().state(**REST, **{swing: 0.05})
+    motion = motion_of(crane())
+    start = crane().state(**REST, **{swing: 0.05})
     compared = Compared(with_observer(lqr(crane(), motion), crane(), motion))
     quickly(crane(), compared, motion, start=start, duration=10.0)
     # The first estimate is that it hangs plumb.
@@ -232,7 +241,9 @@ def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_m
 def test_a_delay_known_to_the_observer_is_predicted_away(
     motion_of: Callable[[Crane], Motion],
 ) -> None:
-    motion, delay, rng = motion_of(crane()), 6, np.random.default_rng(1)
+    motion = motion_of(crane())
+    delay = 6
+    rng = np.random.default_rng(1)
     observer = with_observer(lqr(crane(), motion), crane(), motion, delay=delay)
     late = with_sensor_model(crane(), observer, delay=delay, noise=np.zeros(10), rng=rng)
     compared = Compared(observer, late)
@@ -263,7 +274,8 @@ def test_the_observer_knows_what_the_drives_cannot_give() -> None:
 
 
 def test_a_start_that_is_told_is_believed() -> None:
-    motion, start = at_rest(crane()), crane().state(**REST, phi=0.05, theta=-0.03)
+    motion = at_rest(crane())
+    start = crane().state(**REST, phi=0.05, theta=-0.03)
     compared = Compared(with_observer(lqr(crane(), motion), crane(), motion, start=start))
     quickly(crane(), compared, motion, start=start, duration=1.0)
     # The linear model's: φ²/2 = 1e-3 of the load's pull, and cubes.
@@ -271,7 +283,8 @@ def test_a_start_that_is_told_is_believed() -> None:
 
 
 def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -> None:
-    motion, start = at_rest(crane()), crane().state(**REST)
+    motion = at_rest(crane())
+    start = crane().state(**REST)
     used, other = (with_observer(lqr(crane(), motion), crane(), motion) for _ in range(2))
     quickly(crane(), used, motion, start=start, duration=0.1)
     with pytest.raises(CraneError, match="a new one for each run"):
@@ -321,7 +334,8 @@ def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> 
 
 def test_an_observer_is_asked_at_the_rows_of_its_motion_or_refuses() -> None:
     move = spline(crane(), crane().start, [(0.0, 11.0, 15.0)], [4.0])
-    motion, late = hanging_reference(crane(), move, 4.0), 1.0 + PERIOD / 2.0
+    motion = hanging_reference(crane(), move, 4.0)
+    late = 1.0 + PERIOD / 2.0
     with pytest.raises(CraneError, match=r"asked for t = 1.0025 s; its motion has rows every 0"):
         with_observer(Watched(), crane(), motion)(late, crane().start, STILL)
     # Wherever it stands still all rows are one.

@@ -106,7 +106,8 @@ def standard(ran: Callable[..., Ran]) -> Standard:
 
 def write_csv(path: Path, **columns: np.ndarray) -> Path:
     """Write columns with all their digits, and return the file."""
-    table, header = np.stack(list(columns.values()), axis=1), ",".join(columns)
+    table = np.stack(list(columns.values()), axis=1)
+    header = ",".join(columns)
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
     return path
 

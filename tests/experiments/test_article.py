@@ -138,7 +138,8 @@ def test_a_file_of_a_run_is_read_as_if_it_came_from_elsewhere(
     again = run_command(name, tmp_path / "out", "--from", str(standard(name).folder / file))
     assert again.code == 0
     assert files(tmp_path / "out") == ["result.json"]
-    theirs, ours = again.table(title)[0], standard(name).table(own)[0]
+    theirs = again.table(title)[0]
+    ours = standard(name).table(own)[0]
     for column, column_of_ours in (same or dict(zip(theirs, ours, strict=True))).items():
         if not isinstance(theirs[column], str):
             # bit-exact files, the same fit; an error to the last digit
@@ -146,7 +147,8 @@ def test_a_file_of_a_run_is_read_as_if_it_came_from_elsewhere(
 
 
 def test_a1_finds_a_known_swing_in_a_recorded_file(tmp_path: Path) -> None:
-    t, noise = np.arange(0.0, 60.0, 0.01), np.random.default_rng(5)
+    t = np.arange(0.0, 60.0, 0.01)
+    noise = np.random.default_rng(5)
     phi = 0.09 * np.exp(-0.0004 * 0.8 * t) * np.cos(0.8 * t + 0.3) + 1e-3 * noise.normal(size=6000)
     write_csv(tmp_path / "gazebo.csv", t_s=t, phi_rad=phi, l_m=np.full_like(t, 15.2))
     read_back = run_command("a1", tmp_path / "out", "--from", str(tmp_path / "gazebo.csv"))
@@ -202,7 +204,9 @@ def test_a2_reads_the_law_off_the_exact_solution() -> None:
     length = 20.0 - 0.5 * np.clip(t - 12.0, 0.0, 24.0)
     # constant length, then the Bessel functions, then constant length again, each from where the
     # one before ended
-    phi, rate, parts = 0.1, 0.0, []
+    phi = 0.1
+    rate = 0.0
+    parts = []
     for seconds, speed, start in ((12.0, 0.0, 20.0), (24.0, -0.5, 20.0), (24.0, 0.0, 8.0)):
         y = solve_ivp(
             lambda s, y, speed=speed, start=start: [
@@ -220,7 +224,8 @@ def test_a2_reads_the_law_off_the_exact_solution() -> None:
         phi, rate = y[:, -1]
     swing = np.concatenate(parts)
     reading = a2.read_swing(t, swing, length, since=0.0)
-    lengths, at = reading.lengths[reading.hoisting], round(12.0 / 0.005)
+    lengths = reading.lengths[reading.hoisting]
+    at = round(12.0 / 0.005)
     first = swing[at], np.gradient(swing, t)[at]
     envelope = theory.constant_hoisting_envelope(
         (20.0 - lengths) / 0.5, 20.0, -0.5, 9.80665, *first
@@ -286,7 +291,8 @@ def test_a3_filters_and_differences_as_it_says() -> None:
 
 
 def test_a3_integrates_the_papers_equation() -> None:
-    t, omega = np.arange(0.0, 20.0, 0.005), math.sqrt(9.81 / 15.0)
+    t = np.arange(0.0, 20.0, 0.005)
+    omega = math.sqrt(9.81 / 15.0)
     push = 0.2 * np.sin(1.3 * t)
     # l θ̈ + g θ = push from rest: closed form of the driven oscillator
     amplitude = 0.2 / 15.0 / (omega**2 - 1.3**2)
@@ -296,8 +302,10 @@ def test_a3_integrates_the_papers_equation() -> None:
 
 
 def test_a3_meets_a_recorded_file_of_known_content(tmp_path: Path) -> None:
-    t, omega = np.arange(0.0, 30.0, 0.005), math.sqrt(9.80665 / 15.0)
-    amplitude, flat = 0.013 * 20.0 / 15.0 / (omega**2 - 1.3**2), np.ones_like(t)
+    t = np.arange(0.0, 30.0, 0.005)
+    omega = math.sqrt(9.80665 / 15.0)
+    amplitude = 0.013 * 20.0 / 15.0 / (omega**2 - 1.3**2)
+    flat = np.ones_like(t)
     write_csv(
         tmp_path / "g.csv",
         t_s=t,
@@ -372,7 +380,8 @@ def test_the_ledger_of_a_lowered_load_closes_and_does_not_if_the_work_forgets_th
 def test_the_share_of_energy_left_is_that_of_the_damped_oscillator(
     damping: float, length: float
 ) -> None:
-    inertia, weight = 1000 * length**2 + 500, 1000 * 9.80665 * length
+    inertia = 1000 * length**2 + 500
+    weight = 1000 * 9.80665 * length
 
     def rates(_: float, y: np.ndarray) -> list[float]:
         return [y[1], -(damping * y[1] + weight * y[0]) / inertia]

@@ -35,7 +35,8 @@ from tests.helpers import FAST, ROOT, crane
 
 pytestmark = pytest.mark.slow
 
-TROLLEY, COMBINED = MOVES[0], MOVES[-1]
+TROLLEY = MOVES[0]
+COMBINED = MOVES[-1]
 COMPARED = ["spline alone", PD, FLAT]
 
 

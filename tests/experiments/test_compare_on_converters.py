@@ -79,7 +79,8 @@ def test_every_strategy_runs_on_converters(strategy: str) -> None:
     setup = harness.Setup(engine=FAST)
     plan = on_converters(setup, STRATEGIES[strategy](setup, MOVES[0]))
     assert plan.drive == "velocity"
-    crane, start = setup.crane, MOVES[0].ends(setup.crane)[0]
+    crane = setup.crane
+    start = MOVES[0].ends(setup.crane)[0]
     means = {"start": start, "duration": 4.0, "label": "", "drive": plan.drive}
     run = setup.simulate(crane, plan.controller(), plan.reference, **means)
     assert run.valid.all()

@@ -41,7 +41,8 @@ def _run(strategy: str, planned: float, period: float) -> Trajectory:
     if strategy == MPC:
         pytest.importorskip("daqp", reason="extra mpc (daqp) is not installed")
     setup = harness.Setup(control_period=planned, engine=FAST)
-    plan, start = STRATEGIES[strategy](setup, MOVE), MOVE.ends(setup.crane)[0]
+    plan = STRATEGIES[strategy](setup, MOVE)
+    start = MOVE.ends(setup.crane)[0]
     return simulate(
         setup.crane,
         plan.controller(),

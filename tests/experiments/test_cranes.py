@@ -87,7 +87,9 @@ def test_a_double_pendulum_with_a_load_that_weighs_nothing_is_two_pendulums() ->
 
 
 def test_a_rigid_tower_leaves_the_pendulum() -> None:
-    length, load, pendulum = 15.0, 2000.0, math.sqrt(STANDARD_GRAVITY / 15.0)
+    length = 15.0
+    load = 2000.0
+    pendulum = math.sqrt(STANDARD_GRAVITY / 15.0)
     twisting = theory.twisting_tower(1e6, 1e15, 20.0, length, load, STANDARD_GRAVITY)
     bending = theory.bending_tower(1e6, 1e15, 0.0, 28.0, length, load, STANDARD_GRAVITY)
     assert_allclose([twisting[0], bending[0]], pendulum, rtol=1e-7)
@@ -107,9 +109,11 @@ def test_convolved_shapers_leave_the_product_of_what_each_leaves(modes: tuple[fl
 def test_springs_push_down_their_energy_and_the_tangent_is_how_they_do(
     relative: Relative, low: float
 ) -> None:
-    springs, h = relative_crane(relative).springs, 1e-4
+    springs = relative_crane(relative).springs
+    h = 1e-4
     n = len(springs.rest)
-    q, ways = np.random.default_rng(1).uniform(0.5, 2.0, n), np.eye(n)
+    q = np.random.default_rng(1).uniform(0.5, 2.0, n)
+    ways = np.eye(n)
     q[-1] *= low / abs(low)  # the stretch, if there is one, and below zero a slack rope
     energies = [
         (springs.energy(q + h * way) - springs.energy(q - h * way)) / (2 * h) for way in ways
@@ -142,7 +146,8 @@ def test_the_linear_crane_has_its_springs(relative: Relative) -> None:
     k/m.
     """
     c, h = relative_crane(relative), 1e-5
-    effort, n = holding_effort(c, c.start.q), c.layout.n
+    effort = holding_effort(c, c.start.q)
+    n = c.layout.n
     by_state, _ = linearise(c, c.start, effort)
 
     def slope(way: np.ndarray) -> np.ndarray:
@@ -247,7 +252,8 @@ def test_a_joint_that_a_spring_holds_is_believed_to_stand_as_still_as_a_drive() 
 @pytest.mark.parametrize("values", [{"rope_stiffness": 2e7}, {"fall_spacing": 3.0}])
 def test_forces_in_steps_are_the_same_forces(values: dict[str, float]) -> None:
     c = load_crane(**values, rope_damping=300.0, tower_twist_stiffness=2e7)
-    state, dt = State(c.start.q + 0.01, c.start.v + 0.2), 1e-3
+    state = State(c.start.q + 0.01, c.start.v + 0.2)
+    dt = 1e-3
     joint = JointForces.of(c)
     in_steps = joint.in_steps(dt).effort(state.q, dt * state.v)
     assert_allclose(in_steps, dt * dt * joint.effort(*state), rtol=1e-14)
@@ -315,7 +321,8 @@ def test_hoisting_a_stretching_rope_steadily_does_not_make_it_bounce() -> None:
     shrinks = -0.2 * at_start(c, "rope_stretch") / at_start(c, "l")
     start = moved(c, l_dot=-0.2, rope_stretch_dot=shrinks)
     reference = ramp(c, hold(c, start), "l", -2.0, rate=0.2, at=0.0)
-    drives, how = follow(c, reference, 5e-3), {"duration": 2.5, "dt": 2.5e-3, "drive": "motion"}
+    drives = follow(c, reference, 5e-3)
+    how = {"duration": 2.5, "dt": 2.5e-3, "drive": "motion"}
     run = simulate(c, drives, reference, start=start, **how)
     share = run["rope_stretch_m"] / run["l_m"] * 3e6 / (c.payload_mass * c.gravity)
     assert np.abs(share - 1.0).max() < 5e-4

@@ -46,7 +46,8 @@ def rows(file: Path) -> dict[int, dict[str, float]]:
     found = {}
     for _, batch in chunks(file):
         if "Run:row" in batch.schema.names:
-            t, numbers = batch["sim_time"].cast("int64"), batch["Run:row"].flatten()
+            t = batch["sim_time"].cast("int64")
+            numbers = batch["Run:row"].flatten()
             found |= dict(zip(t.to_pylist(), numbers.to_pylist(), strict=True))
     return found
 
@@ -68,7 +69,8 @@ def test_no_drive_exceeds_its_rate_and_every_dwell_stands_still_as_long_as_asked
     assert (fastest <= np.array(RATES) * (1 + 1e-9)).all()  # rounding of the differences
     for stage in TOUR.stages:
         assert stage.end - stage.arrival == pytest.approx(3.0)
-        resting, leaving = TOUR(stage.arrival + 0.1), TOUR(stage.end - 0.1)
+        resting = TOUR(stage.arrival + 0.1)
+        leaving = TOUR(stage.end - 0.1)
         assert_array_equal(resting.position, leaving.position)
         assert not resting.velocity.any()
 
@@ -82,7 +84,8 @@ def pieces() -> list[Trajectory]:
 
 
 def test_pieces_joined_are_the_run_in_one_go(pieces: list[Trajectory]) -> None:
-    joined, c = join([piece for piece in pieces if piece.t[-1] < 3.0 + 1e-9]), WORLD.crane
+    joined = join([piece for piece in pieces if piece.t[-1] < 3.0 + 1e-9])
+    c = WORLD.crane
     whole = WORLD.simulate(
         c, hold_controller(c), TOUR, start=c.start, duration=float(joined.t[-1]), label=""
     )
@@ -114,7 +117,8 @@ def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
         assert last.t[-1] - last.t[0] < 14.0
     names = [part.name for part in record.parts[:3]]
     assert names == [f"demo_from_{begin}s.parquet" for begin in (0, 7, 14)]
-    parts, whole = [*map(read, record.parts), record.last()], join(pieces)
+    parts = [*map(read, record.parts), record.last()]
+    whole = join(pieces)
     for name in set(QUANTITIES) - {"work", "dissipated", "outside"}:
         together = np.concatenate([getattr(part, name) for part in parts])
         assert_array_equal(together, getattr(whole, name))
@@ -128,7 +132,8 @@ def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
 def test_what_is_left_in_the_dwells_is_the_same_from_pieces_as_from_the_whole_run(
     pieces: list[Trajectory],
 ) -> None:
-    dwells, whole = demo.endless.Dwells(TOUR, WORLD.control_period), join(pieces)
+    dwells = demo.endless.Dwells(TOUR, WORLD.control_period)
+    whole = join(pieces)
     told = [dwell for piece in pieces if (dwell := dwells.add(piece)) is not None]
     assert told == dwells.rows
     assert [row.leg for row in dwells.rows[:7]] == [leg.name for leg in ARTICLE_TOUR]
@@ -148,7 +153,8 @@ def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(
     with Live(WORLD.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
         for piece in few:
             live.append(piece)
-    whole, shown = join(few), sorted(rows(tmp_path / "live.rrd").items())
+    whole = join(few)
+    shown = sorted(rows(tmp_path / "live.rrd").items())
     kept = np.searchsorted(whole.t, [1e-9 * t - 1e-9 for t, _ in shown])
     for name, expected, rounding in (
         ("W_x_J", whole["W_x_J"], 1e-9),
@@ -206,7 +212,8 @@ def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_i
 
 def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> None:
     dwells = demo.endless.Dwells(TOUR, WORLD.control_period)
-    dwells.peak, dwells.shortest = 0.04, 10.0
+    dwells.peak = 0.04
+    dwells.shortest = 10.0
     most = np.sqrt(WORLD.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
     for left, holds in ((0.99 * most, True), (1.01 * most, False)):
         dwells.rows = [demo.endless.Dwell("leg", 0.0, left, 0.0)]

@@ -137,7 +137,8 @@ def test_a_number_that_a_document_tells_may_be_off_by_one_of_its_last_digit(
 def test_documents_are_held_against_results_and_filled_from_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page, results = tmp_path / "page.md", tmp_path / "out" / "trial"
+    page = tmp_path / "page.md"
+    results = tmp_path / "out" / "trial"
     page.write_text(SHOWN + "<!-- other: -->\nkept\n<!-- end -->\n", encoding="utf-8")
     results.mkdir(parents=True)
     kept = ResultTable("Move", [("way", ""), ("s", ".1f")], [("a", 1.25)]).stored()

@@ -58,7 +58,8 @@ def test_an_experiment_prints_the_same_whatever_computes_its_steps(
     name: str, standard: Standard, ran: Callable[..., Ran]
 ) -> None:
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
-    compiled, plain = standard(name), ran(name, "--gravity", "9.8")
+    compiled = standard(name)
+    plain = ran(name, "--gravity", "9.8")
     assert compiled.code == plain.code == 0
     assert _printed(compiled) == _printed(plain)
     assert compiled.result["parameters"]["engine"] == "compiled"
@@ -236,7 +237,8 @@ def test_only_the_articles_world_judges_its_numbers() -> None:
 
 def test_a_world_runs_on_its_own_clocks_and_numbers() -> None:
     setup = harness.Setup(3.7, {"payload_mass": "700"}, 1e-3, 2e-2)
-    held, clocks = setup.crane, {"dt": 1e-3, "control_period": 2e-2}
+    held = setup.crane
+    clocks = {"dt": 1e-3, "control_period": 2e-2}
     assert (held.gravity, held.payload_mass) == (3.7, 700.0)
     assert not setup.variant(payload_inertia=0).payload_inertia.any()
     hold = hold_controller(held)
@@ -259,7 +261,8 @@ def test_progress_is_told_at_most_twice_a_second_and_only_to_a_terminal(
     duration: float, times: Sequence[float], shown: Sequence[float]
 ) -> None:
     assert harness.ProgressReporter().run("x", duration) is None
-    progress, moments = Progress(console=Console(file=io.StringIO())), []
+    progress = Progress(console=Console(file=io.StringIO()))
+    moments = []
     update = harness.ProgressReporter(progress).run("x", duration)
     progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
     assert update is not None
@@ -281,7 +284,8 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of files that a user might bring."""
     folder = tmp_path_factory.mktemp("records")
     t = np.arange(0.0, 40.0, 0.01)
-    still, swing = np.zeros_like(t), 0.1 * np.cos(t)
+    still = np.zeros_like(t)
+    swing = 0.1 * np.cos(t)
     good = {
         "t_s": t,
         "phi_rad": swing,
@@ -454,7 +458,8 @@ def test_a_run_error_without_a_record_writes_nothing(
     def experiment(options: Any, setup: harness.Setup) -> harness.Outcome:
         raise RunError("It broke.", t=0.0)
 
-    parser, argv = harness.parser("trial", "A trial."), ["--out", str(tmp_path / "out")]
+    parser = harness.parser("trial", "A trial.")
+    argv = ["--out", str(tmp_path / "out")]
     assert harness.run_experiment(parser, experiment, argv) == 1
     assert capsys.readouterr() == ("", "error: It broke.\n")
     assert files(tmp_path) == []

@@ -109,7 +109,8 @@ def test_the_papers_equations_err_little_where_the_trolley_moves_alone_and_much_
 @pytest.mark.slow
 @pytest.mark.parametrize("site", SITES, ids=lambda site: site.name)
 def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: SiteCrane) -> None:
-    large, rounding = crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0), 1.0 + 1e-9
+    large = crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0)
+    rounding = 1.0 + 1e-9
     short = short_slews(site, large)
     for job in (*jobs(site, large), *slow_slews(site, large), *short):
         setpoints = [job.reference(t) for t in np.linspace(0.0, job.arrival, 401)]
@@ -164,7 +165,8 @@ _TERMS = {
 
 def _two_rows(state: State, excitation: tuple[float, float, float]) -> Trajectory:
     """A state, and what drives that accelerate so make of its rates 20 ms later."""
-    later, h = state.v.copy(), 0.02
+    later = state.v.copy()
+    h = 0.02
     later[crane().layout.drives] += h * np.array(excitation)
     run = moved(big_crane(), big_crane().start, h, h)
     return replace(run, q=np.stack([state.q, state.q]), v=np.stack([state.v, later]))
@@ -172,7 +174,8 @@ def _two_rows(state: State, excitation: tuple[float, float, float]) -> Trajector
 
 @pytest.mark.parametrize("name", _TERMS)
 def test_what_is_dropped_is_what_the_equations_differ_by(name: str) -> None:
-    values, excitation = dict(_TERMS[name]), 0.4
+    values = dict(_TERMS[name])
+    excitation = 0.4
     slew = values.pop("slew", 0.0)
     state = big_crane(trolley_min=0.0).state(**{"x": 0.0, "l": 15.0, **values})
     (_, x, phi, theta, length), (slew_rate, x_rate, phi_rate, theta_rate, length_rate) = state

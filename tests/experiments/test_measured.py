@@ -128,7 +128,8 @@ def mat(**arrays: np.ndarray) -> bytes:
 
 @pytest.mark.slow
 def test_a_mat_file_has_times_and_angles() -> None:
-    t, newer = np.arange(10.0), b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400)
+    t = np.arange(10.0)
+    newer = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400)
     columns = read_mat(mat(t=t, y=0.1 * t), "a")
     np.testing.assert_array_equal(columns["phi_rad"], 0.1 * t)
     for content, message in (
@@ -153,7 +154,8 @@ def test_without_data_it_says_how_to_get_them(capsys: pytest.CaptureFixture[str]
 
 @pytest.mark.slow
 def test_drag_centring_and_tilt_are_found_in_a_record_that_has_them() -> None:
-    t, one = np.arange(0.0, 12.0, 0.03), np.ones(1)
+    t = np.arange(0.0, 12.0, 0.03)
+    one = np.ones(1)
     half = 0.5 * STEP * np.arange(2401)
     move = CubicSpline(half, trolley(half, 1.2, 1.75))
     effects = [value * one for value in (0.05, 0.06, 0.0, 0.02)]
@@ -282,7 +284,8 @@ def together(offsets: np.ndarray, cables: np.ndarray, deviation: float) -> Fit:
 
 def test_gravity_of_all_records_is_that_of_one_offset() -> None:
     # Pendulums 30 mm shorter than their cables, in another gravity than that of the fit.
-    cables, gravity = np.array([0.4, 0.4, 0.6, 0.6]), 9.78
+    cables = np.array([0.4, 0.4, 0.6, 0.6])
+    gravity = 9.78
     offsets = (cables - 0.03) * GRAVITY / gravity - cables
     value, margin = together(offsets, cables, 1e-4).gravity
     assert value == pytest.approx(gravity, rel=1e-9)
@@ -333,7 +336,8 @@ def test_stribecks_friction_is_told_from_dry_friction() -> None:
 
 def test_a_crane_of_a_laboratory_is_drawn_in_its_size() -> None:
     crane = load_crane(XACRO.with_name("overhead_crane.urdf.xacro"), values=SOURCES[0].values)
-    low, high = np.array([np.inf] * 3), np.array([-np.inf] * 3)
+    low = np.array([np.inf] * 3)
+    high = np.array([-np.inf] * 3)
     for _, points in visible_points(crane, crane.start.q, None):
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
     # Of the span, the runway and the height; a girder and a trolley stand out on all sides.

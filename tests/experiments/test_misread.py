@@ -22,7 +22,8 @@ from experiments.scenarios.tours import Repeated
 from tests.helpers import FAST, crane
 
 C = crane()
-SHARE, OFFSET = 0.1, -0.4
+SHARE = 0.1
+OFFSET = -0.4
 LONGER = C.state(x=10.0, l=15.0 * (1.0 + SHARE) + OFFSET)
 
 
@@ -97,7 +98,8 @@ def test_a_misread_cable_runs_in_code_as_it_does_step_by_step(
 @compiled
 def test_a_cycle_runs_in_code_as_it_does_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
     # three cycles of 8 s, whose ends are not those of the blocks of 10 s
-    start, states = C.state(x=10.0, l=15.0), slice(2 * C.layout.n)
+    start = C.state(x=10.0, l=15.0)
+    states = slice(2 * C.layout.n)
     slowly = run(asked(Repeated(integrating(), 8.0)), start, 24.0)
     monkeypatch.setattr(Repeated, "__call__", None)
     quickly = run(Repeated(integrating(), 8.0), start, 24.0)
@@ -105,5 +107,6 @@ def test_a_cycle_runs_in_code_as_it_does_step_by_step(monkeypatch: pytest.Monkey
 
 
 def test_what_is_not_affine_is_not_when_it_misreads_either() -> None:
-    times, controller = 5e-3 * np.arange(3), Misread(C, mpc(C, motion()), SHARE, OFFSET)
+    times = 5e-3 * np.arange(3)
+    controller = Misread(C, mpc(C, motion()), SHARE, OFFSET)
     assert affine_form(controller, times, motion().at(times).position, 10) is None

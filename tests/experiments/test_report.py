@@ -93,7 +93,8 @@ def _all(where: Any, selector: str) -> list[Any]:
 @browser
 def test_every_table_is_there_with_its_rows(results: dict[str, Any], page: Any) -> None:
     for name, result in results.items():
-        shown, tables = _all(page, f"#{name} table"), result["tables"]
+        shown = _all(page, f"#{name} table")
+        tables = result["tables"]
         titles = [table.find_element("css selector", "caption").text for table in shown]
         assert titles == [table["title"] for table in tables]
         rows = [len(_all(table, "tbody tr")) for table in shown]

@@ -60,7 +60,8 @@ def conducted(
             [table], [], {"mass": mass}, {"run": run}, {"figure": figure}, [Run("r", heavy, run)]
         )
 
-    parser, argv = harness.parser("a1", "A trial."), ["--out", str(folder), *words]
+    parser = harness.parser("a1", "A trial.")
+    argv = ["--out", str(folder), *words]
     return said(lambda: harness.run_experiment(parser, experiment, argv))
 
 
@@ -99,7 +100,9 @@ def test_a_result_lists_the_files_of_its_run_with_their_digests(folder: Path) ->
 def test_a_second_run_cut_off_while_it_writes_leaves_the_first_as_it_was(
     call: int, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before, left, sync = contents(folder), call, os.fsync
+    before = contents(folder)
+    left = call
+    sync = os.fsync
 
     def cut(file: int) -> None:
         nonlocal left
@@ -116,7 +119,8 @@ def test_a_second_run_cut_off_while_it_writes_leaves_the_first_as_it_was(
 
 
 def test_files_of_two_runs_are_not_reported(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    move, left = os.replace, 2
+    move = os.replace
+    left = 2
 
     def cut(*paths: Path) -> None:
         nonlocal left
@@ -197,7 +201,8 @@ def test_names_that_are_no_text_are_names(tmp_path: Path) -> None:
     assert len(read(folder / "run.parquet")) > 1
     folder.rename(tmp_path / "a1")
     assert reported(tmp_path / "a1") == (0, "")
-    t, file = np.arange(0.0, 40.0, 0.01), tmp_path / f"{NAME}.csv"
+    t = np.arange(0.0, 40.0, 0.01)
+    file = tmp_path / f"{NAME}.csv"
     table = pa.table({"t_s": t, "phi_rad": 0.1 * np.cos(t), "l_m": 0 * t + 10})
     pyarrow.csv.write_csv(table, tmp_path / "a.csv")
     (tmp_path / "a.csv").rename(file)
@@ -271,7 +276,8 @@ def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path)
         recording.viewer.check_recording(path)
         first = path.stat()
         assert (files(tmp_path), first.st_mode & 0o777) == (["a.rrd"], 0o640)
-        t, start = float(run.t[-1]), run.state(-1)
+        t = float(run.t[-1])
+        start = run.state(-1)
         live.append(
             simulate(crane(), hold_controller(crane()), t_start=t, start=start, duration=0.02)
         )

@@ -100,8 +100,10 @@ def test_the_load_is_seen_to_go_out_with_the_trolley(scenes: list[np.ndarray]):
 
 @drawn
 def test_the_cable_is_seen_all_the_way_from_trolley_to_load(scenes: list[np.ndarray]):
-    picture, where = scenes[0], np.argwhere(load(scenes[0]))
-    top, middle = where[:, 0].min(), round(where[:, 1].mean())
+    picture = scenes[0]
+    where = np.argwhere(load(scenes[0]))
+    top = where[:, 0].min()
+    middle = round(where[:, 1].mean())
     beside = picture[top - 120 : top - 30, middle - 10 : middle + 10]
     assert (beside.max(axis=-1).min(axis=1) < 110).all()
 
@@ -112,7 +114,8 @@ def test_the_dashboard_shows_scene_and_curves(file: Path, tmp_path: Path):
     (path,) = snapshot(file, [3.0], tmp_path, size=(1280, 720))
     picture = pixels(path)
     assert picture.shape == (720, 1280, 3)
-    left, right = picture[:, :700], picture[:, 720:]
+    left = picture[:, :700]
+    right = picture[:, 720:]
     for name in ("x", "phi", "energy", "theta"):
         assert like(right, COLOURS[name]) > 100, f"curves of the colour of {name}"
     assert np.count_nonzero(steel(left)) > 2000 and np.count_nonzero(load(left)) > 200
@@ -137,7 +140,8 @@ def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(
 @drawn
 def test_a_gif_lasts_as_long_as_its_span_and_moves(file: Path, tmp_path: Path):
     seen: list[int] = []
-    target, size = tmp_path / "out.gif", (320, 240)
+    target = tmp_path / "out.gif"
+    size = (320, 240)
     path = animate(file, (0.0, 2.0), target, fps=5.0, size=size, progress=seen.append)
     image = Image.open(path)
     frames, durations = [], []

@@ -107,7 +107,9 @@ def _gust(crane: Crane, case: dict[str, Any]) -> Callable[[float, State], np.nda
 def test_a_case_is_the_move_of_that_crane_alone(
     strategy: str, drive: str, columns: Columns
 ) -> None:
-    found, row, random = robustness(columns), len(columns["load"]) - 1, "noise" in columns
+    found = robustness(columns)
+    row = len(columns["load"]) - 1
+    random = "noise" in columns
     case = {name: column[row] for name, column in columns.items()}
     crane = SETUP.variant(payload_mass=case["load"] * SETUP.crane.payload_mass)
     plan = study.STRATEGIES[strategy](SETUP, COMBINED)
@@ -141,7 +143,8 @@ def test_a_case_is_the_move_of_that_crane_alone(
         **options,
         **COARSE,
     )
-    swings, hoist = crane.swings, crane.layout.index("l")
+    swings = crane.swings
+    hoist = crane.layout.index("l")
     amplitude = swing_amplitude(run.q[:, swings], run.v[:, swings], run.q[:, hoist], crane.gravity)
     away = payload_position(crane, run.q[-1]) - payload_position(crane, goal.q + longer)
     expected = {
@@ -205,7 +208,8 @@ def test_drives_that_follow_exactly_need_no_sensors() -> None:
 
 @pytest.mark.slow
 def test_a_trolley_out_of_its_range_is_broken_and_drives_that_cannot_follow_are_not() -> None:
-    strong, weak = SETUP.crane, Setup(values={"trolley_effort": 300.0}).crane
+    strong = SETUP.crane
+    weak = Setup(values={"trolley_effort": 300.0}).crane
     start = MOVES[0].ends(strong)[0]
 
     def run(crane: Crane, radius: float) -> Batch:

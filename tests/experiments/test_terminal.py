@@ -27,7 +27,8 @@ HEADS = st.lists(
 @st.composite
 def tables(draw: st.DrawFn) -> ResultTable:
     """Tables as experiments make them: a name or a number in front, numbers behind."""
-    heads, count = draw(HEADS), draw(st.integers(1, 6))
+    heads = draw(HEADS)
+    count = draw(st.integers(1, 6))
     number = st.floats(-1e6, 1e6) | st.none()
     rows = [[f"strategy {i} with words", *(draw(number) for _ in heads)] for i in range(count)]
     return ResultTable(

@@ -48,7 +48,8 @@ def test_a_cruise_is_at_constant_speed_between_its_ramps_and_arrives() -> None:
 
 
 def test_a_flat_path_with_a_cruise_starts_and_ends_with_the_load_at_rest_where_asked() -> None:
-    first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
+    first = crane().state(x=10.0, l=15.0)
+    last = crane().state(gamma=0.6, x=20.0, l=10.0)
     motion = flat(crane(), first, last, 20.0, ramp=5.0)
     for q, end in ((motion.q[0], first), (motion.q[-1], last)):
         # A spline of 5 ms samples.
@@ -150,7 +151,8 @@ def test_planned_tours_keep_the_limits(control: str) -> None:
 
 
 def test_a_load_heavier_than_planned_is_held_in_the_second_cycle_as_in_the_first() -> None:
-    heavy, planned = crane(payload_mass=1300.0), crane()
+    heavy = crane(payload_mass=1300.0)
+    planned = crane()
     still = hanging_reference(planned, hold(planned, planned.start), 1.0, 1e-2)
     loop = Repeated(with_integral(harness.Setup(G, dt=1e-3), still), still.arrival)
     clocks = {"duration": 30.0, "dt": 1e-3, "control_period": 1e-2}

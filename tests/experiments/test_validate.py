@@ -63,7 +63,8 @@ def test_the_error_goes_with_the_first_or_second_power_of_the_step(result: Ran) 
 
 @pytest.mark.long
 def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result: Ran) -> None:
-    forms, claims = result.result["parameters"]["closed_forms"], len(result.result["claims"])
+    forms = result.result["parameters"]["closed_forms"]
+    claims = len(result.result["claims"])
     assert claims == forms + 3  # the order of the step, two ledgers
     assert missing([f"| {forms} closed forms hold |"], "README.md") == []
     assert missing([f"of the {claims} claims fail"], "docs/results/validation.md") == []

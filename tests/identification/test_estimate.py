@@ -25,7 +25,8 @@ pytestmark = pytest.mark.slow
 
 PRIOR = Prior()
 TRUTH = {"payload_mass": 1300.0, "damp_swing": 900.0, "l_offset": 0.37, "delay": 0.08}
-BIAS, FRICTION = {"phi": 4e-3, "theta": -3e-3}, 250.0
+BIAS = {"phi": 4e-3, "theta": -3e-3}
+FRICTION = 250.0
 
 
 @cache
@@ -126,7 +127,8 @@ def test_intervals_of_95_percent_hold_the_truth_as_often(plant: str, cranes: int
     # Each of four channels is taken for coloured one time in a thousand.
     assert study["not_white"].sum() <= binom.ppf(1.0 - 1e-4, 4 * cranes, 1e-3)
     scores = np.array([study[f"{name}_off"] / study[f"{name}_margin"] for name in NAMES])
-    hits, count = int((np.abs(scores) <= 1.0).sum()), scores.size
+    hits = int((np.abs(scores) <= 1.0).sum())
+    count = scores.size
     assert binom.ppf(1e-4, count, 0.95) <= hits
     # As wide as they say: the spread of errors over standard errors is one, within 1 / sqrt(2 n).
     assert np.std(1.96 * scores) == pytest.approx(1.0, abs=5.0 / np.sqrt(2.0 * count))
@@ -175,7 +177,8 @@ def test_the_rounding_of_a_cable_at_two_lengths_is_in_the_interval_of_its_offset
     """A standing hoist is rounded in the same way in each row, which no residual tells: r²/12 for
     one length, and between half of that and all of it for two.
     """
-    names, margins = ["l_offset", "damp_swing", "delay", "phi_bias", "theta_bias"], []
+    names = ["l_offset", "damp_swing", "delay", "phi_bias", "theta_bias"]
+    margins = []
     for step in (0.0, 0.02):
         columns = {name: values for name, values in recorded().items() if name[0] != "F"}
         if step > 0.0:
@@ -196,7 +199,8 @@ def _noisy(noise: np.ndarray) -> Estimate:
 
 
 def test_coloured_errors_widen_the_intervals_and_never_narrow_them() -> None:
-    steps, walk = np.random.default_rng(3).standard_normal(2000), np.zeros(2000)
+    steps = np.random.default_rng(3).standard_normal(2000)
+    walk = np.zeros(2000)
     for k in range(1, 2000):
         walk[k] = 0.9 * walk[k - 1] + steps[k]
     assert is_white(steps)

@@ -39,7 +39,8 @@ def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def _write_site(file: Path, noise: dict[str, float]) -> None:
-    data, rng = dict(recorded()), np.random.default_rng(0)
+    data = dict(recorded())
+    rng = np.random.default_rng(0)
     for name, spread in noise.items():
         data[name] = data[name] + spread * rng.standard_normal(len(data["t_s"]))
     names = ["t_s", "x_m", "gamma_rad", "l_m", "theta_rad", "F_l_N"]
@@ -162,7 +163,8 @@ def test_coverage_counts_intervals_that_hold_the_truth(tmp_path: Path) -> None:
 def test_a_spectrum_has_the_power_of_what_it_is_of() -> None:
     """By Parseval: the integral of the density is the variance, less what the window leaks."""
     t = np.arange(0.0, 100.0, 0.05)
-    wave, noise = 0.1 * np.sin(0.8 * t), 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    wave = 0.1 * np.sin(0.8 * t)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(t))
     frequency, seen, left = spectra(0.05, t, wave + noise, noise)
     step = frequency[1] - frequency[0]
     assert seen.sum() * step == pytest.approx(0.005, rel=0.05)

@@ -41,7 +41,8 @@ def test_a_swing_begins_where_its_angle_or_its_rate_says(omega: float) -> None:
     """A gyroscope tells no angle; of an oscillation it is -1/ω² times the slope of the rate. A
     parabola through 0.8 s errs by some (0.4 ω)³ / 6 of the size, less than one per cent.
     """
-    angle, rate = SIZE * np.sin(omega * T + PHASE), omega * SIZE * np.cos(omega * T + PHASE)
+    angle = SIZE * np.sin(omega * T + PHASE)
+    rate = omega * SIZE * np.cos(omega * T + PHASE)
     by_angle = initial_parameters(swinging(phi_rad=angle), 0, "motion")
     by_rate = initial_parameters(swinging(phi_dot_rad_s=rate), 3, "motion")
     for parameters in (by_angle, by_rate):

@@ -23,10 +23,12 @@ def phone(path: Path, length: float, header: str, duration: float) -> None:
     """Write what a phone records that lies askew on a load of 1000 kg: rates with noise, a bias
     that warms up and wanders, and a clock that starts early, jitters and is 10 ppm fast.
     """
-    rng, turn = np.random.default_rng(int(length)), Rotation.from_rotvec([0.4, -1.1, 0.7])
+    rng = np.random.default_rng(int(length))
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7])
     t = np.arange(0.0, duration, 0.01)
     t = np.sort(t + 2e-4 * rng.standard_normal(t.shape))
-    mass, cable = 1000.0, length + TRUTH["l_offset"]
+    mass = 1000.0
+    cable = length + TRUTH["l_offset"]
     inertia = mass * cable**2 + 500.0  # of the load and of the two links at the pivot
 
     def pendulum(_: float, state: np.ndarray) -> list[float]:
@@ -44,7 +46,8 @@ def phone(path: Path, length: float, header: str, duration: float) -> None:
 
 def record(folder: Path, length: float, header: str = PHYPHOX, duration: float = 60.0) -> Path:
     """Write the record of such a phone."""
-    file, source = folder / f"swing_{length}_{len(header)}.csv", folder / "phone.csv"
+    file = folder / f"swing_{length}_{len(header)}.csv"
+    source = folder / "phone.csv"
     phone(source, length, header, duration)
     assert main(["record-template", str(file), "--gyroscope", str(source), str(length)]) == 0
     return file
@@ -74,7 +77,8 @@ def test_apps_differ_in_their_columns_only(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_rate_counts_where_no_angle_is_and_degrees_are_noticed(tmp_path: Path) -> None:
-    crane, file = Prior().crane, record(tmp_path, 8.0, duration=20.0)
+    crane = Prior().crane
+    file = record(tmp_path, 8.0, duration=20.0)
     rates = load_record(file, crane)
     assert [rates.swing_column(joint) for joint in rates.swings] == ["phi_dot_rad_s"]
     table = np.loadtxt(file, delimiter=",", skiprows=1) * [1.0, 180.0 / np.pi, 1.0]
@@ -83,7 +87,8 @@ def test_a_rate_counts_where_no_angle_is_and_degrees_are_noticed(tmp_path: Path)
         load_record(file, crane)
     again = load_record(file, crane, sources=parse_sources(["phi_dot_rad_s=phi_dot_rad_s[deg/s]"]))
     assert_allclose(again.columns["phi_dot_rad_s"], rates.columns["phi_dot_rad_s"])
-    both, header = table[:, [0, 1, 1, 2]] / [1.0, 60.0, 60.0, 1.0], "t_s,phi_rad,phi_dot_rad_s,l_m"
+    both = table[:, [0, 1, 1, 2]] / [1.0, 60.0, 60.0, 1.0]
+    header = "t_s,phi_rad,phi_dot_rad_s,l_m"
     np.savetxt(file, both, delimiter=",", header=header, comments="")
     assert "phi_dot_rad_s" not in load_record(file, crane).columns
 
@@ -91,7 +96,8 @@ def test_a_rate_counts_where_no_angle_is_and_degrees_are_noticed(tmp_path: Path)
 def test_the_command_says_what_to_measure_and_refuses_in_a_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, new = str(record(tmp_path, 8.0, duration=2.0)), str(tmp_path / "new.csv")
+    file = str(record(tmp_path, 8.0, duration=2.0))
+    new = str(tmp_path / "new.csv")
     for words, code, text in (
         ([], 0, "phi_dot_rad_s [rad/s] of a gyroscope"),
         ([file], 2, "it is there already"),

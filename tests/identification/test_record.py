@@ -105,7 +105,8 @@ def test_the_rate_of_a_swing_beyond_90_degrees_is_refused() -> None:
 @pytest.mark.slow
 def test_csv_parquet_and_mcap_of_a_run_give_the_same_record(tmp_path: Path) -> None:
     pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed")
-    crane, start = PRIOR.crane, PRIOR.crane.state(phi=0.1, theta=0.05)
+    crane = PRIOR.crane
+    start = PRIOR.crane.state(phi=0.1, theta=0.05)
     run = simulate(crane, hold_controller(crane), start=start, duration=16.0, dt=1e-3,
                    control_period=0.01, engine="compiled")  # fmt: skip
     files = [run.write(tmp_path / name) for name in ("run.csv", "run.parquet")]

@@ -40,7 +40,12 @@ GANTRY = """<robot name="gantry">
     <axis xyz="0 0 -1"/><limit lower="0.05" upper="1" effort="100" velocity="1"/></joint>
 </robot>"""
 
-OFFSET, DELAY, WINDOW, DAMPING, BIAS, CABLE = -0.038, 0.17, 0.35, 0.008, 0.002, 0.381
+OFFSET = -0.038
+DELAY = 0.17
+WINDOW = 0.35
+DAMPING = 0.008
+BIAS = 0.002
+CABLE = 0.381
 MASS = 1.1
 
 
@@ -92,7 +97,9 @@ def moved(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return position, rate and acceleration of a drive that goes 6 m and halfway back, in closed
     form.
     """
-    position, rate, acceleration = np.full(len(t), 8.0123), np.zeros(len(t)), np.zeros(len(t))
+    position = np.full(len(t), 8.0123)
+    rate = np.zeros(len(t))
+    acceleration = np.zeros(len(t))
     for begins, lasts, way in ((3.0, 12.0, 6.0), (20.0, 9.0, -3.0)):
         s = np.clip((t - begins) / lasts, 0.0, 1.0)
         position += way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)

@@ -20,7 +20,8 @@ pytestmark = pytest.mark.slow
 def test_a_twin_is_read_back_and_is_the_crane_that_was_found(tmp_path: Path) -> None:
     twin = twin_of(found())
     file = twin.write(tmp_path / "twin.json")
-    again, loaded = read_twin(file), load_crane(from_record=file)
+    again = read_twin(file)
+    loaded = load_crane(from_record=file)
     assert again.identified == twin.identified
     devices = {"l_offset", "delay", "phi_bias", "theta_bias", "x_friction"}
     assert devices <= again.identified.keys()
@@ -36,7 +37,8 @@ def test_a_twin_is_read_back_and_is_the_crane_that_was_found(tmp_path: Path) -> 
 
 def test_a_twin_run_through_its_record_shows_what_was_recorded() -> None:
     """By the compiled loop that every run has, beside the batch that the search is made of."""
-    estimate, twin = found(), twin_of(found())
+    estimate = found()
+    twin = twin_of(found())
     run = estimate.model.run(0, estimate.values, twin.crane)
     assert run.record["crane"]["arguments"]["payload_mass"] == found().value("payload_mass")
     t = recorded()["t_s"][30:-20]

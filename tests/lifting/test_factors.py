@@ -35,7 +35,8 @@ def test_recurrence_factors_are_the_printed_ones_and_quantiles_of_one_gumbel_law
 def test_hoisting_classes_are_hoists_of_these_frequencies() -> None:
     found = [one.slope * 9.80665 / (2.0 * math.pi) for one in factors.HOISTING.values()]
     np.testing.assert_allclose(found, [0.265, 0.531, 0.796, 1.061], atol=5e-4)
-    speed, omega = 0.4, 2.0 * math.pi * found[2]
+    speed = 0.4
+    omega = 2.0 * math.pi * found[2]
     assert theory.pickup_factor(speed, omega, 9.80665) == pytest.approx(1.0 + 0.51 * speed)
 
 
@@ -147,7 +148,8 @@ def test_a_load_leans_by_the_balance_of_moments_and_in_a_sudden_wind_by_that_of_
 
 @pytest.mark.parametrize("periods", [0.0, 0.25, 0.6034, 1.0, 1.7])
 def test_a_part_let_go_slowly_leaves_less_of_a_bounce(periods: float) -> None:
-    omega, last = 2.0 * math.pi, max(periods, 1e-6)
+    omega = 2.0 * math.pi
+    last = max(periods, 1e-6)
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         return np.array([y[1], omega**2 * (min(t / last, 1.0) - y[0])])

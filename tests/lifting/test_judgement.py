@@ -339,7 +339,8 @@ def test_a_check_of_ones_own_is_one_function() -> None:
     assert run_checks(analysis, [*CHECKS, short_enough])[-1].holds is False
     alone = run_checks(analysis, [short_enough])
     assert alone[-2].verdict is Verdict.NOT_JUDGED and "Checks were left out" in str(alone[-2])
-    site, lifted = replace(analysis.site, crane={}, base=None, arms=()), lift()
+    site = replace(analysis.site, crane={}, base=None, arms=())
+    lifted = lift()
     few = Requirements(lifts=0, gusts=0)
     judgement = judge(site, CHART, few, crane=lifted.crane, checks=[short_enough])
     assert not judgement.go and judgement.reasons[-1].endswith("1 s allowed.")
@@ -397,7 +398,8 @@ def test_the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn(
 def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
     found = wind_limit(certificate(), CHART, count=4, dt=1e-3)
     assert (np.diff(found.speeds) > 0.0).all()
-    crane, area = lift().crane, DRAG_COEFFICIENT * _largest_silhouette(lift().clearance.bodies.load)
+    crane = lift().crane
+    area = DRAG_COEFFICIENT * _largest_silhouette(lift().clearance.bodies.load)
     planned = float(lift().clearance.tilt(certificate().run.q).max())
 
     def lean(speed: float) -> float:
@@ -441,7 +443,8 @@ def test_what_cannot_be_judged_is_refused_in_a_sentence(
 
 def test_each_value_that_nobody_entered_is_a_default() -> None:
     """The caller's value comes before the site's, and that before the default."""
-    limits, bare = lift().limits, lift().clearance.site
+    limits = lift().limits
+    bare = lift().clearance.site
     entered = replace(
         bare,
         gust=9.0,

@@ -46,7 +46,8 @@ def pinocchio_wrench(
     of: Crane, state: State, effort: np.ndarray, force: np.ndarray, joint: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Force, moment and where, by pin.aba, pin.rnea and the joint forces that it leaves."""
-    model, data = of.model, of.model.createData()
+    model = of.model
+    data = of.model.createData()
     pin.forwardKinematics(model, data, state.q)
     outside = [pin.Force.Zero() for _ in range(model.njoints)]
     for (_, body, lever), one in zip(of.points, force.reshape(-1, 3), strict=True):
@@ -128,7 +129,8 @@ def test_at_rest_every_load_is_that_of_statics() -> None:
     of = crane()
     _, found = still(of, gamma=0.4, x=12.0, l=10.0)
     above = of.payload_mass + of.trolley_mass + 2.0 * 50.0  # load, trolley, two links
-    ring, foot = above * G * 12.0, (above + 3000.0 + BASE.mass) * G
+    ring = above * G * 12.0
+    foot = (above + 3000.0 + BASE.mass) * G
     expected = {
         "rope_N": of.payload_mass * G,
         "pull_N": of.payload_mass * G,
@@ -359,7 +361,8 @@ def test_a_crane_that_slews_steadily_carries_what_its_closed_form_says() -> None
     out = theory.slewing_swing(radius, length, rate, G)
     start = of.state(x=radius, l=length, phi=out, gamma_dot=rate)
     run = simulate(of, locked, start=start, duration=0.05, drive="motion")
-    found, load = loads(of, run), radius - length * np.sin(out)
+    found = loads(of, run)
+    load = radius - length * np.sin(out)
     centrifugal = rate**2 * (of.payload_mass * load + of.trolley_mass * radius)
     weight = (of.payload_mass + of.trolley_mass) * G
     height = 28.0 - 25.99

@@ -23,7 +23,8 @@ def test_each_sheave_passes_on_its_share_of_the_pull(falls: int, eta: float) -> 
 
 @pytest.mark.parametrize("speed", [-0.5, 0.0, 0.5])
 def test_the_drum_does_the_work_on_the_load_and_what_the_sheaves_take(speed: float) -> None:
-    one, reeving = crane(), Reeving(4, 0.95, 0.3)
+    one = crane()
+    reeving = Reeving(4, 0.95, 0.3)
     start = one.state(l_dot=speed)
     reference = ramp(one, hold(one, start), "l", 5.0 * (speed or 1.0), rate=abs(speed) or 0.1, at=0)
     if not speed:

@@ -101,10 +101,12 @@ def compare(crane: Crane, folder: Path, seed: int) -> None:
 def compare_rest(crane: Crane, folder: Path) -> None:
     """Compare the frequencies about rest with drives locked, by differences of MuJoCo's forces."""
     model, data = reference(folder)
-    at, passive = np.array(order(crane, model)), crane.layout.passive
+    at = np.array(order(crane, model))
+    passive = crane.layout.passive
     if not (len(passive) and crane.rest.hangs):
         return
-    joints, step = at[passive], 1e-5
+    joints = at[passive]
+    step = 1e-5
     stiffness = np.zeros((len(passive), len(passive)))
     for column, joint in enumerate(joints):
         forces = []
@@ -147,15 +149,18 @@ def compare_motion(crane: Crane, folder: Path) -> bool:
     """
     crane = replace(crane, friction=None)
     model, data = reference(folder)
-    at, drives = np.array(order(crane, model)), crane.layout.drives
-    q, nearby = crane.rest.q + 0.05, crane.rest.q + 0.05 + 1e-12
+    at = np.array(order(crane, model))
+    drives = crane.layout.drives
+    q = crane.rest.q + 0.05
+    nearby = crane.rest.q + 0.05 + 1e-12
     try:
         run, other = (moved(crane, State(one, np.zeros(crane.layout.n))) for one in (q, nearby))
     except RunError:
         return False
     if np.abs(run.q - other.q).max() > 1e-9:
         return False
-    controller, limit = hold_controller(crane), crane.effort_limit
+    controller = hold_controller(crane)
+    limit = crane.effort_limit
     setpoint = hold(crane, State(q, np.zeros(crane.layout.n)))(0.0)
     data.qpos[at] = run.q[0]
     mujoco.mj_forward(model, data)

@@ -58,7 +58,8 @@ class RandomModel:
         if slide:
             ends = f"{self.draw.uniform(-5.0, -1.0):.4g} {self.draw.uniform(1.0, 5.0):.4g}"
         else:
-            low, high = self.draw.uniform(-2.5, -0.8), self.draw.uniform(0.8, 2.5)
+            low = self.draw.uniform(-2.5, -0.8)
+            high = self.draw.uniform(0.8, 2.5)
             ends = f"{self.angle(low)} {self.angle(high)}"
             reference = reference and self.angle(float(reference))
         attributes = [

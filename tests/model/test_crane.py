@@ -250,8 +250,10 @@ def _own(frames: np.random.Generator) -> str:
     for role in ROLES.values():
         mass, inertia, at, centre = body[role.joint]
         own = pin.exp3(frames.normal(size=3))
-        xyz, rpy = turn.T @ at, pin.rpy.matrixToRpy(turn.T @ own)
-        axis, com = own.T @ np.array(role.axis, dtype=float), own.T @ centre
+        xyz = turn.T @ at
+        rpy = pin.rpy.matrixToRpy(turn.T @ own)
+        axis = own.T @ np.array(role.axis, dtype=float)
+        com = own.T @ centre
         low, high = limits.get(role.joint, (-1.5, 1.5))
         texts = [
             " ".join(repr(float(number)) for number in vector) for vector in (xyz, rpy, axis, com)
@@ -266,7 +268,8 @@ def _own(frames: np.random.Generator) -> str:
             f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" '
             'iyz="0"/></inertial></link>'
         )
-        parent, turn = f"of_{role.joint}", own
+        parent = f"of_{role.joint}"
+        turn = own
     parts.append(
         '<link name="hook_block"><inertial><mass value="200"/><inertia ixx="0" iyy="0" izz="0" '
         'ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -415,7 +418,8 @@ def test_a_tower_crane_is_one_by_what_its_joints_do_whatever_their_names(
     text = urdf
     for i, role in enumerate(ROLES.values()):
         text = text.replace(role.joint, f"axis_{i}")
-    other, ours = load(text), crane()
+    other = load(text)
+    ours = crane()
     assert other.layout.symbols == ours.layout.symbols
     assert other.layout.tower("A plan") == (0, 1, 2, 3, 4)
     assert other.model.inertias.tolist() == load_crane().model.inertias.tolist()
@@ -457,7 +461,8 @@ def test_swing_joints_in_another_order_are_another_crane(urdf: str, load: Load) 
 
 def test_a_tree_is_a_crane_once_it_is_said_what_carries_the_payload(urdf: str, load: Load) -> None:
     tree = load(_vane(urdf), payload="hoist_joint")
-    layout, ours = tree.layout, crane(trolley_mass=501.0)
+    layout = tree.layout
+    ours = crane(trolley_mass=501.0)
     assert {*layout.symbols} == {*ours.layout.symbols, "vane"}
     assert [layout.symbols[i] for i in layout.drives] == ["gamma", "x", "l"]
     assert (tree.payload_mass, layout.symbols[tree.payload.body]) == (1000.0, "l")
@@ -473,10 +478,8 @@ def test_a_tree_is_a_crane_once_it_is_said_what_carries_the_payload(urdf: str, l
     def alike(state: State, effort: np.ndarray) -> None:
         q, v = np.zeros((2, layout.n))
         q[where], v[where] = state
-        a, expected = (
-            dynamics.acceleration(tree, State(q, v), effort),
-            dynamics.acceleration(ours, state, effort),
-        )
+        a = dynamics.acceleration(tree, State(q, v), effort)
+        expected = dynamics.acceleration(ours, state, effort)
         # Rounding, through accelerations of up to 1e2.
         assert_allclose(a[where], expected, atol=1e-10, rtol=1e-9)
         # nothing turns the vane, so it stays as it is in the world

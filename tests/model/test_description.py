@@ -96,7 +96,8 @@ def test_a_file_of_ours_is_expanded_once_and_again_when_it_has_changed(
 ) -> None:
     for path in XACRO.parent.glob("*.xacro"):
         shutil.copy(path, tmp_path)
-    own, expansions = tmp_path / XACRO.name, []
+    own = tmp_path / XACRO.name
+    expansions = []
     monkeypatch.setattr(description, "XACRO", own)
     honest = description._expand
     monkeypatch.setattr(

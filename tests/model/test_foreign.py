@@ -233,7 +233,8 @@ def test_a_package_that_is_nowhere_is_named(tmp_path: Path) -> None:
 def test_describe_says_what_was_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from cranedyn.__main__ import main
 
-    path, target = saved(tmp_path, RIGID), tmp_path / "whole.urdf"
+    path = saved(tmp_path, RIGID)
+    target = tmp_path / "whole.urdf"
     assert main(["describe", "--urdf", str(path), "--swing", "mass:=50", "-o", str(target)]) == 0
     assert "x = 22 m - cart, the radius from the slew axis." in capsys.readouterr().out
     roles = [f"{role}={name}" for role, name in (("slew", "azimuth"), ("trolley", "cart"),

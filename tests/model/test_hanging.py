@@ -146,11 +146,14 @@ def test_a_move_of_least_time_ends_at_rest_where_the_load_hangs(text: str) -> No
     pytest.importorskip("casadi", reason="extra optimal (casadi) is not installed")
     from cranedyn.planning.optimal import optimal
 
-    crane, swing = loaded(text), 0.05
+    crane = loaded(text)
+    swing = 0.05
     if text is LUFFING:
-        goal, limits = crane.state(luff=0.8, slew=0.3), Limits((0.05, 0.02, 0.5), (0.01, 0.01, 0.3))
+        goal = crane.state(luff=0.8, slew=0.3)
+        limits = Limits((0.05, 0.02, 0.5), (0.01, 0.01, 0.3))
     else:
-        goal, limits = crane.state(trolley=9.0, rope=8.0), Limits((1.0, 0.5), (0.3, 0.3))
+        goal = crane.state(trolley=9.0, rope=8.0)
+        limits = Limits((1.0, 0.5), (0.3, 0.3))
     motion = optimal(crane, crane.start, goal, limits, swing=swing)
     # between the points of the plan a parabola, and rest to first order in the drives
     assert np.abs(crane.swing_angles(motion.q)).max() < 1.01 * swing + 2e-4

@@ -22,7 +22,8 @@ AMPLITUDE = 2e-3
 
 @pytest.mark.parametrize("name", machine_names())
 def test_a_machine_swings_at_the_period_and_the_damping_of_its_numbers(name: str) -> None:
-    machine, crane = read_machine(name), cd.load_crane(machine=name)
+    machine = read_machine(name)
+    crane = cd.load_crane(machine=name)
     values = machine.values
     inertia = values.get("payload_inertia", 400.0) + 2.0 * values.get("dummy_inertia", 50.0)
     length = values.get("hoist_init", 15.0)
@@ -77,7 +78,8 @@ def test_values_override_a_machine_and_the_rest_stays_as_it_is() -> None:
 
 
 def test_limits_of_a_machine_are_those_of_plans_and_converters() -> None:
-    crane, machine = cd.load_crane(machine="inteco_3dcrane"), read_machine("inteco_3dcrane")
+    crane = cd.load_crane(machine="inteco_3dcrane")
+    machine = read_machine("inteco_3dcrane")
     limits = Limits(crane.rate_limit.tolist(), [*machine.accelerations.values()]).for_crane(crane)
     assert_allclose([limits.rates, limits.accelerations], [[0.3] * 3, [0.6] * 3])
     drives = converters(crane, accelerations=machine.accelerations)

@@ -99,7 +99,8 @@ def test_accelerations_are_those_of_pinocchios_own_mimic_joints(
     crane: Crane, oracle: tuple[pin.Model, np.ndarray], seed: int
 ) -> None:
     model, at = oracle
-    data, state = model.createData(), _random_state(crane, seed)
+    data = model.createData()
+    state = _random_state(crane, seed)
     effort = np.array([1e3, 2e3, -500.0])
     q, v = state.q[at], state.v[at]
     upper = np.triu(pin.crba(model, data, q))
@@ -165,7 +166,9 @@ def test_a_batch_moves_followers(crane: Crane) -> None:
 
 
 def test_the_linear_crane_has_the_derivatives_of_its_accelerations(crane: Crane) -> None:
-    rest, n, step = crane.state(out1=0.3, luff=0.2), crane.layout.n, 1e-6
+    rest = crane.state(out1=0.3, luff=0.2)
+    n = crane.layout.n
+    step = 1e-6
     effort = holding_effort(crane, rest.q)
     by_z = linear(crane, rest, effort).a
     assert crane.coupling is not None

@@ -203,7 +203,8 @@ def test_shapes_are_drawn_where_they_are(tmp_path: Path) -> None:
 def test_our_own_export_is_the_same_crane_again(tmp_path: Path) -> None:
     path = tmp_path / "own.xml"
     assert main(["export", "mjcf", str(path)]) == 0
-    again, crane = load_crane(path), load_crane()
+    again = load_crane(path)
+    crane = load_crane()
     assert again.layout == crane.layout
     assert again.effort_limit.tolist() == crane.effort_limit.tolist()
     assert again.gravity == crane.gravity

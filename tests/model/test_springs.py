@@ -58,7 +58,11 @@ def test_a_lane_of_a_batch_yaws_as_its_crane_does_alone() -> None:
 @pytest.mark.parametrize("amplitude", long_after(1, [0.5, 0.01, 1.0]))
 def test_the_period_is_that_of_two_falls_but_for_what_is_left_out(amplitude: float) -> None:
     """The energy of real falls gives the period by an integral over sin(ψ/2) = s sin u."""
-    mass, inertia, a, length, s = 1000.0, 500.0, 1.0, 6.0, math.sin(amplitude / 2.0)
+    mass = 1000.0
+    inertia = 500.0
+    a = 1.0
+    length = 6.0
+    s = math.sin(amplitude / 2.0)
     c = crane(**FALLS)
 
     def height(yaw: float) -> float:
@@ -83,7 +87,8 @@ def test_the_period_is_that_of_two_falls_but_for_what_is_left_out(amplitude: flo
 
 
 def test_two_falls_carry_the_load_that_replaces_that_of_the_crane() -> None:
-    light, heavy = crane(**FALLS), crane(**FALLS, payload_mass=2500.0)
+    light = crane(**FALLS)
+    heavy = crane(**FALLS, payload_mass=2500.0)
     changed = replace(light, model=heavy.model).springs.bifilar
     assert changed.stiffness == heavy.springs.bifilar.stiffness != light.springs.bifilar.stiffness
 

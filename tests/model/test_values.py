@@ -37,7 +37,8 @@ def test_values_of_another_xacro_file_are_given_by_name_in_a_mapping() -> None:
 
 
 def test_rest_is_solved_once_when_a_crane_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    solve, calls = Crane.hanging, []
+    solve = Crane.hanging
+    calls = []
     monkeypatch.setattr(Crane, "hanging", lambda self, q: calls.append(q) or solve(self, q))
     load_crane()
     load_crane(rope_stiffness=1e6)

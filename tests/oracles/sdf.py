@@ -114,7 +114,9 @@ def _tree(text: str) -> Tree:
         elif kind == "spring":
             springs[name] = np.array([float(word) for word in words])
         elif kind == "joint":
-            joint_type, parent, child = TYPES_OF_SDFORMAT[int(words[0])], words[1], words[2]
+            joint_type = TYPES_OF_SDFORMAT[int(words[0])]
+            parent = words[1]
+            child = words[2]
             prefix = name.rpartition("::")[0]
             scope = f"{prefix}::" if prefix else ""
             pose = _matrix([float(word) for word in words[3:10]])
@@ -170,9 +172,11 @@ def dynamics(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mass matrix and torques of gravity at coordinates of named axes, others at zero."""
     n = len(names)
-    mass_matrix, torque = np.zeros((n, n)), np.zeros(n)
+    mass_matrix = np.zeros((n, n))
+    torque = np.zeros(n)
     for body in tree.bodies:
-        turn, jacobian = np.eye(4), np.zeros((6, n))
+        turn = np.eye(4)
+        jacobian = np.zeros((6, n))
         for name in body.carriers:
             if name not in names:
                 continue
@@ -182,7 +186,8 @@ def dynamics(
             twist[:3, :3], twist[:3, 3] = skew(tree.screws[name][:3]), tree.screws[name][3:]
             turn = turn @ expm(twist * q[i])
         pose = turn @ body.pose
-        rotation, centre = pose[:3, :3], pose[:3, 3]
+        rotation = pose[:3, :3]
+        centre = pose[:3, 3]
         angular = jacobian[:3]
         linear = jacobian[3:] - skew(centre) @ angular
         inertia = rotation @ body.inertia @ rotation.T

@@ -72,7 +72,8 @@ def test_inflating_takes_exactly_as_much_off_a_distance_from_hulls_and_meshes() 
     dented[0] *= 0.2  # no longer convex, so measured from its triangles
     for solid in (body("cube", vertices, triangles), body("dented", dented, triangles)):
         field = Field([("it", one) for one in solid.geometries()])
-        above, cube = coal.Transform3s(np.array([0.0, 0.0, 5.0])), hull(corners(1.0, 1.0, 1.0))
+        above = coal.Transform3s(np.array([0.0, 0.0, 5.0]))
+        cube = hull(corners(1.0, 1.0, 1.0))
         found = [field.least(Body(cube, by).put(above)) for by in (0.0, 1.5)]
         assert found == pytest.approx([3.5, 2.0], abs=1e-6)
 
@@ -110,7 +111,8 @@ def test_no_point_of_the_load_moves_farther_than_said(
     place: np.ndarray, step: np.ndarray, swings: np.ndarray
 ) -> None:
     asked = clearance(WALL)
-    one, other = asked.q(place), asked.q(place + step)
+    one = asked.q(place)
+    other = asked.q(place + step)
     one[2:4], other[2:4] = swings[:2], swings[2:]
     assert _farthest(asked, one, other) <= float(asked.displacement(one, other)) + 1e-9
 
@@ -122,7 +124,8 @@ def test_hoisting_along_a_leaning_rope_moves_the_load_no_farther_than_said(
 ) -> None:
     """A rope that keeps its angle takes the load outward while trolley and slew do so, too."""
     asked = clearance(WALL)
-    one, other = asked.q(place), asked.q(place + step)
+    one = asked.q(place)
+    other = asked.q(place + step)
     one[2:4] = other[2:4] = lean * np.array([np.cos(towards), np.sin(towards)])
     assert _farthest(asked, one, other) <= float(asked.displacement(one, other)) + 1e-9
 
@@ -195,7 +198,8 @@ def test_a_zone_bars_load_hook_and_rope_but_not_the_jib_and_asks_for_no_distance
 
 
 def test_two_threads_that_share_a_clearance_get_the_distances_of_one() -> None:
-    asked, rng = clearance(WALL), np.random.default_rng(1)
+    asked = clearance(WALL)
+    rng = np.random.default_rng(1)
     places = rng.uniform((-1.0, 6.0, 6.0), (4.0, 20.0, 22.0), (1000, 3))
 
     def rooms(order: slice) -> list[float]:

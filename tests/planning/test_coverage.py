@@ -467,7 +467,8 @@ def test_no_proof_holds_with_a_coordinate_that_is_none(index: int, value: float)
 
 @given(index=st.integers(0, 2), value=st.sampled_from([math.nan, math.inf, -math.inf]))
 def test_no_line_is_proven_to_a_place_that_is_none(index: int, value: float) -> None:
-    where, place = clearance(WALL), np.array([0.0, 12.0, 10.0])
+    where = clearance(WALL)
+    place = np.array([0.0, 12.0, 10.0])
     end = place.copy()
     end[index] = value
     with np.errstate(all="ignore"):

@@ -73,7 +73,8 @@ def test_a_load_is_lifted_off_the_ground_moved_and_set_down_on_an_obstacle(
     assert run.phase[[0, *changes]].tolist() == [2.0, 0.0, 2.0]
     assert (run.valid == 1.0).all()
     heights = [payload_position(lift.crane, run.q[row])[2] for row in (0, -1)]
-    half, sink = 0.6, lift.ground.sink
+    half = 0.6
+    sink = lift.ground.sink
     assert heights == pytest.approx([half - 1.0 - sink, half + 0.5 - sink], abs=1e-4)
     assert len(lift.ground.platforms) == 1  # the roof is far away
     pulls = [
@@ -213,7 +214,8 @@ def test_a_load_that_swings_in_its_motion_has_no_certificate(
     lift: GroundLift, certified: tuple[Trajectory, list[Check]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run, _ = certified
-    layout, allowed = lift.crane.layout, lift.lift.clearance.site.swing
+    layout = lift.crane.layout
+    allowed = lift.lift.clearance.site.swing
     row = round(lift.phases["motion"] / lift.motion.period) + 500
     for swing, holds in ((0.8 * allowed, True), (1.2 * allowed, False)):
         q = run.q.copy()
@@ -257,7 +259,8 @@ def test_a_crane_of_a_strange_urdf_lifts_off_as_the_crane_of_this_project_does(
     )
     load = planned.clearance.bodies.load[:, [1, 0, 2]]
     clearance = Clearance(crane, replace(planned.clearance.site, load=load))
-    own, crane = lift.crane, from_ground(replace(planned, clearance=clearance)).crane
+    own = lift.crane
+    crane = from_ground(replace(planned, clearance=clearance)).crane
     rng = np.random.default_rng(0)
     q, v, a = rng.uniform(-0.3, 0.3, (3, own.layout.n))
     efforts = [pin.rnea(one.model, one.data, q, v, a) for one in (crane, own)]

@@ -93,7 +93,8 @@ def bounced(motion: Motion, damping: float) -> float:
 
     for row in range(len(length) - 1):
         for part in range(parts):
-            share, half = part / parts, 0.5 / parts
+            share = part / parts
+            half = 0.5 / parts
             k1 = slope(row, share, y)
             k2 = slope(row, share + half, y + step / 2.0 * k1)
             k3 = slope(row, share + half, y + step / 2.0 * k2)
@@ -208,7 +209,9 @@ def test_the_load_is_seen_where_it_hangs_in_its_sling(
     angles: dict[str, float], length: float
 ) -> None:
     """By the kinematics of both cranes, to the second order of the angles."""
-    of, planned, lift = on_rope(), clearance().crane, grounded()
+    of = on_rope()
+    planned = clearance().crane
+    lift = grounded()
     plumb = {"gamma": 0.7, "x": 12.0, "l": length}
     hangs, swings = (of.state(**plumb, **more) for more in ({}, angles))
     offset = payload_position(of, swings.q) - payload_position(of, hangs.q)

@@ -52,7 +52,8 @@ def durations(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def hoisted(way: float, *, first: float = 0.0, last: float = 0.0, **how: Any) -> Motion:
     """Up from 15 m, with rates of the cable at both ends [m/s]."""
-    start, goal = crane().state(l=15.0, l_dot=-first), crane().state(l=15.0 - way, l_dot=-last)
+    start = crane().state(l=15.0, l_dot=-first)
+    goal = crane().state(l=15.0 - way, l_dot=-last)
     return optimal(crane(), start, goal, LIMITS, still=("gamma", "x"), interval=0.5, **how)
 
 
@@ -86,9 +87,12 @@ def test_without_a_ramp_a_long_move_of_one_drive_takes_the_time_of_a_trapezoid(
 
 def test_no_combined_move_takes_less_than_its_slew_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     found = durations(monkeypatch)
-    start, goal = crane().state(x=15.0, l=15.0), crane().state(gamma=0.6, x=12.0, l=15.0)
+    start = crane().state(x=15.0, l=15.0)
+    goal = crane().state(gamma=0.6, x=12.0, l=15.0)
     optimal(crane(), start, goal, LIMITS, swing=0.3, interval=0.5)
-    rate, acceleration, ramp = LIMITS.rates[0], LIMITS.accelerations[0], 0.5
+    rate = LIMITS.rates[0]
+    acceleration = LIMITS.accelerations[0]
+    ramp = 0.5
     alone = 0.6 / rate + rate / acceleration + ramp
     assert alone * (1.0 - 1e-6) < found[0] < 1.1 * alone
 
@@ -134,10 +138,8 @@ def test_a_move_that_ends_in_motion_ends_so_in_a_row() -> None:
 
 
 def test_a_swinging_load_is_brought_to_rest_where_it_hangs() -> None:
-    start, goal = (
-        crane().state(x=12.0, l=15.0, phi=0.05, phi_dot=0.02),
-        crane().state(x=12.0, l=15.0),
-    )
+    start = crane().state(x=12.0, l=15.0, phi=0.05, phi_dot=0.02)
+    goal = crane().state(x=12.0, l=15.0)
     motion = optimal(crane(), start, goal, LIMITS, still=("gamma", "l"), interval=0.5)
     assert motion.q[0].tolist() == start.q.tolist() and motion.v[0].tolist() == start.v.tolist()
     assert max(use(crane(), motion, LIMITS).values()) < 1.0 + 1e-6
@@ -161,7 +163,8 @@ def test_a_lift_in_least_time_is_certified_and_near_what_the_drives_alone_need()
     made = certify(in_least_time(lift()))
     assert [check.sentence for check in made.checks if not check.holds] == []
     assert made.residual_swing < ARRIVAL_SWING
-    planned, least = lift().timed, made.lift.timed
+    planned = lift().timed
+    least = made.lift.timed
     assert least.bound < least.motion.arrival < 0.95 * planned.motion.arrival
     assert least.motion.arrival < 1.05 * least.bound
     assert max(least.shares.values()) <= 1.0 + 1e-3
@@ -265,10 +268,12 @@ def test_an_interruption_of_the_optimiser_is_one_and_no_failure(
 @given(st.integers(0, 2**32 - 1))
 def test_drives_reach_no_farther_between_two_times_than_is_said(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    ones, of = np.ones(3), big_crane()
+    ones = np.ones(3)
+    of = big_crane()
     jerk = ones if seed % 2 else None
     move = Move(of, of.start, of.start, np.arange(3), ones, ones, jerk, 0.1, USUAL)
-    durations, controls = rng.uniform(0.1, 1.0, 8), rng.normal(size=(8, 3))
+    durations = rng.uniform(0.1, 1.0, 8)
+    controls = rng.normal(size=(8, 3))
     plan = transcription.CollocationPlan(durations, controls, np.zeros((25, 13)))
     driven = DriveTrajectory(move, plan)
     low, high = np.sort(rng.uniform(0.0, driven.duration, 2))

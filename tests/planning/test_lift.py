@@ -122,7 +122,8 @@ def test_a_lift_that_takes_days_is_refused() -> None:
 
 
 def test_every_leg_curve_and_motion_of_a_lift_is_proven() -> None:
-    asked, made = lift().clearance, lift()
+    asked = lift().clearance
+    made = lift()
     assert all(
         unproven_parameter(asked, Line(one, other), 0.0, 1.0) is None
         for one, other in zip(made.points, made.points[1:], strict=False)
@@ -171,7 +172,8 @@ def test_the_load_goes_where_the_plan_says_and_arrives_without_swing_in_pinocchi
     made = lift()
     certified = certify(made, engine="pinocchio", dt=1e-3)
     assert certified.holds
-    run, other = certified.run, certificate().run
+    run = certified.run
+    other = certificate().run
     assert np.abs(run.q - other.q).max() < 2e-3  # steps of 1 ms instead of 0.5 ms
     points = made.clearance.point(made.timed.places)[:-1:50]
     rows = np.searchsorted(run.t, 50 * STEP * np.arange(len(points)) - 1e-9)
@@ -342,8 +344,12 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     """One with a heavy load, a long cable and late sensors, beside the plain loop with sensors that
     are really late.
     """
-    made, load, cable, delay = lift(), 1.3, 0.4, 4
-    heavy, motion = _crane_with_load(crane(), load), made.timed.motion
+    made = lift()
+    load = 1.3
+    cable = 0.4
+    delay = 4
+    heavy = _crane_with_load(crane(), load)
+    motion = made.timed.motion
     control = controller_of(lift(), dt=1e-3)
     weight = (load - 1.0) * crane().payload_mass * crane().gravity
     remembered = replace(control, integral=-weight / control.integral_gain)
@@ -358,7 +364,8 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     behind = with_sensor_model(
         made.crane, misread, delay=delay, noise=np.zeros(10), rng=np.random.default_rng(0)
     )
-    duration, start = motion.arrival + 5.0, State(q, np.zeros(5))
+    duration = motion.arrival + 5.0
+    start = State(q, np.zeros(5))
     run = quickly(heavy, behind, motion, start=start, duration=duration, dt=1e-3)
     drawn = dict.fromkeys(("wind_m_s", "gust_m_s", "gust_at_s", "direction_rad"), np.zeros(1))
     drawn |= {"load": np.array([load]), "cable_m": np.array([cable]), "gust_lasts_s": np.ones(1)}
@@ -435,7 +442,8 @@ def test_the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_sid
 
 def test_late_sensors_see_what_was_planned_a_while_ago() -> None:
     nominal = controller_of(lift())
-    table, ahead = nominal.tracking.setpoint, with_sensor_delay(nominal, 0.010).setpoint
+    table = nominal.tracking.setpoint
+    ahead = with_sensor_delay(nominal, 0.010).setpoint
     np.testing.assert_allclose(ahead[:-2], table[2:], atol=1e-12)
     np.testing.assert_allclose(with_sensor_delay(nominal, 0.0).setpoint, table)
 

@@ -81,21 +81,24 @@ def test_symbolic_inverse_dynamics_is_pinocchios_on_the_crane(
     a = np.array([drives[0], drives[1], 0.3, -0.2, drives[2]])
     model = crane().model
     theirs = pin.rnea(model, crane().data, *state, a)
-    ours, size = _symbolic_rnea(model)(*state, a).full().ravel(), np.abs(theirs).max()
+    ours = _symbolic_rnea(model)(*state, a).full().ravel()
+    size = np.abs(theirs).max()
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * size)  # some hundred roundings
 
 
 def test_symbolic_inverse_dynamics_is_pinocchios_on_an_arm_with_turned_joints_and_armature() -> (
     None
 ):
-    model, rng = pin.buildSampleModelManipulator(), np.random.default_rng(5)
+    model = pin.buildSampleModelManipulator()
+    rng = np.random.default_rng(5)
     model.armature = rng.uniform(0.1, 1.0, model.nv)
     for i in range(1, model.njoints):
         model.jointPlacements[i] = pin.SE3.Random()
         model.inertias[i] = pin.Inertia.Random()
     for q, v, a in rng.normal(size=(20, 3, model.nv)):
         theirs = pin.rnea(model, model.createData(), q, v, a)
-        ours, size = _symbolic_rnea(model)(q, v, a).full().ravel(), np.abs(theirs).max()
+        ours = _symbolic_rnea(model)(q, v, a).full().ravel()
+        size = np.abs(theirs).max()
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * size)
 
 
@@ -175,7 +178,8 @@ def test_equal_intervals_cost_the_bridge_crane_less_the_more_there_are() -> None
 
 def test_what_cannot_be_reached_is_unsolved_and_the_status_is_told() -> None:
     x, u, gap = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("gap")
-    bounds, forwards = np.array([[-9.0], [9.0]]), np.array([[0.0], [1.0]])
+    bounds = np.array([[-9.0], [9.0]])
+    forwards = np.array([[0.0], [1.0]])
     nothing = ca.SX(0, 1), bounds, forwards, np.zeros((2, 0)), np.ones(1)
     forward = transcription.Problem(x, u, gap, u, ca.SX(1.0), *nothing)
     backward = transcription.CollocationPlan(
@@ -212,14 +216,17 @@ def linear_time(
 
     def reachable(duration: float) -> bool:
         step = expm(flow * duration / intervals / parts)
-        response, rows = np.zeros((5, intervals)), []
+        response = np.zeros((5, intervals))
+        rows = []
         for k in range(intervals * parts):
             response = step[:5, :5] @ response
             response[:, k // parts] += step[:5, 5] * acceleration / RAMP
             rows.append(response[1:4] / size[1:4, None])
         path = np.vstack([*rows, *(-row for row in rows)])
-        ends, target = response / size[:, None], np.array([1.0, 0.0, 0.0, 0.0, 0.0])
-        none, ones = np.zeros(intervals), np.ones(len(path))
+        ends = response / size[:, None]
+        target = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+        none = np.zeros(intervals)
+        ones = np.ones(len(path))
         return linprog(none, path, ones, ends, target, bounds=(-1.0, 1.0)).status == 0
 
     low, high = 8.0, 16.0
@@ -240,11 +247,14 @@ def test_the_least_time_of_a_small_trolley_move_is_that_of_a_linear_program(
         "solve",
         lambda *given, **also: plans.append(solve(*given, **also)) or plans[0],
     )
-    point, small = big_crane(), 0.01
-    start, goal = point.state(x=10.0, l=15.0), point.state(x=10.0 + 10.0 * small, l=15.0)
+    point = big_crane()
+    small = 0.01
+    start = point.state(x=10.0, l=15.0)
+    goal = point.state(x=10.0 + 10.0 * small, l=15.0)
     limits = Limits([small * r for r in LIMITS.rates], [small * a for a in LIMITS.accelerations])
     optimal(point, start, goal, limits, swing=small * swing, ramp=RAMP)
-    durations, trolley = plans[0].durations, (limits.rates[1], limits.accelerations[1])
+    durations = plans[0].durations
+    trolley = (limits.rates[1], limits.accelerations[1])
     least = linear_time(len(durations), 10.0 * small, 15.0, *trolley, small * swing, parts)
     # Angles of a thousandth are linear to 1e-6. Where the swing touches its bound the tangents half
     # a gap of 1/8 s ahead give away some (1/16 s)²/2 of its curvature, 0.1 % of the swing, in some
@@ -299,16 +309,19 @@ def test_a_move_of_least_time_exceeds_no_limit_at_any_instant_and_uses_one_fully
 
 
 def test_an_optimal_motion_obeys_the_equations_of_motion_and_its_rows_their_derivatives() -> None:
-    motion, h = moved("combined"), moved("combined").period
+    motion = moved("combined")
+    h = moved("combined").period
     for q, v, a in zip(motion.q[::50], motion.v[::50], motion.a[::50], strict=True):
         force = pin.rnea(crane().model, crane().data, q, v, a) + crane().damping * v
         # rounding: the swing's accelerations are solved from these rows
         assert np.abs(force[crane().layout.passive]).max() < 1e-9 * np.abs(force).max()
     inside = slice(0, -2)  # the last row is the first instant after the arrival
-    mean, bend = (motion.v[1:] + motion.v[:-1]) / 2.0, np.diff(motion.a, axis=0)
+    mean = (motion.v[1:] + motion.v[:-1]) / 2.0
+    bend = np.diff(motion.a, axis=0)
     # Hermite's rule and the trapezoidal one: no more than h³/48 and h²/8 times the jump of a jerk,
     # 1.6 m/s³ at most
-    steps, expected = np.diff(motion.q, axis=0), h * mean - h * h / 12.0 * bend
+    steps = np.diff(motion.q, axis=0)
+    expected = h * mean - h * h / 12.0 * bend
     allowed = 1.6 * h**3 / 48.0
     np.testing.assert_allclose(steps[inside], expected[inside], rtol=0, atol=allowed)
     mean = (motion.a[1:] + motion.a[:-1]) / 2.0
@@ -329,7 +342,8 @@ def test_an_optimal_motion_begins_and_ends_with_the_load_at_rest_where_asked(mov
     assert not motion.a[-1].any()
     # One instant before, braking at the limit of jerk leaves j h²/2 of a rate and j h³/6 of a way;
     # the rest is the defect of the plan.
-    h, jerk = motion.period, np.max(LIMITS.accelerations) / RAMP
+    h = motion.period
+    jerk = np.max(LIMITS.accelerations) / RAMP
     assert np.abs(motion.q[-2] - motion.q[-1]).max() < jerk * h**3 / 6.0 + 1e-6
     assert np.abs(motion.v[-2]).max() < jerk * h**2 / 2.0 + 1e-6
 
@@ -378,7 +392,8 @@ def test_the_fastest_combined_move_tracked_by_the_lqr_arrives_without_swing() ->
 
 @pytest.mark.parametrize("move", long_after(1, ["trolley", "combined"]))
 def test_least_swing_is_less_than_that_of_the_flat_motion_in_the_same_time(move: str) -> None:
-    ours, theirs = moved(move, duration=20.0), flat(crane(), *ends(move), 20.0)
+    ours = moved(move, duration=20.0)
+    theirs = flat(crane(), *ends(move), 20.0)
     assert ours.arrival == pytest.approx(20.0, abs=1e-9)
     assert squared_swing(ours) < squared_swing(theirs)
     assert peak(ours) <= peak(theirs)

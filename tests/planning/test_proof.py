@@ -48,7 +48,8 @@ def sampled(asked: Clearance, line: DriveCurve, first: float, last: float) -> fl
 
 @given(st.integers(0, 10_000))
 def test_what_is_proven_is_free_wherever_one_looks(seed: int) -> None:
-    rng, asked = np.random.default_rng(seed), clearance(WALL)
+    rng = np.random.default_rng(seed)
+    asked = clearance(WALL)
     one, other = (
         np.array([rng.uniform(0.2, 2.8), rng.uniform(5, 21), rng.uniform(5, 23)]) for _ in range(2)
     )
@@ -117,7 +118,8 @@ def test_derivatives_of_a_path_are_those_of_its_places() -> None:
     path = Path(points, RATES, np.array([2.0]))
     s, h = np.linspace(0.1, path.duration - 0.1, 50), 1e-5
     _, first, second = path.derivatives(s)
-    before, after = path.derivatives(s - h), path.derivatives(s + h)
+    before = path.derivatives(s - h)
+    after = path.derivatives(s + h)
     np.testing.assert_allclose(first, (after[0] - before[0]) / (2 * h), atol=1e-6)
     np.testing.assert_allclose(second, (after[1] - before[1]) / (2 * h), atol=1e-5)
     ends, _, _ = path.derivatives(np.array([0.0, path.duration]))
@@ -146,7 +148,8 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     assert np.linalg.norm(apart) > asked.envelope(25.0)
     at = moved[row, which] + 0.45 * apart / np.linalg.norm(apart)
     solid = box("post", (float(at[0]), float(at[1])), (0.1, 0.1, 6.0), 0.0)
-    post, so_far = Clearance(crane(), replace(asked.site, solids=(solid,))), motion.q[: row + 1]
+    post = Clearance(crane(), replace(asked.site, solids=(solid,)))
+    so_far = motion.q[: row + 1]
     assert min(post.swing_margin(place) for place in places[: row + 1]) > CLOSE
     assert min(post.margin(q) for q in so_far) < 0.0
     envelope = post.envelope(so_far[:, post.joints.hoist])

@@ -126,7 +126,8 @@ def round_outline(count: int) -> np.ndarray:
 
 def apart(one: coal.CollisionGeometry, other: coal.CollisionGeometry, height: float = 0.0) -> float:
     """Return the distance of two shapes [m], the other one raised by a height [m]."""
-    here, above = coal.Transform3s(), coal.Transform3s(np.array([0.0, 0.0, height]))
+    here = coal.Transform3s()
+    above = coal.Transform3s(np.array([0.0, 0.0, height]))
     return coal.distance(one, here, other, above, coal.DistanceRequest(), coal.DistanceResult())
 
 

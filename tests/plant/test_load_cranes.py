@@ -106,7 +106,8 @@ def test_an_overhead_crane_has_them_too() -> None:
 
 
 def test_starts_are_coordinates_and_rates_by_name() -> None:
-    angles, rates = np.array([0.1, -0.1]), np.array([0.3, 0.2])
+    angles = np.array([0.1, -0.1])
+    rates = np.array([0.3, 0.2])
     cranes = load_cranes(payload_mass=[800.0, 900.0], phi=angles, phi_dot=rates, l=11.0)
     at = cranes.layout.index
     assert cranes.start.q[:, at("phi")].tolist() == angles.tolist()

@@ -149,7 +149,8 @@ def test_energy_is_that_of_pinocchio_and_of_springs() -> None:
 def test_the_swing_of_a_pendulum_is_its_amplitude_by_energy() -> None:
     """Small angles: A² = φ² + φ̇² L / g, with L from the joint to the load."""
     c = crane()
-    made, layout = _plant_of(c), c.layout
+    made = _plant_of(c)
+    layout = c.layout
     q, v = c.start.q.copy(), np.zeros(layout.n)
     phi, theta, cable = (layout.index(name) for name in ("phi", "theta", "l"))
     q[phi], q[theta], q[cable], v[phi], v[theta] = 0.03, -0.02, 11.0, 0.05, 0.01
@@ -252,9 +253,11 @@ def test_an_inextensible_rope_holds_while_it_pulls_and_falls_free_while_it_does_
 ) -> None:
     """By Pinocchio's mass matrix and forces, with the stretch as one more prescribed joint."""
     c = crane(rope_stiffness=np.inf, payload_inertia=300.0, dummy_mass=20.0)
-    layout, stretch = c.layout, c.layout.index("rope_stretch")
+    layout = c.layout
+    stretch = c.layout.index("rope_stretch")
     made = _plant_of(c, drive)
-    data, command = c.model.createData(), np.zeros(layout.m)
+    data = c.model.createData()
+    command = np.zeros(layout.m)
     hanging = 0 if drive == "motion" else -c.payload_mass * c.gravity  # nearly
     if drive == "effort":
         command[-1] = hanging
@@ -290,7 +293,8 @@ def test_an_inextensible_rope_holds_while_it_pulls_and_falls_free_while_it_does_
 
 def test_conditions_tell_what_the_model_does_not_hold_for() -> None:
     c = crane()
-    layout, hoist_force = c.layout, -c.payload_mass * c.gravity
+    layout = c.layout
+    hoist_force = -c.payload_mass * c.gravity
     trolley, hoist = layout.index("x"), layout.index("l")
 
     def broken(drive: str = "effort", needed: float = 0.0, level: float = 0.0, **at: float) -> int:
@@ -323,7 +327,8 @@ def test_conditions_tell_what_the_model_does_not_hold_for() -> None:
 def test_a_load_that_hangs_askew_swings_about_where_it_hangs() -> None:
     c = crane()
     made = _plant_of(c)
-    angle, slope = np.array([0.02, -0.03]), np.array([[0.0, 1e-3, 2e-3], [4e-3, 0.0, -1e-3]])
+    angle = np.array([0.02, -0.03])
+    slope = np.array([[0.0, 1e-3, 2e-3], [4e-3, 0.0, -1e-3]])
     askew = replace(made, rest=(angle, slope))
     q = c.start.q.copy()
     q[c.layout.drives] = 0.5, 8.0, 12.0

@@ -105,7 +105,8 @@ def test_height_energy_and_its_slope_are_those_of_gravity(q: np.ndarray) -> None
 @given(vectors, st.integers(0, 6), st.floats(-50.0, 50.0))
 def test_a_push_does_the_work_of_its_point(q: np.ndarray, body: int, strength: float) -> None:
     tree, where = _at(q)
-    point, force = np.array([0.3, -0.5, 0.7]), strength * np.array([0.5, 1.0, -2.0])
+    point = np.array([0.3, -0.5, 0.7])
+    force = strength * np.array([0.5, 1.0, -2.0])
     pushed, free = (
         rigid_body.tree_inverse_dynamics(tree, where, np.zeros(7), external_forces=external_forces)
         for external_forces in ([ExternalForce(body, point, force)], [])
@@ -123,7 +124,8 @@ def test_accelerations_of_any_tree_are_those_of_pinocchio(
     parents: tuple[int, ...], seed: int, q: np.ndarray, v: np.ndarray, effort: np.ndarray
 ) -> None:
     model = _arm(parents, seed)
-    tree, data = _tree(model), model.createData()
+    tree = _tree(model)
+    data = model.createData()
     where = rigid_body.frames(tree, q)
     found = _plain(rigid_body.tree_forward_dynamics(tree, where, v, array(effort.tolist())))
     expected = pin.aba(model, data, q, v, effort)
@@ -201,7 +203,8 @@ def test_counting_with_the_parent_what_moves_with_it_anyway_changes_nothing(
     q: np.ndarray, v: np.ndarray
 ) -> None:
     for model in (ARM, crane().model):
-        tree, n = _tree(model), model.nv
+        tree = _tree(model)
+        n = model.nv
         less = rigid_body.regrouped(tree)
         where = rigid_body.frames(tree, q[:n])
         ours, all_of_it = (_plain(rigid_body.mass_matrix(one, where)) for one in (less, tree))
@@ -226,7 +229,8 @@ def test_a_mass_on_the_axis_of_its_joint_is_counted_with_a_parent_that_has_its_o
     """Two joints that turn, the second body with its centre on its own axis: all of its mass goes
     to the first, which has mass elsewhere, so that they share a centre.
     """
-    rng, model = np.random.default_rng(seed), pin.Model()
+    rng = np.random.default_rng(seed)
+    model = pin.Model()
     model.gravity.linear = np.array([1.0, -2.0, -9.0])
     joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Random(), "first")
     body = pin.Inertia(3.0, rng.normal(size=3), np.diag([1.0, 2.0, 2.5]) + 0.1)
@@ -234,10 +238,13 @@ def test_a_mass_on_the_axis_of_its_joint_is_counted_with_a_parent_that_has_its_o
     joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Random(), "second")
     wheel = pin.Inertia(5.0, np.array([0.0, 0.0, 0.7]), np.diag([0.4, 0.4, 0.5]))
     model.appendBodyToJoint(joint, wheel, pin.SE3.Identity())
-    tree, q, v = _tree(model), np.array([first, second]), rng.normal(size=2)
+    tree = _tree(model)
+    q = np.array([first, second])
+    v = rng.normal(size=2)
     less = rigid_body.regrouped(tree)
     assert less.mass.tolist() == [8.0, 0.0]
-    poses, data = rigid_body.frames(less, q), model.createData()
+    poses = rigid_body.frames(less, q)
+    data = model.createData()
     upper = np.triu(pin.crba(model, data, q))
     found = _plain(rigid_body.mass_matrix(less, poses))
     assert_allclose(found, upper + np.triu(upper, 1).T, atol=1e-12 * np.abs(upper).max())
@@ -253,7 +260,8 @@ def test_points_and_spins_of_a_body_are_those_of_pinocchio(
     q: np.ndarray, v: np.ndarray, body: int
 ) -> None:
     tree, poses = _at(q)
-    point, data = np.array([0.3, -0.5, 0.7]), ARM.createData()
+    point = np.array([0.3, -0.5, 0.7])
+    data = ARM.createData()
     pin.forwardKinematics(ARM, data, q, v)
     ((place, speed),) = rigid_body.point_motions(tree, poses, v, body, [point])
     joint = data.oMi[body + 1]
@@ -275,7 +283,9 @@ def test_what_joints_pass_on_is_what_pinocchio_passes_on(
     """Its forces act at the origin of a joint, in the joint's frame, less those of a push."""
     tree, poses = _at(q)
     data = ARM.createData()
-    body, point, force = 5, np.array([0.3, -0.5, 0.7]), np.array([30.0, -20.0, 10.0])
+    body = 5
+    point = np.array([0.3, -0.5, 0.7])
+    force = np.array([30.0, -20.0, 10.0])
     pin.forwardKinematics(ARM, data, q)
     pushes = [pin.Force.Zero() for _ in range(8)]
     local = data.oMi[body + 1].rotation.T @ force
@@ -291,7 +301,8 @@ def test_what_joints_pass_on_is_what_pinocchio_passes_on(
 
 
 def test_a_difference_counts_from_its_round_off_on() -> None:
-    mass, expected = np.eye(2), np.array([1.0, -2.0])
+    mass = np.eye(2)
+    expected = np.array([1.0, -2.0])
     assert rigid_body.disagreement(expected + np.array([0.0, 1.9e-11]), expected, mass) == 0.0
     # By a hand: the largest difference over the largest number, in any of two rows.
     differs = np.array([1e-6, 0.0])

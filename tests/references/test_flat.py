@@ -47,7 +47,8 @@ def path(t: float, inertia_over_mass: float) -> np.ndarray:
     the words of `flat`: straight in cylindrical coordinates about the slew axis [m].
     """
     share = gone(t / DURATION)
-    gamma, radius = 1.2 * share, 10.0 + 10.0 * share
+    gamma = 1.2 * share
+    radius = 10.0 + 10.0 * share
     first, last = (oscillation_depth(inertia_over_mass, length) for length in (15.0, 10.0))
     depth = first + (last - first) * share
     # The jib of this crane points along -Y at zero slew.
@@ -68,7 +69,8 @@ def test_the_centre_of_oscillation_takes_the_path_and_the_rope_points_along_its_
     assert not motion.v[[0, -1]].any() and not motion.a[[0, -1]].any()
     step = 3e-3
     for k in range(100, 2400, 97):
-        t, length = k * motion.period, motion.q[k, 4]
+        t = k * motion.period
+        length = motion.q[k, 4]
         pivot, load = pivot_position(of, motion.q[k]), payload_position(of, motion.q[k])
         along_rope = (pivot - load) / np.linalg.norm(pivot - load)
         found = pivot - along_rope * oscillation_depth(inertia_over_mass, length)

@@ -80,14 +80,18 @@ def test_a_motion_uses_of_rate_and_acceleration_what_its_quintic_has(
     """10 s³ - 15 s⁴ + 6 s⁵ is fastest in the middle, by 15/8, and accelerates most at s = ½ ± √3/6,
     by 10/√3.
     """
-    of, duration, way = crane(), 8.0, (0.4, 3.0, 2.0)[drive]
+    of = crane()
+    duration = 8.0
+    way = (0.4, 3.0, 2.0)[drive]
     point = np.array([0.0, 10.0, 15.0])
     point[drive] += sign * way
     reference = spline(of, of.state(x=10.0, l=15.0), [point.tolist()], [duration])
     motion = hanging_reference(of, reference, duration, 5e-3)
     limits = Limits((0.5, 4.0, 3.0), (0.1, 0.7, 0.9))
-    shares, name = use(of, motion, limits), ("slew", "trolley", "hoist")[drive]
-    rate, acceleration = 15.0 / 8.0 * way / duration, 10.0 / math.sqrt(3.0) * way / duration**2
+    shares = use(of, motion, limits)
+    name = ("slew", "trolley", "hoist")[drive]
+    rate = 15.0 / 8.0 * way / duration
+    acceleration = 10.0 / math.sqrt(3.0) * way / duration**2
     # Rows 5 ms apart miss a peak by less than the square of their share of the duration.
     assert shares[f"rate of the {name}"] == pytest.approx(rate / limits.rates[drive], rel=1e-5)
     assert shares[f"acceleration of the {name}"] == pytest.approx(
@@ -96,7 +100,8 @@ def test_a_motion_uses_of_rate_and_acceleration_what_its_quintic_has(
 
 
 def test_the_shortest_section_is_that_of_the_drive_that_needs_most() -> None:
-    of, start = crane(), crane().state(x=10.0, l=15.0)
+    of = crane()
+    start = crane().state(x=10.0, l=15.0)
     rates, accelerations = (1.0, 8.0, 4.0), (0.02, 0.3, 0.2)
     # By accelerations: each drive needs √(10/√3 · way / limit).
     needs = {

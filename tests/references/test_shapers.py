@@ -56,7 +56,8 @@ def test_an_insensitive_shaper_leaves_its_tolerance_in_the_middle_and_less_besid
 
 @pytest.mark.parametrize("periods", [[2.0], [1.0, 3.0], [1.0, 3.0, 5.0]])
 def test_a_step_comes_in_the_parts_of_one_shaper_after_the_other(periods: list[float]) -> None:
-    of, shaper = crane(), zv(0.3)
+    of = crane()
+    shaper = zv(0.3)
     start = hold(of, of.state(x=10.0, l=15.0))
     step = pulse(of, start, "x", 1.0, at=1.0, width=1e3)
     found = shaped(step, shaper, periods if len(periods) > 1 else periods[0])
@@ -76,9 +77,11 @@ def test_on_a_cable_that_keeps_its_length_both_shapers_are_one() -> None:
     of = big_crane()
     start = of.state(x=10.0, l=15.0)
     base = ramp(of, hold(of, start), "x", 2.0, rate=0.5, at=1.0)
-    period, times = 2.0 * math.pi * math.sqrt(15.0 / G), np.linspace(0.0, 16.0, 97)
+    period = 2.0 * math.pi * math.sqrt(15.0 / G)
+    times = np.linspace(0.0, 16.0, 97)
     for shaper in (zv(), zvd(0.1), ei()):
-        fixed, moving = shaped(base, shaper, period), shaped_hoisting(of, base, shaper, 6.0)
+        fixed = shaped(base, shaper, period)
+        moving = shaped_hoisting(of, base, shaper, 6.0)
         # A spline through samples 5 ms apart rounds the corners of a ramp of 0.5 m/s.
         places = [tabulated(one, times).position for one in (moving, fixed)]
         np.testing.assert_allclose(*places, rtol=0.0, atol=1.5e-3)

@@ -94,7 +94,8 @@ def test_a_run_is_made_again_from_the_gains_and_the_reference_in_its_file(tmp_pa
         start=start,
         duration=2.0,
     ).write(tmp_path / "run.parquet")
-    kept, again = read(path), load_crane(from_record=path)
+    kept = read(path)
+    again = load_crane(from_record=path)
     control, base = kept.record["controller"], kept.record["reference"]
     assert (control["kind"], base["kind"]) == (
         "cranedyn.controllers.hold.Hold",

@@ -124,7 +124,8 @@ def test_a_run_says_what_it_was_made_with() -> None:
 
 
 def test_a_controller_may_answer_with_a_buffer_of_its_own() -> None:
-    c, buffer = crane(), np.zeros(3)
+    c = crane()
+    buffer = np.zeros(3)
 
     def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         buffer[:] = 0.0, t, -1000.0 * G
@@ -185,7 +186,8 @@ def test_without_reference_the_drives_hold_where_they_are_first_seen() -> None:
 def test_a_run_converges_to_the_equations_of_motion_with_the_order_of_its_step(
     drive: Any, command: tuple[float, ...], dt: float, remainder: float
 ) -> None:
-    c, push = crane(**DAMPED), np.array(command)
+    c = crane(**DAMPED)
+    push = np.array(command)
     start = c.state(phi=0.3, theta=-0.2, gamma_dot=0.05, x_dot=0.3, l_dot=0.5 * (drive == "motion"))
 
     def by_effort(state: State) -> np.ndarray:
@@ -237,7 +239,8 @@ def test_joint_damping_of_the_urdf_damps_the_swing_as_the_closed_form_says(
 
 @pytest.mark.slow
 def test_efforts_returned_by_prescribed_motion_reproduce_the_motion_through_effort_drives() -> None:
-    c, period = crane(**DAMPED), 1e-3
+    c = crane(**DAMPED)
+    period = 1e-3
     run = {
         "start": c.state(phi=0.05, theta=-0.03),
         "duration": 4.0,
@@ -349,7 +352,8 @@ def test_a_wide_conical_swing_gains_energy_slowly_and_in_proportion_to_the_step(
 def test_efforts_that_change_within_a_control_period_are_counted_at_both_ends() -> None:
     c = crane()
     push = constant(0.02, 0.5, -0.1)
-    start, options = c.state(phi=0.2, theta=0.1), {"dt": 1e-3, "control_period": 0.1}
+    start = c.state(phi=0.2, theta=0.1)
+    options = {"dt": 1e-3, "control_period": 0.1}
     found = simulate(c, push, start=start, duration=4.0, drive="motion", **options)
     assert np.abs(found.work).max(axis=0).min() > 1000.0  # J
     # trapezoidal rule: (ω T)²/12 = 5e-4 of some kJ, and the ledger's own order dt; by the first end
@@ -441,8 +445,10 @@ def _interrupt(*_: object) -> Any:
 @pytest.mark.parametrize("where", ["controller", "reference", "monitor"])
 def test_ctrl_c_keeps_what_was_recorded(where: str) -> None:
     c = crane()
-    start, row = c.start, 10
-    controller, reference = hold_controller(c, gravity=G), hold(c, start)
+    start = c.start
+    row = 10
+    controller = hold_controller(c, gravity=G)
+    reference = hold(c, start)
     calls = {name: iter(range(100)) for name in ("controller", "reference", "monitor")}
 
     def interrupted(name: str, function: Any) -> Any:

@@ -37,7 +37,8 @@ def test_a_loop_of_ones_own_goes_through_the_states_of_simulate_to_the_bit(
     engine: Any, variant: dict[str, Any]
 ) -> None:
     start = crane().state(phi=0.1, theta=-0.05, x=12.0)
-    setpoint, controller = hold(crane(), start)(0.0), hold_controller(crane())
+    setpoint = hold(crane(), start)(0.0)
+    controller = hold_controller(crane())
     commands = {
         "effort": lambda t, state: controller(t, state, setpoint),
         "motion": lambda t, state: np.array([0.01, 0.1, -0.05]),
@@ -70,7 +71,8 @@ def test_a_force_acts_for_the_period_with_which_it_comes(engine: Any) -> None:
     force = np.array([[1000.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     weight = np.array([0.0, 0.0, -crane().payload_mass * crane().gravity])
     stepper = Stepper(crane(), forces=True, engine=engine, control_period=0.5)
-    pushed, left = stepper.step(weight, force), stepper.step(weight)
+    pushed = stepper.step(weight, force)
+    left = stepper.step(weight)
     theta_rate = crane().layout.index("theta")
     assert pushed.v[theta_rate] != 0.0
     run = simulate(

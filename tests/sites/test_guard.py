@@ -299,7 +299,8 @@ def test_the_larger_of_measured_and_commanded_rates_counts() -> None:
     guard = guard_of()
     cable, speed = 20.0, 0.1
     added = speed / math.sqrt(guard.station.crane.gravity * cable)
-    fast, slow = (0.0, speed, 0.0), (0.0, 0.3 * speed, 0.0)
+    fast = (0.0, speed, 0.0)
+    slow = (0.0, 0.3 * speed, 0.0)
     for rates, measured in ((fast, slow), (slow, fast)):
         assert 0.095 - room(guard, cable, rates, measured) == pytest.approx(added, rel=1e-2)
 
@@ -330,7 +331,8 @@ def test_a_copy_of_a_guard_goes_on_as_it_does_and_shares_nothing_with_it(copied:
     request = asked(guard)
     same = copied(guard)
     guard.receive(answer(request))
-    state, still = at_rest(guard.station), np.zeros((1, 3))
+    state = at_rest(guard.station)
+    still = np.zeros((1, 3))
     box_without_grant = same.box.copy()
     same.step(math.nan, state, still)
     assert (same.box == box_without_grant).all()  # the grant was for the other

@@ -36,7 +36,8 @@ def test_a_crane_without_a_slew_reaches_all_of_its_ranges(tmp_path: Path) -> Non
 
 
 def test_no_load_is_put_where_it_would_leave_a_lower_crane_no_room() -> None:
-    towers, over_tower = read_crane_site("four_towers"), np.array([2.387, 45.109, 70.4])
+    towers = read_crane_site("four_towers")
+    over_tower = np.array([2.387, 45.109, 70.4])
     assert not leaves_room(towers, 3, over_tower)
     assert leaves_room(towers, 3, over_tower * [1.0, 1.0, 0.5])
 
@@ -44,6 +45,7 @@ def test_no_load_is_put_where_it_would_leave_a_lower_crane_no_room() -> None:
 def test_an_operator_whose_load_was_brought_away_raises_it_before_it_goes_back() -> None:
     towers = read_crane_site("two_towers")
     for off, rises in (0.0, False), (0.1, True):
-        operator, start = LiftOperator(towers, 0, 1), towers.stations[0].crane.start
+        operator = LiftOperator(towers, 0, 1)
+        start = towers.stations[0].crane.start
         operator._legs = [start.q[[0, 1, 4]] + [off, 0.0, 5.0]]
         assert bool(operator(0.0, [start] * 2)[2] < 0.0) is rises

@@ -84,9 +84,12 @@ def test_planned_lifts_arrive_and_keep_the_distance_that_is_proven(
 
 @slow
 def test_a_lift_of_a_luffing_crane_leaves_no_swing_in_little_more_than_the_least_time() -> None:
-    site, goal = site_of("luffing_between"), [-14.32, 31.30, 38.99]  # slew 2, luff 0.7, cable 35
+    # slew 2, luff 0.7, cable 35
+    site = site_of("luffing_between")
+    goal = [-14.32, 31.30, 38.99]
     planned = plan_site(site, [("luffing", goal)])
-    run, crane = follow(planned, supervised=False), site.stations[1].crane
+    run = follow(planned, supervised=False)
+    crane = site.stations[1].crane
     assert abs(crane.swing_angles(run.trajectories[1].q[-40:])).max() < 1e-3
     assert planned.duration < 1.15 * 51.5  # that of `optimal`, all else the same
 
@@ -291,7 +294,8 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
 
 @slow
 def test_a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost(tmp_path: Path) -> None:
-    site, rates = site_of(), ([0.05, 0.0, 0.3], [-0.05, 0.0, 0.0])
+    site = site_of()
+    rates = ([0.05, 0.0, 0.3], [-0.05, 0.0, 0.0])
     operators = [lambda t, states, rate=rate: np.array(rate) for rate in rates]
     run = simulate_site(site, operators, duration=75.0, supervised=False)
     run = replace(run, passed=[0.5 * command for command in run.commands], swing=np.full(2, 0.2))

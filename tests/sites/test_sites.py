@@ -58,11 +58,15 @@ def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
 @slow
 @pytest.mark.parametrize("name", ["two_towers", "luffing_between"])
 def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
-    site, rng = site_of(name), np.random.default_rng(1)
+    site = site_of(name)
+    rng = np.random.default_rng(1)
     for i, station in enumerate(site.stations):
-        crane, foot, swings = station.crane, station.bodies.foot, station.crane.swings
+        crane = station.crane
+        foot = station.bodies.foot
+        swings = station.crane.swings
         for _ in range(5):
-            q, drives = np.array(crane.start.q), draw(station, rng)
+            q = np.array(crane.start.q)
+            drives = draw(station, rng)
             q[crane.layout.drives] = drives
             q[swings] -= crane.swing_angles(q)
             angle = rng.uniform(0.0, 2.0 * np.pi)
@@ -70,7 +74,8 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
             data = crane.model.createData()
             pin.forwardKinematics(crane.model, data, q)
             placed = capsules(site, i, drives, drives, site.swing)
-            pivot, load = int(swings[0]) + 1, int(crane.layout.drives[crane.winch]) + 1
+            pivot = int(swings[0]) + 1
+            load = int(crane.layout.drives[crane.winch]) + 1
             reach = data.oMi[pivot].actInv(data.oMi[load].translation)
             rope = np.linspace(0.0, 1.0, 20)[:, None] * reach
             for joint, corners in [*shape_corners(crane), (pivot, rope)]:
@@ -85,7 +90,8 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
 
 @pytest.mark.slow
 def test_rope_and_load_of_a_box_lie_in_those_of_any_larger_box() -> None:
-    site, rng = site_of("four_towers"), np.random.default_rng(5)
+    site = site_of("four_towers")
+    rng = np.random.default_rng(5)
     for _ in range(20):
         low, smaller, larger = np.sort(rng.uniform([0.0, 2.0, 4.0], [0.0, 2.0, 88.0], (3, 3)), 0)
         small, large = (capsules(site, 3, low, high, site.swing) for high in (smaller, larger))
@@ -121,7 +127,9 @@ def coal_distance(site: CraneSite, cranes: list[int], values: list[np.ndarray]) 
 def test_no_sample_of_the_largest_proven_boxes_is_too_near_by_the_distances_of_coal(
     name: str,
 ) -> None:
-    site, rng, cut = site_of(name), np.random.default_rng(2), 0
+    site = site_of(name)
+    rng = np.random.default_rng(2)
+    cut = 0
     pairs = list(itertools.combinations(range(len(site.stations)), 2))
     for _ in range(6):
         cranes = list(pairs[rng.integers(len(pairs))])
@@ -166,8 +174,10 @@ class Wild:
     """An operator who pushes at random, at full rates; ten seconds in forty without numbers."""
 
     def __init__(self, station: Station, seed: int) -> None:
-        self.rng, self.rates = np.random.default_rng(seed), station.converters.rates
-        self.until, self.command = 0.0, np.zeros(len(self.rates))
+        self.rng = np.random.default_rng(seed)
+        self.rates = station.converters.rates
+        self.until = 0.0
+        self.command = np.zeros(len(self.rates))
 
     def __call__(self, t: float, states: object) -> np.ndarray:
         """Return the rates [rad/s or m/s], shape (m,)."""
@@ -227,10 +237,12 @@ def test_no_rope_swings_beyond_its_envelope_while_slow_drives_hoist_turn_and_sli
 
 @slow
 def test_a_drive_that_still_goes_faster_than_commanded_is_slowed_down_more() -> None:
-    site, rates = site_of(), []
+    site = site_of()
+    rates = []
     drives = site.stations[0].crane.layout.drives
     for speed in (0.0, 0.06):
-        guard, state = Guard(site.stations[0], site.swing), at_rest(site.stations[0])
+        guard = Guard(site.stations[0], site.swing)
+        state = at_rest(site.stations[0])
         state.v[0, drives[0]], guard.rates = speed, np.array([[0.035, 0.0, 0.0]])
         guard.box = state.q[:, None, drives] + [[[-0.5, -1.0, -1.0], [0.05, 1.0, 1.0]]]
         guard._granted = guard.box
@@ -263,10 +275,13 @@ def test_copies_of_a_site_run_as_alone_and_touch_where_nothing_is_proven(
 ) -> None:
     if not proven:
         monkeypatch.setattr(CraneSite, "apart", lambda *_: np.ones((*_[2].shape[:-2], 2), bool))
-    site, signs, duration = site_of(), np.array([[1.0, -1.0], [-1.0, -1.0], [1.0, 0.5]]), 60.0
+    site = site_of()
+    signs = np.array([[1.0, -1.0], [-1.0, -1.0], [1.0, 0.5]])
+    duration = 60.0
     shares = np.array([0.9, 0.1, 0.0])
     operators = [lambda t, states, sign=x: sign[:, None] * shares * full for x in signs.T]
-    full, channel = site.stations[0].converters.rates, MessageChannel(0.2, 0.0)
+    full = site.stations[0].converters.rates
+    channel = MessageChannel(0.2, 0.0)
     together = simulate_copies(site, operators, copies=3, duration=duration, channel=channel)
     assert together.contacts.any() != proven
     for copy, pair in enumerate(signs):
@@ -282,7 +297,8 @@ def test_a_grant_for_an_older_request_is_ignored_and_a_fault_brakes() -> None:
     site = site_of()
     guard = Guard(site.stations[0], site.swing)
     supervisor = Supervisor(site, [Guard(station, site.swing).box for station in site.stations])
-    state, rate = at_rest(site.stations[0]), site.stations[0].converters.rates[None]
+    state = at_rest(site.stations[0])
+    rate = site.stations[0].converters.rates[None]
     _, first = guard.step(0.0, state, rate)
     late = supervisor.receive(0, first)
     _, second = guard.step(1.0, state, -rate)
@@ -301,7 +317,8 @@ def test_a_grant_for_an_older_request_is_ignored_and_a_fault_brakes() -> None:
 
 @slow
 def test_of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can_pass() -> None:
-    site, rates = site_of(), [np.array([0.05, 0.0, 0.0]), np.array([-0.05, 0.0, 0.0])]
+    site = site_of()
+    rates = [np.array([0.05, 0.0, 0.0]), np.array([-0.05, 0.0, 0.0])]
     operators = [lambda t, states, rate=rate: rate for rate in rates]
     run = simulate_site(site, operators, duration=90.0)
     assert keeps(run) and run.deadlocks
@@ -309,7 +326,8 @@ def test_of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can
     slack = [station.brakes.tolerances for station in site.stations]
     boxes = [np.array([[x - y, x + y]]) for x, y in zip(q, slack, strict=True)]
     ahead = [np.array([[0.0] * 3, [1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0], [0.0] * 3])]
-    supervisor, targets = Supervisor(site, boxes), [None, None]
+    supervisor = Supervisor(site, boxes)
+    targets = [None, None]
     for number in range(1, 99):
         for i in (0, 1):
             held = supervisor.boxes[i]
@@ -338,13 +356,17 @@ def test_boxes_of_cranes_a_centimetre_beyond_the_required_distance_are_proven() 
 
 @slow
 def test_a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_it_by() -> None:
-    station, swing, radius = site_of().stations[0], 0.08, 48.0
-    crane, drives = station.crane, station.crane.layout.drives
+    station = site_of().stations[0]
+    swing = 0.08
+    radius = 48.0
+    crane = station.crane
+    drives = station.crane.layout.drives
     turning = station.converters.rates * [1.0, 0.0, 0.0]
     inclined = turning[0] ** 2 * radius / crane.gravity
     assert swing < 2.0 * inclined < 1.1 * swing
     for angle in (0.0, inclined):
-        guard, state = Guard(station, swing), at_rest(station)
+        guard = Guard(station, swing)
+        state = at_rest(station)
         state.q[:, drives[1]], state.v[:, drives], guard.rates = radius, turning, turning[None]
         state.q[:, crane.swings[0]] -= angle
         guard.box = guard._granted = np.array([[[-9.0, 2.0, 3.4], [9.0, 50.0, 38.0]]])
@@ -373,7 +395,8 @@ def test_of_cranes_in_two_circles_at_the_required_distance_one_of_each_withdraws
 
 @slow
 def test_a_crane_has_the_right_of_way_that_has_waited_longer() -> None:
-    site, rng = site_of("four_towers"), np.random.default_rng(3)
+    site = site_of("four_towers")
+    rng = np.random.default_rng(3)
     supervisor = Supervisor(site, [Guard(station, site.swing).box for station in site.stations])
     wide = supervisor.boxes[0] + np.array([[-2.6, 0.0, 0.0], [0.0] * 3])
     grant = supervisor.receive(0, asking(1, supervisor.boxes[0], wide))

@@ -141,7 +141,8 @@ def test_of_two_rows_of_a_message_for_one_copy_the_first_counts() -> None:
     one = honest(supervisor)
     wider = one.wanted + np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]])
     copies, number = np.array([1, 1]), np.array([1, 2])
-    held, wanted = np.concatenate([one.held] * 2), np.concatenate([one.wanted, wider])
+    held = np.concatenate([one.held] * 2)
+    wanted = np.concatenate([one.wanted, wider])
     grant = supervisor.receive(0, BoxRequest(copies, number, held, wanted))
     assert grant.copies.tolist() == [1] and grant.number.tolist() == [1]
     assert (supervisor.boxes[0][1] == grant.box[0]).all() and (grant.box == one.wanted).all()
@@ -156,7 +157,8 @@ def test_there_is_no_crane_of_another_index() -> None:
 
 
 def test_an_honest_crane_stays_guarded_by_a_supervisor_that_grants_anything() -> None:
-    site, rng = site_of(), np.random.default_rng(4)
+    site = site_of()
+    rng = np.random.default_rng(4)
     station = site.stations[0]
     guard = Guard(station, site.swing)
     state = at_rest(station)

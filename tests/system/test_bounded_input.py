@@ -125,7 +125,8 @@ def test_numbers_of_a_small_file_that_would_fill_the_memory_are_refused(
 def test_a_parquet_file_whose_own_description_is_large_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, parameters = tmp_path / "a.parquet", {"cranedyn": '{"a": "' + "x" * 100_000 + '"}'}
+    path = tmp_path / "a.parquet"
+    parameters = {"cranedyn": '{"a": "' + "x" * 100_000 + '"}'}
     table = pa.table({"t_s": np.arange(3.0)}).replace_schema_metadata(parameters)
     pyarrow.parquet.write_table(table, path)
     assert read_columns(path, ("t_s",))["t_s"].tolist() == [0.0, 1.0, 2.0]
@@ -147,7 +148,8 @@ def test_arrow_is_handed_no_object_of_pythons_to_read_from(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its threads would come back to it while Python ends, which aborts the process at times."""
-    table, sources = pa.table({"t_s": np.arange(3.0)}), []
+    table = pa.table({"t_s": np.arange(3.0)})
+    sources = []
     pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
     pyarrow.csv.write_csv(table, tmp_path / "a.csv")
 

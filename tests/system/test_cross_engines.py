@@ -110,7 +110,8 @@ def combined_move(**damping: float) -> tuple[Crane, Reference, Trajectory]:
     the start; and what was wanted.
     """
     c = crane(**damping)
-    start, law = c.state(phi=0.3, theta=-0.2), hold_controller(c, gravity=G)
+    start = c.state(phi=0.3, theta=-0.2)
+    law = hold_controller(c, gravity=G)
     reference = ramp(c, hold(c, start), "gamma", 1.2, rate=0.1, at=1.0)
     reference = ramp(c, ramp(c, reference, "x", 6.0, rate=0.5, at=2.0), "l", -6.0, rate=0.4, at=3.0)
     clock = dict(duration=30.0, dt=DT, control_period=PERIOD)
@@ -123,7 +124,8 @@ def _apart(urdf: str, loop: str, *, implicit: bool = False, **damping: float) ->
     """
     mujoco = pytest.importorskip("mujoco")
     c, reference, run = combined_move(**damping)
-    model, law = twin(urdf, gravity=G, dt=DT), hold_controller(c, gravity=G)
+    model = twin(urdf, gravity=G, dt=DT)
+    law = hold_controller(c, gravity=G)
     if implicit:
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
     data = mujoco.MjData(model)

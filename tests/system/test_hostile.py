@@ -280,7 +280,8 @@ def test_a_file_that_would_not_fit_is_refused_before_it_is_read(
     ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A Parquet file of equal numbers is small: what counts is how many there are."""
-    path, rows = tmp_path / f"a{ending}", 200_000
+    path = tmp_path / f"a{ending}"
+    rows = 200_000
     WRITERS[ending](_table(rows), path)
     assert ending == ".csv" or path.stat().st_size < 0.1 * rows * 8 * len(ALL)
     monkeypatch.setattr("cranedyn.data.tables.LARGEST", 1e6)
@@ -314,7 +315,8 @@ def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path:
         (harness.Outcome([table], []), "b in row 2 of the table 'Some table'"),
         (harness.Outcome([], [], {"a": np.inf}), "parameters"),
     ):
-        parser, out = harness.parser("trial", "A trial."), str(tmp_path / "out")
+        parser = harness.parser("trial", "A trial.")
+        out = str(tmp_path / "out")
         with redirect_stderr(io.StringIO()) as err:
             code = harness.run_experiment(parser, lambda *_, o=outcome: o, ["--out", out])
         assert code == 2 and words in err.getvalue()
@@ -324,8 +326,11 @@ def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path:
 
 @pytest.mark.slow
 def test_an_energy_that_grows_leaves_the_band_of_its_ripple() -> None:
-    held, period = crane(), 4.5 * 1.006  # 2π√(5 m/g), longer by 0.3²/16 for the amplitude
-    start, law = held.state(l=5.0, phi=0.3), hold_controller(held, gravity=held.gravity)
+    # 2π√(5 m/g), longer by 0.3²/16 for the amplitude
+    held = crane()
+    period = 4.5 * 1.006
+    start = held.state(l=5.0, phi=0.3)
+    law = hold_controller(held, gravity=held.gravity)
     run = simulate(held, law, start=start, duration=20.0)
     mean, least, most = energy.band(run, period)
     assert least <= mean <= most
@@ -347,7 +352,8 @@ def raising(*_: object) -> Any:
 def test_what_a_callers_own_reference_raises_is_a_sentence_with_its_place_and_its_cause(
     whose: str,
 ) -> None:
-    c, law = crane(), hold_controller(crane())
+    c = crane()
+    law = hold_controller(crane())
     words = rf"The reference raised Mine in \w+, line \d+ of {Path(__file__).name}: not today\."
     with pytest.raises(CraneError, match=words) as caught:
         if whose == "batch":
@@ -434,7 +440,8 @@ def test_pictures_are_not_even_drawn_where_the_moving_one_is_refused(
         ("0 1 a.gif --size 1 1", "pixels; allowed is"),
     ):
         words = ["-t", "0", "-o", str(tmp_path / "out"), "--gif", *span.split()]
-        code, err = snapshots.main([str(tmp_path / "a.rrd"), *words]), capsys.readouterr().err
+        code = snapshots.main([str(tmp_path / "a.rrd"), *words])
+        err = capsys.readouterr().err
         assert (code, err.count("\n"), drawn, files(tmp_path)) == (2, 1, [], [])
         assert sentence in err
 

@@ -30,7 +30,9 @@ from tests.helpers import G, constant, crane
 
 pytestmark = pytest.mark.slow
 
-COLUMNS, DRIVES, PASSIVE = crane().layout.columns(), crane().layout.drives, crane().layout.passive
+COLUMNS = crane().layout.columns()
+DRIVES = crane().layout.drives
+PASSIVE = crane().layout.passive
 
 # --- any crane, any state, any command ------------------------------------------------------------
 
@@ -332,7 +334,8 @@ def test_the_mirror_image_of_a_move_is_a_move_to_the_bit(
     case: Case, drive: str, validity: str
 ) -> None:
     validity = validity if drive == "effort" else "mark"
-    q, drives = np.array([-1.0, 1.0, 1.0, -1.0, 1.0]), np.array([-1.0, 1.0, 1.0])
+    q = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
+    drives = np.array([-1.0, 1.0, 1.0])
     mirrored = case._replace(
         where=case.where * np.tile(q, 2), what=case.what * drives, push=case.push * drives
     )

@@ -28,10 +28,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--again", metavar="NAME/NUMBER", help="try one case")
     options = parser.parse_args(argv)
     names = [name for name in GENERATORS if any(word in name for word in options.only)]
-    count, first = options.count // len(names) or 1, options.seed
+    count = options.count // len(names) or 1
+    first = options.seed
     if options.again:
         name, _, number = options.again.rpartition("/")
-        names, count, first = [name], 1, int(number)
+        names = [name]
+        count = 1
+        first = int(number)
     endings: Counter[tuple[str, str]] = Counter()
     for name in names:
         for number in range(first, first + count):

@@ -83,7 +83,8 @@ def drawn(generator: Generator, number: int) -> Any:
 
 def judged(generator: Generator, case: Any) -> Verdict:
     """Return the verdict on a case, tried in a folder of its own."""
-    folder, home = Path(tempfile.mkdtemp(prefix="fuzz-")), os.getcwd()
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    home = os.getcwd()
     (folder / "work").mkdir()
     try:
         with _raw_output(folder / "raw"), _limited(), warnings.catch_warnings():

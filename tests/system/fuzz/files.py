@@ -183,7 +183,8 @@ def _use_mujoco_model(path: Path) -> None:
         crane = load_crane(path)
         check_finite("a crane", acceleration(crane, crane.start, np.zeros(crane.layout.m)))
     model = mujoco.MjModel.from_xml_path(str(path))
-    data, theirs = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data = mujoco.MjData(model)
+    theirs = np.zeros((model.nv, model.nv))
     at = [_mujoco_joint(model, joint.name) for joint in crane.layout.joints]
     data.qpos[at] = crane.start.q
     mujoco.mj_forward(model, data)
@@ -225,7 +226,8 @@ def _parquet() -> dict[str, bytes]:
 
 
 def _use_table(path: Path) -> None:
-    columns, run = read_columns(path, ("t_s", "phi_rad", "l_m")), read(path)
+    columns = read_columns(path, ("t_s", "phi_rad", "l_m"))
+    run = read(path)
     check_finite("a table", run.q, *columns.values())
     if not (np.diff(run.t) > 0.0).all():
         raise Broken("a table was read whose time does not increase", run.t)
@@ -272,7 +274,8 @@ def _furnish_sweep(folder: Path) -> None:
 
 
 def _use_sweep(path: Path) -> None:
-    table, x = results(path.parent).to_pydict(), np.arange(6.0)
+    table = results(path.parent).to_pydict()
+    x = np.arange(6.0)
     if (table["x"], table["y"]) != (x.tolist(), (x**2).tolist()):
         raise Broken("a damaged sweep was read as if it were whole", table)
 

@@ -87,7 +87,8 @@ def _trial(argv: list[str]) -> int:
 
 
 def _experiment(options: object, setup: harness.Setup) -> harness.Outcome:
-    law, start = hold_controller(setup.crane), setup.crane.start
+    law = hold_controller(setup.crane)
+    start = setup.crane.start
     run = setup.simulate(setup.crane, law, None, start=start, duration=0.03, label="")
     rows = list(zip(*run.state(-1), strict=True))
     table = harness.ResultTable("End", [("q", "g"), ("v", "g")], rows)
@@ -125,7 +126,8 @@ def draw(command: str, rng: Random) -> tuple[bool, float, list[str]]:
     """Return whether runs are cut off, the time for all [s], and the words: options in any order,
     most of them with values of the kind that they take.
     """
-    actions, odd = grammar(command), rng.choice([0.1, 0.5])
+    actions = grammar(command)
+    odd = rng.choice([0.1, 0.5])
     chosen = rng.choices(actions, k=rng.choice([0, 1, 1, 1, 2, 2, 3, 4])) if actions else []
     if rng.random() < 0.9:
         chosen += [one for one in actions if one.required or not (one.option_strings or one.nargs)]
