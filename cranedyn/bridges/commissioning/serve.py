@@ -177,7 +177,7 @@ def servers(
             start(work).result(_CLOSING_TIME)
 
     with contextlib.ExitStack() as stack:
-        # Callbacks run in the opposite order: the servers close, all tasks end, the thread ends, and
+        # Callbacks run in the opposite order: servers close, all tasks end, the thread ends, and
         # the loop is closed.
         errors = stack.enter_context(_ClientErrors())
         stack.callback(loop.close)
