@@ -4,11 +4,11 @@ Python to its first step.
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,7 +30,7 @@ from cranedyn.simulation.simulate import simulate
 from experiments.harness.outcome import ResultTable
 
 INTEGRATORS = (semi_implicit_euler, rk4)
-"""Those that are compared."""
+"""Integrators that are compared."""
 
 STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
 """Physics steps [s]; each divides the control period."""
@@ -41,6 +41,9 @@ DURATION = 10.0
 PERIOD = 1e-2
 """Control period [s]."""
 
+_MARKS = "os^Dv"
+"""Marks of curves; they repeat."""
+
 _FIRST_STEP = """
 import sys
 from benchmarks.contestants import CONTESTANTS
@@ -49,11 +52,12 @@ case = Case()
 (one,) = (one for one in CONTESTANTS if one.name == sys.argv[1])
 one.prepare(case)(case.starts(1), case.period)
 """
+"""Script that runs one control period by the contestant of a name."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a run is off.
+    """Errors of a run against an exact solution.
 
     Attributes:
         place: Largest distance of the payload from where it should be [m].
@@ -70,27 +74,39 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times [s] and exact coordinates at the control instants, shapes (n,) and (n, 5).
 
     Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant
-    because the efforts jump there.
+    because the efforts jump there. Its tolerances are as small as rounding allows.
     """
     crane = case.crane
+    n = case.n
     hold = case.controller
     limit = case.crane.effort_limit
     times = case.period * np.arange(case.periods(duration) + 1)
-    rows = np.empty((len(times), 10))
+    # Coordinates, then rates.
+    rows = np.empty((len(times), 2 * n))
     rows[0] = case.starts(1)[0]
 
-    def rates(t: float, y: np.ndarray, effort: np.ndarray) -> np.ndarray:
-        return np.concatenate([y[5:], dynamics.acceleration(crane, State(y[:5], y[5:]), effort)])
+    def derivative(t: float, y: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        q = y[:n]
+        v = y[n:]
+        return np.concatenate([v, dynamics.acceleration(crane, State(q, v), effort)])
 
     drives = crane.layout.drives
-    method: Any = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
-    for k, (q, v) in enumerate(zip(rows[:-1, :5], rows[:-1, 5:], strict=True)):
-        away = rows[0, drives] - q[drives]
-        effort = hold.feed_forward + hold.stiffness * away - hold.damping * v[drives]
-        span = (0.0, case.period)
-        arguments = (effort.clip(-limit, limit),)
-        rows[k + 1] = solve_ivp(rates, span, rows[k], args=arguments, **method).y[:, -1]
-    return times, rows[:, :5]
+    for k in range(len(rows) - 1):
+        q = rows[k, :n]
+        v = rows[k, n:]
+        offset = rows[0, drives] - q[drives]
+        effort = hold.feed_forward + hold.stiffness * offset - hold.damping * v[drives]
+        solution = solve_ivp(
+            derivative,
+            (0.0, case.period),
+            rows[k],
+            method="DOP853",
+            rtol=1e-13,
+            atol=1e-15,
+            args=(effort.clip(-limit, limit),),
+        )
+        rows[k + 1] = solution.y[:, -1]
+    return times, rows[:, :n]
 
 
 def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
@@ -109,15 +125,16 @@ def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
 
 def errors(crane: Crane, run: Trajectory, times: np.ndarray, exact: np.ndarray) -> Errors:
     """Return the errors of a run against exact coordinates at control instants, shape (n, 5)."""
-    places = (
-        [dynamics.payload_position(crane, q) for q in coordinates] for coordinates in (run.q, exact)
-    )
-    distance = max(float(np.linalg.norm(a - b)) for a, b in zip(*places, strict=True))
+    distance = 0.0
+    for q, exact_q in zip(run.q, exact, strict=True):
+        offset = dynamics.payload_position(crane, q) - dynamics.payload_position(crane, exact_q)
+        distance = max(distance, float(np.linalg.norm(offset)))
     period = _period(times, run["phi_rad"]) - _period(times, exact[:, 2])
     return Errors(distance, abs(period), float(np.abs(run.unexplained).max()))
 
 
 def _period(t: np.ndarray, swing: np.ndarray) -> float:
+    """Return the mean period of a swing [s]: twice the time between two crossings of zero."""
     crossings = zero_crossings(t, swing)
     return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
 
@@ -132,19 +149,25 @@ def integrators(
     """Return cost and errors of each integrator at each step."""
     crane = Case().crane
     times, exact = reference(Case(crane, period=PERIOD), duration)
-    cases = [(rule, Case(crane, dt, PERIOD)) for rule in INTEGRATORS for dt in steps]
-    # So that nothing in the race is a first.
+    cases = list(itertools.product(INTEGRATORS, [Case(crane, dt, PERIOD) for dt in steps]))
+    # These runs are not measured: so nothing in the race is a first.
     runs = [swung(case, rule, duration) for rule, case in cases]
     tasks = [partial(swung, case, rule, duration) for rule, case in cases]
     costs = np.median(race(tasks, rounds, rng), axis=1) / duration
     rows = []
     for (rule, case), run, cost in zip(cases, runs, costs, strict=True):
-        off = errors(crane, run, times, exact)
+        error = errors(crane, run, times, exact)
         rows.append(
-            (rule.name, 1e3 * case.dt, 1e3 * float(cost), off.place, off.period, off.energy)
+            (rule.name, 1e3 * case.dt, 1e3 * float(cost), error.place, error.period, error.energy)
         )
-    columns = [("integrator", ""), ("step [ms]", "g"), ("ms per simulated s", ".3g")]
-    columns += [("payload off [m]", ".1e"), ("period off [s]", ".1e"), ("energy off [J]", ".1e")]
+    columns = [
+        ("integrator", ""),
+        ("step [ms]", "g"),
+        ("ms per simulated s", ".3g"),
+        ("payload off [m]", ".1e"),
+        ("period off [s]", ".1e"),
+        ("energy off [J]", ".1e"),
+    ]
     note = (
         f"Free swing of 0.1 rad at 15 m for {duration:g} s with the drives held at "
         f"{1.0 / PERIOD:g} Hz, against a solution of order 8 with "
@@ -159,20 +182,27 @@ def start_up(
     rounds: int, rng: np.random.Generator, contestants: Sequence[Contestant] = CONTESTANTS
 ) -> ResultTable:
     """Return the wall time of fresh processes until the first control period is done."""
-    names = [c.name for c in contestants if c.missing() is None and _comes(c.name)]
-    tasks = [partial(fresh, "pass"), *(partial(fresh, _FIRST_STEP, name) for name in names)]
+    names = []
+    for contestant in contestants:
+        if contestant.missing() is None and _can_start(contestant.name):
+            names.append(contestant.name)
+    tasks = [partial(fresh, "pass")]
+    for name in names:
+        tasks.append(partial(fresh, _FIRST_STEP, name))
     times = np.median(race(tasks, rounds, rng), axis=1)
     note = (
         "Wall time of a process from the start of Python until one control period is simulated, "
         f"median of {rounds} shuffled rounds. "
         f"All but the first import cranedyn, load the crane and make its controller; C is compiled."
     )
-    everybody = ["Python, nothing else", *names]
-    rows = [(name, 1e3 * float(seconds)) for name, seconds in zip(everybody, times, strict=True)]
+    rows = []
+    for name, seconds in zip(["Python, nothing else", *names], times, strict=True):
+        rows.append((name, 1e3 * float(seconds)))
     return ResultTable("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
 
 
-def _comes(name: str) -> bool:
+def _can_start(name: str) -> bool:
+    """Return whether a contestant reaches its first step in a process of its own."""
     try:
         fresh(_FIRST_STEP, name)
     except CraneError:
@@ -183,13 +213,17 @@ def _comes(name: str) -> bool:
 def accuracy_figure(table: ResultTable) -> Figure:
     """Plot the largest payload error against the step and against the cost."""
     figure, (left, right) = panels(1, 2, height=4.0, sharey=True)
-    for k, name in enumerate(dict.fromkeys(row[0] for row in table.rows)):
-        steps, cost, off = zip(*(row[1:4] for row in table.rows if row[0] == name), strict=True)
-        left.plot(steps, off, marker="os^Dv"[k % 5], label=name)
-        right.plot(cost, off, marker="os^Dv"[k % 5], label=name)
+    names = list(dict.fromkeys(row[0] for row in table.rows))
+    for k, name in enumerate(names):
+        numbers = [row[1:4] for row in table.rows if row[0] == name]
+        steps, costs, place_errors = np.array(numbers, dtype=float).T
+        mark = _MARKS[k % len(_MARKS)]
+        left.plot(steps, place_errors, marker=mark, label=name)
+        right.plot(costs, place_errors, marker=mark, label=name)
     left.set(xscale="log", yscale="log", xlabel="physics step [ms]", ylabel="payload off by [m]")
-    costs = np.log10(np.array([row[2] for row in table.rows], dtype=float))
-    limits = 10.0 ** np.floor(costs.min()), 10.0 ** np.ceil(costs.max())
+    decades = np.log10(np.array([row[2] for row in table.rows], dtype=float))
+    # Whole decades, so that the axis has numbers at both ends.
+    limits = 10.0 ** np.floor(decades.min()), 10.0 ** np.ceil(decades.max())
     right.set(xscale="log", xlim=limits, xlabel="computing time per simulated second [ms]")
     left.legend(frameon=False)
     return figure

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import process_time
-from typing import Any
 
 import numpy as np
 
@@ -21,12 +20,12 @@ from benchmarks.timing import fresh
 from benchmarks.workload import Case, plain
 from cranedyn.command import command
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.interfaces import State
+from cranedyn.interfaces import Controller, EngineName, State
 from cranedyn.model.load import load_crane
 from experiments.harness.outcome import Outcome, ResultTable, show
 
 SHARE = 0.85
-"""Of its usual ratio, which each must reach."""
+"""Share of its usual ratio that each workload must reach."""
 
 SECONDS = 90.0
 """Processor time after which who has not passed has failed."""
@@ -35,23 +34,26 @@ _ROUNDS = 20
 """Rounds before anybody has passed, and between two looks at who has."""
 
 _OTHERS = "import numpy, pinocchio"
+"""Script that imports what is not ours."""
+
 _FIRST_STEP = """
 from cranedyn import load_crane, simulate
 from cranedyn.controllers import hold_controller
 crane = load_crane()
 simulate(crane, hold_controller(crane), duration=5e-3, engine="compiled")
 """
+"""Script that does the first compiled control period of a process."""
 
 
 @dataclass(frozen=True)
 class Workload:
-    """Something to do.
+    """Work whose time is measured.
 
     Attributes:
-        run: Does it once.
-        amount: How much is done then.
-        every: In which rounds: each, or each so many.
-        clock: Processor time so far [s], of what runs it.
+        run: Function that does it once.
+        amount: How much it does then, such as a number of steps.
+        every: Number of rounds in one of which it is done, 1 for each.
+        clock: Function that returns the processor time so far [s] of what does it.
     """
 
     run: Callable[[], object]
@@ -62,14 +64,14 @@ class Workload:
 
 @dataclass(frozen=True)
 class Bar:
-    """Work of ours, and what it is measured by.
+    """Work of ours, and the work that it is compared with.
 
     Attributes:
-        name: What it is called.
-        work: Ours.
-        yardstick: Not ours: what a computer is slow at, it is slow at in both.
-        usual: How much of ours is done in the time of one of the other, on two cores of a server
-            with AVX-512.
+        name: Name of the work.
+        work: Our work.
+        yardstick: Work that is not ours. What a computer is slow at, it is slow at in both.
+        usual: How much of our work is done in the time of one of the yardstick, on two cores of a
+            server with AVX-512.
     """
 
     name: str
@@ -96,73 +98,100 @@ def all_bars() -> list[Bar]:
     ]
 
 
-def _run(case: Case, duration: float, **options: object) -> Workload:
-    run = partial(plain, case, case.starts(1)[0], duration, **options)  # type: ignore[arg-type]
+def _run(
+    case: Case,
+    duration: float,
+    *,
+    engine: EngineName = "pinocchio",
+    controller: Controller | None = None,
+) -> Workload:
+    """Return the run of one crane for a simulated time [s], by default in the plain loop."""
+    start = case.starts(1)[0]
+    run = partial(plain, case, start, duration, engine=engine, controller=controller)
     return Workload(run, case.periods(duration) * case.steps)
 
 
 def _closed(case: Case, duration: float) -> Workload:
+    """Return the run of one crane with control and steps compiled."""
     return _run(case, duration, engine="compiled")
 
 
 def _stepping(case: Case, duration: float) -> Workload:
+    """Return the run of one crane with steps compiled and control in Python.
+
+    The engine does not look into a `partial`, and so cannot compile the controller.
+    """
     return _run(case, duration, engine="compiled", controller=partial(case.controller))
 
 
 def _batch(case: Case, duration: float, cranes: int = 512) -> Workload:
-    start = State(*np.split(case.starts(cranes), 2, axis=1))
-    how: Any = {"start": start, "duration": duration, "threads": 1}
-    run = partial(simulate_batch, case.crane, case.controller, **how)
+    """Return the run of many cranes on one thread."""
+    q, v = np.split(case.starts(cranes), 2, axis=1)
+    run = partial(
+        simulate_batch,
+        case.crane,
+        case.controller,
+        start=State(q, v),
+        duration=duration,
+        threads=1,
+    )
     return Workload(run, cranes * case.periods(duration) * case.steps)
 
 
 def _of_children() -> float:
+    """Return the processor time of all processes that this one has started and that ended [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def measure_bars(bars: Sequence[Bar], seconds: float, share: float = SHARE) -> list[float]:
-    """Return the ratios, once each is at its bar or the time is over.
+    """Return the ratio of each bar, once all are at their bars or the time is over.
 
     Everything takes turns in shuffled rounds, and its least processor time counts: it is the same
     work every time, and whatever else the machine does only adds to it.
 
     Args:
         bars: What to measure.
-        seconds: Processor time to give up after.
-        share: Of the usual ratios, where the bars are.
+        seconds: Processor time after which to give up [s].
+        share: Share of their usual ratios that is asked for.
     """
-    works = list({id(work): work for bar in bars for work in (bar.work, bar.yardstick)}.values())
+    # Several bars share a yardstick, which is measured once.
+    works: list[Workload] = []
+    for bar in bars:
+        for work in (bar.work, bar.yardstick):
+            if not any(work is other for other in works):
+                works.append(work)
     least_times = {id(work): float("inf") for work in works}
     end = process_time() + seconds
     shuffled = random.Random(0)
-    k = 0
+    # The first run of each is not measured: it may compile.
     for work in works:
         work.run()
+    rounds = 0
     while True:
         for work in shuffled.sample(works, len(works)):
-            if k % work.every == 0:
+            if rounds % work.every == 0:
                 before = work.clock()
                 work.run()
                 least_times[id(work)] = min(least_times[id(work)], work.clock() - before)
-        k += 1
-        each = [
-            [least_times[id(work)] / work.amount for work in (bar.yardstick, bar.work)]
-            for bar in bars
-        ]
-        ratios = [yardstick / ours for yardstick, ours in each]
+        rounds += 1
+        ratios = []
+        for bar in bars:
+            yardstick = least_times[id(bar.yardstick)] / bar.yardstick.amount
+            ours = least_times[id(bar.work)] / bar.work.amount
+            ratios.append(yardstick / ours)
         passed = all(ratio >= share * bar.usual for ratio, bar in zip(ratios, bars, strict=True))
-        if (k % _ROUNDS == 0 and passed) or process_time() >= end:
+        if (rounds % _ROUNDS == 0 and passed) or process_time() >= end:
             return ratios
 
 
 def judge_bars(bars: Sequence[Bar], seconds: float, share: float = SHARE) -> int:
     """Measure and print; return 0 if each reaches its bar, else 1; arguments as `measure_bars`."""
-    rows = [
-        (bar.name, ratio, bar.usual, share * bar.usual)
-        for bar, ratio in zip(bars, measure_bars(bars, seconds, share), strict=True)
-    ]
-    columns = [("workload", ""), *((name, ".3g") for name in ("ratio", "usual", "bar"))]
+    ratios = measure_bars(bars, seconds, share)
+    rows = []
+    for bar, ratio in zip(bars, ratios, strict=True):
+        rows.append((bar.name, ratio, bar.usual, share * bar.usual))
+    columns = [("workload", ""), ("ratio", ".3g"), ("usual", ".3g"), ("bar", ".3g")]
     note = (
         "Ratio: physics steps in the time of one bare call of `pin.aba` from Python; of the "
         "process, to one that imports NumPy and Pinocchio only. Least processor time of shuffled "

@@ -33,6 +33,10 @@ from experiments import harness
 from experiments.scenarios import programs
 
 SETUP = harness.Setup(9.8, engine="compiled")
+"""How the run is simulated that the other side repeats."""
+
+STEPS_OF_PERIOD = 10
+"""Number of physics steps in a control period of that run."""
 
 
 class Comparison(NamedTuple):
@@ -62,17 +66,19 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Comparison:
 
     model = mujoco.MjModel.from_xml_path(str(written))
     data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = run.state(0)
+    start = run.state(0)
+    data.qpos[:] = start.q
+    data.qvel[:] = start.v
     brake = hold_controller(crane)
-    setpoint = hold(crane, run.state(0))(0.0)
+    setpoint = hold(crane, start)(0.0)
     rows = []
     began = time.process_time()
     for t in run.t:
         state = State(data.qpos.copy(), data.qvel.copy())
         rows.append(np.concatenate(state))
         data.ctrl[:] = brake(t, state, setpoint)
-        mujoco.mj_step(model, data, 10)
-    speed = 10 * len(run) / (time.process_time() - began)
+        mujoco.mj_step(model, data, STEPS_OF_PERIOD)
+    speed = STEPS_OF_PERIOD * len(run) / (time.process_time() - began)
     return _swing_comparison(rows, run, speed)
 
 
@@ -89,10 +95,8 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     )
     names = state_names(crane)
     start = run.state(0)
-    states, commands = (
-        [reference[name] for name in group]
-        for group in (names, [f"{i}_command" for i in input_names(crane, "effort")])
-    )
+    states = [reference[name] for name in names]
+    commands = [reference[f"{name}_command"] for name in input_names(crane, "effort")]
     unit.instantiate()
     unit.enterInitializationMode()
     unit.setFloat64([reference[f"{name}_start"] for name in names], np.concatenate(start).tolist())
@@ -102,16 +106,19 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     rows = []
     began = time.process_time()
     for k, t in enumerate(run.t):
-        rows.append(np.array(unit.getFloat64(states)))
-        unit.setFloat64(commands, brake(t, State(*np.split(rows[-1], 2)), setpoint).tolist())
+        row = np.array(unit.getFloat64(states))
+        rows.append(row)
+        q, v = np.split(row, 2)
+        unit.setFloat64(commands, brake(t, State(q, v), setpoint).tolist())
         unit.doStep(k * SETUP.control_period, SETUP.control_period)
-    speed = 10 * len(run) / (time.process_time() - began)
+    speed = STEPS_OF_PERIOD * len(run) / (time.process_time() - began)
     unit.terminate()
     unit.freeInstance()
     return _swing_comparison(rows, run, speed)
 
 
 def _swing_comparison(rows: list[np.ndarray], run: Trajectory, speed: float) -> Comparison:
+    """Compare coordinates and rates of the other side, a row for each control instant."""
     apart = np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()
     return Comparison("coordinates and rates, 20 s of swing, hold", float(apart), speed)
 
@@ -124,8 +131,9 @@ def _c(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     command = [compiler, "-O2", "-std=c99", *sorted(written.glob("*.c")), "-o", written / "test"]
     subprocess.run([str(word) for word in command], check=True)
     printed = subprocess.run([written / "test"], capture_output=True, check=True, text=True).stdout
-    apart = max(map(float, re.findall(r"Python (\S+),", printed)))
-    decade = 10.0 ** np.ceil(np.log10(apart))  # round-off decides its digits
+    differences = [float(text) for text in re.findall(r"Python (\S+),", printed)]
+    # Round-off decides the digits of the difference: only its power of ten is told.
+    decade = 10.0 ** np.ceil(np.log10(max(differences)))
     compared = "states, 2,000 steps, and efforts of an LQR, relative, at most"
     return Comparison(compared, float(decade), None)
 
@@ -136,19 +144,21 @@ def _mcap(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     began = time.process_time()
     values = bags.read_joint_states(written, columns)
     speed = len(run) / (time.process_time() - began)
-    apart = max(float(np.abs(values[c] - run[c]).max()) for c in columns)
+    apart = max(float(np.abs(values[name] - run[name]).max()) for name in columns)
     return Comparison("coordinates and rates, read back", apart, speed)
 
 
 def _ros2(written: Path, crane: Crane, run: Trajectory) -> Comparison:
     """Compare the mass matrix of the package's URDF."""
     same = load_crane(written / "urdf" / "crane.urdf", gravity=crane.gravity)
-    masses = [pin.crba(one.model, one.data, run.q[0]) for one in (same, crane)]
-    difference = float(np.abs(masses[0] - masses[1]).max())
+    their_mass = pin.crba(same.model, same.data, run.q[0])
+    our_mass = pin.crba(crane.model, crane.data, run.q[0])
+    difference = float(np.abs(their_mass - our_mass).max())
     return Comparison("mass matrix of its URDF [kg, kg m, kg m²]", difference, None)
 
 
 def _law(crane: Crane) -> object:
+    """Return the LQR that is exported with the C code."""
     return CONTROLLERS["lqr"][1](crane, SETUP.control_period)
 
 
@@ -186,11 +196,16 @@ def exporter_table() -> harness.ResultTable:
                 continue
             files = path.rglob("*") if path.is_dir() else [path]
             size = sum(file.stat().st_size for file in files)
-            speed = result.speed and result.speed / 1e3
-            row = (name, 1e3 * spent, size / 1e3, result.compared, result.apart, speed)
-            rows.append(row)
-    columns = [("exporter", ""), ("written [ms]", ".0f"), ("size [kB]", ".0f"), ("compared", "")]
-    columns += [("apart", ".0e"), ("thousand/s", ".0f")]
+            speed = None if result.speed is None else result.speed / 1e3
+            rows.append((name, 1e3 * spent, size / 1e3, result.compared, result.apart, speed))
+    columns = [
+        ("exporter", ""),
+        ("written [ms]", ".0f"),
+        ("size [kB]", ".0f"),
+        ("compared", ""),
+        ("apart", ".0e"),
+        ("thousand/s", ".0f"),
+    ]
     note = (
         "Processor time. Apart: the largest difference [rad, m, per second] unless said "
         "otherwise. Thousand steps or rows a second."

@@ -12,16 +12,24 @@ from experiments.catalogue import EXPERIMENTS
 from experiments.harness import ResultTable
 
 
+def processor_time() -> float:
+    """Return the processor time of all processes that were started and have ended [s]."""
+    usage = getrusage(RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
 def measure(options: argparse.Namespace) -> Sequence[ResultTable]:
     """Return the table of experiments, with processor times [s] and exit codes."""
     rows = []
     for name in options.only or EXPERIMENTS:
-        before = sum(getrusage(RUSAGE_CHILDREN)[:2])  # user and system
+        before = processor_time()
         with TemporaryDirectory() as folder:
             command = [sys.executable, "-m", "cranedyn", "report", "--only", name, "--out", folder]
             code = subprocess.run(command, stdout=subprocess.DEVNULL).returncode
-        rows.append((name, sum(getrusage(RUSAGE_CHILDREN)[:2]) - before, code))
-    rows.append(("all", sum(row[1] for row in rows), max(row[2] for row in rows)))
+        rows.append((name, processor_time() - before, code))
+    total = sum(row[1] for row in rows)
+    worst_code = max(row[2] for row in rows)
+    rows.append(("all", total, worst_code))
     columns = [("experiment", ""), ("processor [s]", ".1f"), ("exit code", "d")]
     return [ResultTable("Experiments of the report", columns, rows)]
 

@@ -22,10 +22,10 @@ from cranedyn.model.load import load_crane
 from experiments.harness.outcome import ResultTable
 
 CRANES = (64, 1024)
-"""How many cranes run together."""
+"""Numbers of cranes that run together, where a contestant runs many."""
 
 HOOK_MASS = 200.0
-"""Of the hook block of the double pendulum [kg]."""
+"""Mass of the hook block of the double pendulum [kg]."""
 
 COLUMNS = (
     ("strategy", ""),
@@ -36,8 +36,8 @@ COLUMNS = (
     ("apart", ".0e"),
 )
 
-
 Rows = list[list[float | str | None]]
+"""Cells of a table by row."""
 
 
 def measure_engines(
@@ -46,24 +46,51 @@ def measure_engines(
     """Return a row for each contestant and number of cranes: steps/s, real time, ratio; arguments
     as `benchmarks.timing.step_rates`, the plain loop among those that are ready.
     """
-    entries = [(e, cranes) for e in ready for cranes in (CRANES if e.contestant.many else (1,))]
-    rates = step_rates(case, [(e.run, cranes) for e, cranes in entries], rounds, budget, rng)
-    (plain,) = (rate for rate, (e, _) in zip(rates, entries, strict=True) if e.contestant is PLAIN)
+    entries = []
+    for runner in ready:
+        for cranes in CRANES if runner.contestant.many else (1,):
+            entries.append((runner, cranes))
+    runs = [(runner.run, cranes) for runner, cranes in entries]
+    rates = step_rates(case, runs, rounds, budget, rng)
+    plain = _rates_of_plain_loop(entries, rates)
     rows: Rows = []
-    for (e, cranes), rate in zip(entries, rates, strict=True):
-        middle = float(np.median(rate))
-        numbers = middle / 1e6, middle * case.dt, np.median(rate / plain)
-        million, real_time, ratio = (float(f"{value:.3g}") for value in numbers)
-        apart = None if e.contestant is PLAIN else e.max_deviation
-        rows.append([e.contestant.name, cranes, million, real_time, ratio, apart])
+    for (runner, cranes), rate in zip(entries, rates, strict=True):
+        median = float(np.median(rate))
+        # The ratio in each round, not that of the medians: both meet what else the machine does.
+        ratio = np.median(rate / plain)
+        is_plain = runner.contestant is PLAIN
+        rows.append(
+            [
+                runner.contestant.name,
+                cranes,
+                _three_digits(median / 1e6),
+                _three_digits(median * case.dt),
+                _three_digits(ratio),
+                None if is_plain else runner.max_deviation,
+            ]
+        )
     return rows
+
+
+def _rates_of_plain_loop(entries: Sequence[tuple[Ready, int]], rates: np.ndarray) -> np.ndarray:
+    """Return the rates of the plain loop in each round, shape (rounds,)."""
+    for (runner, _), rate in zip(entries, rates, strict=True):
+        if runner.contestant is PLAIN:
+            return rate
+    raise ValueError(f"The {PLAIN.name} is not among the contestants.")
+
+
+def _three_digits(value: float) -> float:
+    """Round to three digits: more of a measured time mean nothing."""
+    return float(f"{value:.3g}")
 
 
 def engine_tables(
     rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int
 ) -> list[ResultTable]:
     """Return the tables of one crane, of many cranes, and of contestants that are not shown."""
-    single, many = ([row for row in rows if (row[1] == 1) is alone] for alone in (True, False))
+    single = [row for row in rows if row[1] == 1]
+    many = [row for row in rows if row[1] != 1]
     title = f"One crane for {DURATION:g} s, or as much of them as fits"
     result = [ResultTable(title, COLUMNS, single, _note(rounds))]
     if many:
@@ -72,6 +99,7 @@ def engine_tables(
 
 
 def _note(rounds: int) -> str:
+    """Return the note below the tables of contestants."""
     return (
         f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors. Real time: time of "
         "all cranes over wall time. Ratio: to the plain loop of the same round. Apart: largest "

@@ -26,13 +26,18 @@ crane.urdf
 last = time.perf_counter()
 print(json.dumps([imported - start, first - imported, (others - first) / 10, last - others]))
 """
+"""Script that prints the four times [s] of `measure_loading`."""
 
 
 def measure_loading(rounds: int) -> list[float]:
     """Return medians [s]: imports, the first crane, each of ten other cranes, the whole URDF."""
-    fresh(_PROGRAM)  # its modules are translated then
-    runs = (fresh(_PROGRAM) for _ in range(rounds))
-    return [statistics.median(column) for column in zip(*map(json.loads, runs), strict=True)]
+    # Python translates the modules in the first process, which is not measured.
+    fresh(_PROGRAM)
+    runs = [json.loads(fresh(_PROGRAM)) for _ in range(rounds)]
+    medians = []
+    for times in zip(*runs, strict=True):
+        medians.append(statistics.median(times))
+    return medians
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,9 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(argv)
     times = measure_loading(max(options.rounds, 1))
-    for name, seconds in zip(
-        ("imports", "first crane", "another crane", "its whole URDF"), times, strict=True
-    ):
+    names = ("imports", "first crane", "another crane", "its whole URDF")
+    for name, seconds in zip(names, times, strict=True):
         print(f"{name:15} {1e3 * seconds:6.1f} ms")
     return 0 if times[1] <= options.most else 1
 

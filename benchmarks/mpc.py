@@ -30,6 +30,10 @@ from experiments.harness import ResultTable
 from experiments.scenarios.moves import AFTER, LIMITS, MOVES, RestToRest
 
 MODULES = {"DAQP": "daqp", "Clarabel": "clarabel", "PIQP": "piqp", "OSQP": "osqp"}
+"""Module of each solver of `benchmarks.horizon.SOLVERS`."""
+
+BATCH_CRANES = 16
+"""Number of cranes in a batch."""
 
 
 class Optimised(NamedTuple):
@@ -83,16 +87,24 @@ def optimisations_of(crane: Crane, move: RestToRest, along: bool, stride: int) -
 def batch_rate(crane: Crane, move: RestToRest, along: bool, rounds: int) -> float:
     """Return optimisations a second of 16 cranes on a thread, swinging by up to 0.02 rad."""
     start, controller, reference = controlled(crane, move, along)
-    many = State(*(np.tile(numbers, (16, 1)) for numbers in start))
-    many.q[:, crane.swings] += np.linspace(0.0, 0.02, 16)[:, None]
+    q = np.tile(start.q, (BATCH_CRANES, 1))
+    v = np.tile(start.v, (BATCH_CRANES, 1))
+    q[:, crane.swings] += np.linspace(0.0, 0.02, BATCH_CRANES)[:, None]
     duration = move.duration + AFTER
     task = partial(
-        simulate_batch, crane, controller, reference, start=many, duration=duration, threads=1
+        simulate_batch,
+        crane,
+        controller,
+        reference,
+        start=State(q, v),
+        duration=duration,
+        threads=1,
     )
-    task()  # the first run compiles
+    # The first run is not measured: it compiles.
+    task()
     least = min(seconds(task, time.process_time) for _ in range(rounds))
     time_between = controller.programme.ratio * controller.programme.period
-    return 16 * duration / (time_between * least)
+    return BATCH_CRANES * duration / (time_between * least)
 
 
 def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
@@ -164,10 +176,12 @@ def repeated(
 ) -> list[Optimised]:
     """Run a move several times and return the shortest time of each optimisation."""
     runs = [optimisations_of(crane, move, along, stride) for _ in range(rounds)]
-    return [
-        first._replace(taken=min(repetition.taken for repetition in repetitions))
-        for first, *repetitions in zip(runs[0], *runs, strict=True)
-    ]
+    result = []
+    # The runs are the same but for their times: an item is one optimisation in all of them.
+    for repetitions in zip(*runs, strict=True):
+        shortest = min(repetition.taken for repetition in repetitions)
+        result.append(repetitions[0]._replace(taken=shortest))
+    return result
 
 
 def measure_mpc(options: argparse.Namespace) -> list[ResultTable]:
@@ -177,11 +191,14 @@ def measure_mpc(options: argparse.Namespace) -> list[ResultTable]:
     rounds = whole("rounds", options.rounds, 1)
     rows = []
     programmes = list[Optimised]()
+    # Largest number of programmes of a move that have bounds in the way.
     most = 0
     for name, along in (("along a flat path", True), ("to the goal", False)):
-        moves = [repeated(crane, move, along, stride, rounds) for move in MOVES]
-        most = max(most, *(sum(o.iterations > 0 for o in move) for move in moves))
-        optimisations = [o for move in moves for o in move]
+        optimisations: list[Optimised] = []
+        for move in MOVES:
+            of_move = repeated(crane, move, along, stride, rounds)
+            most = max(most, sum(o.iterations > 0 for o in of_move))
+            optimisations += of_move
         programmes += [o for o in optimisations if o.problem is not None]
         times = 1e3 * np.array([o.taken for o in optimisations])
         bound = np.array([o.iterations > 0 for o in optimisations])
@@ -197,9 +214,16 @@ def measure_mpc(options: argparse.Namespace) -> list[ResultTable]:
                 float(np.median([batch_rate(crane, move, along, rounds) for move in MOVES])),
             )
         )
-    columns = [("moves", ""), ("optimisations", ",d"), ("median [ms]", ".3f")]
-    columns += [("median with bounds [ms]", ".3f"), ("most [ms]", ".3f")]
-    columns += [("with bounds [%]", ".0f"), ("most iterations", "d"), ("in a batch [1/s]", ",.0f")]
+    columns = [
+        ("moves", ""),
+        ("optimisations", ",d"),
+        ("median [ms]", ".3f"),
+        ("median with bounds [ms]", ".3f"),
+        ("most [ms]", ".3f"),
+        ("with bounds [%]", ".0f"),
+        ("most iterations", "d"),
+        ("in a batch [1/s]", ",.0f"),
+    ]
     ours = ResultTable(
         "A control instant with an optimisation, 10 states, 3 inputs, 40 stages",
         columns,
@@ -213,29 +237,43 @@ def measure_mpc(options: argparse.Namespace) -> list[ResultTable]:
 
 
 def _beside(programmes: Sequence[Optimised]) -> ResultTable:
-    kept = [(o, o.problem) for o in programmes if o.problem is not None]
-    costs = np.array([problem.value(o.found) for o, problem in kept])
-    ours = _Answers(np.array([o.taken for o, _ in kept]), costs)
-    columns = {"ours, all of the instant": ours}
-    problems = [problem for _, problem in kept]
+    """Return the table of all solvers on the programmes that were kept."""
+    problems: list[HorizonProblem] = []
+    times_of_ours = []
+    costs_of_ours = []
+    for programme in programmes:
+        if programme.problem is not None:
+            problems.append(programme.problem)
+            times_of_ours.append(programme.taken)
+            costs_of_ours.append(programme.problem.value(programme.found))
+    results = {
+        "ours, all of the instant": _Answers(np.array(times_of_ours), np.array(costs_of_ours))
+    }
     for name, solver in SOLVERS.items():
         if find_spec(MODULES[name]) is not None:
-            columns[name] = _answers(solver, problems)
-    best = np.nanmin([cost for _, cost in columns.values()], axis=0)
-    rows = [
-        (
-            name,
-            1e3 * float(np.median(times)),
-            1e3 * float(times.max()),
-            float(np.nanmax((cost - best) / np.abs(best))) if np.isfinite(cost).any() else None,
-            int((~np.isfinite(cost)).sum()),
-        )
-        for name, (times, cost) in columns.items()
+            results[name] = _answers(solver, problems)
+
+    # The cost of what a solver did not solve is not a number.
+    best = np.nanmin([result.costs for result in results.values()], axis=0)
+    rows: list[tuple[float | str | None, ...]] = []
+    for name, result in results.items():
+        is_solved = np.isfinite(result.costs)
+        largest_excess = None
+        if is_solved.any():
+            largest_excess = float(np.nanmax((result.costs - best) / np.abs(best)))
+        median = 1e3 * float(np.median(result.times))
+        most = 1e3 * float(result.times.max())
+        rows.append((name, median, most, largest_excess, int((~is_solved).sum())))
+    columns = [
+        ("solver", ""),
+        ("median [ms]", ".3f"),
+        ("most [ms]", ".3f"),
+        ("cost above the best", ".1e"),
+        ("unsolved", "d"),
     ]
-    columns_of_times = [("solver", ""), ("median [ms]", ".3f"), ("most [ms]", ".3f")]
     return ResultTable(
-        f"The same {len(kept)} quadratic programmes, all with bounds in the way",
-        [*columns_of_times, ("cost above the best", ".1e"), ("unsolved", "d")],
+        f"The same {len(problems)} quadratic programmes, all with bounds in the way",
+        columns,
         rows,
         "Processor time, of each the shortest of three; of others from their matrices to their "
         "answer, prediction not counted. Cost: largest, as a share of the lowest that a solver "

@@ -33,6 +33,10 @@ COLUMNS = (
 )
 
 _BATCH = "compiled batch, all cores"
+"""Name of the contestant that all others are compared with."""
+
+_BY_HAND = "C by hand"
+"""Beginning of the names of the equations written by hand in C."""
 
 OUR_COLOUR = "#1f77b4"
 """Colour of the engines of this project."""
@@ -46,50 +50,68 @@ OTHER_COLOUR = "#bbbbbb"
 
 def peers() -> tuple[Contestant, ...]:
     """Return all contestants, less slower variants of this project and of C on one thread."""
-    best = (_BATCH, "plain loop", f"C by hand, {os.cpu_count()} threads")
-    slower = {c.name for c in ours.CONTESTANTS} - {*best}
-    return tuple(
-        c
-        for c in (*CONTESTANTS, *jax.CONTESTANTS)
-        if c.name not in slower and not (c.name.startswith("C by hand") and c.name not in best)
-    )
+    best = (_BATCH, "plain loop", f"{_BY_HAND}, {os.cpu_count()} threads")
+    names_of_ours = {contestant.name for contestant in ours.CONTESTANTS}
+    result = []
+    for contestant in (*CONTESTANTS, *jax.CONTESTANTS):
+        has_variants = contestant.name in names_of_ours or contestant.name.startswith(_BY_HAND)
+        if not has_variants or contestant.name in best:
+            result.append(contestant)
+    return tuple(result)
 
 
 def measure_peers(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
-    """Return a row for each engine, the fastest first: steps/s, ratio, deviation; arguments as
-    `benchmarks.timing.step_rates`.
+    """Return a row for each engine, the fastest first: name, cranes, million steps a second, ratio
+    to the compiled batch, largest deviation.
+
+    Args:
+        case: What to run.
+        ready: Who runs it.
+        rounds: How often.
+        budget: How long each takes in a round [s].
+
+    Raises:
+        CraneError: If the compiled batch is not among them.
     """
-    names = [e.contestant.name for e in ready]
+    names = [runner.contestant.name for runner in ready]
     if _BATCH not in names:
         raise CraneError("Nothing can be compared: the compiled batch cannot run here.")
-    sizes = [CRANES if e.contestant.many else 1 for e in ready]
-    entries = [(e.run, size) for e, size in zip(ready, sizes, strict=True)]
+    entries = [(runner.run, _cranes(runner)) for runner in ready]
     rates = 1e-6 * step_rates(case, entries, rounds, budget, np.random.default_rng(0))
-    middle = np.median(rates, axis=1)
-    batch_rate = middle[names.index(_BATCH)]
-    rows: Rows = [
-        [name, size, float(f"{rate:.3g}"), float(f"{rate / batch_rate:.3g}"), e.max_deviation]
-        for name, size, rate, e in zip(names, sizes, middle.tolist(), ready, strict=True)
-    ]
+    medians = np.median(rates, axis=1)
+    batch_rate = medians[names.index(_BATCH)]
+    rows: Rows = []
+    for runner, rate in zip(ready, medians.tolist(), strict=True):
+        name = runner.contestant.name
+        # More than three digits of a measured time mean nothing.
+        rounded = float(f"{rate:.3g}")
+        ratio = float(f"{rate / batch_rate:.3g}")
+        rows.append([name, _cranes(runner), rounded, ratio, runner.max_deviation])
     return sorted(rows, key=lambda row: -float(row[2] or 0.0))
+
+
+def _cranes(runner: Ready) -> int:
+    """Return how many cranes a contestant runs together."""
+    return CRANES if runner.contestant.many else 1
 
 
 def chart(rows: Rows) -> Figure:
     """Draw a bar for each engine with its number, the fastest on top."""
     figure, (ax,) = panels(height=0.4 * len(rows) + 1.2, width=9.0)
-    names = [
-        ("cranedyn, compiled batch" if name == _BATCH else f"{name}")
-        + ("" if cranes == CRANES else " (one crane)")
-        for name, cranes, *_ in rows
-    ]
-    rates = [float(row[2] or 0.0) for row in rows]
-    colours = [
-        OUR_COLOUR if row[0] in (_BATCH, "plain loop")
-        else LIMIT_COLOUR if str(row[0]).startswith("C by hand")
-        else OTHER_COLOUR
-        for row in rows
-    ]  # fmt: skip
-    ax.barh(names, rates, color=colours)
+    labels = []
+    colours = []
+    rates = []
+    for name, cranes, rate, *_ in rows:
+        label = "cranedyn, compiled batch" if name == _BATCH else f"{name}"
+        labels.append(label if cranes == CRANES else f"{label} (one crane)")
+        rates.append(float(rate or 0.0))
+        if name in (_BATCH, "plain loop"):
+            colours.append(OUR_COLOUR)
+        elif str(name).startswith(_BY_HAND):
+            colours.append(LIMIT_COLOUR)
+        else:
+            colours.append(OTHER_COLOUR)
+    ax.barh(labels, rates, color=colours)
     for place, rate in enumerate(rates):
         ax.text(1.08 * rate, place, f"{rate:,.3g}", va="center")
     ax.set(xscale="log", xlim=(0.5 * min(rates), 4.0 * max(rates)))

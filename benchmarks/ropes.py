@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import process_time
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,13 +21,26 @@ from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.outcome import ResultTable
 
-# EA of the rope [N], 0 for a rigid one, and the largest speed at which loads leave it [m/s].
+
+class Rope(NamedTuple):
+    """A rope and how its loads begin.
+
+    Attributes:
+        stiffness: EA of the rope [N]; 0 for a rigid one.
+        speed: Largest speed at which loads leave the rope [m/s]; 0 for loads at rest.
+    """
+
+    stiffness: float
+    speed: float
+
+
 ROPES = {
-    "rigid": (0.0, 0.0),
-    "elastic, hangs": (2e7, 0.0),
-    "elastic, bounces": (2e7, 2.0),
-    "inextensible, falls into the rope": (np.inf, 2.0),
+    "rigid": Rope(0.0, 0.0),
+    "elastic, hangs": Rope(2e7, 0.0),
+    "elastic, bounces": Rope(2e7, 2.0),
+    "inextensible, falls into the rope": Rope(np.inf, 2.0),
 }
+"""Ropes that are compared, by name; the first is what others are compared with."""
 
 COLUMNS = (
     ("rope", ""),
@@ -44,34 +57,61 @@ def measure_ropes(
 ) -> list[ResultTable]:
     """Return a table of the best of rounds for each rope and stepping rule."""
     tasks: list[Callable[[], object]] = []
-    rows: list[list[float | str | None]] = []
+    described: list[tuple[str, Integrator, np.ndarray]] = []
     for rule in rules:
-        for name, (ea, speed) in ROPES.items():
-            case = Case(load_crane(rope_stiffness=ea))
-            q, v = np.split(case.starts(cranes), 2, axis=1)
-            if speed:
-                v[:, case.crane.layout.index("rope_stretch")] = -speed * np.linspace(
-                    0.5, 1.0, cranes
-                )
-            how: Any = {"duration": duration, "integrator": rule}
-            one = partial(simulate, start=State(q[0], v[0]), engine="compiled", validity="mark")
-            phase = one(case.crane, case.controller, **how).phase
-            slack = np.zeros(2) if phase is None else phase
-            rows.append([name, rule.name, 100.0 * slack.mean(), np.abs(np.diff(slack)).sum()])
-            how |= {"start": State(q, v), "threads": 1}
-            tasks.append(partial(simulate_batch, case.crane, case.controller, **how))
-            tasks[-1]()
+        for name, rope in ROPES.items():
+            case = Case(load_crane(rope_stiffness=rope.stiffness))
+            start = _start(case, rope, cranes)
+            described.append((name, rule, _slack(case, start, duration, rule)))
+            task = partial(
+                simulate_batch,
+                case.crane,
+                case.controller,
+                start=start,
+                duration=duration,
+                integrator=rule,
+                threads=1,
+            )
+            # The first run is not measured: it compiles.
+            task()
+            tasks.append(task)
     times = race(tasks, rounds, np.random.default_rng(0), process_time).min(axis=1)
     rates = cranes * duration / Case.dt / times.reshape(len(rules), -1)
     ratios = rates / rates[:, :1]
-    for row, rate, ratio in zip(rows, rates.flat, ratios.flat, strict=True):
-        row[3:] = [row[3] / duration, rate / 1e6, ratio]  # type: ignore[operator]
+    rows: list[list[float | str | None]] = []
+    for (name, rule, slack), rate, ratio in zip(described, rates.flat, ratios.flat, strict=True):
+        changes = np.abs(np.diff(slack)).sum() / duration
+        rows.append([name, rule.name, 100.0 * slack.mean(), changes, rate / 1e6, ratio])
     note = (
         f"{cranes:,} cranes that swing for {duration:g} s, steps of {1e3 * Case.dt:g} ms, one "
         f"thread; least processor time of {rounds} shuffled rounds. Slack, and changes between "
         "slack and taut: of the first crane. Ratio: to the rigid rope with the same rule."
     )
     return [ResultTable("Ropes in a batch", COLUMNS, rows, note)]
+
+
+def _start(case: Case, rope: Rope, cranes: int) -> State:
+    """Return the start of cranes, whose loads leave the rope at different speeds."""
+    q, v = np.split(case.starts(cranes), 2, axis=1)
+    if rope.speed:
+        shares = np.linspace(0.5, 1.0, cranes)
+        v[:, case.crane.layout.index("rope_stretch")] = -rope.speed * shares
+    return State(q, v)
+
+
+def _slack(case: Case, start: State, duration: float, rule: Integrator) -> np.ndarray:
+    """Return whether the rope of the first crane is slack, 1 or 0, at each control instant."""
+    run = simulate(
+        case.crane,
+        case.controller,
+        start=State(start.q[0], start.v[0]),
+        duration=duration,
+        integrator=rule,
+        engine="compiled",
+        validity="mark",
+    )
+    # A rigid rope has no phases.
+    return np.zeros(2) if run.phase is None else run.phase
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -29,9 +29,16 @@ NAMES = ("l_offset", "damp_swing", "delay", "phi_bias")
 """Parameters that both identify."""
 
 MUJOCO = "mujoco.sysid"
+"""MuJoCo's toolbox on drives as they were logged."""
+
 MUJOCO_SMOOTHED = "mujoco.sysid, our smooth drives"
+"""MuJoCo's toolbox on drives that this project has smoothed."""
+
 OURS = "cranedyn"
+"""This project, with a delay of the sensor."""
+
 OURS_WINDOW = "cranedyn, window instead of delay"
+"""This project, with a sensor that averages over a window."""
 
 _XML = """<mujoco><option timestep="0.005" integrator="implicitfast" gravity="0 0 -{gravity}"/>
 <worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
@@ -43,6 +50,9 @@ _XML = """<mujoco><option timestep="0.005" integrator="implicitfast" gravity="0 
 <actuator><position name="x" joint="x" kp="3.6e6" kv="1.2e5"/></actuator>
 <sensor><jointpos name="swing" joint="phi"/></sensor></mujoco>"""
 """A heavy trolley that follows its recorded position, so that the load does not move it."""
+
+MIN_SWING = 0.06
+"""Swing from its lowest to its highest value from which on a record is used [rad]."""
 
 FIRST_JUDGED = 0.7
 """Time from the beginning of a record to its first judged row [s]."""
@@ -66,11 +76,14 @@ class Logged(NamedTuple):
     def squares(self, predicted: np.ndarray) -> tuple[float, float]:
         """Return the squares of a prediction's error in the judged rows, and of their variation."""
         swing = self.clean.columns["phi_rad"][self.judged]
-        return float(np.sum((predicted - swing) ** 2)), float(np.sum((swing - swing.mean()) ** 2))
+        error = float(np.sum((predicted - swing) ** 2))
+        variation = float(np.sum((swing - swing.mean()) ** 2))
+        return error, variation
 
     def error(self, predicted: np.ndarray) -> float:
         """Return the RMS error of a prediction of the judged rows over their standard deviation."""
-        return float(np.sqrt(np.divide(*self.squares(predicted))))
+        error, variation = self.squares(predicted)
+        return float(np.sqrt(np.divide(error, variation)))
 
 
 Identified = Callable[[Logged], np.ndarray]
@@ -84,9 +97,11 @@ def ours(prior: Prior, records: Sequence[Logged], sensor: str) -> Identified:
 
     def predict(record: Logged) -> np.ndarray:
         model = Model.of(prior, [record.clean], names)
-        values = np.array([estimate.value(p.name) if p.record is None else 0.0
-                           for p in model.parameters])  # fmt: skip
-        predicted = model.predicted(0, values[None])[0, 0]
+        values = []
+        for parameter in model.parameters:
+            # What belongs to a record, such as its first swing, is not known of another record.
+            values.append(estimate.value(parameter.name) if parameter.record is None else 0.0)
+        predicted = model.predicted(0, np.array(values)[None])[0, 0]
         rows = model.rows(0)
         return np.asarray(predicted[record.judged[rows]])
 
@@ -123,7 +138,8 @@ def theirs(prior: Prior, records: Sequence[Logged], *, smooth: bool) -> Identifi
             modify_residual=compare,
         )
 
-    with redirect_stdout(StringIO()):  # its solver prints each step
+    # Its solver prints each step.
+    with redirect_stdout(StringIO()):
         best, _ = sysid.optimize(parameters, residual(records), verbose=False, x_scale="jac")
 
     def predict(record: Logged) -> np.ndarray:
@@ -156,12 +172,15 @@ def _sequences(prior: Prior, log: Logged, smooth: bool) -> Any:
     columns = log.clean.columns
     crane = prior.crane
     text = _XML.format(
-        gravity=crane.gravity, damping=prior.value("damp_swing"), mass=crane.payload_mass,
+        gravity=crane.gravity,
+        damping=prior.value("damp_swing"),
+        mass=crane.payload_mass,
         cable=float(np.mean(columns["l_m"])),
-    )  # fmt: skip
+    )
     spec = mujoco.MjSpec.from_string(text)
     model = spec.compile()
-    t, x = (log.clean.t, columns["x_m"]) if smooth else (log.raw["t_s"], log.raw["x_m"])
+    t = log.clean.t if smooth else log.raw["t_s"]
+    x = columns["x_m"] if smooth else log.raw["x_m"]
     t = t - t[0]
     start = sysid.create_initial_state(model, np.array([x[0], 0.0]))
     control = sysid.TimeSeries.from_control_names(t, x[:, None], model)
@@ -180,15 +199,18 @@ def records_of(folder: str | None, count: int) -> tuple[Prior, list[Logged]]:
     source = SOURCES[0]
     prior = Prior(XACRO.with_name("overhead_crane.urdf.xacro"), source.values)
     if folder is None:
-        logs = [
-            (f"synthetic {i + 1}", logged(i + 1, travel=0.9, lasts=1.6 + 0.3 * i, delay=0.0,
-                                          window=0.35)) for i in range(count)
-        ]  # fmt: skip
+        logs = []
+        for i in range(count):
+            log = logged(i + 1, travel=0.9, lasts=1.6 + 0.3 * i, delay=0.0, window=0.35)
+            logs.append((f"synthetic {i + 1}", log))
     else:
         clone = Path(folder) / source.folder
         if not clone.is_dir():
             raise DataError(f"{folder} has no {source.folder}; get it by: {source.command}")
-        logs = [(name, log) for name, log in source.read(clone) if np.ptp(log["phi_rad"]) > 0.06]
+        logs = []
+        for name, log in source.read(clone):
+            if np.ptp(log["phi_rad"]) > MIN_SWING:
+                logs.append((name, log))
     return prior, [Logged(log, Record.of(prior.crane, log, name=name)) for name, log in logs]
 
 
@@ -219,9 +241,13 @@ def sysid_table(prior: Prior, logs: Sequence[Logged]) -> ResultTable:
         middle = float(np.median(shares))
         rows.append([way, pooled, middle, float(max(shares)), below, taken])
     columns = (
-        ("identified by", ""), ("held out [%]", ".1f"), ("median", ".1f"), ("largest", ".1f"),
-        ("below the first", "d"), ("time [s]", ".1f"),
-    )  # fmt: skip
+        ("identified by", ""),
+        ("held out [%]", ".1f"),
+        ("median", ".1f"),
+        ("largest", ".1f"),
+        ("below the first", "d"),
+        ("time [s]", ".1f"),
+    )
     note = "RMS error from rest, over the standard deviation; identified on every other record."
     return ResultTable("Held-out records", columns, rows, note)
 
@@ -230,13 +256,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
 
     def measure(options: argparse.Namespace) -> Sequence[ResultTable]:
-        return [sysid_table(*records_of(options.data, options.records))]
+        prior, logs = records_of(options.data, options.records)
+        return [sysid_table(prior, logs)]
 
     return print_tables(
-        "sysid", __doc__, measure, argv,
+        "sysid",
+        __doc__,
+        measure,
+        argv,
         data={"metavar": "DIR", "help": "folder with a clone of the gantry's records"},
         records={"type": int, "default": 6, "help": "number of synthetic records (default 6)"},
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

@@ -8,19 +8,23 @@ from typing import NamedTuple, Protocol, runtime_checkable
 from cranedyn.checks import number, within
 from cranedyn.errors import OutOfRange
 
-_STEPS = 1e-9, 1e3
-"""Shortest and longest physics step [s]."""
+_MIN_STEP = 1e-9
+"""Shortest physics step [s]."""
 
-_MOST_STEPS = 1e10
-"""A run of more physics steps than this would take most of a day."""
+_MAX_STEP = 1e3
+"""Longest physics step [s]."""
 
-_MOST_ROWS = 4_000_000
-"""A planned motion of more rows than this would take gigabytes; so many are five hours at 200
-Hz."""
+_MAX_STEPS = 1e10
+"""Largest number of physics steps of a run; more would take most of a day."""
+
+_MAX_ROWS = 4_000_000
+"""Largest number of rows of a planned motion: five hours at 200 Hz; more would take gigabytes."""
 
 _BUFFER_STEP = 5e-4
 """Longest step in which buffers act, where the stepping rule asks for a smooth motion [s]."""
 
+_ROUNDING = 1e-9
+"""Rounding error of the quotient of two times, as a number of steps or as a share."""
 
 SAME_PERIOD = 1e-3
 """Relative difference of two control periods that count as the same; a clock at 1e9 s rounds to
@@ -45,7 +49,7 @@ class Clocks(NamedTuple):
     @property
     def substeps(self) -> int:
         """Small steps that replace a physics step where buffers act."""
-        return math.ceil(self.dt / _BUFFER_STEP - 1e-9)
+        return math.ceil(self.dt / _BUFFER_STEP - _ROUNDING)
 
 
 @runtime_checkable
@@ -73,23 +77,23 @@ def clocks(duration: float, dt: float, control_period: float) -> Clocks:
             more than 1e10 steps.
     """
     number("dt", dt, "s", "> 0")
-    within("dt", dt, *_STEPS, "s")
+    within("dt", dt, _MIN_STEP, _MAX_STEP, "s")
     number("control_period", control_period, "s", "> 0")
     number("duration", duration, "s", "> 0")
+    # Before the times are divided: a quotient of 1e300 is no number of steps.
     longest = max(duration, control_period)
     for name, step in (("dt", dt), ("control_period", control_period)):
-        if longest / step > _MOST_STEPS:
+        if longest / step > _MAX_STEPS:
+            shortest = longest / _MAX_STEPS
             raise OutOfRange(
                 name,
                 step,
-                f"{longest / _MOST_STEPS:g} or more for a run of {longest:g} s, that is "
-                f"{_MOST_STEPS:g} steps",
+                f"{shortest:g} or more for a run of {longest:g} s, that is {_MAX_STEPS:g} steps",
                 "s",
             )
     steps = multiple("control_period", control_period, "dt", dt)
-    return Clocks(
-        dt, control_period, steps, multiple("duration", duration, "control_period", control_period)
-    )
+    periods = multiple("duration", duration, "control_period", control_period)
+    return Clocks(dt, control_period, steps, periods)
 
 
 def soon_enough(controller_period: float, control_period: float) -> None:
@@ -110,21 +114,26 @@ def soon_enough(controller_period: float, control_period: float) -> None:
 
 
 def intervals(name: str, duration: float, step: float) -> int:
-    """Return the number of steps that cover a duration [s]; the last may end after it.
+    """Return the number of steps that cover a duration; the last may end after it.
+
+    Args:
+        name: Name of the duration for the error message.
+        duration: The duration [s].
+        step: Length of a step [s].
 
     Raises:
         OutOfRange: If one is not positive, or there would be more than 4 million.
     """
     number(name, duration, "s", "> 0")
     number("step", step, "s", "> 0")
-    if duration / step > _MOST_ROWS:
+    if duration / step > _MAX_ROWS:
         raise OutOfRange(
             name,
             duration,
-            f"{_MOST_ROWS * step:g} or less: {_MOST_ROWS} rows that are {step:g} s apart",
+            f"{_MAX_ROWS * step:g} or less: {_MAX_ROWS} rows that are {step:g} s apart",
             "s",
         )
-    return math.ceil(duration / step - 1e-9)
+    return math.ceil(duration / step - _ROUNDING)
 
 
 def whole_periods(time: float, control_period: float) -> float:
@@ -133,14 +142,21 @@ def whole_periods(time: float, control_period: float) -> float:
 
 
 def multiple(name: str, value: float, of_name: str, of: float) -> int:
-    """Return a time as a multiple of another [s].
+    """Return how many times a time is another.
+
+    Args:
+        name: Name of the longer time for the error message.
+        value: The longer time [s].
+        of_name: Name of the shorter time for the error message.
+        of: The shorter time [s].
 
     Raises:
         OutOfRange: If one is not positive, or they do not divide.
     """
     number(of_name, of, "s", "> 0")
     ratio = number(name, value, "s", "> 0") / of
+    # A very short time has no finite quotient, and an infinite one cannot be rounded.
     times = round(ratio) if math.isfinite(ratio) else 0
-    if times < 1 or abs(times * of - value) > 1e-9 * value:
+    if times < 1 or abs(times * of - value) > _ROUNDING * value:
         raise OutOfRange(name, value, f"a multiple of {of_name} = {of:g} s", "s")
     return times

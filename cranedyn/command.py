@@ -26,7 +26,6 @@ REFUSED = 2
 INTERRUPTED = 130
 """Exit code of what the user stopped: 128 and the number of the signal, as shells count."""
 
-
 _INVALID_VALUE = re.compile(r"invalid \w+ value: ('[^']*')")
 """What argparse says of a value that a type refuses."""
 
@@ -35,15 +34,20 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
     """Help with defaults that say something, and a usage without the options listed below it."""
 
     def add_usage(self, usage: Any, actions: Any, groups: Any, prefix: Any = None) -> None:
-        """Add the usage: positional arguments alone."""
+        """Add the usage: positional arguments, and "[options]" for all options."""
         positional = [action for action in actions if not action.option_strings]
         if len(positional) < len(actions):
             positional.append(argparse.Action(["options"], "options", nargs=0))
         super().add_usage(usage, positional, (), prefix)
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        said = action.default in (None, False, []) or "default" in (action.help or "")
-        return action.help if said else super()._get_help_string(action)
+        """Return the help of an option, with its default unless that is none or the help says
+        it.
+        """
+        has_no_default = action.default in (None, False, [])
+        if has_no_default or "default" in (action.help or ""):
+            return action.help
+        return super()._get_help_string(action)
 
 
 class Parser(argparse.ArgumentParser):
@@ -55,8 +59,16 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, *args: Any, example: str = "", **options: Any) -> None:
-        """Set the example, and whatever else argparse takes."""
-        super().__init__(*args, **{"formatter_class": _Help, **options})
+        """Set the example.
+
+        Args:
+            args: Positional arguments of `argparse.ArgumentParser`.
+            example: A command line to begin with; empty for the name of the program.
+            options: Keyword arguments of `argparse.ArgumentParser`.
+        """
+        # Also subparsers are made by this constructor, with arguments that argparse chooses.
+        options.setdefault("formatter_class", _Help)
+        super().__init__(*args, **options)
         self.example = example or self.prog
 
     @cached_property
@@ -73,16 +85,28 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         """Parse as argparse does; an unknown option is an error of the command that it follows."""
         args = sys.argv[1:] if args is None else args
-        if "common" in vars(self) and "--help-all" not in args:
+        # A cached property stands among the attributes once it has been asked for.
+        has_common_options = "common" in vars(self)
+        if has_common_options and "--help-all" not in args:
             for action in self.common._group_actions:
                 action.help = argparse.SUPPRESS
         options, extras = super().parse_known_args(args, namespace)
-        for option in (extra.partition("=")[0] for extra in extras if extra.startswith("-")):
-            known = [name for action in self._actions for name in action.option_strings]
-            self.error(f"There is no option {option}{nearest(option, known)}; --help lists them.")
+        known: list[str] = []
+        for action in self._actions:
+            known += action.option_strings
+        for extra in extras:
+            if extra.startswith("-"):
+                option = extra.partition("=")[0]
+                self.error(
+                    f"There is no option {option}{nearest(option, known)}; --help lists them."
+                )
         return options, extras
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is none of the choices of an argument, with the nearest of them.
+
+        argparse's own message lists the choices only.
+        """
         if action.choices is not None and value not in action.choices:
             kind = str(action.metavar or "/".join(action.option_strings) or action.dest).lower()
             self.error(str(UnknownName(kind, value, action.choices)))
@@ -90,9 +114,12 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with `REFUSED`."""
         text = printable(message)
-        given = _INVALID_VALUE.search(text)
-        advice = "" if given is None else decimal_comma(given[1])
-        self.exit(REFUSED, f"error: {text}{'.' * bool(advice)}{advice}\n")
+        invalid_value = _INVALID_VALUE.search(text)
+        advice = "" if invalid_value is None else decimal_comma(invalid_value[1])
+        if advice:
+            # argparse ends its messages without a full stop.
+            text = f"{text}.{advice}"
+        self.exit(REFUSED, f"error: {text}\n")
 
 
 def command(run: Callable[[], int]) -> int:
@@ -111,9 +138,12 @@ def command(run: Callable[[], int]) -> int:
     """
     try:
         with _sigterm_as_interrupt():
+            # Output is flushed here, where an error of it is seen; at its end Python would print a
+            # traceback.
             try:
                 code = run()
-            except SystemExit:  # argparse has printed a help or an error
+            except SystemExit:
+                # argparse has printed a help or an error.
                 print(end="", flush=True)
                 raise
             print(end="", flush=True)
@@ -125,6 +155,7 @@ def command(run: Callable[[], int]) -> int:
         print(str(stop) or "Interrupted.", file=sys.stderr)
         return INTERRUPTED
     except Exception as error:
+        # Libraries turn an interruption into errors of their own.
         if interrupted(error):
             print("Interrupted.", file=sys.stderr)
             return INTERRUPTED
@@ -142,7 +173,8 @@ def command(run: Callable[[], int]) -> int:
 def _output_is_broken() -> bool:
     """Return whether standard output does not take what has been printed."""
     try:
-        print(end="", flush=True)  # what was not written the first time is still in its buffer
+        # What was not written the first time is still in its buffer.
+        print(end="", flush=True)
     except OSError:
         return True
     return False
@@ -165,44 +197,57 @@ def interrupted(error: BaseException | None) -> bool:
 
 @contextmanager
 def defer_sigint() -> Iterator[Callable[[], bool]]:
-    """Delay Ctrl-C and SIGTERM to the end of the block: for native code that calls Python functions
-    but passes no exception on.
+    """Delay Ctrl-C and SIGTERM to the end of the block.
+
+    It is for native code that calls Python functions but passes no exception on, and for what must
+    not be left half done.
 
     Yields:
         Function that returns whether a signal has arrived.
     """
     arrived: list[tuple[int, FrameType | None]] = []
-    handlers = {}
+    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
+
+    def note(number: int, frame: FrameType | None) -> None:
+        arrived.append((number, frame))
+
     try:
+        # Python lets the main thread alone set handlers, and runs them there.
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
-                if callable(handler := signal.getsignal(number)):
+                handler = signal.getsignal(number)
+                # The default action of the system, or none, is no function and stays.
+                if callable(handler):
                     handlers[number] = handler
-                    signal.signal(number, lambda *args: arrived.append(args))
+                    signal.signal(number, note)
         yield lambda: bool(arrived)
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    for args in arrived[:1]:
-        handlers[args[0]](*args)  # type: ignore[index]
+        for replaced, former_handler in handlers.items():
+            signal.signal(replaced, former_handler)
+    # Not reached if the block has raised an error: that one counts. Several signals count as one.
+    if arrived:
+        first_number, frame = arrived[0]
+        handlers[first_number](first_number, frame)
 
 
 def uninterrupted_import(name: str) -> Any:
-    """Import a module that would take an interruption for a module that is missing; return it."""
+    """Import a module and return it; Ctrl-C waits until it is there.
+
+    Some packages take an interruption for a module that is missing, and go on without it.
+    """
     with defer_sigint():
         return import_module(name)
 
 
 @contextmanager
 def _sigterm_as_interrupt() -> Iterator[None]:
-    replaced = (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    )
-    if replaced:
+    """Let SIGTERM raise KeyboardInterrupt in the block, unless it has a handler already."""
+    is_main_thread = threading.current_thread() is threading.main_thread()
+    is_replaced = is_main_thread and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if is_replaced:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     finally:
-        if replaced:
+        if is_replaced:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -10,8 +10,16 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-_MOST_CHARACTERS = 2000
-_MOST_QUOTED = 200
+_MAX_SENTENCE_LENGTH = 2000
+"""Number of characters to which the sentence of an error is cut."""
+
+_MAX_QUOTED_LENGTH = 200
+"""Number of characters to which foreign text in a sentence is cut."""
+
+_MIN_SIMILARITY = 0.5
+"""Similarity of two names from which on one is suggested for the other, see
+`difflib.get_close_matches`; 1 for equal ones."""
+
 _NUMBERS = re.compile(r"[(\[+-]?\.?\d|[+-]?(?:nan|inf)\b|[(\[]")
 """The beginning of a text that is a number, or several."""
 
@@ -19,10 +27,14 @@ _DECIMAL_COMMA = re.compile(r"\s*['\"]?([+-]?\d+),(\d+)['\"]?\s*")
 """A number with a decimal comma, quoted or not."""
 
 _PLAIN = re.compile(r"[\w./:+-]+", re.ASCII)
+"""A word that needs no quotation marks: a name, a path, an address or a number."""
 
 
 def printable(text: object) -> str:
-    """Return foreign text on one line, with unprintable characters escaped as in Python."""
+    """Return foreign text on one line, with unprintable characters escaped as in Python.
+
+    A line break or an escape sequence of a terminal in a name must not reach the screen.
+    """
     line = str(text)
     return line if line.isprintable() else repr(line)[1:-1]
 
@@ -31,7 +43,7 @@ def quoted(text: object) -> str:
     """Return foreign text as part of a sentence: a plain word as it is, all else shortened and
     between quotation marks that it cannot close.
     """
-    short = _shorten(str(text), _MOST_QUOTED)
+    short = _shorten(str(text), _MAX_QUOTED_LENGTH)
     return short if _PLAIN.fullmatch(short) else repr(short)
 
 
@@ -39,7 +51,8 @@ def shown(value: object) -> str:
     """Return the ``repr`` of a value, or its type if there is none."""
     try:
         return repr(value)
-    except ValueError:  # an int of more than 4300 digits
+    except ValueError:
+        # Python does not write out an int of more than 4300 digits.
         return written_out(value)
 
 
@@ -47,7 +60,8 @@ def written_out(value: object) -> str:
     """Return a value as text, or its type if there is none."""
     try:
         return str(value)
-    except ValueError:  # an int of more than 4300 digits
+    except ValueError:
+        # As in `shown`.
         return f"{type(value).__name__} that cannot be written out"
 
 
@@ -61,8 +75,11 @@ def decimal_comma(value: object) -> str:
 
 def nearest(given: object, known: Iterable[str]) -> str:
     """Return the end of a sentence that names the known name most alike, empty if none is."""
-    names = difflib.get_close_matches(written_out(given), [str(name) for name in known], 1, 0.5)
-    return f"; the nearest is {names[0]}" if names else ""
+    known_names = [str(name) for name in known]
+    matches = difflib.get_close_matches(
+        written_out(given), known_names, n=1, cutoff=_MIN_SIMILARITY
+    )
+    return f"; the nearest is {matches[0]}" if matches else ""
 
 
 def format_error(error: Exception) -> str:
@@ -77,6 +94,7 @@ def format_error(error: Exception) -> str:
 
 
 def _shorten(text: str, length: int) -> str:
+    """Return a text without its middle if it is longer than a number of characters."""
     return text if len(text) <= length else f"{text[: length // 2]} … {text[-length // 2 :]}"
 
 
@@ -87,9 +105,10 @@ class CraneError(Exception):
     """
 
     def __init__(self, sentence: str) -> None:
-        super().__init__(
-            "".join(c if c.isprintable() else " " for c in _shorten(sentence, _MOST_CHARACTERS))
-        )
+        characters = []
+        for character in _shorten(sentence, _MAX_SENTENCE_LENGTH):
+            characters.append(character if character.isprintable() else " ")
+        super().__init__("".join(characters))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle text and attributes, because each subclass has its own constructor arguments."""
@@ -97,6 +116,7 @@ class CraneError(Exception):
 
 
 def _unpickle(kind: type[CraneError], args: tuple[str], values: dict[str, object]) -> CraneError:
+    """Return an error from its type, its text and its attributes, without its constructor."""
     error = kind.__new__(kind, *args)
     error.__dict__.update(values)
     return error
@@ -121,7 +141,9 @@ class OutOfRange(CraneError):
         limits = allowed
         if unit and _NUMBERS.match(text):
             text = f"{text} {unit}"
-        elif unit:  # a word, such as "none", has no unit; what is allowed has
+        elif unit:
+            # A word, such as "none", has no unit; what is allowed has. A reason may follow it after
+            # a colon.
             range_text, colon, reason = allowed.partition(":")
             limits = f"{range_text} [{unit}]{colon}{reason}"
         super().__init__(f"{name} is {text}; allowed is {limits}.{decimal_comma(value)}")
@@ -142,9 +164,9 @@ class UnknownName(CraneError):
     def __init__(self, kind: str, given: str, known: Iterable[str]) -> None:
         self.given = given
         self.known = tuple(known)
+        names = ", ".join(str(name) for name in self.known)
         super().__init__(
-            f"There is no {kind} {shown(given)}; there are {', '.join(map(str, self.known))}"
-            f"{nearest(given, self.known)}."
+            f"There is no {kind} {shown(given)}; there are {names}{nearest(given, self.known)}."
         )
 
 
@@ -178,6 +200,7 @@ class UnknownColumn(UnknownName, KeyError):
     mapping.
     """
 
+    # A KeyError shows the repr of its text, in quotation marks.
     __str__ = Exception.__str__
 
 

@@ -17,31 +17,43 @@ import scipy
 from cranedyn.checks import as_array, short_repr
 from cranedyn.errors import OutOfRange
 
-_Any = TypeVar("_Any", bound=Callable[..., Any])
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+_MIN_AMPLITUDE = 1e-9
+"""Smallest amplitude that `adiabatic_amplitude` looks for [rad]."""
+
+_MAX_AMPLITUDE = 3.1
+"""Largest amplitude that it looks for [rad]. At π the pendulum stands upside down, and has no
+period."""
 
 
-def _finite(form: _Any) -> _Any:
-    """Make a closed form raise `OutOfRange` where its result is not finite."""
+def _finite(form: _Function) -> _Function:
+    """Make a closed form raise `OutOfRange` where its result is not finite.
+
+    One check of the result stands for many of the arguments: a length of 0, a mass below 0 and NaN
+    all lead to a division by zero, the root of a negative number, or a result that is not finite.
+    """
 
     @wraps(form)
     def checked(*args: Any, **named: Any) -> Any:
         try:
             with np.errstate(all="ignore"):
                 result = form(*args, **named)
-            # math.isfinite is much faster.
-            if math.isfinite(result) if isinstance(result, float) else np.isfinite(result).all():
+            if isinstance(result, float):
+                # Much faster than NumPy's.
+                is_finite = math.isfinite(result)
+            else:
+                is_finite = bool(np.isfinite(result).all())
+            if is_finite:
                 return result
-        except (ArithmeticError, ValueError):  # np.linalg.LinAlgError among them
+        except (ArithmeticError, ValueError):
+            # Also np.linalg.LinAlgError, which is a ValueError.
             pass
-        call = ", ".join(
-            [
-                *map(short_repr, args),
-                *(f"{name}={short_repr(value)}" for name, value in named.items()),
-            ]
-        )
-        raise OutOfRange(
-            f"the answer of {form.__name__}({call})", "not finite", "what has a finite one"
-        )
+        arguments = [short_repr(value) for value in args]
+        for name, value in named.items():
+            arguments.append(f"{name}={short_repr(value)}")
+        call = f"{form.__name__}({', '.join(arguments)})"
+        raise OutOfRange(f"the answer of {call}", "not finite", "what has a finite one")
 
     return checked  # type: ignore[return-value]
 
@@ -67,7 +79,9 @@ def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
 
     Landau & Lifshitz, Mechanics, §11.
     """
-    return 2.0 / math.pi * scipy.special.ellipk(np.sin(np.asarray(amplitude) / 2.0) ** 2)
+    # SciPy's complete elliptic integral takes the parameter m = k², not the modulus k.
+    parameter = np.sin(np.asarray(amplitude) / 2.0) ** 2
+    return 2.0 / math.pi * scipy.special.ellipk(parameter)
 
 
 @_finite
@@ -89,7 +103,11 @@ def pivot_compliance(
         Relative gain in period, and damping ratio.
     """
     omega = math.sqrt(gravity / length)
+    # Displacement of the trolley over the force on it, at the frequency of the swing.
     compliance = 1.0 / (stiffness - omega**2 * trolley_mass + 1.0j * omega * damping)
+    # The swing φ pulls the pivot by m g φ, and the pivot then is off by that times the compliance:
+    # to first order the pendulum is longer by m g times the compliance, which is complex. Its
+    # period grows by half of the share; the imaginary part is a damping.
     scale = mass * gravity / (2.0 * length)
     return scale * compliance.real, -scale * compliance.imag
 
@@ -109,11 +127,12 @@ def hoist_compliance(
         Relative gain in period, and damping ratio.
     """
     omega = math.sqrt(gravity / length)
+    # Displacement of the hoist with the load over the force on it, at 2ω.
     compliance = 1.0 / (stiffness - 4.0 * omega**2 * mass + 2.0j * omega * damping)
     scale = mass * gravity * amplitude**2 / length
-    return scale * (
-        1.0 / (8.0 * stiffness) + 9.0 / 16.0 * compliance.real
-    ), -9.0 / 16.0 * scale * compliance.imag
+    gain = scale * (1.0 / (8.0 * stiffness) + 9.0 / 16.0 * compliance.real)
+    damping_ratio = -9.0 / 16.0 * scale * compliance.imag
+    return gain, damping_ratio
 
 
 @_finite
@@ -154,9 +173,12 @@ def constant_hoisting_envelope(
 def _hoisting_constants(
     length: float, rate: float, gravity: float, swing: float, swing_rate: float
 ) -> tuple[float, float]:
+    """Return A and B of `constant_hoisting`, from the swing and its rate at the start."""
     u = 2.0 * math.sqrt(gravity * length) / abs(rate)
+    # du/dt at the start, where the length is l0: sign(v) √(g/l0).
     du = math.copysign(1.0, rate) * math.sqrt(gravity / length)
-    # d/du (C1(u)/u) = -C2(u)/u for any cylinder function
+    # Rows: φ and φ̇ at the start for (A, B) = (1, 0) and (0, 1). For any cylinder function C it is
+    # d/du (C1(u)/u) = -C2(u)/u.
     basis = np.array(
         [
             [scipy.special.jv(1, u) / u, scipy.special.yv(1, u) / u],
@@ -218,8 +240,11 @@ def small_swing(
         slew_rate: Slew rate [rad/s].
         slew_acceleration: Slew acceleration [rad/s²].
     """
-    swing, rates = as_array("swing", swing, (2,)), as_array("rates", rates, (2,))
-    (phi, theta), (phi_rate, theta_rate) = swing, rates
+    swing = as_array("swing", swing, (2,))
+    rates = as_array("rates", rates, (2,))
+    phi, theta = swing
+    phi_rate, theta_rate = rates
+    # The radius of the payload is x - l φ, its offset across the jib -l θ.
     radial = x - length * phi
     radial_rate = x_rate - length_rate * phi - length * phi_rate
     offset = length * theta
@@ -233,9 +258,8 @@ def small_swing(
     theta_excitation = (
         slew_acceleration * radial + 2.0 * slew_rate * radial_rate + slew_rate**2 * offset
     )
-    return (
-        np.array([phi_excitation, theta_excitation]) - 2.0 * length_rate * rates - gravity * swing
-    ) / length
+    excitation = np.array([phi_excitation, theta_excitation])
+    return (excitation - 2.0 * length_rate * rates - gravity * swing) / length
 
 
 @_finite
@@ -248,17 +272,25 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
     """
 
     def action(a: float) -> float:
-        m = math.sin(a / 2.0) ** 2
-        return float(scipy.special.ellipe(m) - (1.0 - m) * scipy.special.ellipk(m))
+        """Return the action over l^(3/2) of a swing of an amplitude [rad]."""
+        # SciPy's elliptic integrals take the parameter k².
+        parameter = math.sin(a / 2.0) ** 2
+        first_kind = scipy.special.ellipk(parameter)
+        return float(scipy.special.ellipe(parameter) - (1.0 - parameter) * first_kind)
 
-    goal = action(amplitude)
+    def change_of_action(a: float, ratio: float) -> float:
+        """Return how much larger the action is at an amplitude and a length ratio than before."""
+        return action(a) * ratio**1.5 - action_before
+
+    action_before = action(amplitude)
     ratios = np.atleast_1d(as_array("lengths", lengths, (), ("n",))) / length
-    return np.array(
-        [
-            scipy.optimize.brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1)
-            for ratio in ratios
-        ]
-    )
+    amplitudes = []
+    for ratio in ratios:
+        root = scipy.optimize.brentq(
+            change_of_action, _MIN_AMPLITUDE, _MAX_AMPLITUDE, args=(ratio,)
+        )
+        amplitudes.append(root)
+    return np.array(amplitudes)
 
 
 @_finite
@@ -279,22 +311,25 @@ def apsidal_precession(length: float, far: float, near: float) -> float:
     u0 = math.sqrt(1.0 - (far / length) ** 2)
     h = far * near / length**2
     energy = (near / length) ** 2 / 2.0 - u0
-    # u0 is one root, since the start is an apse; sum and product of the other two follow from the
-    # cubic's coefficients
+    # u0 is one root of f, since the start is an apse. Sum and product of the other two follow from
+    # the coefficients of the cubic, f = -2 (u - u0) (u - u1) (u - u2).
     half_sum = -(energy + u0) / 2.0
     product = (energy - h**2 / 2.0) / u0
     spread = math.sqrt(half_sum**2 - product)
-    u1, u2 = half_sum + spread, half_sum - spread
+    u1 = half_sum + spread
+    u2 = half_sum - spread
 
-    def turned(s: float) -> float:
+    def integrand(s: float) -> float:
+        # The integrand in u is infinite at both ends, u0 and u1. In s, with
+        # u = (u0 + u1)/2 + (u1 - u0)/2 sin s, du/√f becomes ds/√(2 (u - u2)), which is not.
         u = (u0 + u1) / 2.0 + (u1 - u0) / 2.0 * math.sin(s)
         return h / ((1.0 - u**2) * math.sqrt(2.0 * (u - u2)))
 
-    return float(
-        4.0
-        * scipy.integrate.quad(turned, -math.pi / 2.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0]
-        - 2.0 * math.pi
-    )
+    # As exact as rounding allows: the precession is a small difference of large angles.
+    apsidal_angle = scipy.integrate.quad(
+        integrand, -math.pi / 2.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13
+    )[0]
+    return float(4.0 * apsidal_angle - 2.0 * math.pi)
 
 
 @_finite
@@ -315,9 +350,9 @@ def slewing_swing(radius: float, length: float, rate: float, gravity: float) -> 
     """
 
     def imbalance(angle: float) -> float:
-        return gravity * math.sin(angle) - rate**2 * (radius + length * math.sin(angle)) * math.cos(
-            angle
-        )
+        # The balance times cos φ: it has no pole at 90°.
+        load_radius = radius + length * math.sin(angle)
+        return gravity * math.sin(angle) - rate**2 * load_radius * math.cos(angle)
 
     return -float(scipy.optimize.brentq(imbalance, 0.0, math.pi / 2.0, xtol=1e-15))
 
@@ -329,10 +364,10 @@ def slewing_tension(
     """Return the tension of the rope at `slewing_swing` [N]: m √(g² + Ω⁴ r²) with r the radius of
     the load.
     """
-    return mass * math.hypot(
-        gravity,
-        rate**2 * (radius - length * math.sin(slewing_swing(radius, length, rate, gravity))),
-    )
+    # The swing is negative, so that the load is farther out than the trolley.
+    swing = slewing_swing(radius, length, rate, gravity)
+    load_radius = radius - length * math.sin(swing)
+    return mass * math.hypot(gravity, rate**2 * load_radius)
 
 
 @_finite
@@ -358,9 +393,8 @@ def pulse_residual(acceleration: float, pulse: float, length: float, gravity: fl
         length: Cable length [m].
         gravity: Gravity [m/s²].
     """
-    return (
-        2.0 * abs(acceleration) / gravity * abs(math.sin(math.sqrt(gravity / length) * pulse / 2.0))
-    )
+    omega = math.sqrt(gravity / length)
+    return 2.0 * abs(acceleration) / gravity * abs(math.sin(omega * pulse / 2.0))
 
 
 @_finite
@@ -370,8 +404,11 @@ def coast_residual(
     """Return the amplitude after the trolley has accelerated, coasted for t_c and braked as it
     accelerated [rad]: `pulse_residual` times 2 |sin(ω (t_p + t_c)/2)|.
     """
-    later = math.sin(math.sqrt(gravity / length) * (pulse + coast) / 2.0)
-    return 2.0 * pulse_residual(acceleration, pulse, length, gravity) * abs(later)
+    # Braking is the same pulse in the other sense, t_p + t_c later: the two swings are vectors of
+    # one length, and their difference is 2 |sin| of half of the angle between them.
+    omega = math.sqrt(gravity / length)
+    half_angle = omega * (pulse + coast) / 2.0
+    return 2.0 * pulse_residual(acceleration, pulse, length, gravity) * abs(math.sin(half_angle))
 
 
 @_finite
@@ -410,12 +447,14 @@ def double_pendulum(
         load: Its mass [kg].
         gravity: g [m/s²].
     """
-    heavier = 1.0 + load / hook
-    half = heavier * (1.0 / cable + 1.0 / sling) / 2.0
-    # product of both roots over the larger, since the difference of nearly equal numbers would lose
-    # digits
-    fast = half + math.sqrt(half**2 - heavier / (cable * sling))
-    return math.sqrt(gravity * heavier / (cable * sling) / fast), math.sqrt(gravity * fast)
+    mass_ratio = 1.0 + load / hook
+    half_sum = mass_ratio * (1.0 / cable + 1.0 / sling) / 2.0
+    # Sum and product of both roots ω²/g. The smaller root is the product over the larger, since the
+    # difference of nearly equal numbers would lose digits.
+    product = mass_ratio / (cable * sling)
+    fast = half_sum + math.sqrt(half_sum**2 - product)
+    slow_frequency = math.sqrt(gravity * mass_ratio / (cable * sling) / fast)
+    return slow_frequency, math.sqrt(gravity * fast)
 
 
 @_finite
@@ -465,6 +504,9 @@ def pickup_factor(
         gravity: g [m/s²].
         damping_ratio: Damping ratio ζ of the bounce, less than 1.
     """
+    # With ζ the tension exceeds the weight by v ω/g e^(-ζ ω t) sin(√(1 - ζ²) ω t)/√(1 - ζ²), which
+    # is largest where tan(√(1 - ζ²) ω t) = √(1 - ζ²)/ζ, that is at √(1 - ζ²) ω t = acos ζ. The sine
+    # there is √(1 - ζ²), and cancels.
     root = math.sqrt(1.0 - damping_ratio**2)
     decay = math.exp(-damping_ratio * math.acos(damping_ratio) / root)
     return 1.0 + speed * frequency / gravity * decay
@@ -476,7 +518,9 @@ def reeving_efficiency(falls: int, efficiency: float) -> float:
     the pull of the line. A sheave passes on the share η of its pull in hoisting, 1/η in lowering.
     """
     if efficiency == 1.0:
+        # The limit of the quotient, which is 0/0 there.
         return 1.0
+    # 1 - ηⁿ and 1 - η lose digits where η is near 1; expm1 does not.
     loss = math.log(efficiency)
     return math.expm1(falls * loss) / (falls * math.expm1(loss))
 
@@ -530,13 +574,12 @@ def twisting_tower(
         gravity: g [m/s²].
         trolley: Mass M_t of the trolley as a point [kg].
     """
-    pull = mass * gravity * length
     return _two_modes(
-        inertia + (trolley + mass) * radius**2,
-        mass * radius * length,
-        mass * length**2,
-        torsion,
-        pull,
+        first_inertia=inertia + (trolley + mass) * radius**2,
+        coupling=mass * radius * length,
+        second_inertia=mass * length**2,
+        first_stiffness=torsion,
+        second_stiffness=mass * gravity * length,
     )
 
 
@@ -566,27 +609,34 @@ def bending_tower(
         mass: m of the load [kg].
         gravity: g [m/s²].
     """
-    stiff = stiffness - (moment + mass * height) * gravity
     return _two_modes(
-        inertia + mass * height**2,
-        mass * height * length,
-        mass * length**2,
-        stiff,
-        mass * gravity * length,
+        first_inertia=inertia + mass * height**2,
+        coupling=mass * height * length,
+        second_inertia=mass * length**2,
+        first_stiffness=stiffness - (moment + mass * height) * gravity,
+        second_stiffness=mass * gravity * length,
     )
 
 
 def _two_modes(
-    first: float, coupling: float, second: float, stiff: float, pull: float
+    *,
+    first_inertia: float,
+    coupling: float,
+    second_inertia: float,
+    first_stiffness: float,
+    second_stiffness: float,
 ) -> tuple[float, float]:
-    """Return the slow and fast frequency [rad/s] of M = [[first, -coupling], [-coupling, second]]
-    and K = diag(stiff, pull).
+    """Return the slow and fast frequency [rad/s] of two coupled oscillators.
+
+    They are the roots of det(K - ω² M) = a ω⁴ - b ω² + c with M = [[first inertia, -coupling],
+    [-coupling, second inertia]] and K = diag(first stiffness, second stiffness).
     """
-    square = first * second - coupling**2
-    middle = first * pull + second * stiff
-    last = stiff * pull
-    fast = (middle + math.sqrt(middle**2 - 4.0 * square * last)) / (2.0 * square)
-    return math.sqrt(last / square / fast), math.sqrt(fast)
+    a = first_inertia * second_inertia - coupling**2
+    b = first_inertia * second_stiffness + second_inertia * first_stiffness
+    c = first_stiffness * second_stiffness
+    fast = (b + math.sqrt(b**2 - 4.0 * a * c)) / (2.0 * a)
+    # The product of both roots is c/a: as in `double_pendulum`, no digits are lost.
+    return math.sqrt(c / a / fast), math.sqrt(fast)
 
 
 @_finite
@@ -619,4 +669,5 @@ def convolved_zv(frequency: float, modes: Sequence[float]) -> float:
         frequency: ω of the swing [rad/s].
         modes: ω_i of the shapers [rad/s].
     """
-    return float(np.prod([abs(math.cos(math.pi * frequency / (2.0 * mode))) for mode in modes]))
+    shares = [abs(math.cos(math.pi * frequency / (2.0 * mode))) for mode in modes]
+    return float(np.prod(shares))

@@ -12,18 +12,19 @@ from cranedyn.references import hold, pulse
 crane = cd.load_crane()
 lengths = np.linspace(5.0, 20.0, 32)
 widths = np.linspace(1.0, 9.0, 32)
-starts = [crane.state(l=length) for length in lengths]
-cases = [
-    (start, pulse(crane, hold(crane, start), "x", 0.3, at=0.5, width=width))
-    for start in starts
-    for width in widths
-]
+references = []
+starts = []
+for length in lengths:
+    start = crane.state(l=length)
+    for width in widths:
+        starts.append(start)
+        references.append(pulse(crane, hold(crane, start), "x", 0.3, at=0.5, width=width))
 
 batch = cd.simulate_batch(
     crane,
     hold_controller(crane),
-    [reference for _, reference in cases],
-    start=[start for start, _ in cases],
+    references,
+    start=starts,
     duration=20.0,
     residual_from=12.0,
 )

@@ -12,7 +12,8 @@ from cranedyn.dynamics.pinocchio import holding_effort
 
 crane = cd.load_crane()
 goal = crane.state(x=12.0)
-model = sampled(crane, goal)  # z after one control period = a z + b u
+# With z the deviations of coordinates and rates, z after one control period is a z + b u.
+model = sampled(crane, goal)
 
 q = np.diag([100.0, 10.0, 100.0, 100.0, 10.0, 20.0, 2.0, 100.0, 100.0, 2.0]) ** 2
 r = np.diag([1 / 2.0e4, 1 / 1.0e3, 1 / 1.0e3]) ** 2

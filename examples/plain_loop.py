@@ -28,7 +28,8 @@ def plain_loop(duration: float, dt: float = 5e-4, control_period: float = 5e-3) 
         command = controller(t, cd.State(q, v), reference(t))
         tau[drives] = np.clip(command, -crane.effort_limit, crane.effort_limit)
         rows.append(q)
-        for _ in range(round(control_period / dt)):  # semi-implicit Euler
+        # Semi-implicit Euler: the new velocity moves the coordinates.
+        for _ in range(round(control_period / dt)):
             v = v + dt * pin.aba(model, data, q, v, tau - crane.damping * v)
             q = q + dt * v
     return np.array(rows)

@@ -8,8 +8,9 @@ from cranedyn.analysis.swing import fit_swing
 from cranedyn.data.external import Source, read_external
 from cranedyn.theory import point_period
 
+# What somebody's sensor has written: a swing of 5° with a period of 6.35 s that decays slowly.
 t = np.arange(0.0, 60.0, 0.02)
-swing = 5.0 * np.exp(-1e-3 * t) * np.cos(2.0 * math.pi / 6.35 * t)  # somebody's sensor [°]
+swing = 5.0 * np.exp(-1e-3 * t) * np.cos(2.0 * math.pi / 6.35 * t)
 rows = np.stack([1e3 * t, swing, np.full_like(t, 10.0)], axis=1)
 np.savetxt("site.csv", rows, delimiter=",", header="time,angle,rope", comments="")
 

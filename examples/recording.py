@@ -11,9 +11,9 @@ references = {
     "pulse of the trolley": pulse(crane, still, "x", 0.5, at=1.0, width=3.0),
     "slew by 30°": ramp(crane, still, "gamma", 0.52, rate=0.1, at=1.0),
 }
-runs = [
-    Run(name, crane, cd.simulate(crane, hold_controller(crane), reference, duration=20.0))
-    for name, reference in references.items()
-]
+runs = []
+for name, reference in references.items():
+    trajectory = cd.simulate(crane, hold_controller(crane), reference, duration=20.0)
+    runs.append(Run(name, crane, trajectory))
 path = record("two_runs.rrd", runs, title="Two runs", text="Red and blue on one clock.")
 print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")

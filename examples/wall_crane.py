@@ -13,6 +13,7 @@ from cranedyn.references import hold
 from cranedyn.references.motion import hanging_reference
 from cranedyn.simulation.simulate import simulate
 
+# Joints of the URDF by the parts that they play in a tower crane.
 ROLES = {"slew": "bracket", "trolley": "carriage", "hoist": "winch"}
 SWINGS = {"radial_swing": "sway", "tangential_swing": "surge"}
 
@@ -25,10 +26,13 @@ def main(folder: Path) -> None:
     controller = lqr(crane, reference)
     start = crane.state(x=4.0, l=2.5, phi=0.1, theta=-0.1)
     run = simulate(crane, controller, reference, start=start, duration=20.0)
-    left = np.hypot(*run.since(15.0).coordinates("phi", "theta").T).max()
+    phi, theta = run.since(15.0).coordinates("phi", "theta").T
+    left = np.hypot(phi, theta).max()
     print(f"A swing of {1e3 * np.hypot(0.1, 0.1):.0f} mrad: {1e3 * left:.2f} mrad in the last 5 s.")
-    swings = np.linspace(-0.2, 0.2, 20)
-    starts = [crane.state(x=4.0, l=2.5, phi=phi, theta=theta) for phi in swings for theta in swings]
+    starts = []
+    for phi in np.linspace(-0.2, 0.2, 20):
+        for theta in np.linspace(-0.2, 0.2, 20):
+            starts.append(crane.state(x=4.0, l=2.5, phi=phi, theta=theta))
     batch = simulate_batch(
         crane, controller, reference, start=starts, duration=20.0, residual_from=15.0
     )

@@ -13,10 +13,11 @@ from benchmarks.workload import Case, Contestant, Result, Run, brake
 
 
 def _missing() -> str | None:
+    """Return why PyBullet cannot run here, None if it can."""
+    if find_spec("pybullet"):
+        return None
     return (
-        None
-        if find_spec("pybullet")
-        else "pybullet is not installed: pip install 'cranedyn[benchmarks]' (its wheel is for "
+        "pybullet is not installed: pip install 'cranedyn[benchmarks]' (its wheel is for "
         "Python 3.11)"
     )
 
@@ -80,9 +81,10 @@ def _stepped(case: Case, at_once: int) -> Run:
         log = np.empty((case.periods(duration) + 1, 13))
         for k, row in enumerate(log):
             q, v, _, _ = zip(*states(robot, joints, setup), strict=True)
+            tau = effort(q, v)
             row[:5] = q
             row[5:10] = v
-            row[10:] = tau = effort(q, v)
+            row[10:] = tau
             if k < len(log) - 1:
                 for _ in calls:
                     control(robot, drives, torque, forces=tau, physicsClientId=setup)

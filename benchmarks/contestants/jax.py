@@ -21,11 +21,10 @@ those after a physics step."""
 
 
 def _missing(module: str, package: str) -> str | None:
-    return (
-        None
-        if find_spec("jax") and (module == "jax" or find_spec(module))
-        else f"{package} is not installed: pip install 'cranedyn[peers]'"
-    )
+    """Return why a module that needs JAX cannot run here, None if it can."""
+    if find_spec("jax") and (module == "jax" or find_spec(module)):
+        return None
+    return f"{package} is not installed: pip install 'cranedyn[peers]'"
 
 
 def _looped(case: Case, step: Step) -> Run:

@@ -26,22 +26,25 @@ def twin(urdf: str, *, gravity: float, dt: float) -> Any:
     import mujoco
 
     spec = mujoco.MjSpec.from_string(urdf)
-    # it takes no link without mass, such as those between the joints of a sling
-    spec.compiler.boundmass = spec.compiler.boundinertia = 1e-9
+    # MuJoCo takes no link without mass, such as those between the joints of a sling.
+    spec.compiler.boundmass = 1e-9
+    spec.compiler.boundinertia = 1e-9
     model = spec.compile()
     option = model.opt
-    off = mujoco.mjtDisableBit
+    disable = mujoco.mjtDisableBit
     option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     option.timestep = dt
     option.gravity[:] = [0.0, 0.0, -gravity]
-    option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
+    # MuJoCo's Euler method would take the damping implicitly.
+    option.disableflags |= disable.mjDSBL_CONSTRAINT | disable.mjDSBL_EULERDAMP
     return model
 
 
 def _missing() -> str | None:
-    return (
-        None if find_spec("mujoco") else "mujoco is not installed: pip install 'cranedyn[mujoco]'"
-    )
+    """Return why MuJoCo cannot run here, None if it can."""
+    if find_spec("mujoco"):
+        return None
+    return "mujoco is not installed: pip install 'cranedyn[mujoco]'"
 
 
 def _stepped(case: Case, at_once: int) -> Run:
@@ -97,19 +100,29 @@ def _rolled_out(case: Case) -> Run:
         drives = case.crane.layout.drives
         count = len(starts)
         setpoint = starts[:, drives]
+        # A state of MuJoCo begins with the time.
         state = np.zeros((count, mujoco.mj_stateSize(model, full)))
         state[:, 1 : 1 + 2 * n] = starts
         states = np.empty((count, case.steps, state.shape[1]))
-        steps: Any = {"control_spec": int(force), "nstep": case.steps, "state": states}
-        steps["sensordata"] = np.empty((count, case.steps, 0))
+        sensors = np.empty((count, case.steps, 0))
         tau = np.zeros((count, 1, n))
         peaks = case.swing(starts)
         for _ in range(case.periods(duration)):
             rows = state[:, 1 : 1 + 2 * n]
-            away = setpoint - rows[:, drives]
-            effort = hold.feed_forward + hold.stiffness * away - hold.damping * rows[:, n + drives]
+            offset = setpoint - rows[:, drives]
+            rates = rows[:, n + drives]
+            effort = hold.feed_forward + hold.stiffness * offset - hold.damping * rates
             tau[:, 0, drives] = np.clip(effort, -limit, limit)
-            rollout.rollout(model, datas, state, tau, **steps)
+            rollout.rollout(
+                model,
+                datas,
+                state,
+                tau,
+                control_spec=int(force),
+                nstep=case.steps,
+                state=states,
+                sensordata=sensors,
+            )
             state = states[:, -1].copy()
             peaks = np.maximum(peaks, case.swing(state[:, 1 : 1 + 2 * n]))
         return Result(state[:, 1 : 1 + 2 * n].copy(), peaks)

@@ -130,6 +130,13 @@ def load_library(case: Case, lanes: int, groups: int, **further: float) -> ctype
 
 
 def _one(case: Case, columns: int = 13, **further: float) -> Run:
+    """Return a run of one crane that logs a number of columns at each control instant.
+
+    Args:
+        case: What is run.
+        columns: Number of columns: 13 for coordinates, rates and efforts.
+        further: Further constants of the source.
+    """
     library = load_library(case, 1, 1, **further)
 
     def run(starts: np.ndarray, duration: float) -> Result:
@@ -145,11 +152,13 @@ def _one(case: Case, columns: int = 13, **further: float) -> Run:
 
 
 def _whole_log(case: Case) -> Run:
+    """Return a run of one crane that logs what `simulate` logs."""
     further = ledger_constants(case)
     return _one(case, 25 + int(further["OUTSIDE"]), **further)
 
 
 def _many(threads: int, case: Case) -> Run:
+    """Return a run of many cranes on threads, 16 at a time."""
     library = load_library(case, LANES, GROUPS)
     pool = ThreadPoolExecutor(threads)
 
@@ -157,12 +166,14 @@ def _many(threads: int, case: Case) -> Run:
         together = LANES * GROUPS
         cranes = len(starts)
         periods = case.periods(duration)
+        # The last crane is repeated until the number is a multiple of 16.
         last = np.repeat(starts[-1:], -cranes % together, axis=0)
         full = np.ascontiguousarray(np.concatenate([starts, last]), float)
         ends = np.empty_like(full)
         peaks = np.empty(len(full))
 
         def part(rounds: np.ndarray) -> None:
+            """Run the groups of cranes of these numbers, which follow each other."""
             rows = slice(together * rounds[0], together * (rounds[-1] + 1))
             arrays = (array[rows].ctypes.data for array in (full, ends, peaks))
             library.run(len(rounds), periods, *arrays, None)
@@ -176,10 +187,12 @@ def _many(threads: int, case: Case) -> Run:
 
 
 def _missing() -> str | None:
+    """Return why nothing can be compiled here, None if it can."""
     return None if compiler() else "there is no C compiler, neither cc nor $CC"
 
 
 def _threads(count: int) -> Contestant:
+    """Return the contestant that runs many cranes on a number of threads."""
     return Contestant(
         f"C by hand, {count} thread{'s' * (count > 1)}",
         _missing,

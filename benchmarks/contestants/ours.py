@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ def _no_need() -> None:
 
 
 def _llvm() -> str | None:
+    """Return why nothing can be compiled here, None if it can."""
     try:
         import llvmlite  # noqa: F401
     except ModuleNotFoundError:
@@ -26,6 +26,8 @@ def _llvm() -> str | None:
 
 
 def _loop(case: Case) -> Run:
+    """Return a run of one crane in the plain loop."""
+
     def run(starts: np.ndarray, duration: float) -> Result:
         return plain(case, starts[0], duration)
 
@@ -33,14 +35,20 @@ def _loop(case: Case) -> Run:
 
 
 def _stepping(case: Case) -> Run:
+    """Return a run with steps compiled and control in Python: the engine does not look into a
+    `partial`, and so cannot compile the controller.
+    """
     return _compiled(case, partial(case.controller))
 
 
 def _closed(case: Case) -> Run:
+    """Return a run with control and steps compiled."""
     return _compiled(case, case.controller)
 
 
 def _compiled(case: Case, controller: Callable[[float, State, Setpoint], np.ndarray]) -> Run:
+    """Return a run of one crane by the compiled engine, which has compiled what it needs."""
+
     def run(starts: np.ndarray, duration: float) -> Result:
         return plain(case, starts[0], duration, controller=controller, engine="compiled")
 
@@ -56,12 +64,18 @@ def _batch(
     def prepare(case: Case) -> Run:
         from cranedyn.compiled.batch import simulate_batch
 
-        how: Any = {"dt": case.dt, "control_period": case.period, "threads": threads}
-        simulate_cranes = partial(simulate_batch, case.crane, case.controller, **how)
-
         def run(starts: np.ndarray, duration: float) -> Result:
-            start = State(*np.split(starts, 2, axis=1))
-            batch = simulate_cranes(start=start, duration=duration, integrator=integrator)
+            q, v = np.split(starts, 2, axis=1)
+            batch = simulate_batch(
+                case.crane,
+                case.controller,
+                start=State(q, v),
+                duration=duration,
+                dt=case.dt,
+                control_period=case.period,
+                threads=threads,
+                integrator=integrator,
+            )
             return Result(np.hstack(batch.end), batch.peak_swing)
 
         run(case.starts(1), case.period)

@@ -24,16 +24,18 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import interpolate, locate
 
 AIR_DENSITY = 1.25
-"""Density in the wind pressure of standards [kg/m³]: q = 0.625 v². AS 5222:2021, a
-modified ISO 4302 (second hand); the standard atmosphere at sea level has 1.225 (ISO 2533)."""
+"""Density of air in the wind pressure of standards [kg/m³]: q = 0.625 v² (AS 5222:2021, a modified
+ISO 4302; second hand). The standard atmosphere at sea level has 1.225 (ISO 2533).
+"""
 
 Speed = Callable[[float], float]
 """Wind speed [m/s] over time [s]."""
 
 
 def drag_force(area: Any, relative_velocity: np.ndarray) -> np.ndarray:
-    """Return the drag of air on bodies [N]: ½ ρ A |w| w, with ρ = `AIR_DENSITY`, in any kind of
-    number.
+    """Return the drag of air on bodies [N]: ½ ρ A |w| w, with ρ = `AIR_DENSITY`.
+
+    The numbers may be of any kind, see `cranedyn.dynamics.scalars`.
 
     Args:
         area: Drag coefficient times area of each body [m²], a number or shape (...).
@@ -42,6 +44,7 @@ def drag_force(area: Any, relative_velocity: np.ndarray) -> np.ndarray:
     Returns:
         The forces in the axes of the velocity, shape (..., k).
     """
+    # The first axis of the transpose runs over the components. `np.linalg.norm` knows floats only.
     squares = sum(component * component for component in relative_velocity.T)
     speed = np.asarray(square_root(squares)).T
     pressure = 0.5 * AIR_DENSITY * np.asarray(area)[..., None]
@@ -72,8 +75,8 @@ def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) 
             f"force on the {name}", force, (3,), unit="N"
         )
     first = number("start of the force", at, "s")
-    none = np.zeros_like(values)
-    return lambda t, state: values if t >= first else none
+    no_forces = np.zeros_like(values)
+    return lambda t, state: values if t >= first else no_forces
 
 
 def steady(speed: float) -> Speed:
@@ -83,28 +86,47 @@ def steady(speed: float) -> Speed:
 
 
 def step_gust(base: Speed, rise: float, *, at: float) -> Speed:
-    """Add a step of the wind [m/s] at a time [s]."""
-    by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
-    return lambda t: base(t) + (by if t >= first else 0.0)
+    """Add a step of the wind.
+
+    Args:
+        base: Wind speed to which it is added.
+        rise: Height of the step [m/s].
+        at: Time of the step [s].
+    """
+    step = number("rise of the wind", rise, "m/s")
+    first = number("start of the gust", at, "s")
+    return lambda t: base(t) + (step if t >= first else 0.0)
 
 
 def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
-    """Add a discrete gust of shape (1 - cos)/2: largest rise [m/s], start and duration [s]."""
-    by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
+    """Add a discrete gust of the shape (1 - cos)/2.
+
+    Args:
+        base: Wind speed to which it is added.
+        rise: Largest rise of the gust, half-way through it [m/s].
+        at: Time at which it begins [s].
+        lasts: Its duration [s].
+    """
+    largest = number("rise of the wind", rise, "m/s")
+    first = number("start of the gust", at, "s")
     span = number("duration of the gust", lasts, "s", "> 0")
-    return lambda t: (
-        base(t)
-        + (
-            by * (1.0 - math.cos(2.0 * math.pi * (t - first) / span)) / 2.0
-            if first <= t <= first + span
-            else 0.0
-        )
-    )
+
+    def gusty(t: float) -> float:
+        gust = 0.0
+        if first <= t <= first + span:
+            gust = largest * (1.0 - math.cos(2.0 * math.pi * (t - first) / span)) / 2.0
+        return base(t) + gust
+
+    return gusty
 
 
 def gust_shape(t: np.ndarray, at: float | np.ndarray, lasts: float | np.ndarray) -> np.ndarray:
-    """Return the share of its largest rise that a discrete gust has reached, at many times or of
-    many gusts at once; see `cosine_gust`.
+    """Return the share of its largest rise that a discrete gust has reached, see `cosine_gust`.
+
+    Args:
+        t: Times [s].
+        at: Time at which each gust begins [s]; the arrays are broadcast against each other.
+        lasts: Duration of each gust [s].
     """
     shape = (1.0 - np.cos(2.0 * math.pi * (t - at) / lasts)) / 2.0
     return np.where((at <= t) & (t <= at + lasts), shape, 0.0)
@@ -136,22 +158,25 @@ def turbulence(
     Raises:
         OutOfRange: If a number is not positive.
     """
-    sigma = number("turbulence intensity", intensity, "", ">= 0") * abs(
-        number("wind speed", base(0.0), "m/s")
-    )
+    relative = number("turbulence intensity", intensity, "", ">= 0")
+    sigma = relative * abs(number("wind speed", base(0.0), "m/s"))
+    # Checks the numbers; the last step may end after the duration.
     intervals("duration of the turbulence", duration, step)
     count = math.ceil(duration / step) + 1
-    keep = math.exp(-step / number("time scale of the turbulence", time_scale, "s", "> 0"))
+    # Correlation of a value with the next: exp(-step/time scale).
+    correlation = math.exp(-step / number("time scale of the turbulence", time_scale, "s", "> 0"))
     noise = rng.standard_normal(count) * sigma
+    # Each value has the variance c² σ² + (1 - c²) σ² = σ², with c the correlation.
     values = [noise[0]]
     for kick in noise[1:]:
-        values.append(keep * values[-1] + math.sqrt(1.0 - keep**2) * kick)
+        values.append(correlation * values[-1] + math.sqrt(1.0 - correlation**2) * kick)
     gusts = np.array(values)
 
     def gust(t: float) -> float:
         row, share = locate(t, step, count)
-        # A line from a to b with E[ab] = keep σ² has the variance (1 - lost) σ².
-        lost = 2.0 * share * (1.0 - share) * (1.0 - keep)
+        # The line a + s (b - a) between two values with E[ab] = c σ² has the variance
+        # ((1 - s)² + s² + 2 s (1 - s) c) σ² = (1 - lost) σ².
+        lost = 2.0 * share * (1.0 - share) * (1.0 - correlation)
         return float(interpolate(gusts, row, share)) / math.sqrt(1.0 - lost)
 
     return lambda t: base(t) + gust(t)
@@ -175,8 +200,8 @@ class Wind:
 
     def __call__(self, t: float, state: State) -> np.ndarray:
         """Return the forces in the world [N], shape (points, 3)."""
-        moving = point_velocities(self.crane, state)
-        return drag_force(self.areas, self.speed(t) * self.along - moving)
+        point_velocity = point_velocities(self.crane, state)
+        return drag_force(self.areas, self.speed(t) * self.along - point_velocity)
 
 
 def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Wind:
@@ -198,12 +223,11 @@ def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Win
     angle = number("direction of the wind", direction, "rad")
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     points = crane.layout.points
+    names = [f"{point}_area" for point in points]
     drag_areas = np.zeros(len(crane.points))
     for name, area in areas.items():
-        if name not in (names := [f"{point}_area" for point in points]):
+        if name not in names:
             raise UnknownName("drag area", name, names)
-        drag_areas[names.index(name)] = number(
-            f"drag area of the {name.removesuffix('_area')}", area, "m²", ">= 0"
-        )
-
+        point = name.removesuffix("_area")
+        drag_areas[names.index(name)] = number(f"drag area of the {point}", area, "m²", ">= 0")
     return Wind(crane, speed, along, drag_areas)

@@ -26,6 +26,22 @@ _DPI = 130
 """Resolution of a picture [dots per inch]."""
 
 
+_NOTEBOOK_DPI = 90
+"""Resolution of a figure in a notebook [dots per inch]."""
+
+_NIGHT = Path(__file__).with_name("night.css").read_bytes()
+"""Style sheet of a drawing for readers who prefer a dark page."""
+
+_MIN_SPAN = 1e-3
+"""Smallest span of an axis [° or m]."""
+
+_PASSIVE_TITLES = {"rad": "swing", "m": "stretch"}
+"""Label of the passive coordinates by their unit."""
+
+_PASSIVE_LINE_STYLES = ("-", "--", ":", "-.")
+"""Line styles of passive coordinates in their order, where `LINE_STYLES` names none."""
+
+
 class _NotebookFigure(Figure):
     """A figure that notebooks display, and whose texts are names and no formulas."""
 
@@ -35,8 +51,9 @@ class _NotebookFigure(Figure):
         super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
+        """Return the picture that a notebook shows."""
         with mpl.rc_context(RC), io.BytesIO() as file:
-            self.savefig(file, format="png", dpi=90)
+            self.savefig(file, format="png", dpi=_NOTEBOOK_DPI)
             return file.getvalue()
 
 
@@ -51,7 +68,8 @@ def take_texts_literally(figure: Figure) -> None:
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
             if isinstance(axis.get_major_formatter(), LogFormatter):
-                formulas.update(id(label) for label in axis.get_ticklabels(which="both"))
+                for label in axis.get_ticklabels(which="both"):
+                    formulas.add(id(label))
     for text in figure.findobj(Text):
         if isinstance(text, Text) and id(text) not in formulas:
             text.set_parse_math(False)
@@ -71,7 +89,8 @@ def panels(
     """
     with mpl.rc_context(RC):
         figure = _NotebookFigure(figsize=(width, rows * height), layout="constrained")
-        return figure, list(figure.subplots(rows, columns, squeeze=False, **arguments).flat)
+        axes = figure.subplots(rows, columns, squeeze=False, **arguments)
+        return figure, list(axes.flat)
 
 
 def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
@@ -87,20 +106,24 @@ def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
         DataError: If a file cannot be written.
     """
     engine = figure.get_layout_engine()
-    take_texts_literally(figure)  # before their sizes are asked for
+    # Before the layout asks for the sizes of the texts.
+    take_texts_literally(figure)
     with mpl.rc_context(RC):
         if engine is not None:
-            dpi = figure.dpi  # panels stand as they do at the resolution of a picture
+            # All files get the layout of a picture, and keep it: an engine would lay the figure out
+            # anew for each, and sizes of texts depend on the resolution.
+            dpi = figure.dpi
             figure.set_dpi(_DPI)
             engine.execute(figure)
             figure.set_dpi(dpi)
-            figure.set_layout_engine(None)  # none to draw once more for
+            figure.set_layout_engine(None)
         try:
             for file in (path, *further):
                 ending = Path(file).suffix.removeprefix(".")
                 # Matplotlib would leave a file of its own open if Ctrl-C interrupts it.
                 with atomic_write(Path(file)) as draft:
-                    draft.write_bytes(svg(figure) if ending == "svg" else _picture(figure, ending))
+                    content = svg(figure) if ending == "svg" else _picture(figure, ending)
+                    draft.write_bytes(content)
         finally:
             figure.set_layout_engine(engine)
     return Path(path)
@@ -111,25 +134,17 @@ def svg(figure: Figure) -> bytes:
     gives the same bytes.
     """
     with mpl.rc_context(RC):
+        # Matplotlib writes the time of day unless the date is None.
         content = _picture(figure, "svg", metadata={"Date": None})
     return content.replace(b"</style>", _NIGHT + b"</style>", 1)
 
 
 def _picture(figure: Figure, ending: str, **arguments: Any) -> bytes:
+    """Return the content of a file of a figure with an ending, such as "png"."""
     file = io.BytesIO()
     take_texts_literally(figure)
     figure.savefig(file, format=ending, dpi=_DPI, **arguments)
     return file.getvalue()
-
-
-_NIGHT = Path(__file__).with_name("night.css").read_bytes()
-
-
-_LEAST_SPAN = 1e-3
-"""Smallest span of an axis [° or m]."""
-
-_PASSIVE_TITLES = {"rad": "swing", "m": "stretch"}
-"""Label of the passive coordinates by their unit."""
 
 
 def plot_columns(series: TimeSeries, *columns: str) -> Figure:
@@ -138,13 +153,21 @@ def plot_columns(series: TimeSeries, *columns: str) -> Figure:
     Without columns draw the drives of a trajectory beside their setpoints and its swing, and of any
     other table its principal columns.
 
+    Args:
+        series: A trajectory or another table.
+        columns: Names of columns.
+
     Raises:
         UnknownColumn: If there is no column of a name.
     """
     if not columns and series.coordinate_keys:
         return plot_runs({"": series})
     columns = columns or tuple(series.principal_keys)
-    curves = [_in_degrees(series[name], name.rpartition("_")[2]) for name in columns]
+    # All columns are looked up before anything is drawn: an unknown one leaves no figure behind.
+    curves = []
+    for name in columns:
+        unit = name.rpartition("_")[2]
+        curves.append(_in_degrees(series[name], unit))
     figure, axes = panels(len(columns), height=1.8 if len(columns) > 1 else 3.0, sharex=True)
     for ax, name, (values, unit) in zip(axes, columns, curves, strict=True):
         ax.plot(series.t, values, color=colour_of(name.split("_")[0]))
@@ -160,23 +183,30 @@ def plot_runs(runs: Mapping[str, TimeSeries]) -> Figure:
         runs: Trajectories by name; the name of a single one may be empty.
     """
     first = next(iter(runs.values()))
+    # Names of coordinates are those of their symbols with the unit: phi_rad, l_m.
     units = dict(name.rsplit("_", 1) for name in first.coordinate_keys)
+    # A coordinate with a setpoint is that of a drive.
     drives = [symbol for symbol, unit in units.items() if f"{symbol}_setpoint_{unit}" in first]
-    groups = [
-        [symbol for symbol in units if symbol not in drives and units[symbol] == unit]
-        for unit in _PASSIVE_TITLES
-    ]
-    groups = [symbols for symbols in groups if symbols]
-    figure, axes = panels(len(drives) + len(groups), height=1.7, sharex=True)
+    passive_groups = []
+    for group_unit in _PASSIVE_TITLES:
+        symbols = []
+        for symbol, unit in units.items():
+            if unit == group_unit and symbol not in drives:
+                symbols.append(symbol)
+        if symbols:
+            passive_groups.append(symbols)
+
+    figure, axes = panels(len(drives) + len(passive_groups), height=1.7, sharex=True)
     for ax, symbol in zip(axes, drives, strict=False):
         _draw_drive(ax, runs, symbol, units[symbol])
-    for ax, symbols in zip(axes[len(drives) :], groups, strict=True):
+    for ax, symbols in zip(axes[len(drives) :], passive_groups, strict=True):
         _draw_passive(ax, runs, symbols, units[symbols[0]])
     axes[-1].set_xlabel("time [s]")
     return figure
 
 
 def _draw_drive(ax: Axes, runs: Mapping[str, TimeSeries], symbol: str, unit: str) -> None:
+    """Draw the coordinate of a drive beside its setpoint, which the legend names once."""
     label = GREEK.get(symbol, symbol)
     for i, (name, run) in enumerate(runs.items()):
         setpoint, label_unit = _in_degrees(run[f"{symbol}_setpoint_{unit}"], unit)
@@ -193,7 +223,9 @@ def _draw_drive(ax: Axes, runs: Mapping[str, TimeSeries], symbol: str, unit: str
 def _draw_passive(
     ax: Axes, runs: Mapping[str, TimeSeries], symbols: Sequence[str], unit: str
 ) -> None:
-    styles = dict(zip(symbols, ("-", "--", ":", "-."), strict=False)) | LINE_STYLES
+    """Draw passive coordinates of one unit: colours tell runs apart, line styles coordinates."""
+    styles = dict(zip(symbols, _PASSIVE_LINE_STYLES, strict=False))
+    styles.update(LINE_STYLES)
     for i, (name, run) in enumerate(runs.items()):
         for symbol in symbols:
             values, label_unit = _in_degrees(run[f"{symbol}_{unit}"], unit)
@@ -207,9 +239,9 @@ def _draw_passive(
 def _widen(ax: Axes) -> None:
     """Widen the axis of a constant quantity, so that round-off is not magnified."""
     low, high = ax.get_ylim()
-    if high - low < _LEAST_SPAN:
+    if high - low < _MIN_SPAN:
         middle = (low + high) / 2
-        ax.set_ylim(middle - _LEAST_SPAN / 2, middle + _LEAST_SPAN / 2)
+        ax.set_ylim(middle - _MIN_SPAN / 2, middle + _MIN_SPAN / 2)
 
 
 def _in_degrees(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:

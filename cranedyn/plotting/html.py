@@ -74,12 +74,16 @@ class PageTable:
     @property
     def letters(self) -> int:
         """Width that the table needs [characters]: text is folded between words only."""
+        # A column is as wide as its longest word, with a space on both sides.
         width = 2 * len(self.columns)
         for i, (header, is_text) in enumerate(self.columns):
             words = header.split()
             for row in self.rows:
-                words += row[i].split() if is_text else [row[i]]
-            width += max(map(len, words), default=1)
+                if is_text:
+                    words += row[i].split()
+                else:
+                    words.append(row[i])
+            width += max((len(word) for word in words), default=1)
         return width
 
 
@@ -113,7 +117,8 @@ def render(template: Path, **values: Any) -> str:
         jinja2.UndefinedError: If the template names a value that is not given.
     """
     page = _environment(template.parent).get_template(template.name).render(values)
-    return page.lstrip()  # blank lines between the macros above the page
+    # The blank lines between the macros above the page.
+    return page.lstrip()
 
 
 def mark_html(verdict: Verdict) -> str:
@@ -123,12 +128,13 @@ def mark_html(verdict: Verdict) -> str:
 
 
 def worst_first(checks: Sequence[Check]) -> list[Check]:
-    """Return checks, those first that fail, then those that were not judged."""
+    """Return checks in their order, but first those that fail, then those that were not judged."""
     order = [Verdict.FAILS, Verdict.NOT_JUDGED, Verdict.HOLDS]
     return sorted(checks, key=lambda check: order.index(check.verdict))
 
 
 def _environment(folder: Path) -> Environment:
+    """Return what renders the templates of a folder: values are escaped, and each must be given."""
     environment = Environment(
         loader=FileSystemLoader([folder, _SHARED_TEMPLATES]),
         autoescape=True,

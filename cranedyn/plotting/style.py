@@ -27,6 +27,7 @@ COLOURS = {
 of its drive. Black is for white paper."""
 
 _FURTHER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#B0569A", "#B87800", "#2E8BC0")
+"""Hex colours of quantities that `COLOURS` does not name, and of Matplotlib's cycle of colours."""
 
 RUN_COLOURS = (
     "#E0341A",
@@ -54,14 +55,23 @@ RC: Any = {
     "legend.frameon": False,
     "figure.facecolor": "white",
     "axes.formatter.useoffset": False,
-    "svg.fonttype": "none",  # words, not outlines: fewer bytes, and the browser finds them
+    # Words, not outlines: fewer bytes, and the browser finds them.
+    "svg.fonttype": "none",
+    # Without a salt of its own each drawing would have other ids, and no two files be the same.
     "svg.hashsalt": "cranedyn",
 }
 """Settings of Matplotlib with which figures are drawn and saved."""
 
 _OTHER_COLOURS = (
-    *(colour for colour in _FURTHER_COLOURS if colour != COLOURS["energy"]),
-    *("#7A5FC0", "#E0341A", "#9A6A00", "#008C66"),
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#B87800",
+    "#2E8BC0",
+    "#7A5FC0",
+    "#E0341A",
+    "#9A6A00",
+    "#008C66",
 )
 """Hex colours of the coordinates of other cranes: none is that of the energy, or grey as setpoints
 and limits are, beside which they are drawn."""
@@ -79,10 +89,15 @@ def run_colour(index: int) -> str:
 
 
 def colour_of(quantity: str) -> str:
-    """Return the hex colour of a quantity, the same at every call also for other quantities than
-    those of `COLOURS`.
+    """Return the hex colour of a quantity.
+
+    A quantity that `COLOURS` does not name has the same colour in every figure, too, but others may
+    share it; see `distinct_colours`.
     """
-    return COLOURS.get(quantity) or _FURTHER_COLOURS[sum(quantity.encode()) % len(_FURTHER_COLOURS)]
+    if quantity in COLOURS:
+        return COLOURS[quantity]
+    # A sum and no hash: Python's hashes of texts differ from process to process.
+    return _FURTHER_COLOURS[sum(quantity.encode()) % len(_FURTHER_COLOURS)]
 
 
 def distinct_colours(quantities: Iterable[str]) -> dict[str, str]:
@@ -90,12 +105,13 @@ def distinct_colours(quantities: Iterable[str]) -> dict[str, str]:
     and for other names in their order those that none of these has. They repeat after nine others.
     """
     names = list(dict.fromkeys(quantities))
-    taken = {COLOURS[name] for name in names if name in COLOURS}
+    result = {name: COLOURS[name] for name in names if name in COLOURS}
+    taken = set(result.values())
     free = [colour for colour in _OTHER_COLOURS if colour not in taken]
     others = [name for name in names if name not in COLOURS]
-    return {name: COLOURS[name] for name in names if name in COLOURS} | {
-        name: free[i % len(free)] for i, name in enumerate(others)
-    }
+    for i, name in enumerate(others):
+        result[name] = free[i % len(free)]
+    return result
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
@@ -106,5 +122,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 def mixed(colour: str, background: str, share: float) -> str:
     """Return the hex colour that has a share of a background colour mixed in, 0 to 1."""
-    channels = zip(rgb(colour), rgb(background), strict=True)
-    return f"#{bytes(round((1 - share) * a + share * b) for a, b in channels).hex().upper()}"
+    channels = []
+    for own, other in zip(rgb(colour), rgb(background), strict=True):
+        channels.append(round((1 - share) * own + share * other))
+    return f"#{bytes(channels).hex().upper()}"

@@ -18,53 +18,28 @@ from cranedyn.recording.series import GAPS, READOUT, Table, plots, time_range, t
 from cranedyn.recording.shapes import visible_points
 
 _UP = np.array([0.0, 0.0, 1.0])
+"""Upward direction of every eye."""
+
 _PAYLOAD_DISTANCE = 14.0
-"""Distance of the eye that follows the payload [m]."""
+"""Distance from the payload of the eye that follows it [m], on a crane of 10 m and more."""
+
+_REACH_ROWS = 50
+"""Number of rows of a run, about, from which its reach is told; all of them would take long."""
 
 
 def dashboard(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool = False) -> rrb.Blueprint:
-    """Return the layout for runs and their tables, and with a plot of gaps between cranes; without
-    tables, for runs that are beginning.
+    """Return the layout of a recording.
+
+    Args:
+        runs: The runs.
+        tables: Their tables, see `cranedyn.recording.series.series_table`; empty for a run that is
+            only beginning, which the layout then follows.
+        gaps: Whether there are distances between cranes to plot.
     """
-    names = {name for run in runs for name in plots(run.crane.layout)}
-    driven = [joint for run in runs for joint in run.crane.layout.driven]
-    symbols = list(dict.fromkeys(joint.symbol for joint in driven))
-    efforts = list(dict.fromkeys(joint.effort_name for joint in driven))
-    busiest = _busiest_drive(runs, symbols)
-    efforts.insert(0, efforts.pop(busiest))
-    efforts += [name for name in ("speeds", "angular speeds") if name in names]
-    energies = [
-        time_series_view(
-            "energy", [run], tables[i : i + 1], f"Energy [J] · {run.name}" * (len(runs) > 1)
-        )
-        for i, run in enumerate(runs)
-    ]
-    drives_and_speeds = [time_series_view(name, runs, tables) for name in efforts]
-    passive = [
-        time_series_view(name, runs, tables) for name in ("swing", "stretch") if name in names
-    ]
-    if gaps:
-        axis = rrb.TimeAxis(view_range=time_range(runs))
-        passive.insert(0, rrb.TimeSeriesView(name="Distance [m]", origin=GAPS, axis_x=axis))
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(
-                rrb.Tabs(scene_view(runs), payload_view(runs), active_tab=0),
-                rrb.Horizontal(
-                    rrb.TextDocumentView(origin=READOUT, name="Now"),
-                    rrb.TextDocumentView(origin="text", name="About"),
-                    column_shares=[9, 11],
-                ),
-                row_shares=[7, 1.2 + 0.3 * max(3, len(runs))],
-            ),
-            rrb.Vertical(
-                rrb.Tabs(
-                    *(time_series_view(name, runs, tables) for name in symbols), active_tab=busiest
-                ),
-                rrb.Tabs(*passive) if len(passive) > 1 else (passive or energies)[0],
-                rrb.Tabs(energies[0], *drives_and_speeds, *energies[1:], active_tab=0),
-                row_shares=[3, 5, 4],
-            ),
+            _scene_column(runs),
+            _plot_column(runs, tables, gaps=gaps),
             column_shares=[11, 9],
         ),
         rrb.BlueprintPanel(state="collapsed"),
@@ -80,21 +55,90 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool = Fals
     )
 
 
+def _scene_column(runs: Sequence[Run]) -> rrb.Vertical:
+    """Return the scene with the coordinates and the description below it."""
+    # The table of coordinates has a row for each run; it has room for three at least.
+    texts_share = 1.2 + 0.3 * max(3, len(runs))
+    return rrb.Vertical(
+        rrb.Tabs(scene_view(runs), payload_view(runs), active_tab=0),
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin=READOUT, name="Now"),
+            rrb.TextDocumentView(origin="text", name="About"),
+            column_shares=[9, 11],
+        ),
+        row_shares=[7, texts_share],
+    )
+
+
+def _plot_column(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool) -> rrb.Vertical:
+    """Return three rows of plots: positions of the drives; swing, stretch and gaps; energies,
+    efforts and speeds.
+    """
+    plot_names = set[str]()
+    symbols: list[str] = []
+    efforts: list[str] = []
+    for run in runs:
+        plot_names.update(plots(run.crane.layout))
+        for joint in run.crane.layout.driven:
+            if joint.symbol not in symbols:
+                symbols.append(joint.symbol)
+            if joint.effort_name not in efforts:
+                efforts.append(joint.effort_name)
+    busiest = _busiest_drive(runs, symbols)
+    efforts.insert(0, efforts.pop(busiest))
+    speeds = [name for name in ("speeds", "angular speeds") if name in plot_names]
+
+    position_views = [time_series_view(name, runs, tables) for name in symbols]
+    energy_views = _energy_views(runs, tables)
+    effort_and_speed_views = [time_series_view(name, runs, tables) for name in [*efforts, *speeds]]
+    passive_views = []
+    if gaps:
+        axis = rrb.TimeAxis(view_range=time_range(runs))
+        passive_views.append(rrb.TimeSeriesView(name="Distance [m]", origin=GAPS, axis_x=axis))
+    for name in ("swing", "stretch"):
+        if name in plot_names:
+            passive_views.append(time_series_view(name, runs, tables))
+
+    middle: rrb.Tabs | rrb.TimeSeriesView
+    if len(passive_views) > 1:
+        middle = rrb.Tabs(*passive_views)
+    else:
+        # A crane in which nothing swings shows its energy here, too.
+        middle = (passive_views or energy_views)[0]
+    return rrb.Vertical(
+        rrb.Tabs(*position_views, active_tab=busiest),
+        middle,
+        rrb.Tabs(energy_views[0], *effort_and_speed_views, *energy_views[1:], active_tab=0),
+        row_shares=[3, 5, 4],
+    )
+
+
+def _energy_views(runs: Sequence[Run], tables: Sequence[Table]) -> list[rrb.TimeSeriesView]:
+    """Return a plot of the energy of each run; it has too many curves for several runs in one."""
+    views = []
+    for i, run in enumerate(runs):
+        title = f"Energy [J] · {run.name}" if len(runs) > 1 else ""
+        views.append(time_series_view("energy", [run], tables[i : i + 1], title))
+    return views
+
+
 def scene_view(runs: Sequence[Run]) -> rrb.Spatial3DView:
     """Return the view of the whole scene: tower cranes from beside the jib, others from a corner.
 
     The eye is level before jibs, so that what is plumb looks plumb.
     """
-    jibs = all(run.crane.layout.has("slew") and not run.heading for run in runs)
-    return _view(SCENE, runs, _jib_eye(runs) if jibs else _corner_eye(runs))
+    are_tower_cranes = all(run.crane.layout.has("slew") and not run.heading for run in runs)
+    eye = _jib_eye(runs) if are_tower_cranes else _corner_eye(runs)
+    return _view(SCENE, runs, eye)
 
 
 def payload_view(runs: Sequence[Run]) -> rrb.Spatial3DView:
     """Return the view of the scene from beside the payload of the first run, which it follows."""
     run = runs[0]
     payload = run.to_scene(payload_position(run.crane, run.trajectory.q[0]))
+    distance = _PAYLOAD_DISTANCE * drawn_size(run.crane)
     eye = rrb.EyeControls3D(
-        position=payload + _PAYLOAD_DISTANCE * drawn_size(run.crane) * _across(_slew(run)[0]),
+        position=payload + distance * _across(_slew(run)[0]),
         look_target=payload,
         eye_up=_UP,
         tracking_entity=payload_entity(run),
@@ -103,10 +147,14 @@ def payload_view(runs: Sequence[Run]) -> rrb.Spatial3DView:
 
 
 def extent(run: Run) -> np.ndarray:
-    """Return the bounding box of a crane at the start of a run: two corners [m], shape (2, 3)."""
+    """Return the bounding box of a crane at the start of a run, in the scene: its lowest and its
+    highest corner [m], shape (2, 3).
+    """
     q = run.trajectory.q[0] if len(run.trajectory) else run.crane.start.q
-    visuals = [points for _, points in visible_points(run.crane, q, run.meshes)]
-    points = run.to_scene(np.concatenate([point_positions(run.crane, q), *visuals]))
+    corners = [point_positions(run.crane, q)]
+    for _, hull_points in visible_points(run.crane, q, run.meshes):
+        corners.append(hull_points)
+    points = run.to_scene(np.concatenate(corners))
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 
@@ -128,12 +176,13 @@ def _reach(run: Run) -> float:
     layout = run.crane.layout
     if layout.has("slew", "trolley"):
         return float(run.crane.upper[layout.role("trolley", "The reach")])
-    rows = run.trajectory.q[:: max(1, len(run.trajectory) // 50)]
-    points = point_paths(run.crane, rows)[..., :2]
-    return float(np.linalg.norm(points, axis=-1).max())
+    every = max(1, len(run.trajectory) // _REACH_ROWS)
+    horizontal = point_paths(run.crane, run.trajectory.q[::every])[..., :2]
+    return float(np.linalg.norm(horizontal, axis=-1).max())
 
 
 def _view(name: str, runs: Sequence[Run], eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
+    """Return a view of the scene of all runs, above a grid of 5 m."""
     return rrb.Spatial3DView(
         name=name,
         origin="/",
@@ -145,11 +194,12 @@ def _view(name: str, runs: Sequence[Run], eye: rrb.EyeControls3D) -> rrb.Spatial
 
 
 def _corner_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
-    """Return an eye above a corner of the bounding box of all cranes."""
+    """Return an eye above a corner of the bounding box of all cranes, before its longer side."""
     boxes = np.array([extent(run) for run in runs])
-    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-    wide = high[0] - low[0] > high[1] - low[1]
-    direction = np.array([-0.45, -0.9, 0.4] if wide else [0.9, -0.45, 0.4])
+    low = boxes[:, 0].min(axis=0)
+    high = boxes[:, 1].max(axis=0)
+    is_longer_in_x = high[0] - low[0] > high[1] - low[1]
+    direction = np.array([-0.45, -0.9, 0.4] if is_longer_in_x else [0.9, -0.45, 0.4])
     target = (low + high) / 2.0
     position = target + 0.8 * np.linalg.norm(high - low) * direction
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=_UP)
@@ -162,19 +212,30 @@ def _jib_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
     """
     slew = np.concatenate([_slew(run) for run in runs])
     middle = (slew.min() + slew.max()) / 2
-    along = np.array([np.sin(middle), -np.cos(middle), 0.0])
-    across = _across(middle)
+    # The jib points along -Y at zero slew, and turns from there towards +X.
+    along_jib = np.array([np.sin(middle), -np.cos(middle), 0.0])
+    across_jib = _across(middle)
     height = max(point_positions(run.crane, run.crane.start.q)[:, 2].max() for run in runs)
     reach = max(_reach(run) for run in runs)
     feet = np.array([run.offset for run in runs])
-    in_a_row = np.ptp(feet @ across) > np.ptp(feet @ along)
-    turn, rise, target_height = (np.radians(55.0), 0.3, 0.4) if in_a_row else (0.0, 0.0, 0.56)
-    towards = np.cos(turn) * across + np.sin(turn) * along
-    sideways = np.cos(turn) * along - np.sin(turn) * across
+    in_a_row = np.ptp(feet @ across_jib) > np.ptp(feet @ along_jib)
+    if in_a_row:
+        turn = np.radians(55.0)
+        rise = 0.3
+        target_height = 0.4
+    else:
+        turn = 0.0
+        rise = 0.0
+        target_height = 0.56
+
+    # Horizontal unit vectors from the scene to the eye, and to the right of it.
+    towards_eye = np.cos(turn) * across_jib + np.sin(turn) * along_jib
+    sideways = np.cos(turn) * along_jib - np.sin(turn) * across_jib
+    # From farther away the eye sees a larger crane, and feet that are farther apart.
     distance = 0.8 * (height + reach)
-    distance += 0.55 * np.ptp(feet @ sideways) + 0.35 * np.ptp(feet @ towards)
-    target = feet.mean(axis=0) + 0.26 * reach * along + target_height * height * _UP
-    position = target + distance * (towards + rise * _UP)
+    distance += 0.55 * np.ptp(feet @ sideways) + 0.35 * np.ptp(feet @ towards_eye)
+    target = feet.mean(axis=0) + 0.26 * reach * along_jib + target_height * height * _UP
+    position = target + distance * (towards_eye + rise * _UP)
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=_UP)
 
 

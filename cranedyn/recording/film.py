@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -32,6 +32,32 @@ RATE = 30
 
 _DOTS_PER_INCH = 100
 """Resolution of the figure, which scales its text."""
+
+_MARGIN = 2.0
+"""Distance of the cranes from the edges of the scene [m]."""
+
+_EXTENT_ROWS = 30
+"""Number of rows of a run, about, that show how far a crane goes; to draw all would take long."""
+
+
+class _Angles(NamedTuple):
+    """From where cranes are seen, see `Projection`.
+
+    Attributes:
+        turn: Angle towards the tip of the jib [rad].
+        rise: Angle above the ground [rad].
+    """
+
+    turn: float
+    rise: float
+
+
+_SINGLE_CRANE = _Angles(math.radians(20.0), math.radians(8.0))
+"""From where a single crane is seen."""
+
+_SEVERAL_CRANES = _Angles(math.radians(50.0), math.radians(12.0))
+"""From where several cranes are seen. They stand beside each other, and would hide each other from
+square to their jibs."""
 
 
 def check_film(path: str | Path) -> Path:
@@ -79,17 +105,24 @@ def film(
         stream.height = HEIGHT
         stream.pix_fmt = "yuv420p"
         stage = _Stage(runs, first, last)
-        for i in range(math.floor((last - first) * RATE + 1e-6) + 1):
-            picture = av.VideoFrame.from_ndarray(stage.picture(first + i / RATE), format="rgb24")
+        # A picture that is late by rounding alone still counts.
+        last_picture = math.floor((last - first) * RATE + 1e-6)
+        for i in range(last_picture + 1):
+            pixels = stage.picture(first + i / RATE)
+            picture = av.VideoFrame.from_ndarray(pixels, format="rgb24")
             container.mux(stream.encode(picture))
             if progress is not None:
                 progress(i / RATE)
+        # Encoders keep pictures back; without a picture they give all.
         container.mux(stream.encode(None))
     return path
 
 
 class _Stage:
-    """A figure whose moving parts alone are drawn again for each picture."""
+    """A figure of which only the moving parts are drawn again for each picture.
+
+    The rest is drawn once and kept as an image, the background.
+    """
 
     def __init__(self, runs: Sequence[Run], first: float, last: float) -> None:
         """Draw what does not move, and keep it as the background.
@@ -99,14 +132,13 @@ class _Stage:
             first: Time at which the film begins [s].
             last: Time at which it ends [s].
         """
-        # Several cranes stand beside each other, and are seen better from the side and from above.
-        turn, rise = np.radians([50.0, 12.0] if len(runs) > 1 else [20.0, 8.0])
+        angles = _SEVERAL_CRANES if len(runs) > 1 else _SINGLE_CRANE
         self._runs = []
         for run in runs:
             projection = Projection(
                 run.crane,
-                turn=turn,
-                rise=rise,
+                turn=angles.turn,
+                rise=angles.rise,
                 offset=run.offset,
                 heading=run.heading,
                 meshes=run.meshes,
@@ -119,20 +151,41 @@ class _Stage:
         self._scene = scene
         self._swing = swing
         self._plot_swings()
-        swing.set(xlabel="t [s]", ylabel="swing [°]", xlim=(first, last if last > first else None))
+        # The axis of a run of one row has no end to set.
+        end = last if last > first else None
+        swing.set(xlabel="t [s]", ylabel="swing [°]", xlim=(first, end))
         figure.legend(*swing.get_legend_handles_labels(), loc="outside lower right", ncols=2)
         scene.set(aspect="equal", xlabel="[m]", ylabel="[m]")
 
-        # What moves is animated: Matplotlib leaves it out of the background.
+        self._add_cranes()
+        self._add_readings(first)
+        self._canvas = FigureCanvasAgg(figure)
+        self._set_scene_limits()
+        self._canvas.draw()
+        self._background = self._canvas.copy_from_bbox(figure.bbox)
+
+    def _add_cranes(self) -> None:
+        """Add what moves in the scene: cranes, ropes and marks where loads touch.
+
+        What moves is animated: Matplotlib leaves it out of the background.
+        """
         self._cranes = PolyCollection([], animated=True)
-        scene.add_collection(self._cranes)
+        self._scene.add_collection(self._cranes)
         self._ropes = []
-        for colour in colours(runs):
-            (rope,) = scene.plot(
+        for colour in colours([run for run, _ in self._runs]):
+            (rope,) = self._scene.plot(
                 [], [], "o-", c="#404040", mfc=colour, markevery=[-1], animated=True
             )
             self._ropes.append(rope)
-        (self._marks,) = scene.plot([], [], "^", color=CONTACT, animated=True)
+        (self._marks,) = self._scene.plot([], [], "^", color=CONTACT, animated=True)
+
+    def _add_readings(self, first: float) -> None:
+        """Add what moves in the plot: the coordinates as text, and a line at the present time.
+
+        Args:
+            first: Time at which the film begins [s].
+        """
+        swing = self._swing
         self._text = swing.text(
             0.02,
             0.98,
@@ -145,15 +198,11 @@ class _Stage:
         )
         # Room for the text above the curves, a line for each run; the cursor ends below it.
         low, high = swing.get_ylim()
-        room = 0.15 + 0.05 * len(runs)
+        room = 0.15 + 0.05 * len(self._runs)
         swing.set_ylim(low, high + room * (high - low))
         self._cursor = swing.axvline(
             first, ymax=1.0 / (1.0 + room), color="#404040", lw=1.0, animated=True
         )
-        self._canvas = FigureCanvasAgg(figure)
-        self._set_scene_limits()
-        self._canvas.draw()
-        self._background = self._canvas.copy_from_bbox(figure.bbox)
 
     def _plot_swings(self) -> None:
         """Plot the angles of the joints that swing, of several runs in the colours of the runs."""
@@ -173,36 +222,35 @@ class _Stage:
                 )
 
     def _set_scene_limits(self) -> None:
-        """Set the limits of the scene so that the cranes stay in it, with 2 m to spare."""
+        """Set the limits of the scene so that the cranes stay in it."""
         corners = []
         for run, projection in self._runs:
-            # Some thirty rows show how far a crane goes; to draw all would take long.
-            every = max(1, len(run.trajectory) // 30)
+            every = max(1, len(run.trajectory) // _EXTENT_ROWS)
             for q in run.trajectory.q[::every]:
-                corners += self._corners(projection, q)
-        low = np.min(corners, axis=0)
-        high = np.max(corners, axis=0)
-        self._scene.set(xlim=(low[0] - 2.0, high[0] + 2.0), ylim=(low[1] - 2.0, high[1] + 2.0))
-
-    @staticmethod
-    def _corners(projection: Projection, q: np.ndarray) -> list[np.ndarray]:
-        """Return the lowest and the highest corner of the rectangle about a crane [m]."""
-        corners = [line.corners for line in projection.outlines(q)]
-        points = np.concatenate([*corners, projection.rope(q)])
-        return [points.min(axis=0), points.max(axis=0)]
+                points = [outline.corners for outline in projection.outlines(q)]
+                points.append(projection.rope(q))
+                all_points = np.concatenate(points)
+                corners.append(all_points.min(axis=0))
+                corners.append(all_points.max(axis=0))
+        left, bottom = np.min(corners, axis=0) - _MARGIN
+        right, top = np.max(corners, axis=0) + _MARGIN
+        self._scene.set(xlim=(left, right), ylim=(bottom, top))
 
     def picture(self, t: float) -> np.ndarray:
         """Return the picture at a time [s], red, green, blue, shape (height, width, 3)."""
         outlines = []
         lines = [f"t = {t:.2f} s"]
-        marks = [np.zeros((0, 2))]  # so that there is something to concatenate
+        # An empty array, so that there is something to concatenate where nothing touches.
+        marks = [np.zeros((0, 2))]
         for (run, projection), rope in zip(self._runs, self._ropes, strict=True):
+            # The last row at or before the time, up to rounding.
             row = max(0, int(np.searchsorted(run.trajectory.t, t + 1e-9)) - 1)
             q = run.trajectory.q[row]
             outlines += projection.outlines(q)
             rope.set_data(*projection.rope(q).T)
             marks.append(projection.points(touching_points(run.crane, run.trajectory, row)))
             lines.append(f"{run.name}:  " + "  ".join(_readings(run, q)))
+        # Cranes hide each other as they stand: the nearest outline is drawn last.
         outlines.sort(key=lambda outline: outline.depth)
         self._cranes.set_verts([outline.corners for outline in outlines])
         self._cranes.set(facecolor=[outline.colour for outline in outlines])
@@ -218,7 +266,7 @@ class _Stage:
 
 
 def _readings(run: Run, q: np.ndarray) -> list[str]:
-    """Return the coordinates with their units."""
+    """Return the coordinates of a run with their units, for example "φ 1.5°"."""
     readings = []
     for joint, value in zip(run.crane.layout.joints, q, strict=True):
         if joint.kind == "revolute":

@@ -31,6 +31,9 @@ from cranedyn.recording.series import (
 _FLUSH_SECONDS = 10.0
 """Longest wait for Rerun to write what it was given [s]."""
 
+_MAX_SLUG_LENGTH = 40
+"""Number of characters to which the title is cut in the id of an application."""
+
 
 def check_enabled() -> None:
     """Return if Rerun records; its own function for this prints lines.
@@ -89,7 +92,8 @@ def record(
             log_series(recording, run, columns)
         log_readout(recording, runs)
         log_gaps(recording, runs[0].trajectory.t, gaps or {}, contacts)
-    finally:  # also after Ctrl-C, or Rerun prints that it drops data
+    finally:
+        # Also after Ctrl-C: Rerun prints that it drops data where nobody takes it.
         content = memory.drain_as_bytes()
     with atomic_write(path) as draft:
         draft.write_bytes(content)
@@ -132,12 +136,13 @@ class Live:
         check_enabled()
         self._recording = rr.RecordingStream("cranedyn-live", send_properties=False)
         self._file = None if file is None else Path(file)
-        if self._file:
-            check_writable(self._file)  # Rerun waits for ever where it cannot write its first bytes
-        self._draft = Draft(self._file) if self._file else None
+        self._draft: Draft | None = None
+        if self._file is not None:
+            # Rerun waits for ever where it cannot write its first bytes.
+            check_writable(self._file)
+            self._draft = Draft(self._file)
         try:
-            sinks = [rr.FileSink(self._draft.path)] if self._draft else []
-            self._recording.set_sinks(*sinks, *([rr.GrpcSink(viewer)] if viewer else []))
+            self._recording.set_sinks(*self._sinks(viewer))
         except (OSError, RuntimeError, ValueError) as error:
             self.close()
             raise DataError(f"Cannot write {file}: {error}.") from error
@@ -145,13 +150,26 @@ class Live:
         self._past: Trajectory | None = None
         self._start_energy = 0.0
 
+    def _sinks(self, viewer: str) -> list[rr.FileSink | rr.GrpcSink]:
+        """Return where Rerun is to send the recording: the draft, a viewer, or both."""
+        sinks: list[rr.FileSink | rr.GrpcSink] = []
+        if self._draft is not None:
+            sinks.append(rr.FileSink(self._draft.path))
+        if viewer:
+            sinks.append(rr.GrpcSink(viewer))
+        return sinks
+
     def append(self, piece: Trajectory) -> None:
         """Add the rows since the last piece.
+
+        Args:
+            piece: The rows.
 
         Raises:
             DataError: If they cannot be written within ten seconds.
         """
         t_start = float(piece.t[0])
+        # The path of the payload reaches back into earlier pieces; no plot does.
         recent = piece if self._past is None else join([self._past, piece])
         run = Run(self._name, self._crane, recent.since(t_start))
         if self._scene is None:
@@ -166,7 +184,8 @@ class Live:
         except (RuntimeError, ValueError) as error:
             file = f" {self._file}" if self._file else ""
             raise DataError(f"The recording{file} could not be written: {error}.") from error
-        if self._draft:
+        if self._draft is not None:
+            # The first piece is on the disk: now the file replaces an earlier one of its name.
             self._draft.sync()
             self._draft.name()
             sync_folder(self._draft.final.parent)
@@ -175,7 +194,7 @@ class Live:
     def close(self) -> None:
         """Finish the file and disconnect from the viewer."""
         self._recording.disconnect()
-        if self._draft:
+        if self._draft is not None:
             self._draft.drop()
 
     def __enter__(self) -> Live:
@@ -189,14 +208,30 @@ def describe_runs(runs: Sequence[Run], title: str, text: str) -> str:
     """Return the text beside the scene, in Markdown: title, description, where the model does not
     hold, parameters of the runs, and how to read the scene.
     """
-    violations = []
+    sections = [f"## {title}", text]
+    violations = _list_violations(runs)
+    if violations:
+        sections.append(f"**Where the model does not hold:**\n\n{violations}")
+    sections.append(_parameter_table(runs))
+    sections.append(_how_to_read(runs))
+    return "\n\n".join(section for section in sections if section)
+
+
+def _list_violations(runs: Sequence[Run]) -> str:
+    """Return the events at which the model ceases to hold as a list in Markdown; empty for none."""
+    lines = []
     for run in runs:
-        if not run.trajectory.valid.all():
-            for event in events(run.crane, run.trajectory):
-                t = run.trajectory.t[event.row]
-                violations.append(f"- {printable(run.name)}, {t:.3f} s: {event.words}")
-    listed = "\n".join(violations)
-    scene = (
+        if run.trajectory.valid.all():
+            continue
+        for event in events(run.crane, run.trajectory):
+            t = run.trajectory.t[event.row]
+            lines.append(f"- {printable(run.name)}, {t:.3f} s: {event.words}")
+    return "\n".join(lines)
+
+
+def _how_to_read(runs: Sequence[Run]) -> str:
+    """Return what the parts of the scene mean, in Markdown."""
+    text = (
         "**How to read the scene.** Dots: the payload in the last "
         f"{PATH_SECONDS:g} s. Wire box and grey line: payload and cable at the setpoint of the "
         "drives. Arrows under the trolley: the payload's deviation from the plumb line, orange "
@@ -204,27 +239,22 @@ def describe_runs(runs: Sequence[Run], title: str, text: str) -> str:
         "*Payload* follows the payload."
     )
     if any("<mesh" in run.crane.urdf and run.meshes is None for run in runs):
-        scene += " Meshes of the URDF are not drawn."
-    sections = (
-        f"## {title}",
-        text,
-        f"**Where the model does not hold:**\n\n{listed}" if violations else "",
-        _parameter_table(runs),
-        scene,
-    )
-    return "\n\n".join(section for section in sections if section)
+        text += " Meshes of the URDF are not drawn."
+    return text
 
 
 def _parameter_table(runs: Sequence[Run]) -> str:
     """Return the parameters of runs as a table in Markdown, a column for each run."""
     parameters = [run.trajectory.parameters for run in runs]
+    # A dictionary keeps the order in which the parameters come, which a set would not.
     names = dict[str, None]()
-    for table in parameters:
-        names |= dict.fromkeys(table)
-    rows = [["parameter", *(table_cell(run.name) for run in runs)], ["---"] * (len(runs) + 1)]
+    for values in parameters:
+        names.update(dict.fromkeys(values))
+    run_names = [table_cell(run.name) for run in runs]
+    rows = [["parameter", *run_names], ["---"] * (len(runs) + 1)]
     for name in names:
-        values = [table_cell(table.get(name, "")) for table in parameters]
-        rows.append([table_cell(name), *values])
+        cells = [table_cell(values.get(name, "")) for values in parameters]
+        rows.append([table_cell(name), *cells])
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
@@ -237,14 +267,26 @@ def _log_static(
     *,
     gaps: bool = False,
 ) -> list[Scene]:
-    """Log layout, text and all that does not move; return the scene of each run."""
+    """Log layout, text and all that does not move; return the scene of each run.
+
+    Args:
+        recording: Where to log.
+        runs: The runs.
+        tables: Their tables; empty for a run that is only beginning.
+        title: Heading of the recording.
+        text: Description in Markdown.
+        gaps: Whether there are distances between cranes to plot.
+    """
     layout = dashboard(runs, tables, gaps=gaps)
     recording.send_blueprint(layout, make_active=True, make_default=True)
     recording.send_recording_name(title)
     document = rr.TextDocument(describe_runs(runs, title, text), media_type="text/markdown")
     recording.log("text", document, static=True)
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    return [Scene(recording, run, look) for run, look in zip(runs, looks(runs), strict=True)]
+    scenes = []
+    for run, look in zip(runs, looks(runs), strict=True):
+        scenes.append(Scene(recording, run, look))
+    return scenes
 
 
 def _finite_table(run: Run) -> Table:
@@ -264,9 +306,15 @@ def _finite_table(run: Run) -> Table:
 
 
 def _application(title: str, runs: Sequence[Run]) -> str:
-    """Return an application id for the title and the runs; the viewer keeps one layout for each."""
-    key = [
-        (run.name, run.offset, len(run.trajectory), run.trajectory.q[-1].tolist()) for run in runs
-    ]
-    slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
-    return f"cranedyn-{slug}-{zlib.crc32(repr([title, key]).encode()):08x}"
+    """Return an application id for a title and runs.
+
+    The viewer keeps one layout for each id: recordings of one id would be shown in the layout of
+    the first. So the id holds a checksum of what tells recordings apart.
+    """
+    key = []
+    for run in runs:
+        last = run.trajectory.q[-1].tolist()
+        key.append((run.name, run.offset, len(run.trajectory), last))
+    slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:_MAX_SLUG_LENGTH]
+    checksum = zlib.crc32(repr([title, key]).encode())
+    return f"cranedyn-{slug}-{checksum:08x}"

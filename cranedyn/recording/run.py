@@ -50,9 +50,9 @@ class Scenery:
         obstacles: The obstacles.
         path: Path of the centre of the load [m], shape (n, 3).
         swept: Boxes around the load on its path, enlarged by its swing: "centres" and "sizes" [m],
-            shape (k, 3), "yaw" [rad], shape (k,).
-        reserved: Times [s], shape (k,), and a line around what is reserved for the crane from each
-            on [m], shape (k, n, 3); None for nothing.
+            shape (k, 3), and "yaw" [rad], shape (k,). Empty for none.
+        reserved: Times [s], shape (k,), and the lines around what is reserved for the crane from
+            each of these times on [m], shape (k, n, 3); None for nothing.
     """
 
     obstacles: Sequence[Obstacle]
@@ -103,7 +103,7 @@ class Run:
         return Rotation.from_euler("z", self.heading).apply(points) + self.offset
 
     def entity(self, *parts: str) -> str:
-        """Return the path of an entity of this run."""
+        """Return the path of an entity of this run, with what Rerun reserves escaped."""
         return rr.new_entity_path([self.name, *parts])
 
     def frame(self, link: str) -> str:
@@ -122,11 +122,20 @@ def colours(runs: Sequence[Run]) -> list[str]:
 
 
 def clock(t: np.ndarray) -> list[rr.TimeColumn]:
-    """Return times [s] as a column of the timeline, rounded to nanoseconds (Rerun truncates)."""
+    """Return times [s] as a column of the timeline.
+
+    They are rounded to nanoseconds here, because Rerun truncates.
+    """
     return [rr.TimeColumn(TIMELINE, duration=np.round(1e9 * t).astype("timedelta64[ns]"))]
 
 
 def rows_every(t: np.ndarray, period: float) -> np.ndarray:
-    """Return indices of rows a period apart, the first and the last row included."""
+    """Return indices of rows a period apart, the first and the last row included.
+
+    Args:
+        t: Times of the rows [s], shape (n,).
+        period: The period [s]; where rows are farther apart, each counts once.
+    """
     times = np.append(np.arange(t[0], t[-1], period), t[-1])
+    # A row that is late by no more than rounding still counts for its time.
     return np.unique(np.searchsorted(t, times - 1e-9))

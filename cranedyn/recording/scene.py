@@ -1,8 +1,13 @@
 """The 3D scene of a recording: structure, cable, payload and its path, setpoint, swing arrows, and
 scenery.
 
-`rerun.urdf.UrdfTree` computes the transforms of the joints; the cable of changing length, which no
-URDF can describe, is a line between points of the crane.
+`rerun.urdf.UrdfTree` computes the transforms of the joints. It does not log the visuals, see
+`cranedyn.recording.shapes` for what would be lost. The cable of changing length, which no URDF can
+describe, is a line between points of the crane.
+
+Each link is a frame in Rerun's tree of transforms, named by `Run.frame`. Entities below
+"RUN/joints" hold the transforms between these frames, entities below "RUN/scene" what is drawn in
+them. So the eye of a view can follow a payload, and a viewer can hide a part of the scene.
 """
 
 from __future__ import annotations
@@ -36,13 +41,13 @@ PATH_SECONDS = 4.0
 """Duration of the path of the payload [s]."""
 
 _FRAME_PERIOD = 0.04
-"""Time between rows of the scene [s]."""
+"""Time between rows of the scene [s]: 25 a second, as in a film."""
 
 _PATH_PERIOD = 0.1
 """Time between points of the path of the payload [s]."""
 
 _PATH_POINTS = round(PATH_SECONDS / _PATH_PERIOD)
-"""Points of the path of the payload."""
+"""Number of points of the path of the payload."""
 
 _CABLE = "#202020"
 """Colour of the cable."""
@@ -51,7 +56,7 @@ _SETPOINT = "#8C8C8C"
 """Colour of the cable at the setpoint."""
 
 _CABLE_RADIUS = 0.05
-"""Radius of the cable [m]; like the next ones on a crane of 10 m and more, see `drawn_size`."""
+"""Radius of the cable [m]; as all sizes below on a crane of 10 m and more, see `drawn_size`."""
 
 _PATH_RADIUS = 0.16
 """Radius of the newest point of the path [m]."""
@@ -66,13 +71,17 @@ _ARROWS_BELOW_TROLLEY = 1.5
 """Distance of the swing arrows below the trolley [m]."""
 
 _ARROW_SCALES = (0.5, 0.2, 0.1, 0.05)
-"""Lengths of arrows for one degree of swing [m/°], the longest that fits is taken."""
+"""Lengths of arrows for one degree of swing [m/°], of which the longest that fits is taken."""
 
 _MAX_ARROW = 5.0
 """Length that arrows should not exceed [m]."""
 
 _RESERVED_RADIUS = -1.5
-"""Radius of the line around what is reserved for a crane; below zero: points on the screen."""
+"""Radius of the line around what is reserved for a crane. Rerun takes a negative radius for points
+on the screen."""
+
+_PLANNED_RADIUS = 0.06
+"""Radius of the line along which a load is planned to move [m]."""
 
 _SOLID_COLOUR = "#B9AE9B"
 """Colour of obstacles."""
@@ -84,7 +93,19 @@ _NEAR_COLOUR = "#F22B05"
 """Colour of obstacles and zones while the load is near."""
 
 _SWEPT_COLOUR = "#0072B2"
-"""Colour of the path of the load and of the space that it sweeps."""
+"""Colour of the planned path of the load and of the space that it sweeps."""
+
+_SWEPT_ALPHA = 25
+"""Opacity of that space, 0 to 255."""
+
+_ZONE_ALPHA = 60
+"""Opacity of zones to keep out of, 0 to 255."""
+
+_OVERLAPPING_ALPHA = 0.25
+"""Share of its opacity with which a crane is drawn that stands where another one stands."""
+
+_OUTLINE_COLOUR = (0.3, 0.3, 0.3, 0.5)
+"""Colour of the payload at the setpoint: red, green, blue and alpha, 0 to 1."""
 
 _WIREFRAME: Any = "transparentfillmajorwireframe"
 """Rerun's name for edges with transparent faces."""
@@ -126,9 +147,13 @@ def looks(runs: Sequence[Run]) -> list[Look]:
 
 
 def _arrow_scale(runs: Sequence[Run]) -> float:
-    """Return the length of the swing arrows for one degree [m/°], the same for all runs."""
-    swings = [np.degrees(run.trajectory.q[:, run.crane.swings]) for run in runs]
-    largest_swing = max(np.abs(angles).max(initial=0.0) for angles in swings)
+    """Return the length of the swing arrows for one degree [m/°], the same for all runs, so that
+    their arrows can be compared.
+    """
+    largest_swing = 0.0
+    for run in runs:
+        swing = np.degrees(run.trajectory.q[:, run.crane.swings])
+        largest_swing = max(largest_swing, np.abs(swing).max(initial=0.0))
     size = min(drawn_size(run.crane) for run in runs)
     for scale in _ARROW_SCALES:
         if scale * largest_swing <= _MAX_ARROW:
@@ -149,8 +174,12 @@ def payload_entity(run: Run) -> str:
 
 
 def drawn_size(crane: Crane) -> float:
-    """Return the size of cables and arrows, as a share of that on a crane of 10 m and more."""
-    return min(1.0, float(point_positions(crane, crane.start.q)[:, 2].max()) / 10.0)
+    """Return the size of cables and arrows, as a share of that on a crane of 10 m and more.
+
+    On a model of a crane that stands on a table, a cable of 5 cm would hide the crane.
+    """
+    height = float(point_positions(crane, crane.start.q)[:, 2].max())
+    return min(1.0, height / 10.0)
 
 
 class Scene:
@@ -186,12 +215,7 @@ class Scene:
         self._move_joints(t, q)
         self._send(t, rr.LineStrips3D.columns(strips=rope_line(crane, q)), "scene", "cable")
         if trajectory.phase is not None:
-            touching = [touching_points(crane, trajectory, int(row)) for row in rows]
-            # Without an empty array there would be nothing to concatenate if there are no rows.
-            positions = np.concatenate([np.zeros((0, 3)), *touching])
-            counts = [len(points) for points in touching]
-            marks = rr.Points3D.columns(positions=positions).partition(counts)
-            self._send(t, marks, "scene", "contact")
+            self._move_contact(trajectory, rows)
         self._move_path(trajectory, t_start)
         self._move_setpoint(t, trajectory.setpoint[rows])
         if self._has_arrows:
@@ -203,9 +227,22 @@ class Scene:
             urdf_joint = self._tree.get_joint_by_name(joint.name)
             assert urdf_joint is not None
             changes = np.append(True, np.diff(values) != 0)
-            # Joints may stand beyond their limits, and are drawn where they are.
+            # `get_joint_by_name` knows all joints: tree and layout come from one URDF. Joints may
+            # stand beyond their limits, and are drawn where they are.
             columns = urdf_joint.compute_transform_columns(values[changes].tolist(), clamp=False)
             self._send(t[changes], columns, "joints", joint.name)
+
+    def _move_contact(self, trajectory: Trajectory, rows: np.ndarray) -> None:
+        """Log marks where the load touches, in rows of a trajectory."""
+        # Without an empty array there would be nothing to concatenate if there are no rows.
+        positions = [np.zeros((0, 3))]
+        counts = []
+        for row in rows:
+            points = touching_points(self._crane, trajectory, int(row))
+            positions.append(points)
+            counts.append(len(points))
+        marks = rr.Points3D.columns(positions=np.concatenate(positions)).partition(counts)
+        self._send(trajectory.t[rows], marks, "scene", "contact")
 
     def _log(self, frame: str, body: rr.AsComponents, *parts: str) -> None:
         """Log what does not change in a frame, as an entity of the scene."""
@@ -225,26 +262,39 @@ class Scene:
         body = _largest(by_link[payload])
         if not by_link[payload]:
             by_link[payload] = [body]
-        # Cranes that overlap are told apart by their payloads and paths.
-        alpha = 0.25 if self._look.overlaps else 1.0
         for link, link_shapes in by_link.items():
             painted = []
             for shape in link_shapes:
-                red, green, blue, opacity = shape.colour
-                colour: tuple[float, ...] = (red, green, blue, alpha * opacity)
                 if link == payload:
-                    colour = shape.colour
-                    if shape.colour == body.colour:
-                        colour = (*np.divide(rgb(self._look.colour), 255), 1.0)
+                    colour = self._payload_colour(shape, body)
+                else:
+                    colour = self._structure_colour(shape)
                 painted.append(replace(shape, colour=colour))
             self._log_shapes(painted, run.frame(link), link)
 
         # The payload at the setpoint, a mesh as its bounding box.
         kind = "box" if body.mesh else body.kind
-        outline = replace(body, kind=kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5))
+        outline = replace(body, kind=kind, mesh=None, colour=_OUTLINE_COLOUR)
         self._log_shapes([outline], run.frame("setpoint"), "setpoint", fill_mode=_WIREFRAME)
         if self._look.label:
             self._log_label(run.frame(payload))
+
+    def _payload_colour(self, shape: Shape, body: Shape) -> tuple[float, ...]:
+        """Return the colour of a shape of the payload: that of the run for its body and for what
+        is painted like it, its own for all else, such as a hook.
+        """
+        if shape.colour != body.colour:
+            return shape.colour
+        red, green, blue = np.divide(rgb(self._look.colour), 255)
+        return red, green, blue, 1.0
+
+    def _structure_colour(self, shape: Shape) -> tuple[float, ...]:
+        """Return the colour of a shape of the structure; it is transparent where cranes overlap,
+        which are told apart by their payloads and paths.
+        """
+        red, green, blue, opacity = shape.colour
+        alpha = _OVERLAPPING_ALPHA if self._look.overlaps else 1.0
+        return red, green, blue, alpha * opacity
 
     def _log_fixed_joints(self) -> None:
         """Log where the crane stands, and the joints of its URDF that do not move."""
@@ -264,10 +314,12 @@ class Scene:
                 log(run.entity("joints", joint.name), fixed, static=True)
 
     def _log_label(self, payload_frame: str) -> None:
-        """Log the name of the run below the payload; labels of cranes that overlap stand below each
-        other.
+        """Log the name of the run below the payload.
+
+        Labels of cranes that overlap stand below each other.
         """
         height = -self._size * (1.5 + 2.6 * self._look.overlaps)
+        # Rerun has no text in 3D; a label belongs to something, here to a point of radius 0.
         label = rr.Points3D(
             [[0.0, 0.0, height]],
             radii=0.0,
@@ -280,7 +332,9 @@ class Scene:
     def _log_shapes(
         self, link_shapes: Sequence[Shape], frame: str, *parts: str, fill_mode: Any = "solid"
     ) -> None:
-        """Log shapes in a frame, those of one kind as one entity, but each mesh as its own."""
+        """Log shapes in a frame: those of one kind as one entity, but each mesh as its own, since
+        Rerun takes many boxes, cylinders or spheres for one entity, but only one mesh.
+        """
         meshes = [shape for shape in link_shapes if shape.mesh is not None]
         for i, shape in enumerate(meshes):
             mesh = rr.Mesh3D(
@@ -296,8 +350,12 @@ class Scene:
             self._log(frame, _archetype(group, fill_mode), *parts, kind)
 
     def _log_styles(self) -> None:
-        """Log frames, colours and radii of the cables, the path and the swing arrows."""
+        """Log frames, colours and radii of the cables, the path, the contacts and the arrows.
+
+        They do not change, so that `move` sends positions only.
+        """
         size = self._size
+        # The path fades and thins out with the age of its points, the newest first.
         age = np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
         fading = [rgb(mixed(self._look.colour, BACKGROUND, share)) for share in age]
         path = rr.Points3D.from_fields(colors=fading, radii=size * _PATH_RADIUS * (1.0 - age))
@@ -324,7 +382,8 @@ class Scene:
         rows = rows_every(trajectory.t, _PATH_PERIOD)
         payload = rope_line(self._crane, trajectory.q[rows])[:, -1]
         new = np.flatnonzero(trajectory.t[rows] >= t_start)
-        # For each new row the indices of the rows before it; before the first there is none.
+        # Indices of each new row and of the rows before it, shape (new rows, points of the path).
+        # Before the first row there is none: the path stays at it.
         back = np.clip(new[:, None] - np.arange(_PATH_POINTS), 0, None)
         past = payload[back]
         columns = rr.Points3D.columns(positions=past.reshape(-1, 3))
@@ -336,10 +395,12 @@ class Scene:
         changes = np.append(True, np.any(np.diff(setpoint, axis=0) != 0, axis=1))
         crane = self._crane
         n = int(np.count_nonzero(changes))
+        # The load hangs plumb in the start of a crane.
         q = np.tile(crane.start.q, (n, 1))
         q[:, crane.layout.drives] = setpoint[changes]
         cable = rope_line(crane, q)
         orientation = np.array([payload_orientation(crane, row) for row in q])
+        # The cable ends at the centre of the load, which is off the origin of its link.
         origin = cable[:, -1] - Rotation.from_quat(orientation).apply(crane.payload.lever)
         columns = rr.Transform3D.columns(
             translation=origin,
@@ -373,7 +434,7 @@ class Scene:
         """
         for i, obstacle in enumerate(scenery.obstacles):
             self._log_obstacle(obstacle, str(i), t_start)
-        path = rr.LineStrips3D([scenery.path], colors=rgb(_SWEPT_COLOUR), radii=0.06)
+        path = rr.LineStrips3D([scenery.path], colors=rgb(_SWEPT_COLOUR), radii=_PLANNED_RADIUS)
         self._log(self._ground, path, "planned")
         if scenery.reserved is not None:
             times, lines = scenery.reserved
@@ -386,7 +447,7 @@ class Scene:
                 centers=scenery.swept["centres"],
                 sizes=scenery.swept["sizes"],
                 quaternions=Rotation.from_euler("z", scenery.swept["yaw"][:, None]).as_quat(),
-                colors=[*rgb(_SWEPT_COLOUR), 25],
+                colors=[*rgb(_SWEPT_COLOUR), _SWEPT_ALPHA],
                 fill_mode=_WIREFRAME,
             )
             self._log(self._ground, boxes, "swept")
@@ -399,7 +460,8 @@ class Scene:
             name: Name of its entity.
             t_start: Time at which the run begins [s].
         """
-        # Each triangle has corners of its own, all with its normal: so edges are drawn sharp.
+        # Each triangle has corners of its own, all with its normal: so edges are drawn sharp. A
+        # triangle without area has no normal; the quotient then must not be 0/0.
         corners = obstacle.vertices[obstacle.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -409,7 +471,7 @@ class Scene:
         self._log(self._ground, mesh, "site", name)
 
         usual_colour = _ZONE_COLOUR if obstacle.zone else _SOLID_COLOUR
-        alpha = 60 if obstacle.zone else 255
+        alpha = _ZONE_ALPHA if obstacle.zone else 255
         times = np.array([t_start, *obstacle.near])
         rgba = []
         for k in range(len(times)):
@@ -462,9 +524,12 @@ def _urdf_tree(run: Run) -> UrdfTree:
 
 def _child_link(crane: Crane, index: int) -> str:
     """Return the link that a joint moves."""
-    joint = crane.model.getFrameId(crane.layout.joints[index].name, pin.JOINT)
-    bodies = (frame for frame in crane.model.frames if frame.type == pin.BODY)
-    return next(str(body.name) for body in bodies if body.parentFrame == joint)
+    model = crane.model
+    joint_frame = model.getFrameId(crane.layout.joints[index].name, pin.JOINT)
+    for frame in model.frames:
+        if frame.type == pin.BODY and frame.parentFrame == joint_frame:
+            return str(frame.name)
+    raise AssertionError(f"No link follows the joint {crane.layout.joints[index].name}.")
 
 
 def _payload_link(crane: Crane) -> str:
@@ -473,6 +538,9 @@ def _payload_link(crane: Crane) -> str:
 
 
 def _largest(link_shapes: Sequence[Shape]) -> Shape:
-    """Return the largest shape of the payload, its body; a cube where there is none."""
+    """Return the largest shape of the payload, its body; a cube of 1 m where there is none.
+
+    The product of the numbers of its size stands for the volume, which it is for boxes.
+    """
     default = Shape("box", (1.0, 1.0, 1.0))
     return max(link_shapes, key=lambda shape: math.prod(shape.size), default=default)

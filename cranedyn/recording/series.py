@@ -1,7 +1,7 @@
 """The numbers of a run: one table of columns for each run, and the plots that show them.
 
-All columns are fields of one component of one entity; an entity for each plot makes a recording
-40 % larger.
+All columns of a run are fields of one component of one entity, "RUN/numbers". An entity for each
+plot would make a recording 40 % larger. A curve selects its column by a mapping, see `_line`.
 """
 
 from __future__ import annotations
@@ -34,16 +34,34 @@ _PERIOD = 0.02
 _READOUT_PERIOD = 0.1
 """Time between tables of coordinates that are recorded [s]."""
 
-_JUMP = 0.01
+_JUMP_RATIO = 0.01
 """Share of its limit by which an effort changes between two rows that are recorded in any case."""
 
 _LEGEND_WIDTH = 0.4
 """Width of a legend over that of the curves."""
 
 _MAX_TICKS = 9
-"""Most ticks of an axis that Rerun numbers."""
+"""Largest number of ticks of an axis that Rerun numbers."""
 
-_RADIANS = re.compile(r"_rad(?=$|_s$)")  # the unit at the end only: a joint may be called radial
+_ROUND_END_RATIO = 0.2
+"""Share of its span by which the range of an axis grows at most to end at a round number."""
+
+_MARGIN_RATIO = 0.05
+"""Share of the span of its curves that an axis reaches beyond them."""
+
+_EFFORT_LEAST_SPAN = 20.0
+"""Least span of the axis of an effort [N m or N]."""
+
+_ENERGY_LEAST_SPAN = 20.0
+"""Least span of the axis of energies [J]."""
+
+_CONTACT_COLOUR = (242, 43, 5)
+"""Colour of the points where contacts begin: red, green and blue, 0 to 255."""
+
+_RADIANS = re.compile(r"_rad(?=$|_s$)")
+"""The unit at the end of the name of a column; elsewhere it may belong to the name of a joint, such
+as "radial".
+"""
 
 Table = dict[str, np.ndarray]
 """Columns by name, shape (n,) each."""
@@ -61,6 +79,27 @@ class Curve(NamedTuple):
     label: str
     quantity: str
     column: str
+
+
+class _PlotUnit(NamedTuple):
+    """How a coordinate is plotted.
+
+    Attributes:
+        symbol: Its unit in titles.
+        suffix: Its unit at the end of names of columns.
+        least_span: Least span of its axis, in that unit.
+    """
+
+    symbol: str
+    suffix: str
+    least_span: float
+
+
+_DEGREES = _PlotUnit("°", "deg", 0.2)
+"""How angles are plotted."""
+
+_METRES = _PlotUnit("m", "m", 0.02)
+"""How lengths are plotted."""
 
 
 class Plot(NamedTuple):
@@ -96,6 +135,8 @@ def plots(layout: Layout) -> dict[str, Plot]:
     by_name: dict[str, Plot] = {}
     for joint in layout.driven:
         by_name[joint.symbol] = _position_plot(joint)
+    # The last curve is drawn on top: the first passive joint, which is the radial swing of a tower
+    # crane.
     passive = [joint for joint in reversed(layout.joints) if not joint.driven]
     all_joints = [*layout.driven, *passive]
     for name, joints, kind in (
@@ -115,11 +156,11 @@ def plots(layout: Layout) -> dict[str, Plot]:
 
 def _position_plot(joint: Joint) -> Plot:
     """Return the plot of a drive: its setpoint and its position."""
-    unit, suffix, least_span = _unit(joint)
-    setpoint = Curve("setpoint", "setpoint", f"{joint.symbol}_setpoint_{suffix}")
-    position = Curve(joint_label(joint), joint.symbol, f"{joint.symbol}_{suffix}")
-    title = f"{_TITLES.get(joint.symbol, joint.symbol)} [{unit}]"
-    return Plot(title, least_span, (setpoint, position))
+    unit = _plot_unit(joint)
+    setpoint = Curve("setpoint", "setpoint", f"{joint.symbol}_setpoint_{unit.suffix}")
+    position = Curve(joint_label(joint), joint.symbol, f"{joint.symbol}_{unit.suffix}")
+    title = f"{_TITLES.get(joint.symbol, joint.symbol)} [{unit.symbol}]"
+    return Plot(title, unit.least_span, (setpoint, position))
 
 
 def _effort_plot(joint: Joint) -> Plot:
@@ -129,9 +170,10 @@ def _effort_plot(joint: Joint) -> Plot:
     kind = "torque" if joint.kind == "revolute" else "force"
     lower = Curve("limit", "limit", f"{column}_lower")
     upper = Curve("limit", "limit", f"{column}_upper")
+    # T of a torque or F of a force, as its column begins.
     effort = Curve(f"{column[0]}_{joint_label(joint)}", joint.symbol, column)
     title = f"{drive[:1].upper()}{drive[1:]} {kind} [{joint.effort_unit}]"
-    return Plot(title, 20.0, (lower, upper, effort))
+    return Plot(title, _EFFORT_LEAST_SPAN, (lower, upper, effort))
 
 
 def _energy_plot(layout: Layout) -> Plot:
@@ -142,7 +184,7 @@ def _energy_plot(layout: Layout) -> Plot:
     curves.append(Curve("dissipated", "dissipated", "dissipated_J"))
     curves.append(Curve("unexplained", "unexplained", "unexplained_J"))
     curves.append(Curve("gained", "energy", "energy_J"))
-    return Plot("Energy [J]", 20.0, tuple(curves))
+    return Plot("Energy [J]", _ENERGY_LEAST_SPAN, tuple(curves))
 
 
 def _drive_name(joint: Joint) -> str:
@@ -150,9 +192,9 @@ def _drive_name(joint: Joint) -> str:
     return _DRIVES.get(joint.symbol, joint.symbol)
 
 
-def _unit(joint: Joint) -> tuple[str, str, float]:
-    """Return the unit of a coordinate in titles and in columns, and the least span of its axis."""
-    return ("°", "deg", 0.2) if joint.kind == "revolute" else ("m", "m", 0.02)
+def _plot_unit(joint: Joint) -> _PlotUnit:
+    """Return how a coordinate is plotted."""
+    return _DEGREES if joint.kind == "revolute" else _METRES
 
 
 def joint_label(joint: Joint) -> str:
@@ -162,21 +204,23 @@ def joint_label(joint: Joint) -> str:
 
 def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:
     """Return a plot of the coordinates of joints with one unit, or of their rates."""
-    unit, suffix, least_span = _unit(joints[0])
+    unit = _plot_unit(joints[0])
     curves = []
     if "speeds" in name:
         for joint in joints:
-            column = f"{joint.symbol}_dot_{suffix}_s"
+            column = f"{joint.symbol}_dot_{unit.suffix}_s"
             curves.append(Curve(f"d{joint_label(joint)}/dt", joint.symbol, column))
-        return Plot(f"Speed [{unit}/s]", least_span, tuple(curves))
+        return Plot(f"Speed [{unit.symbol}/s]", unit.least_span, tuple(curves))
     for joint in joints:
         label = _SWINGS.get(joint.symbol, joint.symbol)
-        curves.append(Curve(label, joint.symbol, f"{joint.symbol}_{suffix}"))
-    return Plot(f"{name.capitalize()} [{unit}]", least_span, tuple(curves))
+        curves.append(Curve(label, joint.symbol, f"{joint.symbol}_{unit.suffix}"))
+    return Plot(f"{name.capitalize()} [{unit.symbol}]", unit.least_span, tuple(curves))
 
 
 def series_table(run: Run, start_energy: float | None = None) -> Table:
     """Return the recorded columns of a run: angles in degrees, energy since the start, limits.
+
+    Forces from outside are columns only of a run that has any.
 
     Args:
         run: The run.
@@ -208,7 +252,7 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     jumps.
     """
     t = run.trajectory.t
-    jumps = np.abs(np.diff(run.trajectory.effort, axis=0)) > _JUMP * run.crane.effort_limit
+    jumps = np.abs(np.diff(run.trajectory.effort, axis=0)) > _JUMP_RATIO * run.crane.effort_limit
     # Both the row before a jump and the one after it, so that the jump is drawn upright.
     rows_of_jumps = np.flatnonzero(jumps.any(axis=1))
     instants = np.unique(np.concatenate([rows_every(t, _PERIOD), rows_of_jumps, rows_of_jumps + 1]))
@@ -233,7 +277,9 @@ def log_gaps(
     if len(contacts):
         entity = f"{GAPS}/contacts"
         zeros = rr.Scalars.columns(scalars=np.zeros(len(contacts)))
-        recording.log(entity, rr.SeriesPoints(colors=[242, 43, 5], marker_sizes=6.0), static=True)
+        recording.log(
+            entity, rr.SeriesPoints(colors=_CONTACT_COLOUR, marker_sizes=6.0), static=True
+        )
         recording.send_columns(entity, clock(np.array(contacts)), zeros)
 
 
@@ -245,9 +291,10 @@ def log_readout(recording: rr.RecordingStream, runs: Sequence[Run]) -> None:
             joints[joint.symbol] = joint
     titles = [""]
     for joint in joints.values():
-        unit, _, _ = _unit(joint)
-        titles.append(f"{joint_label(joint)} [{unit}]")
-    head = f"{_row(titles)}\n{_row(['---', *['---:'] * len(joints)])}"
+        titles.append(f"{joint_label(joint)} [{_plot_unit(joint).symbol}]")
+    # Markdown aligns a column to the right whose rule ends with a colon.
+    rules = ["---"] + ["---:"] * len(joints)
+    head = f"{_row(titles)}\n{_row(rules)}"
 
     first = min(run.trajectory.t[0] for run in runs)
     last = max(run.trajectory.t[-1] for run in runs)
@@ -268,6 +315,7 @@ def _readout_rows(run: Run, symbols: Sequence[str], instants: np.ndarray) -> lis
         symbols: Coordinates in the table, some of which the crane may lack.
         instants: The instants; the last row at or before each counts.
     """
+    # A nanosecond decides nothing but whether a row at the instant itself, up to rounding, counts.
     rows = np.clip(np.searchsorted(run.trajectory.t, instants + 1e-9) - 1, 0, None)
     layout = run.crane.layout
     q = run.trajectory.q[rows]
@@ -321,8 +369,9 @@ def time_series_view(
     # There are no tables while the run goes on.
     for run_plot, columns in zip(plot_of_run, tables, strict=False):
         if run_plot is not None:
-            shown = [curve for curve in run_plot.curves if curve.quantity != "limit"]
-            curves += [columns[curve.column] for curve in shown]
+            for curve in run_plot.curves:
+                if curve.quantity != "limit":
+                    curves.append(columns[curve.column])
     return rrb.TimeSeriesView(
         name=title or first.title,
         origin="/",
@@ -348,8 +397,10 @@ def _line(curve: Curve, run: str, run_colour: str, layout: Layout) -> rrb.visual
         shares = {"limit": 0.7, "setpoint": 0.7, "theta": 0.55}
         tint = "#FFFFFF" if curve.quantity == "theta" else colour
         colour = mixed(run_colour, tint, shares.get(curve.quantity, 0.0))
+    # Names of columns of efforts, works and the energy begin with these.
     has_peaks = curve.column.split("_")[0] in ("T", "F", "W", "energy")
     policy: Literal["MinMax", "Average"] = "MinMax" if has_peaks else "Average"
+    # Plots the field of this name of the component "Run:row" as if it were logged as a scalar.
     source = VisualizerComponentMapping(
         "Scalars:scalars",
         "SourceComponent",
@@ -387,12 +438,13 @@ def _axis_range(curves: Sequence[np.ndarray], least_span: float) -> tuple[float,
     step = 10.0 ** np.floor(np.log10(span))
     round_below = step * np.floor(low / step)
     round_above = step * np.ceil(high / step)
-    if low - round_below < 0.2 * span:
+    if low - round_below < _ROUND_END_RATIO * span:
         low = round_below
-    if round_above - high < 0.2 * span:
+    if round_above - high < _ROUND_END_RATIO * span:
         high = round_above
 
-    # Multiples of the tick from `first` to `last` are in the range; it grows until there are two.
+    # Multiples of the tick from `first` to `last` are in the range. It grows at the end where less
+    # is missing until there are two.
     tick = 10.0 ** np.ceil(np.log10(max(high - low, least_span) / _MAX_TICKS))
     first = np.ceil(low / tick)
     last = np.floor(high / tick)
@@ -404,5 +456,5 @@ def _axis_range(curves: Sequence[np.ndarray], least_span: float) -> tuple[float,
             first -= 1
         low = min(low, tick * first)
         high = max(high, tick * last)
-    margin = max(0.05 * span, (least_span - (high - low)) / 2)
+    margin = max(_MARGIN_RATIO * span, (least_span - (high - low)) / 2)
     return low - margin, high + margin

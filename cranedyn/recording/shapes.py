@@ -1,8 +1,17 @@
-"""What is drawn of a crane: boxes, cylinders, spheres of its URDF, and meshes from a folder that is
-given; its rope, which sags where it is slack; marks where its load stands.
+"""What is drawn of a crane: the visuals of its URDF, its rope, and marks where its load touches.
 
-`rerun.urdf.UrdfTree` would log each visual as an entity of its own (1.7 MB for the shipped crane
-instead of tens of kB) and would read mesh files from anywhere.
+Visuals are boxes, cylinders and spheres, and meshes from a folder that the caller names. A crane
+that shows nothing gets sticks between its joints. A rope that is slack sags.
+
+`rerun.urdf.UrdfTree.log_urdf_to_recording` could log the visuals, but it would lose three things:
+
+* Size. It logs each visual as an entity of its own: 1.7 MB for the 252 visuals of the shipped tower
+  crane, where `cranedyn.recording.scene` logs the shapes of one kind on a link as one entity.
+* Safety. It reads mesh files from any path that the URDF names. `_mesh_path` refuses those outside
+  of the folder.
+* Colours. Payloads take the colour of their run, and cranes that overlap are transparent.
+
+`UrdfTree` does compute the transforms of the joints, see `cranedyn.recording.scene.Scene`.
 """
 
 from __future__ import annotations
@@ -27,26 +36,34 @@ from cranedyn.dynamics.contact import ON_GROUND
 from cranedyn.dynamics.pinocchio import body_points
 from cranedyn.errors import DataError, quoted
 from cranedyn.model.crane import Crane, Point
-
-_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-_MESH_KINDS = ("stl", "obj", "ply", "dae", "glb")
-_MAX_MESH_BYTES = 20_000_000
-_CIRCLE_POINTS = 12
-
-_STICK = 0.01
-"""Radius of sticks as a share of the longest."""
-
-_THICKEST_STICK = 0.2
-"""Largest radius of sticks [m]: rails are long, and what they carry would be hidden behind them."""
+from cranedyn.model.springs import Bifilar, Rope
 
 CONTACT = "#F22B05"
-"""Colour of marks where a load touches."""
+"""Colour of the marks where a load touches."""
+
+_SIZE_ATTRIBUTES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+"""Attributes of a geometry in a URDF that make up `Shape.size`, by its tag."""
+
+_MESH_KINDS = ("stl", "obj", "ply", "dae", "glb")
+"""Kinds of mesh files that are read, by their ending."""
+
+_MAX_MESH_BYTES = 20_000_000
+"""Size of the largest mesh file that is read [bytes]."""
+
+_CIRCLE_POINTS = 12
+"""Number of corners with which a circle is drawn."""
+
+_STICK_RATIO = 0.01
+"""Radius of the sticks as a share of the longest; in metres where none has a length."""
+
+_MAX_STICK_RADIUS = 0.2
+"""Largest radius of sticks [m]: rails are long, and what they carry would be hidden behind them."""
 
 _SAG_POINTS = 9
-"""Points of a rope that sags."""
+"""Number of points with which a rope that sags is drawn."""
 
-_LEVEL = 5e-3
-"""Height above the lowest point of a load up to which others are marked where it touches [m]."""
+_TOUCHING_HEIGHT = 5e-3
+"""Height above the lowest point of a load up to which its other points are marked, too [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +72,9 @@ class Shape:
 
     Attributes:
         kind: "box", "cylinder", "sphere" or "mesh".
-        size: Three edges, or radius and length, or radius [m]; of a mesh the edges of its bounding
-            box.
-        centre: In the frame of the link [m].
+        size: Three edges of a box, radius and length of a cylinder, the radius of a sphere, or the
+            three edges of the bounding box of a mesh [m].
+        centre: Position of the centre in the frame of the link [m].
         rpy: Roll, pitch and yaw in that frame [rad].
         colour: Red, green, blue and alpha, 0 to 1.
         mesh: The `trimesh.Trimesh` of a mesh, in the frame of the link.
@@ -71,35 +88,63 @@ class Shape:
     mesh: Any = None
 
     def hull_points(self) -> np.ndarray:
-        """Return points in the frame of the link [m] with the shape as convex hull, shape (n, 3).
+        """Return points whose convex hull is that of the shape, in the frame of the link [m], shape
+        (n, 3).
 
-        Circles have 12 corners.
+        Circles are polygons of 12 corners.
         """
         if self.mesh is not None:
             return np.asarray(self.mesh.vertices)
         if self.kind == "box":
-            points = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).reshape(3, -1).T * self.size
+            points = _unit_cube() * self.size
+        elif self.kind == "cylinder":
+            points = self._cylinder_points()
         else:
-            angle = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_POINTS, endpoint=False)
-            circle = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-            if self.kind == "cylinder":
-                rings = [circle * self.size[0] + [0.0, 0.0, s * self.size[1]] for s in (-0.5, 0.5)]
-            else:
-                latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _CIRCLE_POINTS // 2 + 1)
-                rings = [
-                    self.size[0] * (np.cos(a) * circle + [0.0, 0.0, np.sin(a)]) for a in latitudes
-                ]
-            points = np.concatenate(rings)
-        return np.asarray(Rotation.from_euler("xyz", self.rpy).apply(points) + self.centre)
+            points = self._sphere_points()
+        turned = Rotation.from_euler("xyz", self.rpy).apply(points)
+        return np.asarray(turned + self.centre)
+
+    def _cylinder_points(self) -> np.ndarray:
+        """Return the corners of both ends of a cylinder about Z [m], shape (n, 3)."""
+        radius, length = self.size
+        circle = radius * _unit_circle()
+        to_end = np.array([0.0, 0.0, 0.5 * length])
+        return np.concatenate([circle - to_end, circle + to_end])
+
+    def _sphere_points(self) -> np.ndarray:
+        """Return points on circles of latitude of a sphere, from pole to pole [m], shape (n, 3)."""
+        radius = self.size[0]
+        circle = _unit_circle()
+        circles = []
+        for latitude in np.linspace(-0.5 * np.pi, 0.5 * np.pi, _CIRCLE_POINTS // 2 + 1):
+            circles.append(radius * (np.cos(latitude) * circle + [0.0, 0.0, np.sin(latitude)]))
+        return np.concatenate(circles)
+
+
+def _unit_cube() -> np.ndarray:
+    """Return the corners of a cube of edge 1 about the origin, shape (8, 3)."""
+    ends = [-0.5, 0.5]
+    x, y, z = np.meshgrid(ends, ends, ends)
+    return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+
+
+def _unit_circle() -> np.ndarray:
+    """Return the corners of a circle of radius 1 about Z, shape (n, 3)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_POINTS, endpoint=False)
+    return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+
+
+# --- shapes of a URDF -----------------------------------------------------------------------------
 
 
 def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]]:
-    """Return the visuals of each link of a plain URDF, by name of the link; sticks for a link of
-    which only meshes are known that are left out, and for the links of a crane without visuals but
-    those that a rope stands for, see `_sticks`.
+    """Return the shapes that are drawn of each link of a URDF, by the name of the link.
+
+    Sticks, see `_sticks`, stand for a link of which only meshes are known and left out. Where no
+    link has a visual, they stand for all links but those in whose place a rope is drawn.
 
     Args:
-        urdf: The URDF, its numbers and names checked.
+        urdf: The URDF with all macros expanded; its numbers and names have been checked.
         folder: Folder of the mesh files; None leaves meshes out. Of ``package://NAME/FILE`` the
             file is FILE.
 
@@ -108,30 +153,181 @@ def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]
             unknown kind, or not readable as a mesh.
     """
     robot = ET.fromstring(urdf)
-    materials = {
-        material.get("name"): color.get("rgba", "")
-        for material in robot.iter("material")
-        if (color := material.find("color")) is not None
-    }
+    materials = _materials(robot)
     visuals = dict[str, list[Shape]]()
-    hidden = set[str]()
+    without_shapes = set[str]()
     for link in robot.iterfind("link"):
         name = link.get("name", "")
-        drawn = (_shape(visual, materials, folder) for visual in link.iterfind("visual"))
-        visuals[name] = [shape for shape in drawn if shape is not None]
-        if not visuals[name] and link.find("visual/geometry/mesh") is not None:
-            hidden.add(name)
-    if not hidden and not any(visuals.values()):
-        hidden = set(visuals) - _rope_links(robot)  # of a crane that shows nothing
-    return visuals | (_sticks(robot, hidden) if hidden else {})
+        visuals[name] = []
+        for visual in link.iterfind("visual"):
+            shape = _read_shape(visual, materials, folder)
+            if shape is not None:
+                visuals[name].append(shape)
+        has_meshes = link.find("visual/geometry/mesh") is not None
+        if has_meshes and not visuals[name]:
+            without_shapes.add(name)
+
+    shows_nothing = not any(visuals.values())
+    if shows_nothing and not without_shapes:
+        without_shapes = set(visuals) - _rope_links(robot)
+    if without_shapes:
+        visuals.update(_sticks(robot, without_shapes))
+    return visuals
+
+
+def visible_points(
+    crane: Crane, q: np.ndarray, folder: str | Path | None = None
+) -> Iterator[tuple[Shape, np.ndarray]]:
+    """Yield each shape of a crane with its hull points in the world [m], shape (n, 3).
+
+    Args:
+        crane: The crane.
+        q: Coordinates [rad or m], shape (n,).
+        folder: Folder of the mesh files; None leaves meshes out.
+    """
+    data = crane.model.createData()
+    pin.framesForwardKinematics(crane.model, data, q)
+    for link, link_shapes in shapes(crane.urdf, folder).items():
+        pose = data.oMf[crane.model.getFrameId(link, pin.BODY)]
+        for shape in link_shapes:
+            yield shape, shape.hull_points() @ pose.rotation.T + pose.translation
+
+
+def _materials(robot: ET.Element) -> dict[str | None, str]:
+    """Return the colours that materials of a URDF define, as texts, by the name of the material."""
+    materials = dict[str | None, str]()
+    for material in robot.iter("material"):
+        color = material.find("color")
+        if color is not None:
+            materials[material.get("name")] = color.get("rgba", "")
+    return materials
+
+
+def _read_shape(
+    visual: ET.Element, materials: Mapping[str | None, str], folder: str | Path | None
+) -> Shape | None:
+    """Return the shape of a visual; None for a mesh without a folder, or an unknown geometry."""
+    geometry = visual.find("geometry/*")
+    if geometry is None or geometry.tag not in (*_SIZE_ATTRIBUTES, "mesh"):
+        return None
+    origin = visual.find("origin")
+    # Without an origin the frame of the visual is that of the link.
+    pose = ET.Element("origin") if origin is None else origin
+    centre = _floats(pose.get("xyz", "0 0 0"))
+    rpy = _floats(pose.get("rpy", "0 0 0"))
+    colour = _read_colour(visual, materials)
+    if geometry.tag == "mesh":
+        if folder is None:
+            return None
+        return _read_mesh(geometry, centre, rpy, colour, Path(folder))
+
+    attributes = [geometry.get(name, "") for name in _SIZE_ATTRIBUTES[geometry.tag]]
+    size = _floats(" ".join(attributes))
+    return Shape(geometry.tag, size, centre, rpy, colour)
+
+
+def _read_colour(visual: ET.Element, materials: Mapping[str | None, str]) -> tuple[float, ...]:
+    """Return the colour of a visual: its own, that of its material, or grey."""
+    material = visual.find("material")
+    color = visual.find("material/color")
+    rgba = ""
+    if color is not None:
+        rgba = color.get("rgba", "")
+    elif material is not None:
+        rgba = materials.get(material.get("name"), "")
+    return _floats(rgba or "0.5 0.5 0.5 1")
+
+
+def _read_mesh(
+    geometry: ET.Element,
+    centre: tuple[float, ...],
+    rpy: tuple[float, ...],
+    colour: tuple[float, ...],
+    folder: Path,
+) -> Shape:
+    """Return the shape of a mesh, whose vertices are moved into the frame of the link."""
+    scale = _floats(geometry.get("scale", "1 1 1"))
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix() * scale
+    transform[:3, 3] = centre
+    mesh = _load_mesh(geometry.get("filename", ""), folder, transform)
+    low, high = mesh.bounds
+    edges = tuple(high - low)
+    middle = tuple((low + high) / 2.0)
+    return Shape("mesh", edges, middle, colour=colour, mesh=mesh)
+
+
+def _load_mesh(name: str, folder: Path, transform: np.ndarray) -> Any:
+    """Return a mesh file as a `trimesh.Trimesh`, transformed by a homogeneous matrix.
+
+    Args:
+        name: Name of the file, as the URDF has it.
+        folder: Folder in which it must be.
+        transform: The matrix, shape (4, 4).
+
+    Raises:
+        DataError: As `shapes`.
+    """
+    # It takes long to import, and only meshes need it.
+    trimesh = uninterrupted_import("trimesh")
+    path = _mesh_path(name, folder)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in _MESH_KINDS:
+        raise DataError(
+            f"The mesh {quoted(name)} is of the kind {quoted(kind)}; allowed are "
+            f"{', '.join(_MESH_KINDS)}."
+        )
+    content = io.BytesIO(read_bytes(path, _MAX_MESH_BYTES))
+    try:
+        # The colour is that of the URDF.
+        mesh: Any = trimesh.load(content, file_type=kind, force="mesh", skip_materials=True)
+        mesh.apply_transform(transform)
+        vertices = np.asarray(mesh.vertices)
+        normals = np.asarray(mesh.vertex_normals)
+    except Exception as error:  # parsers of mesh files raise anything
+        raise DataError(
+            f"The mesh {quoted(name)} cannot be read: {type(error).__name__}."
+        ) from error
+    is_finite = np.isfinite(vertices).all() and np.isfinite(normals).all()
+    if not len(mesh.faces) or not is_finite:
+        raise DataError(f"The mesh {quoted(name)} has no triangles, or values that are not finite.")
+    return mesh
+
+
+def _mesh_path(name: str, folder: Path) -> Path:
+    """Return the path of a mesh file inside of a folder.
+
+    Raises:
+        DataError: If it is outside. A URDF of a stranger must not copy files of this machine into a
+            recording.
+    """
+    relative = re.sub(r"^package://[^/]*/|^file://", "", name)
+    path = (folder / relative).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise DataError(
+            f"The mesh {quoted(name)} is outside of the folder {folder}; meshes are read from "
+            "there alone."
+        )
+    return path
+
+
+def _floats(text: str) -> tuple[float, ...]:
+    """Return the numbers of a text, which spaces separate."""
+    return tuple(float(word) for word in text.split())
+
+
+# --- sticks ---------------------------------------------------------------------------------------
 
 
 def _rope_links(robot: ET.Element) -> set[str]:
-    """Return the links on which a link slides that carries no other: a rope is drawn there."""
+    """Return the links in whose place a rope is drawn: those on which a link slides that carries no
+    other, which is the load on its rope.
+    """
     parent_of = dict[str, str]()
     sliding = set[str]()
     for joint in robot.iterfind("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
+        parent = joint.find("parent")
+        child = joint.find("child")
         if parent is None or child is None:
             continue
         parent_of[child.get("link", "")] = parent.get("link", "")
@@ -143,155 +339,154 @@ def _rope_links(robot: ET.Element) -> set[str]:
 
 def _sticks(robot: ET.Element, links: Collection[str]) -> dict[str, list[Shape]]:
     """Return cylinders from the origin of each link to its child joints, or as far as their links
-    slide; a ball for a joint at the origin.
+    slide; a ball for a joint near the origin.
     """
     ends: dict[str, list[np.ndarray]] = {link: [] for link in links}
     for joint in robot.iterfind("joint"):
-        parent, origin, axis = joint.find("parent"), joint.find("origin"), joint.find("axis")
-        if parent is None or parent.get("link", "") not in links:
-            continue
-        pose = {} if origin is None else origin.attrib
-        end = np.array(_floats(pose.get("xyz", "0 0 0")))
-        limit = joint.find("limit")
-        if joint.get("type") == "prismatic" and limit is not None:
-            along = np.array(_floats("1 0 0" if axis is None else axis.get("xyz", "1 0 0")))
-            along = Rotation.from_euler("xyz", _floats(pose.get("rpy", "0 0 0"))).apply(along)
-            end = end + along / np.linalg.norm(along) * float(limit.get("upper", "0"))
-        ends[parent.get("link", "")].append(end)
-    lengths = [np.linalg.norm(end) for group in ends.values() for end in group]
-    radius = min(_STICK * float(max(lengths, default=0.0)) or _STICK, _THICKEST_STICK)
-    return {
-        link: [
-            Shape("cylinder", (radius, float(np.linalg.norm(end))), (*(end / 2.0),), _upright(end))
-            if np.linalg.norm(end) > radius
-            else Shape("sphere", (2.0 * radius,))
-            for end in group
-        ]
-        for link, group in ends.items()
-    }
+        parent = joint.find("parent")
+        if parent is not None and parent.get("link", "") in links:
+            ends[parent.get("link", "")].append(_stick_end(joint))
+
+    longest = 0.0
+    for link_ends in ends.values():
+        for end in link_ends:
+            longest = max(longest, float(np.linalg.norm(end)))
+    radius = min(_STICK_RATIO * longest or _STICK_RATIO, _MAX_STICK_RADIUS)
+
+    result = dict[str, list[Shape]]()
+    for link, link_ends in ends.items():
+        result[link] = [_stick(end, radius) for end in link_ends]
+    return result
 
 
-def _upright(axis: np.ndarray) -> tuple[float, ...]:
+def _stick_end(joint: ET.Element) -> np.ndarray:
+    """Return the place of a joint in the frame of its parent link [m], or of its link where that
+    has slid to its upper limit, shape (3,).
+    """
+    origin = joint.find("origin")
+    pose = {} if origin is None else origin.attrib
+    end = np.array(_floats(pose.get("xyz", "0 0 0")))
+    limit = joint.find("limit")
+    if joint.get("type") != "prismatic" or limit is None:
+        return end
+    axis = joint.find("axis")
+    # The axis of a joint is X if the URDF names none.
+    direction = np.array(_floats("1 0 0" if axis is None else axis.get("xyz", "1 0 0")))
+    direction = Rotation.from_euler("xyz", _floats(pose.get("rpy", "0 0 0"))).apply(direction)
+    return end + direction / np.linalg.norm(direction) * float(limit.get("upper", "0"))
+
+
+def _stick(end: np.ndarray, radius: float) -> Shape:
+    """Return a cylinder from the origin to a point [m]; a ball if the point is near the origin."""
+    length = float(np.linalg.norm(end))
+    if length <= radius:
+        return Shape("sphere", (2.0 * radius,))
+    return Shape("cylinder", (radius, length), tuple(end / 2.0), _turn_z_along(end))
+
+
+def _turn_z_along(axis: np.ndarray) -> tuple[float, float, float]:
     """Return roll, pitch and yaw that turn Z along an axis [rad]."""
-    level = float(np.hypot(*axis[:2]))
-    return 0.0, float(np.arctan2(level, axis[2])), float(np.arctan2(axis[1], axis[0]))
+    horizontal = float(np.hypot(axis[0], axis[1]))
+    pitch = float(np.arctan2(horizontal, axis[2]))
+    yaw = float(np.arctan2(axis[1], axis[0]))
+    return 0.0, pitch, yaw
 
 
-def visible_points(
-    crane: Crane, q: np.ndarray, folder: str | Path | None = None
-) -> Iterator[tuple[Shape, np.ndarray]]:
-    """Yield each shape of a crane at coordinates q with its hull points in the world [m]."""
-    data = crane.model.createData()
-    pin.framesForwardKinematics(crane.model, data, q)
-    for link, link_shapes in shapes(crane.urdf, folder).items():
-        pose = data.oMf[crane.model.getFrameId(link, pin.BODY)]
-        for shape in link_shapes:
-            yield shape, shape.hull_points() @ pose.rotation.T + pose.translation
+# --- rope and contacts ----------------------------------------------------------------------------
 
 
 def rope_line(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Return pivot, hook if there is one, and payload in the world [m], shape (rows, points, 3), at
-    coordinates of shape (rows, n); of a rope that may go slack also points between that sag, of two
-    falls their ends.
+    """Return the points of the rope in the world [m], shape (rows, points, 3).
+
+    They are the pivot, the hook if there is one, and the payload. A rope that may go slack has
+    points in between, by which it sags. Two falls have the ends of both.
+
+    Args:
+        crane: The crane.
+        q: Coordinates [rad or m], shape (rows, n).
     """
+    q = np.asarray(q)
+    # The payload is the first point of a crane, and the last of its rope.
     order = [*range(1, len(crane.points)), 0]
-    points = point_paths(crane, np.asarray(q))[:, order]
-    if (falls := crane.springs.bifilar) is not None:
-        above = crane.model.parents[falls.yaw + 1] - 1
-        a = 0.5 * falls.spacing
-        ends = ((falls.yaw, -a), (above, -a), (above, a), (falls.yaw, a), (falls.yaw, 0.0))
-        corners = [Point("", body, np.array([0.0, aside, 0.0])) for body, aside in ends]
-        path = point_paths(crane, np.asarray(q), corners)
-        path[:, 1:3] += points[:, :1] - path[:, 4:]  # from the lower ends up to the pivot
-        return np.concatenate([path[:, 4:], path, points[:, 1:]], axis=1)
-    if (rope := crane.springs.rope) is None:
-        return points
+    points = point_paths(crane, q)[:, order]
+    if crane.springs.bifilar is not None:
+        return _two_falls(crane, crane.springs.bifilar, q, points)
+    if crane.springs.rope is not None:
+        return _sagging_rope(crane.springs.rope, q, points)
+    return points
+
+
+def _two_falls(crane: Crane, falls: Bifilar, q: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return the points of two falls in the world [m], shape (rows, points, 3): from the centre of
+    the load up one fall, across below the pivot, and down the other to the centre again.
+
+    Args:
+        crane: The crane.
+        falls: The falls.
+        q: Coordinates, shape (rows, n).
+        points: Pivot, then what hangs below it [m], shape (rows, points, 3).
+    """
+    # The lower ends yaw with the load. The upper ends do not: they are given in the body that
+    # carries the yawing one, which has the same origin, and are then lifted to the pivot.
+    load = falls.yaw
+    carrier = crane.model.parents[falls.yaw + 1] - 1
+    half = 0.5 * falls.spacing
+    ends = [(load, -half), (carrier, -half), (carrier, half), (load, half), (load, 0.0)]
+    corners = [Point("", body, np.array([0.0, offset, 0.0])) for body, offset in ends]
+    path = point_paths(crane, q, corners)
+    centre = path[:, 4:]
+    pivot = points[:, :1]
+    path[:, 1:3] += pivot - centre
+    return np.concatenate([centre, path, points[:, 1:]], axis=1)
+
+
+def _sagging_rope(rope: Rope, q: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return the points of a rope that sags as far as it is slack [m], shape (rows, points, 3).
+
+    Args:
+        rope: The rope.
+        q: Coordinates, shape (rows, n).
+        points: Pivot, then what hangs below it [m], shape (rows, points, 3).
+    """
     top = points[:, :1]
     end = points[:, 1:2]
-    slack = np.maximum(-np.asarray(q)[:, rope.stretch], 0.0)
-    # A parabola of depth f over a chord d is longer than that by 8 f²/(3 d).
-    depth = np.sqrt(0.375 * slack * np.linalg.norm(end - top, axis=2)[:, 0])
+    # A stretch below zero is the length by which the rope is longer than the distance of its ends.
+    slack = np.maximum(-q[:, rope.stretch], 0.0)
+    # A parabola of depth f over a chord d is longer than the chord by 8 f²/(3 d), to second order
+    # in f/d. So it is f = √(3/8 · slack · d).
+    chord = np.linalg.norm(end - top, axis=2)[:, 0]
+    depth = np.sqrt(0.375 * slack * chord)
+    # Share of the chord, from top to end, shape (points, 1). 4 u (1 - u) is a parabola of height 1.
     u = np.linspace(0.0, 1.0, _SAG_POINTS)[:, None]
     sag = (4.0 * u * (1.0 - u) * depth)[..., None].transpose(1, 0, 2)
-    aside = np.cross(top - end, [1.0, -1.0, 0.0])  # diagonal, so that no side view hides it
-    aside /= np.maximum(np.linalg.norm(aside, axis=2, keepdims=True), 1e-9)
-    return np.concatenate([top + u * (end - top) + sag * aside, points[:, 2:]], axis=1)
+    # It sags to the side of the chord, diagonally, so that no side view hides it. A chord along
+    # the diagonal has no such side; the quotient then must not be 0/0.
+    side = np.cross(top - end, [1.0, -1.0, 0.0])
+    side /= np.maximum(np.linalg.norm(side, axis=2, keepdims=True), 1e-9)
+    return np.concatenate([top + u * (end - top) + sag * side, points[:, 2:]], axis=1)
 
 
 def touching_points(crane: Crane, run: Trajectory, row: int) -> np.ndarray:
-    """Return the lowest of the points of the load that may touch [m], in the world, shape (k, 3);
-    none where the load does not touch.
+    """Return the lowest of the points of the load that may touch, in the world [m], shape (k, 3).
+
+    There are none where the load does not touch.
+
+    Args:
+        crane: The crane.
+        run: A run of it. Its record says which points of the load may touch.
+        row: Index of the row.
     """
+    none = np.zeros((0, 3))
+    # A record may come from a file, and hold anything.
     ground = run.record.get("ground", {})
     levers = ground.get("points") if isinstance(ground, dict) else None
     if run.phase is None or run.phase[row] < ON_GROUND or not isinstance(levers, list):
-        return np.zeros((0, 3))
+        return none
     points = crane.payload.lever + np.array(levers)
-    still = np.zeros(crane.layout.n)
-    places = body_points(crane.model, crane.data, crane.payload.body, points, run.q[row], still)[0]
-    return places[:, places[2] < places[2].min() + _LEVEL].T
-
-
-def _shape(
-    visual: ET.Element, materials: Mapping[str | None, str], folder: str | Path | None
-) -> Shape | None:
-    geometry, origin = visual.find("geometry/*"), visual.find("origin")
-    if geometry is None or geometry.tag not in (*_SIZES, "mesh"):
-        return None
-    pose = ET.Element("origin") if origin is None else origin
-    centre, rpy = (_floats(pose.get(name, "0 0 0")) for name in ("xyz", "rpy"))
-    material, color = visual.find("material"), visual.find("material/color")
-    if color is not None:
-        rgba = color.get("rgba", "")
-    else:
-        rgba = "" if material is None else materials.get(material.get("name"), "")
-    colour = _floats(rgba or "0.5 0.5 0.5 1")
-    if geometry.tag != "mesh":
-        size = _floats(" ".join(geometry.get(name, "") for name in _SIZES[geometry.tag]))
-        return Shape(geometry.tag, size, centre, rpy, colour)
-    if folder is None:
-        return None
-    transform = np.eye(4)
-    scale = _floats(geometry.get("scale", "1 1 1"))
-    transform[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix() * scale
-    transform[:3, 3] = centre
-    mesh = _load_mesh(geometry.get("filename", ""), Path(folder), transform)
-    low, high = mesh.bounds
-    return Shape("mesh", (*(high - low),), (*((low + high) / 2.0),), colour=colour, mesh=mesh)
-
-
-def _load_mesh(name: str, folder: Path, transform: np.ndarray) -> Any:
-    trimesh = uninterrupted_import("trimesh")  # slow, and needed for meshes only
-    path = _mesh_path(name, folder)
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in _MESH_KINDS:
-        raise DataError(
-            f"The mesh {quoted(name)} is of the kind {quoted(kind)}; allowed are "
-            f"{', '.join(_MESH_KINDS)}."
-        )
-    content = io.BytesIO(read_bytes(path, _MAX_MESH_BYTES))
-    try:
-        mesh: Any = trimesh.load(content, file_type=kind, force="mesh", skip_materials=True)
-        mesh.apply_transform(transform)
-        arrays = np.asarray(mesh.vertices), np.asarray(mesh.vertex_normals)
-    except Exception as error:  # parsers of mesh files raise anything
-        raise DataError(
-            f"The mesh {quoted(name)} cannot be read: {type(error).__name__}."
-        ) from error
-    if not (len(mesh.faces) and all(np.isfinite(array).all() for array in arrays)):
-        raise DataError(f"The mesh {quoted(name)} has no triangles, or values that are not finite.")
-    return mesh
-
-
-def _mesh_path(name: str, folder: Path) -> Path:
-    path = (folder / re.sub(r"^package://[^/]*/|^file://", "", name)).resolve()
-    if not path.is_relative_to(folder.resolve()):
-        raise DataError(
-            f"The mesh {quoted(name)} is outside of the folder {folder}; meshes are read from "
-            "there alone."
-        )
-    return path
-
-
-def _floats(text: str) -> tuple[float, ...]:
-    return tuple(float(word) for word in text.split())
+    at_rest = np.zeros(crane.layout.n)
+    # Only the positions are needed, not the velocities.
+    positions, _ = body_points(
+        crane.model, crane.data, crane.payload.body, points, run.q[row], at_rest
+    )
+    heights = positions[2]
+    return positions[:, heights < heights.min() + _TOUCHING_HEIGHT].T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,20 +15,36 @@ from scipy.spatial.transform import Rotation
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
-from cranedyn.recording.shapes import rope_line, shapes
+from cranedyn.recording.shapes import Shape, rope_line, shapes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 class Outline(NamedTuple):
-    """Outline of a shape on the picture plane [m], shape (n, 2), its distance towards the eye [m]
-    and its colour.
+    """Outline of a shape on the picture plane.
+
+    Attributes:
+        corners: Its corners [m], shape (n, 2).
+        depth: Distance towards the eye of its nearest point [m]: larger ones are drawn in front.
+        colour: Red, green, blue and alpha, 0 to 1.
     """
 
     corners: np.ndarray
     depth: float
     colour: tuple[float, ...]
+
+
+class _LinkOutlines(NamedTuple):
+    """Outlines of the shapes of a link at a pose.
+
+    Attributes:
+        pose: Homogeneous matrix of the link in the world, shape (4, 4).
+        outlines: The outlines.
+    """
+
+    pose: np.ndarray
+    outlines: list[Outline]
 
 
 class Projection:
@@ -56,19 +73,23 @@ class Projection:
             heading: Rotation of the crane about its foot [rad].
             meshes: Folder of the mesh files; None draws no meshes.
         """
+        # Unit vectors: to the eye along the ground, to the eye, and to the right in the picture.
         level = np.array([-np.cos(turn), -np.sin(turn), 0.0])
-        eye = np.cos(rise) * level + [0.0, 0.0, np.sin(rise)]
+        to_eye = np.cos(rise) * level + [0.0, 0.0, np.sin(rise)]
         right = np.cross([0.0, 0.0, 1.0], level)
-        self._axes = np.array([right, np.cross(eye, right), eye])
+        upward = np.cross(to_eye, right)
+        # Rows: the axes of the picture, and the depth.
+        self._axes = np.array([right, upward, to_eye])
         self._offset = np.array(offset)
         self._turn = Rotation.from_euler("z", heading)
         self._crane = crane
         self._data = crane.model.createData()
-        self._links = {
-            crane.model.getFrameId(link, pin.BODY): [(s.colour, s.hull_points()) for s in group]
-            for link, group in shapes(crane.urdf, meshes).items()
-        }
-        self._past: dict[int, tuple[np.ndarray, list[Outline]]] = {}
+        # Hull points do not change with the pose of the link: they are worked out once.
+        self._shapes: dict[int, list[tuple[Shape, np.ndarray]]] = {}
+        for link, link_shapes in shapes(crane.urdf, meshes).items():
+            frame = crane.model.getFrameId(link, pin.BODY)
+            self._shapes[frame] = [(shape, shape.hull_points()) for shape in link_shapes]
+        self._drawn: dict[int, _LinkOutlines] = {}
 
     def rope(self, q: np.ndarray) -> np.ndarray:
         """Return points of the rope, the payload last, on the picture [m], shape (points, 2)."""
@@ -79,28 +100,40 @@ class Projection:
         return self._project(places)[:, :2]
 
     def outlines(self, q: np.ndarray) -> list[Outline]:
-        """Return the outlines of all shapes, the nearest last; those of links at rest are kept."""
+        """Return the outlines of all shapes at coordinates q, the nearest last."""
         pin.framesForwardKinematics(self._crane.model, self._data, q)
         result: list[Outline] = []
-        for frame, group in self._links.items():
+        for frame, link_shapes in self._shapes.items():
             pose = self._data.oMf[frame]
-            if frame not in self._past or (self._past[frame][0] != pose.homogeneous).any():
-                world = [(colour, p @ pose.rotation.T + pose.translation) for colour, p in group]
-                drawn = [self._outline(colour, points) for colour, points in world]
-                self._past[frame] = pose.homogeneous.copy(), [line for line in drawn if line]
-            result += self._past[frame][1]
+            drawn = self._drawn.get(frame)
+            # A film draws thousands of pictures, in which the tower and others stand still.
+            if drawn is None or (drawn.pose != pose.homogeneous).any():
+                drawn = _LinkOutlines(pose.homogeneous.copy(), self._outline(pose, link_shapes))
+                self._drawn[frame] = drawn
+            result += drawn.outlines
         return sorted(result, key=lambda outline: outline.depth)
 
     def _project(self, points: np.ndarray) -> np.ndarray:
-        return np.asarray((self._turn.apply(points) + self._offset) @ self._axes.T)
+        """Return points of the crane [m] on the picture, with their distances towards the eye as
+        third column [m], shape (n, 3).
+        """
+        in_scene = self._turn.apply(points) + self._offset
+        return np.asarray(in_scene @ self._axes.T)
 
-    def _outline(self, colour: tuple[float, ...], points: np.ndarray) -> Outline | None:
-        plane = self._project(points)
-        try:
-            hull = ConvexHull(plane[:, :2]).vertices
-        except QhullError:  # a plate seen edge-on
-            return None
-        return Outline(plane[hull, :2], float(plane[:, 2].max()), colour)
+    def _outline(
+        self, pose: pin.SE3, link_shapes: Sequence[tuple[Shape, np.ndarray]]
+    ) -> list[Outline]:
+        """Return the outlines of the shapes of a link at a pose; a plate seen edge-on has none."""
+        outlines = []
+        for shape, hull_points in link_shapes:
+            projected = self._project(hull_points @ pose.rotation.T + pose.translation)
+            try:
+                hull = ConvexHull(projected[:, :2]).vertices
+            except QhullError:  # all points are on a line
+                continue
+            depth = float(projected[:, 2].max())
+            outlines.append(Outline(projected[hull, :2], depth, shape.colour))
+        return outlines
 
 
 def sketch(crane: Crane, state: State | None = None, *, width: float = 4.5) -> Figure:
@@ -115,9 +148,12 @@ def sketch(crane: Crane, state: State | None = None, *, width: float = 4.5) -> F
     projection = Projection(crane)
     outlines = projection.outlines(q)
     figure, (ax,) = panels(width=width, height=width)
-    corners, colours = [line.corners for line in outlines], [line.colour for line in outlines]
+    corners = [outline.corners for outline in outlines]
+    colours = [outline.colour for outline in outlines]
     ax.add_collection(PolyCollection(corners, facecolors=colours))
-    ax.plot(*projection.rope(q).T, color="#404040", linewidth=1.2, zorder=0.9)
+    across, up = projection.rope(q).T
+    # Behind the shapes, which Matplotlib draws at a zorder of 1.
+    ax.plot(across, up, color="#404040", linewidth=1.2, zorder=0.9)
     ax.autoscale_view()
     ax.set(aspect="equal", xlabel="[m]", ylabel="[m]")
     return figure

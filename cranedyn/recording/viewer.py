@@ -1,4 +1,7 @@
-"""Look at a recording: in a window, or in a browser on this machine."""
+"""Look at a recording: in a window, or in a browser on this machine.
+
+See `cranedyn.recording.process` for why Rerun's own `spawn` and `serve_web_viewer` are not used.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,23 @@ from cranedyn.recording.record import record
 from cranedyn.recording.run import Run
 
 _INSTEAD = "--serve shows a recording in a browser, as in cranedyn view {} --serve"
+"""What to do where no window can be opened, with a place for the file."""
+
+_MAGIC = b"RRF2"
+"""First bytes of a recording; Rerun's version follows: major and minor number in a byte each."""
+
+_HEADER_BYTES = 8
+"""Number of bytes of which both are the beginning."""
+
+_MAX_PORT = 65534
+"""Largest port of a page: its data is at the next one, which must be a port, too."""
+
+_POLLING_PERIOD = 0.1
+"""Time between two looks at whether the viewer has ended [s]."""
+
+_NOT_FORWARDED = ("server", "date", "connection", "transfer-encoding")
+"""Headers of the viewer's own server that are left out: they are about that connection, or set by
+the server that answers."""
 
 _POLICY = (
     "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
@@ -82,14 +102,15 @@ def check_recording(path: str | Path) -> Path:
     """
     path = Path(path)
     with open_file(path) as file:
-        head = file.read(8)
-    if len(head) < 8 or head[:4] != b"RRF2":
+        head = file.read(_HEADER_BYTES)
+    if len(head) < _HEADER_BYTES or not head.startswith(_MAGIC):
         raise DataError(f"{path} is not a Rerun recording.")
-    theirs = f"{head[4]}.{head[5]}"
-    ours = ".".join(rr.__version__.split(".")[:2])
-    if theirs != ours:
+    file_version = f"{head[4]}.{head[5]}"
+    installed_version = ".".join(rr.__version__.split(".")[:2])
+    if file_version != installed_version:
         raise DataError(
-            f"{path} was written by Rerun {theirs} and this is Rerun {ours}; record it again."
+            f"{path} was written by Rerun {file_version} and this is Rerun {installed_version}; "
+            "record it again."
         )
     return path
 
@@ -112,8 +133,8 @@ def check_port(port: int) -> None:
         OutOfRange: If there is no such port.
         CraneError: If one of the two is in use.
     """
-    if not 1 <= whole("port", port, 1) <= 65534:
-        raise OutOfRange("port", port, "1 to 65534")
+    if not 1 <= whole("port", port, 1) <= _MAX_PORT:
+        raise OutOfRange("port", port, f"1 to {_MAX_PORT}")
     for number in (port, port + 1):
         if not is_free(number):
             raise CraneError(
@@ -132,13 +153,14 @@ def open_viewer(path: str | Path | None = None) -> str:
         The address at which the window takes live data.
 
     Raises:
-        DataError: If the path is no recording.
+        DataError: If the path is no recording of this version of Rerun.
         CraneError: If there is no display, or the viewer cannot be started.
     """
     files = [] if path is None else [str(check_recording(path).resolve())]
     check_display(*files)
     port = free_port()
-    hint = f"Instead, {_INSTEAD.format(*files, 'FILE.rrd')}."
+    shown = files[0] if files else "FILE.rrd"
+    hint = f"Instead, {_INSTEAD.format(shown)}."
     start(*files, "--port", str(port), ports=[port], hint=hint, detached=True)
     return data_address(port)
 
@@ -150,8 +172,11 @@ def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
         path: The recording; None for a page that waits for a live one.
         port: Port of the page; the data is at the next port.
 
+    Returns:
+        The server, which ends with this program at the latest.
+
     Raises:
-        DataError: If the path is no recording.
+        DataError: If the path is no recording of this version of Rerun.
         OutOfRange: If there is no such port.
         CraneError: If a port is in use, or the viewer cannot be started.
     """
@@ -179,11 +204,23 @@ def data_address(port: int) -> str:
 
 
 def _serve_page(port: int, web_port: int, data_port: int) -> ThreadingHTTPServer:
-    """Serve the page of the viewer's own web server at another port, with `_POLICY`."""
+    """Serve the page of the viewer's own web server at another port, with `_POLICY`.
+
+    Rerun has no option for headers of its answers, so this server passes them on with one more.
+
+    Args:
+        port: Port of the page.
+        web_port: Port of the viewer's own web server.
+        data_port: Port from which the page takes its data.
+
+    Raises:
+        OSError: If the port cannot be taken.
+    """
     policy = _POLICY.format(host=HOST, data=data_port)
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
+            # A browser that goes away, or a viewer that has ended, is no error of this server.
             with (
                 suppress(OSError, HTTPException, ValueError),
                 closing(HTTPConnection(HOST, web_port, timeout=30.0)) as source,
@@ -193,14 +230,14 @@ def _serve_page(port: int, web_port: int, data_port: int) -> ThreadingHTTPServer
                 response = source.getresponse()
                 self.send_response(response.status)
                 for name, value in response.getheaders():
-                    if name.lower() not in ("server", "date", "connection", "transfer-encoding"):
+                    if name.lower() not in _NOT_FORWARDED:
                         self.send_header(name, value)
                 self.send_header("Content-Security-Policy", policy)
                 self.end_headers()
                 shutil.copyfileobj(response, self.wfile)
 
         def log_message(self, *arguments: object) -> None:
-            pass
+            """Print nothing; the inherited method prints a line for each request."""
 
     page = ThreadingHTTPServer((HOST, port), Handler)
     threading.Thread(target=page.serve_forever, daemon=True).start()
@@ -236,7 +273,7 @@ class Server:
         with self, suppress(KeyboardInterrupt):
             # A signal just before a wait without limit would be seen only after it.
             while self.process.poll() is None:
-                time.sleep(0.1)
+                time.sleep(_POLLING_PERIOD)
 
     def stop(self) -> None:
         """End the server."""

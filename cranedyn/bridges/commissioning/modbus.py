@@ -19,6 +19,9 @@ except ModuleNotFoundError as error:
 READ_INPUT_REGISTERS = 4
 """Code of the function by which Modbus reads input registers."""
 
+_REGISTER_VALUES = 0x10000
+"""Number of values of a register of 16 bits."""
+
 
 async def serve_modbus(image: ProcessImage, host: str, port: int) -> ModbusTcpServer:
     """Return a server of commands as holding registers and readings as input registers, which runs
@@ -33,7 +36,11 @@ async def serve_modbus(image: ProcessImage, host: str, port: int) -> ModbusTcpSe
     async def access(
         code: int, first: int, address: int, count: int, registers: list[int], values: object
     ) -> None:
-        """Take what is written; fill the registers before they are read."""
+        """Take what is written; fill the registers before they are read.
+
+        pymodbus calls it before it answers a client, with the values of a write, or without any for
+        a read.
+        """
         if isinstance(values, list):
             _take(image, commands[address : address + count], values)
         elif code == READ_INPUT_REGISTERS:
@@ -65,8 +72,9 @@ def _take(image: ProcessImage, words: Sequence[Word], values: Sequence[int]) -> 
     """
     commands = {}
     for word, value in zip(words, values, strict=True):
-        half = 0x8000 if word.kind == "INT16" else 0
-        commands[word.name] = (value + half) % 0x10000 - half
+        # Moved up by half of the range and down again, the upper half comes out negative.
+        half = _REGISTER_VALUES // 2 if word.kind == "INT16" else 0
+        commands[word.name] = (value + half) % _REGISTER_VALUES - half
     image.commands.update(commands)
 
 
@@ -75,6 +83,7 @@ def _registers(words: Sequence[Word], numbers: Mapping[str, int]) -> list[int]:
     registers = []
     for word in words:
         number = numbers[word.name]
+        # The lowest 16 bits of a negative number are its two's complement.
         if word.size == 2:
             registers.append(number >> 16 & 0xFFFF)
         registers.append(number & 0xFFFF)

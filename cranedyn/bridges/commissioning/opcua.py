@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import hmac
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from cranedyn.bridges.commissioning.security import Security
 from cranedyn.bridges.commissioning.words import ProcessImage, Word
 from cranedyn.errors import CraneError
 
@@ -51,9 +53,12 @@ _KINDS = {
     "INT16": ua.VariantType.Int16,
     "INT32": ua.VariantType.Int32,
 }
+"""Types of OPC UA by those of words."""
 
 
 class _OneUser(UserManager):
+    """Lets in one user, with a password and, if there are any, one of the trusted certificates."""
+
     def __init__(self, user: str, password: str, trusted: set[bytes] | None) -> None:
         self._login = f"{user}\n{password}".encode()
         self._trusted = trusted
@@ -61,9 +66,12 @@ class _OneUser(UserManager):
     def get_user(
         self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None
     ) -> User | None:
-        right = hmac.compare_digest(f"{username}\n{password}".encode(), self._login)
-        known = self._trusted is None or certificate in self._trusted
-        return User(UserRole.User, username) if right and known else None
+        """Return the user, None for somebody who does not get in."""
+        # The comparison takes as long wherever the first difference is, so that its time does not
+        # tell how much of a guess was right.
+        is_right_login = hmac.compare_digest(f"{username}\n{password}".encode(), self._login)
+        is_trusted = self._trusted is None or certificate in self._trusted
+        return User(UserRole.User, username) if is_right_login and is_trusted else None
 
 
 class _BoundedProtocol(OPCUAProtocol):
@@ -98,7 +106,8 @@ class _BoundedProtocol(OPCUAProtocol):
             if self.transport.is_closing():
                 self._received.clear()
                 return
-            if self._buffer:  # asyncua has not understood the header, and would keep what follows
+            if self._buffer:
+                # asyncua has not understood the header, and would keep what follows.
                 self._refuse("a header that is none of OPC UA")
                 return
         self._pause(chunks / _CHUNKS_PER_SECOND)
@@ -149,11 +158,16 @@ async def _listen(server: Server) -> None:
         asyncua_server.BinaryServer = original  # type: ignore[misc]
 
 
-async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any = None) -> Server:
+async def serve_opcua(
+    image: ProcessImage, host: str, port: int, security: Security | None = None
+) -> Server:
     """Return a server of the words as variables of the object Crane, which runs until its `stop`.
 
-    Security is files of certificate and private key, user and password of clients, which then
-    encrypt, and their certificates, files or folders, None for any; without security all get in.
+    Args:
+        image: The words and their numbers.
+        host: Host at which it listens.
+        port: Port at which it listens.
+        security: What protects it; without it everybody gets in.
 
     Raises:
         CraneError: If it cannot listen at this address, or a file of the security cannot be read.
@@ -162,21 +176,14 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
     server.limits.max_chunk_count = MAX_CHUNKS_OF_MESSAGE
     server.limits.max_message_size = MAX_CHUNKS_OF_MESSAGE * MAX_CHUNK
     await server.init()
-    server.set_endpoint(f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/")
-    policy, token = "NoSecurity", "AnonymousIdentityToken"
-    if security:
-        policy, token = "Basic256Sha256_SignAndEncrypt", "UserNameIdentityToken"
-        try:
-            await server.load_certificate(security[0])
-            await server.load_private_key(security[1])
-            paths = security[4]
-            files = [f for p in paths or () for f in (p.iterdir() if p.is_dir() else [p])]
-            trusted = paths and {await _encoded(file) for file in files}
-            server.iserver.user_manager = _OneUser(security[2], security[3], trusted)
-        except (OSError, ValueError, TypeError) as error:
-            raise CraneError(f"Certificate or key cannot be read: {error}.") from error
-    server.set_security_policy([ua.SecurityPolicyType[policy]])
-    server.set_identity_tokens([getattr(ua, token)])
+    # An address of IPv6 has colons, and stands in brackets in a URL.
+    host_in_url = f"[{host}]" if ":" in host else host
+    server.set_endpoint(f"opc.tcp://{host_in_url}:{port}/")
+    if security is None:
+        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        server.set_identity_tokens([ua.AnonymousIdentityToken])
+    else:
+        await _secure(server, security)
     space = await server.register_namespace("urn:cranedyn:crane")
     crane = await server.nodes.objects.add_object(f"ns={space};s=Crane", f"{space}:Crane")
     for word in image.words:
@@ -188,15 +195,49 @@ async def serve_opcua(image: ProcessImage, host: str, port: int, security: Any =
     return server
 
 
-async def _encoded(file: Path) -> bytes:
-    return (await load_certificate(file)).public_bytes(Encoding.DER)
+async def _secure(server: Server, security: Security) -> None:
+    """Have a server encrypt, and let in one user only.
+
+    Raises:
+        CraneError: If a file of the security cannot be read.
+    """
+    try:
+        await server.load_certificate(security.certificate)
+        await server.load_private_key(security.key)
+        trusted = None
+        if security.trusted is not None:
+            trusted = await _load_trusted(security.trusted)
+        server.iserver.user_manager = _OneUser(security.user, security.password, trusted)
+    except (OSError, ValueError, TypeError) as error:
+        raise CraneError(f"Certificate or key cannot be read: {error}.") from error
+    server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
+    server.set_identity_tokens([ua.UserNameIdentityToken])
+
+
+async def _load_trusted(paths: Sequence[Path]) -> set[bytes]:
+    """Return certificates, from files and folders of them, in the encoding in which clients send
+    theirs.
+    """
+    files: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            files += path.iterdir()
+        else:
+            files.append(path)
+    trusted = set[bytes]()
+    for file in files:
+        certificate = await load_certificate(file)
+        trusted.add(certificate.public_bytes(Encoding.DER))
+    return trusted
 
 
 async def _add_word(server: Server, crane: Any, image: ProcessImage, word: Word) -> None:
-    """Add a node that reads and writes the image."""
+    """Add a node that reads and writes the image: no number is kept in two places."""
     kind = _KINDS[word.kind]
     node = await crane.add_variable(f"ns=2;s={word.name}", f"2:{word.name}", 0, kind)
-    text = ua.LocalizedText(f"{word.meaning} [{word.scale:g} {word.unit}]".replace(" [1 ]", ""))
+    # Bits, codes and counters have neither a scale nor a unit.
+    description = f"{word.meaning} [{word.scale:g} {word.unit}]".replace(" [1 ]", "")
+    text = ua.LocalizedText(description)
     await node.write_attribute(ua.AttributeIds.Description, ua.DataValue(ua.Variant(text)))
 
     def read(*_: Any) -> ua.DataValue:
@@ -209,7 +250,8 @@ async def _add_word(server: Server, crane: Any, image: ProcessImage, word: Word)
             raise ua.UaStatusCodeError(ua.StatusCodes.BadTypeMismatch)
         if not word.holds(variant.Value):
             raise ua.UaStatusCodeError(ua.StatusCodes.BadOutOfRange)
-        if word.command:  # a reading is written by `publish` alone, for its subscriptions
+        # A reading is written by `publish` alone, for its subscriptions; the image has it already.
+        if word.command:
             image.commands[word.name] = variant.Value
 
     server.set_attribute_value_callback(node.nodeid, read)
@@ -223,6 +265,7 @@ async def publish(server: Server, image: ProcessImage) -> None:
     kinds = {word.name: _KINDS[word.kind] for word in image.words}
     last: dict[str, int] = {}
     while True:
+        # Each cycle of the plant replaces this dictionary, so these are of one cycle.
         readings = image.readings
         for name, value in readings.items() - last.items():
             node = ua.NodeId.from_string(f"ns=2;s={name}")

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from cranedyn.bridges.commissioning.security import Security
 from cranedyn.bridges.commissioning.served_crane import PERIOD, ServedCrane
 from cranedyn.bridges.commissioning.words import write_map
 from cranedyn.bridges.target import check_new_folder, name_default_rates, new_folder
@@ -47,7 +48,20 @@ up to 1 s for its own clock."""
 _LONGEST_SLEEP = 0.1
 """Longest time between two looks for Ctrl-C [s]."""
 
+_SWITCH_INTERVAL = 5e-4
+"""Time after which Python hands over to another thread [s]: a tenth of a cycle."""
+
+_MAX_DELAY = 1.0
+"""Delay from which on a cycle is not made up for [s]."""
+
+_EVENT_PERIOD = 0.1
+"""Time between two looks for events to print [s]."""
+
+_REALTIME_PRIORITY = 10
+"""Real-time priority of the plant, 1 to 99; programs without one have less than 1."""
+
 Address = tuple[str, int]
+"""Host and port."""
 
 
 def address(text: str) -> Address:
@@ -62,17 +76,23 @@ def address(text: str) -> Address:
     return host.strip("[]"), int(port)
 
 
-def check_exposure(options: argparse.Namespace) -> Any:
-    """Return certificate, key, user, password and trusted clients of OPC UA, None for no security.
+def check_exposure(options: argparse.Namespace) -> Security | None:
+    """Return what protects the OPC UA server of a command line; None for no protection.
+
+    Args:
+        options: The options of `add_arguments`.
 
     Raises:
-        CraneError: If other machines would reach a server without what protects it.
+        CraneError: If other machines would reach a server without what protects it, or a part of
+            that is missing.
     """
-    login = options.certificate, options.key, options.user, os.environ.get(PASSWORD)
-    given = any((*login[:3], options.trust))
-    trust = options.trust
-    beyond = bool(options.opcua) and options.opcua[0] not in LOCAL
-    if options.opcua and (beyond or given) and not (all(login) and (trust or not beyond)):
+    password = os.environ.get(PASSWORD)
+    has_login = all((options.certificate, options.key, options.user, password))
+    is_exposed = bool(options.opcua) and options.opcua[0] not in LOCAL
+    # The password alone asks for nothing: it may be set for other runs.
+    is_asked_for = any((options.certificate, options.key, options.user, options.trust))
+    is_complete = has_login and (options.trust or not is_exposed)
+    if options.opcua and (is_exposed or is_asked_for) and not is_complete:
         raise CraneError(
             f"OPC UA at {options.opcua[0]} needs --certificate, --key, --user, --trust, and a "
             f"password in the environment variable {PASSWORD}; a server for this machine alone "
@@ -83,7 +103,9 @@ def check_exposure(options: argparse.Namespace) -> Any:
             f"Modbus has no security, so whoever reaches {options.modbus[0]} drives the crane; "
             "--insecure-modbus serves it there all the same."
         )
-    return (*login, trust) if all(login) else None
+    if not has_login:
+        return None
+    return Security(options.certificate, options.key, options.user, password or "", options.trust)
 
 
 class _ClientErrors(logging.Handler):
@@ -98,6 +120,7 @@ class _ClientErrors(logging.Handler):
         self.count = 0
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Count a report."""
         self.count += 1
 
     def __enter__(self) -> _ClientErrors:
@@ -115,11 +138,17 @@ def servers(
     plant: ServedCrane,
     opcua: Address | None = None,
     modbus: Address | None = None,
-    security: Any = None,
+    security: Security | None = None,
 ) -> Iterator[None]:
     """Serve a plant in a thread of its own while the context lasts, and print its events.
 
     At the end it prints how many errors of clients the servers have reported, if there were any.
+
+    Args:
+        plant: The plant.
+        opcua: Host and port of OPC UA; None for none.
+        modbus: Host and port of Modbus; None for none.
+        security: What protects OPC UA; without it everybody gets in.
 
     Raises:
         CraneError: If a server cannot listen, or an extra is not installed.
@@ -129,9 +158,11 @@ def servers(
     thread.start()
 
     def start(work: Coroutine[Any, Any, Any]) -> Any:
+        """Start a coroutine in the thread of the servers and return its future."""
         return asyncio.run_coroutine_threadsafe(work, loop)
 
     async def end_tasks() -> None:
+        """Cancel all that still runs in the loop, and end the loop."""
         tasks = asyncio.all_tasks(loop) - {asyncio.current_task(loop)}
         for task in tasks:
             task.cancel()
@@ -140,16 +171,20 @@ def servers(
         loop.stop()
 
     def close(work: Coroutine[Any, Any, Any]) -> None:
+        """Wait for the end of a server, but not long."""
         # A client that never takes its answers must not keep the run from being recorded.
         with contextlib.suppress(TimeoutError):
             start(work).result(_CLOSING_TIME)
 
     with contextlib.ExitStack() as stack:
+        # Callbacks run in the opposite order: servers close, all tasks end, the thread ends, and
+        # the loop is closed.
         errors = stack.enter_context(_ClientErrors())
         stack.callback(loop.close)
         stack.callback(thread.join)
         stack.callback(lambda: start(end_tasks()))
         if opcua:
+            # It needs the extra serve.
             from cranedyn.bridges.commissioning.opcua import publish, serve_opcua
 
             server = start(serve_opcua(plant.image, *opcua, security)).result()
@@ -172,12 +207,13 @@ def servers(
 
 
 async def _print_events(plant: ServedCrane) -> None:
+    """Print the events of a plant as they come, until cancelled."""
     printed = 0
     while True:
         for t, text in plant.events[printed:]:
             print(f"t = {t:.3f} s: {text}", flush=True)
             printed += 1
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(_EVENT_PERIOD)
 
 
 def keep_time(
@@ -200,25 +236,32 @@ def keep_time(
         RunError: If the model ceases to hold; it carries what was recorded.
     """
     period = PERIOD / speed
+    # How late each cycle began, and when it was done after it was due [s]. Arrays of C doubles hold
+    # an hour of cycles in 12 MB, and have no objects to collect.
     late = array("d")
     done = array("d")
     interval = sys.getswitchinterval()
-    sys.setswitchinterval(5e-4)  # the thread of the servers hands over in a tenth of a cycle
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     gc.collect()
-    gc.freeze()  # collections look only at what the servers make
+    # From now on collections look only at what the servers make.
+    gc.freeze()
     due = time.perf_counter()
     try:
         for _ in range(cycles):
-            while (wait := due - time.perf_counter()) > 0.0 and not stopped():
+            wait = due - time.perf_counter()
+            while wait > 0.0 and not stopped():
                 time.sleep(min(wait, _LONGEST_SLEEP))
+                wait = due - time.perf_counter()
             if stopped():
                 break
-            due -= wait if wait < -1.0 else 0.0
+            if wait < -_MAX_DELAY:
+                due -= wait
             late.append(-wait)
             plant.cycle()
             done.append(time.perf_counter() - due)
             due += period
     except KeyboardInterrupt:
+        # The cycle that was interrupted does not count.
         late = late[: len(done)]
     except RunError as error:
         error.trajectory = plant.trajectory()
@@ -226,10 +269,22 @@ def keep_time(
     finally:
         sys.setswitchinterval(interval)
         gc.unfreeze()
-    held = 100.0 * np.mean(np.array(done or [0.0]) <= period)
-    typical, worst = np.percentile(1e3 * np.array(late or [0.0]), [99.9, 100.0])
+    return _describe_timing(period, np.array(late or [0.0]), np.array(done or [0.0]), len(done))
+
+
+def _describe_timing(period: float, late: np.ndarray, done: np.ndarray, cycles: int) -> str:
+    """Return how a clock was kept, as a sentence.
+
+    Args:
+        period: Time between two cycles [s].
+        late: How late cycles began [s], shape (n,).
+        done: Time after they were due at which they were done [s], shape (n,).
+        cycles: Number of cycles.
+    """
+    in_time = 100.0 * np.mean(done <= period)
+    typical, worst = np.percentile(1e3 * late, [99.9, 100.0])
     return (
-        f"{len(done)} cycles of {1e3 * period:g} ms, {held:.2f} % of them finished in time; jitter "
+        f"{cycles} cycles of {1e3 * period:g} ms, {in_time:.2f} % of them finished in time; jitter "
         f"{worst:.2f} ms at most, {typical:.2f} ms in 99.9 %."
     )
 
@@ -272,11 +327,7 @@ def run(options: argparse.Namespace) -> int:
     check_new_folder(folder)
     _try_recording(plant.crane)
     if options.realtime:
-        try:  # for this thread and those that it starts
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-        except (AttributeError, OSError) as error:
-            text = f"This system grants no real-time priority ({error}); leave out --realtime."
-            raise CraneError(text) from error
+        _ask_for_priority()
     cycles = round(options.duration / PERIOD)
     # At its end Python looks through all objects for cycles, for a second or more, although the
     # system takes back the memory anyway.
@@ -293,9 +344,23 @@ def run(options: argparse.Namespace) -> int:
                 if plant.cycles:
                     _save(folder, plant)
     except KeyboardInterrupt:
-        if not plant.cycles:  # it came while the servers were started
+        # One that came while the servers were started: nothing was run.
+        if not plant.cycles:
             raise
     return 0
+
+
+def _ask_for_priority() -> None:
+    """Give this thread, and those that it starts, real-time priority.
+
+    Raises:
+        CraneError: If the system does not grant it.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_REALTIME_PRIORITY))
+    except (AttributeError, OSError) as error:
+        text = f"This system grants no real-time priority ({error}); leave out --realtime."
+        raise CraneError(text) from error
 
 
 def _try_recording(crane: Crane) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.bridges.commissioning import words as w
+from cranedyn.bridges.commissioning import words
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.converters import ROUNDING, STEPS, converters
@@ -56,6 +56,10 @@ MOVING = 0.02
 STOPPED = 0.01
 """Speed at which a brake closes, and deviation with which a drive is at speed, as shares of the
 largest rate."""
+
+HOLDING_EFFORT_DIGITS = 6
+"""Number of decimals of a holding effort that count [N m or N]; what is left of a drive that
+gravity does not move is round-off."""
 
 
 class ServedCrane:
@@ -110,33 +114,36 @@ class ServedCrane:
             raise OutOfRange("rates of the start", self.state.v.tolist(), "0", "/s")
         self.fault = 0
         self.cycles = 0
-        self.events = list[tuple[float, str]]()
-        self.image = w.ProcessImage(w.word_map(crane, self._drive))
+        self.events: list[tuple[float, str]] = []
+        self.image = words.ProcessImage(words.word_map(crane, self._drive))
         # It is compiled now, so that the first cycle does not wait for that.
         self._recorded = RecordedCrane(spec, "compiled", controller=self)
 
-        self._layout = layout = crane.layout
+        layout = crane.layout
+        self._layout = layout
         self._hoist = layout.drive_of("hoist")
         self._symbols = [joint.symbol for joint in layout.driven]
-        self._counts = np.array([w.COUNT[joint.unit] for joint in layout.driven])
-        # Time until a drive brakes with the acceleration of its ramp.
+        self._counts = np.array([words.COUNT[joint.unit] for joint in layout.driven])
+        # Time from a command until a drive brakes with the acceleration of its ramp [s].
         self._lag = self._drive.lags + self._drive.delay + ROUNDING
         holding = holding_effort(crane, self.state.q)
         # Sense in which gravity moves each drive; 0 where it does not.
-        self._gravity = -np.sign(holding.round(6))
+        self._gravity_sense = -np.sign(holding.round(HOLDING_EFFORT_DIGITS))
 
         drive_positions = self.state.q[layout.drives]
+        # Rates that the converters are commanded, and where these lead the drives.
         self._command = np.zeros(layout.m)
+        self._setpoint = drive_positions.copy()
         self._running = np.zeros(layout.m, dtype=bool)
         self._closed = ~self._running
         # Whether each drive is at its lower and at its upper end.
         self._at_end = np.zeros((2, layout.m), dtype=bool)
         self._encoder = drive_positions / self._counts
-        self._setpoint = drive_positions.copy()
         self._last_commands = self.image.commands.copy()
         self._resetting = False
-        self._heard = 0.0
-        self._impossible = set[str]()
+        # Time of the last new heartbeat, or at which no drive was enabled [s].
+        self._last_heartbeat = 0.0
+        self._impossible: set[str] = set()
         self._publish(self._last_commands, holding)
 
     @property
@@ -151,17 +158,18 @@ class ServedCrane:
             RunError: If the model ceases to hold, or the crane moves beyond all bounds.
         """
         commands, impossible = self.image.accepted(self._last_commands)
-        # Said once, when it begins.
+        # An event is told once, when it begins.
         for name in sorted(set(impossible) - self._impossible):
             self.events.append((self.t, f"{name} is no number of its type; the last command holds"))
         self._impossible = set(impossible)
-        if commands["inject"] & w.MESSAGES_LOST:
+        if commands["inject"] & words.MESSAGES_LOST:
             # What is injected still arrives, or it could not be ended.
             commands = {**self._last_commands, "inject": commands["inject"]}
         self._switch(commands)
         self._command = self._limited(commands)
         self._setpoint += PERIOD * self._command
-        wind = np.array([commands["wind"] * w.WIND, 0.0, 0.0])
+        # The wind blows along +X. The payload is the first point of a crane.
+        wind = np.array([commands["wind"] * words.WIND, 0.0, 0.0])
         force = np.zeros((len(self._layout.points), 3))
         force[0] = drag_force(AREA, wind - point_velocities(self.crane, self.state)[0])
         self.state = self._recorded.step(self._command, self._setpoint, force)
@@ -177,13 +185,14 @@ class ServedCrane:
     def _switch(self, commands: dict[str, int]) -> None:
         """Enable and stop the drives, close the brakes, and reset a fault."""
         control = self._column(commands, "control")
-        enabled = control & w.ENABLE > 0
-        resetting = bool((control & w.RESET).any())
+        enabled = control & words.ENABLE > 0
+        resetting = bool((control & words.RESET).any())
         heartbeat_changed = commands["heartbeat"] != self._last_commands["heartbeat"]
         if heartbeat_changed or not enabled.any():
-            self._heard = self.t
-        if self.t - self._heard > w.TIMEOUT:
-            self._trip(w.WATCHDOG)
+            self._last_heartbeat = self.t
+        if self.t - self._last_heartbeat > words.TIMEOUT:
+            self._trip(words.WATCHDOG)
+        # A reset bit must rise: one that stays set would hide the next fault.
         if self.fault and resetting and not self._resetting and not enabled.any():
             self.fault = 0
             self.events.append((self.t, "fault reset"))
@@ -196,17 +205,19 @@ class ServedCrane:
     def _limited(self, commands: Mapping[str, int]) -> np.ndarray:
         """Return the rates that the converters are commanded [rad/s or m/s], shape (m,)."""
         command = self._ramped(commands)
-        slips = self._column(commands, "inject") & w.BRAKE_SLIP > 0
+        # A brake that slips lets its drive move slowly in the sense of gravity.
+        slips = self._column(commands, "inject") & words.BRAKE_SLIP > 0
         slips &= self._closed
         # A crane that has seen its brake slip is held by the converter.
-        slips &= self.fault != w.BRAKE
-        command[slips] = (SLIP * self._gravity * self._drive.rates)[slips]
+        slips &= self.fault != words.BRAKE
+        command[slips] = (SLIP * self._gravity_sense * self._drive.rates)[slips]
 
+        # Row 0 is the lower end, row 1 the upper one.
         v = self.state.v[self._layout.drives]
         travel_before_braking = np.maximum([-v, v], 0.0) * self._lag
         room = self._room() - MARGIN - travel_before_braking
-        # A drive stops from the rate √(2 b d) in the distance d, with b half of the acceleration of
-        # the ramps: the other half is left for their rounding.
+        # A drive stops from the rate √(2 b d) in the distance d. With b half of the acceleration a
+        # of the ramps it is √(a d): the other half is left for their rounding.
         bound = np.sqrt(self._drive.accelerations * np.maximum(room, 0.0))
         self._at_end = bound < STOPPED * self._drive.rates
         return np.clip(command, -bound[0], bound[1])
@@ -222,9 +233,11 @@ class ServedCrane:
         ramp_time = 1e-3 * self._column(commands, "ramp")
         if self.fault:
             ramp_time = np.zeros_like(ramp_time)
+        # A ramp time of 0 leaves the ramp to the converter.
         largest_step = np.full_like(rates, np.inf)
         np.divide(PERIOD * rates, ramp_time, out=largest_step, where=ramp_time > 0.0)
-        change = np.where(self._running, share * rates, 0.0) - self._command
+        goal = np.where(self._running, share * rates, 0.0)
+        change = goal - self._command
         return self._command + np.clip(change, -largest_step, largest_step)
 
     def _room(self) -> np.ndarray:
@@ -235,7 +248,7 @@ class ServedCrane:
         room = np.array([q - self.crane.lower, self.crane.upper - q])[:, self._layout.drives]
         if self._hoist is not None:
             # Gravity lowers towards the upper end of a rope, and to the lower end of a height.
-            end = int(self._gravity[self._hoist] > 0.0)
+            end = int(self._gravity_sense[self._hoist] > 0.0)
             height = float(point_positions(self.crane, q)[0, 2]) - GROUND
             room[end, self._hoist] = min(room[end, self._hoist], height)
         return room
@@ -250,18 +263,19 @@ class ServedCrane:
         speed = self.state.v[self._layout.drives]
         self._read_encoders(self._column(commands, "inject"), speed)
         slipping = self._closed & (np.abs(speed) > MOVING * self._drive.rates)
-        self._trip_drives(w.BRAKE, slipping)
-        rope_sensor_lost = bool(commands["inject"] & w.ROPE_SENSOR_LOST)
+        self._trip_drives(words.BRAKE, slipping)
+        rope_sensor_lost = bool(commands["inject"] & words.ROPE_SENSOR_LOST)
         if rope_sensor_lost:
-            self._trip(w.ROPE_SENSOR)
+            self._trip(words.ROPE_SENSOR)
 
         readings = {
+            # A counter of 16 bits begins anew.
             "cycle": self.cycles & 0xFFFF,
             "fault": self.fault,
             "wind_speed": commands["wind"],
         }
         for name, value in self._rope_readings(effort).items():
-            readings[name] = w.INVALID if rope_sensor_lost else round(value)
+            readings[name] = words.INVALID if rope_sensor_lost else round(value)
         status = self._status(speed)
         for i, symbol in enumerate(self._symbols):
             readings[f"{symbol}.status"] = int(status[i])
@@ -277,12 +291,12 @@ class ServedCrane:
             speed: Rates of the drives [rad/s or m/s], shape (m,).
         """
         position = self.state.q[self._layout.drives]
-        jump = np.where(inject & w.ENCODER_JUMP > 0, JUMP, 0)
+        jump = np.where(inject & words.ENCODER_JUMP > 0, JUMP, 0)
         encoder = np.round(position / self._counts) + jump
         moved = encoder - self._encoder
         is_wrong = np.abs(moved - PERIOD * speed / self._counts) > TOLERANCE
         self._encoder = encoder
-        self._trip_drives(w.ENCODER, is_wrong)
+        self._trip_drives(words.ENCODER, is_wrong)
 
     def _rope_readings(self, effort: np.ndarray) -> dict[str, float]:
         """Return what the sensors of the rope read, by name: angles and load [counts].
@@ -293,7 +307,7 @@ class ServedCrane:
         q, v = self.state
         layout = self._layout
         readings = {}
-        angles = self.crane.swing_angles(q) / w.ANGLE
+        angles = self.crane.swing_angles(q) / words.ANGLE
         for i, angle in zip(self.crane.swings.tolist(), angles, strict=True):
             readings[f"{layout.symbols[i]}.angle"] = angle
         if self._hoist is not None:
@@ -315,7 +329,7 @@ class ServedCrane:
             "upper end": self._at_end[1],
         }
         status = np.zeros(self._layout.m, dtype=int)
-        for i, name in enumerate(w.STATUS):
+        for i, name in enumerate(words.STATUS):
             status |= np.where(bits[name], 1 << i, 0)
         return status
 
@@ -328,7 +342,7 @@ class ServedCrane:
         """Stop all drives by a fault; the first one stays."""
         if not self.fault:
             self.fault = code
-            self.events.append((self.t, f"{drive} {w.FAULTS[code]}".strip()))
+            self.events.append((self.t, f"{drive} {words.FAULTS[code]}".strip()))
 
     def notes(self) -> dict[str, Any]:
         """Return the events, for the record of the run."""

@@ -91,7 +91,23 @@ drive encoder      reading INT32  count  unit position
 """Owner, name, direction, type, scale, unit and meaning; `word_map` reads it for a crane."""
 
 NO_JOINT = -1
-"""Stands for the crane itself among its joints."""
+"""Index that stands for the crane itself among those of its joints."""
+
+_HEADING = (
+    "name",
+    "direction",
+    "type",
+    "opc_ua_node",
+    "modbus_table",
+    "modbus_address",
+    "scale",
+    "unit",
+    "meaning",
+)
+"""Columns of the file of `write_map`."""
+
+_RANGES = {"UINT16": (0, 2**16 - 1), "INT16": (-(2**15), 2**15 - 1), "INT32": (-(2**31), 2**31 - 1)}
+"""Smallest and largest number of a word, by its type."""
 
 
 class Word(NamedTuple):
@@ -123,11 +139,8 @@ class Word(NamedTuple):
     def holds(self, value: object) -> bool:
         """Return whether a value is a whole number that this word can carry. NaN is none."""
         low, high = _RANGES[self.kind]
+        # True and False are integers for Python.
         return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
-
-
-_RANGES = {"UINT16": (0, 2**16 - 1), "INT16": (-(2**15), 2**15 - 1), "INT32": (-(2**31), 2**31 - 1)}
-"""Smallest and largest number of a word, by its type."""
 
 
 def word_map(crane: Crane, converters: Converters) -> tuple[Word, ...]:
@@ -148,8 +161,9 @@ def word_map(crane: Crane, converters: Converters) -> tuple[Word, ...]:
         "swing": crane.swings.tolist(),
         "hoist": the_crane if layout.drive_of("hoist") is not None else [],
     }
+    # The meaning is the seventh entry of a row, with all its words.
     rows = [row.split(None, 6) for row in TABLE.strip().splitlines()]
-    words = list[Word]()
+    words: list[Word] = []
     next_address = {"command": 0, "reading": 0}
     for owner, group in groupby(rows, key=lambda row: row[0]):
         entries = list(group)
@@ -157,6 +171,7 @@ def word_map(crane: Crane, converters: Converters) -> tuple[Word, ...]:
             prefix = "" if joint == NO_JOINT else f"{layout.symbols[joint]}."
             # Scales and units of a drive stand in the table by these names.
             unit_of_joint = layout.units[joint]
+            # A joint that swings has no rate, and no row with one.
             scales = {"rate": rate_count_of.get(joint), "count": COUNT[unit_of_joint]}
             units = {"rate": f"{unit_of_joint}/s", "unit": unit_of_joint, "-": ""}
             for _, name, direction, kind, scale, unit, meaning in entries:
@@ -175,15 +190,18 @@ def word_map(crane: Crane, converters: Converters) -> tuple[Word, ...]:
 
 
 def write_map(file: Path, words: Sequence[Word]) -> Path:
-    """Write words as a CSV file, which must not exist yet, and return its path.
+    """Write words as a CSV file and return its path.
+
+    Args:
+        file: The file, which must not exist yet.
+        words: The words.
 
     Raises:
         DataError: If it exists or cannot be written.
     """
-    heading = "name direction type opc_ua_node modbus_table modbus_address scale unit meaning"
     with new_file(file) as draft, draft.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow(heading.split())
+        writer.writerow(_HEADING)
         for word in words:
             writer.writerow(
                 [

@@ -26,6 +26,7 @@ import pytest
 from cranedyn.__main__ import main
 from cranedyn.bridges.commissioning import serve
 from cranedyn.bridges.commissioning import words as w
+from cranedyn.bridges.commissioning.security import Security
 from cranedyn.bridges.commissioning.served_crane import ServedCrane
 from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, DataError
@@ -374,11 +375,11 @@ def test_beyond_this_machine_opc_ua_needs_a_certificate_and_a_user_and_modbus_a_
     assert serve.check_exposure(options("--opcua", "localhost:4840", "--modbus", "::1:5")) is None
     monkeypatch.setenv(serve.PASSWORD, "hoist")
     words = ("--certificate", "c", "--key", "k", "--user", "anna")
-    assert serve.check_exposure(options("--opcua", "localhost:4840", *words))[-1] is None
+    assert serve.check_exposure(options("--opcua", "localhost:4840", *words)).trusted is None
     with pytest.raises(CraneError, match="--trust"):
         serve.check_exposure(options("--opcua", "0.0.0.0:4840", *words))
     trusting = options("--opcua", "0.0.0.0:4840", *words, "--trust", "a", "b")
-    assert serve.check_exposure(trusting)[-1] == [Path("a"), Path("b")]
+    assert serve.check_exposure(trusting).trusted == [Path("a"), Path("b")]
     for wrong in ("4840", "host:", "host:0", "host:70000", ":5020"):
         with pytest.raises(DataError, match="HOST:PORT"):
             serve.address(wrong)
@@ -410,10 +411,10 @@ def test_only_the_user_with_the_password_and_a_trusted_certificate_gets_in(tmp_p
     login = certificate, key, "anna", "hoist"
     (trusted := tmp_path / "trusted").mkdir()
     shutil.copy(other[1], trusted)
-    with serve.servers(plant, place, None, (*login, [trusted])):
+    with serve.servers(plant, place, None, Security(*login, [trusted])):
         with pytest.raises(Exception, match=r"(?i)denied|reject|token|identity"):
             asyncio.run(enter("anna", "hoist"))
-    with serve.servers(plant, place, None, (*login, [trusted, certificate])):
+    with serve.servers(plant, place, None, Security(*login, [trusted, certificate])):
         assert asyncio.run(enter("anna", "hoist")) == 0
         for login in (("anna", "hois"), ("ann", "hoist"), ("admin", ""), (None, "")):
             with pytest.raises(Exception, match=r"(?i)denied|reject|token|identity|policy"):
@@ -422,7 +423,7 @@ def test_only_the_user_with_the_password_and_a_trusted_certificate_gets_in(tmp_p
             asyncio.run(enter("anna", "hoist", encrypted=False))
     with (
         pytest.raises(CraneError, match="cannot be read"),
-        serve.servers(plant, place, None, (key, certificate, "anna", "hoist", None)),
+        serve.servers(plant, place, None, Security(key, certificate, "anna", "hoist", None)),
     ):
         pass
 
