@@ -31,8 +31,10 @@ from experiments.relatives.catalogue import moved
 from tests.helpers import crane
 from tests.system.fuzz.api import namespace
 
-C, REST = crane(), crane().start
-BRAKE, STILL = hold_controller(C), hold(C, REST)
+C = crane()
+REST = crane().start
+BRAKE = hold_controller(C)
+STILL = hold(C, REST)
 MOTION = hanging_reference(C, STILL, 0.1)
 LIMITS = Limits((0.0838, 1.583, 1.0), (0.02, 0.4, 0.4))
 T = np.linspace(0.0, 30.0, 600)
@@ -444,7 +446,8 @@ def _as_monitor(function: Callable[..., Any]) -> Callable[..., Any]:
     return lambda row, t, state: function(t, state)
 
 
-NAN, INF = np.array([0.0, math.nan, 15.0]), np.full(3, math.inf)
+NAN = np.array([0.0, math.nan, 15.0])
+INF = np.full(3, math.inf)
 BAD_SETPOINTS: list[tuple[Any, str]] = [
     (None, "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity"),
     (np.zeros(3), r"answer of the reference is \[0\.0, 0\.0, 0\.0\]"),

@@ -66,7 +66,8 @@ def test_the_give_of_the_pivot_is_the_eigenvalue_of_trolley_and_load(
     m, trolley = 1000.0, 600.0
     # trolley x, lag φ: M ẍ + k_d ẋ + k_p x = -m g φ, l φ̈ + g φ = ẍ
     mass = np.array([[trolley, 0.0], [-1.0, length]])
-    spring, damper = np.array([[stiffness, m * G], [0.0, G]]), np.diag([damping, 0.0])
+    spring = np.array([[stiffness, m * G], [0.0, G]])
+    damper = np.diag([damping, 0.0])
     inverse = np.linalg.inv(mass)
     values = np.linalg.eigvals(
         np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ spring, -inverse @ damper]])
@@ -95,7 +96,8 @@ def test_the_give_of_the_hoist_is_that_of_an_elastic_pendulum(
     stiffness: float, damping: float
 ) -> None:
     m, length, amplitude = 1000.0, 10.0, 0.1
-    omega, turns = math.sqrt(G / length), 8
+    omega = math.sqrt(G / length)
+    turns = 8
 
     def rates(_: float, y: np.ndarray) -> list[float]:
         phi, rate, give, speed = y
@@ -136,7 +138,8 @@ def test_constant_hoisting_solves_its_equation_and_its_envelope_encloses_it(
     length: float, rate: float
 ) -> None:
     times = np.linspace(0.0, 20.0, 4001)
-    swing, swing_rate = 0.04, -0.03
+    swing = 0.04
+    swing_rate = -0.03
     expected = _solve(
         lambda t, y: [y[1], -(2 * rate * y[1] + G * y[0]) / (length + rate * t)],
         [swing, swing_rate],
@@ -165,7 +168,8 @@ def test_the_bessel_envelope_of_slow_hoisting_is_the_adiabatic_law() -> None:
 def test_small_swing_is_the_limit_of_the_full_equations(
     state: State, excitation: np.ndarray
 ) -> None:
-    c, size = big_crane(), 1e-4
+    c = big_crane()
+    size = 1e-4
     q, v = state.q.copy(), state.v.copy()
     q[2:4] *= size
     v[2:4] *= size
@@ -205,7 +209,9 @@ def test_a_small_swing_grows_with_the_three_quarter_power() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [1.0, 1.5])
 def test_a_large_swing_keeps_its_action_when_the_cable_runs_slowly(amplitude: float) -> None:
-    rate, length, target = -0.01, 20.0, 14.0
+    rate = -0.01
+    length = 20.0
+    target = 14.0
 
     def rates(t: float, y: np.ndarray) -> list[float]:
         return [y[1], -(2 * rate * y[1] + G * math.sin(y[0])) / (length + rate * t)]
@@ -236,7 +242,8 @@ def _turned(length: float, far: float, near: float) -> float:
     """
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
-        place, speed = y[:3], y[3:]
+        place = y[:3]
+        speed = y[3:]
         pull = (speed @ speed - G * place[2]) / length**2
         return np.concatenate([speed, -pull * place - [0.0, 0.0, G]])
 
@@ -246,7 +253,8 @@ def _turned(length: float, far: float, near: float) -> float:
     outward.direction = -1.0  # type: ignore[attr-defined]
     start = [far, 0.0, -math.sqrt(length**2 - far**2), 0.0, near * math.sqrt(G / length), 0.0]
     period = float(theory.point_period(length, G))
-    span, exact = (0.0, 1.3 * period), dict(rtol=1e-12, atol=1e-13, max_step=0.2)
+    span = (0.0, 1.3 * period)
+    exact = dict(rtol=1e-12, atol=1e-13, max_step=0.2)
     run = solve_ivp(rates, span, start, "DOP853", events=outward, **exact)
     (last,) = (y for t, y in zip(run.t_events[0], run.y_events[0], strict=True) if t > 0.8 * period)
     return math.atan2(last[1], last[0])

@@ -20,7 +20,8 @@ class Machine:
     """
 
     def __init__(self) -> None:
-        self.now, self.disturbed = 0.0, random.Random(1)
+        self.now = 0.0
+        self.disturbed = random.Random(1)
 
     def work(self, seconds: float, amount: float = 1.0, every: int = 1) -> Workload:
         """Work that takes so long at least."""
@@ -34,7 +35,8 @@ class Machine:
 def usual(slower: float = 1.0, every: int = 1) -> list[Bar]:
     """One bar of work that is ten times as quick as its yardstick, or by so much less."""
     machine = Machine()
-    quick, slow = machine.work(0.02 * slower, 100.0, every), machine.work(0.02, 10.0)
+    quick = machine.work(0.02 * slower, 100.0, every)
+    slow = machine.work(0.02, 10.0)
     return [Bar("steady", machine.work(0.02, 100.0), slow, 10.0), Bar("new", quick, slow, 10.0)]
 
 

@@ -184,7 +184,8 @@ def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
         [3, 20, 1.2, 1.2, 25, 0.5, 2, 0.5, 0.5, 2],
         (8, 10),
     )
-    ends, peaks = np.empty((8, 10)), np.empty(8)
+    ends = np.empty((8, 10))
+    peaks = np.empty(8)
     library.run(8 // lanes, 1, starts.ctypes.data, ends.ctypes.data, peaks.ctypes.data, None)
     paper = Lagrangian(c.gravity)
     for start, end in zip(starts, ends, strict=True):

@@ -12,7 +12,8 @@ from benchmarks.workload import Case
 
 
 def test_jax_by_hand_makes_the_trajectory_of_the_plain_loop() -> None:
-    by_hand, case = jax.CONTESTANTS[0], Case()
+    by_hand = jax.CONTESTANTS[0]
+    case = Case()
     if (reason := by_hand.missing()) is not None:
         pytest.skip(reason)
     # 4000 steps of 1e-16 each

@@ -23,7 +23,8 @@ POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_
 def test_a_force_does_the_work_of_its_way(state: State) -> None:
     # virtual work: J is the derivative of the places; complex steps are not for Pinocchio, so
     # central differences, O(h²) = 1e-10
-    force, h = np.array([[1.0, -2.0, 3.0], [-4.0, 5.0, 6.0]]), 1e-5
+    force = np.array([[1.0, -2.0, 3.0], [-4.0, 5.0, 6.0]])
+    h = 1e-5
     assert crane().layout.points == ("payload", "trolley")
     found = outside_effort(crane().points, crane().model, crane().data, state.q, force)
     for i, e in enumerate(np.eye(5)):
@@ -187,7 +188,9 @@ def test_turbulence_has_its_intensity_and_its_time_scale_and_repeats_with_its_se
 
 @pytest.mark.parametrize("ratio", [0.01, 0.2, 1.0, 5.0])
 def test_turbulence_has_its_intensity_at_every_time_however_long_the_step(ratio: float) -> None:
-    rng, seeds, share = np.random.default_rng(5), 4000, np.linspace(0.0, 1.0, 5)
+    rng = np.random.default_rng(5)
+    seeds = 4000
+    share = np.linspace(0.0, 1.0, 5)
     found = np.empty((seeds, 5))
     for row in found:
         speed = wind.turbulence(

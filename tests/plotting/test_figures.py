@@ -29,7 +29,8 @@ def test_a_file_is_the_same_alone_or_with_others_of_its_figure(tmp_path, ending)
 
 @pytest.mark.slow
 def test_panels_are_placed_once_for_all_files_and_anew_for_the_next(tmp_path, monkeypatch):
-    figure, placed = _drawn(), []
+    figure = _drawn()
+    placed = []
     engine = figure.get_layout_engine()
     place = engine.execute
     monkeypatch.setattr(engine, "execute", lambda fig: placed.append(fig) or place(fig))

@@ -58,7 +58,8 @@ def page_of(name: str, folder: Path) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE_NAMES)
 def test_a_name_is_text_wherever_it_stands_and_makes_no_element(name: str, tmp_path: Path) -> None:
-    page, plain = Page(page_of(name, tmp_path)), Page(page_of("a", tmp_path))
+    page = Page(page_of(name, tmp_path))
+    plain = Page(page_of("a", tmp_path))
     assert page.elements == plain.elements
     # title, heading and check; in each table caption, headers, a cell and the note; and the figure
     assert sum(text.strip() == name for text in page.texts) == 3 + 2 * 5 + 1

@@ -28,7 +28,8 @@ def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_
     crane = load_crane()
     up = ramp(crane, hold(crane), "l", -3.0, rate=2.0, at=0.0)
     run = simulate(crane, hold_controller(crane), up, duration=1.5)
-    file, target = run.write(tmp_path / "out.parquet"), tmp_path / "out.mp4"
+    file = run.write(tmp_path / "out.parquet")
+    target = tmp_path / "out.mp4"
     assert main(["view", str(file), "--film", str(target)]) == 0
     assert capsys.readouterr().out == f"Written to {target}.\n"
     with av.open(str(target)) as container:

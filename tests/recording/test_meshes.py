@@ -93,7 +93,8 @@ def test_meshes_are_drawn_only_with_a_folder_and_the_text_says_so(
     path.write_text(_urdf("parts/beam.stl"))
     crane = load_crane(path)
     run = simulate(crane, locked(crane), duration=0.1, drive="motion")
-    bare, drawn = Run("bare", crane, run), Run("drawn", crane, run, meshes=folder)
+    bare = Run("bare", crane, run)
+    drawn = Run("drawn", crane, run, meshes=folder)
     for each, has_mesh in ((bare, False), (drawn, True)):
         content = record(tmp_path / "a.rrd", [each], title="t").read_bytes()
         assert (b"Mesh3D:vertex_positions" in content) == has_mesh

@@ -143,7 +143,8 @@ def test_the_layout_travels_in_the_file(file: Path, crane: Crane) -> None:
     reader = RrdReader(file)
     (layout,), (recording,) = reader.blueprints(), reader.recordings()
     assert layout.application_id == recording.application_id
-    names, spans = set(), []
+    names = set()
+    spans = []
     for chunk in reader.stream(store=layout):
         batch = chunk.to_record_batch()
         if "TimeAxis:view_range" in batch.schema.names:
@@ -200,14 +201,16 @@ def test_the_text_has_title_description_parameters_and_the_scale_of_the_arrows(
 def test_the_frames_put_payload_and_trolley_where_the_dynamics_do(
     file: Path, crane: Crane, moving: Trajectory, row: int
 ) -> None:
-    frames, q = poses(file, row * 40_000_000), moving.q[8 * row]
+    frames = poses(file, row * 40_000_000)
+    q = moving.q[8 * row]
     for link, position in (("hook", payload_position), ("trolley", pivot_position)):
         translation = frames[f"all drives: {link}_link"][:3, 3]
         assert_allclose(translation, position(crane, q) + OFFSET, atol=FLOAT32)
 
 
 def test_everything_in_the_scene_stands_in_a_frame_of_its_run(file: Path) -> None:
-    frames, names = {}, set()
+    frames = {}
+    names = set()
     for entity, batch in chunks(file):
         if name := entity.partition("/scene/")[2]:
             names.add(name)
@@ -269,7 +272,8 @@ def test_the_arrows_point_where_the_load_hangs_off_the_plumb_line(
 ) -> None:
     _, vectors = rows(file, "/scene/swing", "Arrows3D:vectors")
     for row in (25, 50, 75, 100):
-        q, arrows = moving.q[8 * row], vectors[row].reshape(2, 3)
+        q = moving.q[8 * row]
+        arrows = vectors[row].reshape(2, 3)
         deviation = payload_position(crane, q) - pivot_position(crane, q)
         deviation = Rotation.from_euler("z", -q[0]).apply(deviation)[:2]
         shown = np.array([arrows[1, 0], arrows[0, 1]])
@@ -355,7 +359,8 @@ def test_a_full_disk_leaves_the_recording_that_was_there(
 def test_runs_without_distinct_names_rows_or_finite_values_are_refused(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
-    path, run = tmp_path / "a.rrd", Run("run", crane, moving)
+    path = tmp_path / "a.rrd"
+    run = Run("run", crane, moving)
     broken = replace(moving, dissipated=np.where(moving.t > 1.0, np.nan, moving.dissipated))
     empty = moving.since(SHORT + 1.0)
     for runs in (

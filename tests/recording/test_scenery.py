@@ -71,7 +71,8 @@ def test_a_crane_with_a_heading_is_turned_from_x_towards_y_about_its_foot(
     assert_allclose(run.to_scene(points), turned(points, heading) + offset, atol=1e-12)
     path = record(tmp_path / "turned.rrd", [run], title="Turned")
     for row in (0, 60):
-        frames, q = poses(path, row * 40_000_000), moving.q[8 * row]
+        frames = poses(path, row * 40_000_000)
+        q = moving.q[8 * row]
         for link, position in (("hook", payload_position), ("trolley", pivot_position)):
             expected = turned(position(crane, q), heading) + offset
             found = frames[f"turned: {link}_link"][:3, 3]
@@ -448,7 +449,8 @@ def test_pieces_of_a_run_are_the_numbers_and_the_path_of_the_whole(
     assert shared.mean() > 0.95
     for name, values in columns.items():
         # Sums in another order, of 1e6 J in doubles, told in single precision.
-        found, expected = np.array(values)[order][shared], whole[name][at[shared]]
+        found = np.array(values)[order][shared]
+        expected = whole[name][at[shared]]
         assert_allclose(found, expected, rtol=1e-6, atol=1e-6, err_msg=name)
     # The path reaches back by four seconds, into pieces before.
     paths = {}

@@ -216,7 +216,8 @@ def test_where_the_model_ceases_to_hold_the_run_ends_with_what_it_recorded() -> 
 
 @pytest.mark.parametrize("seed", long_after(1, range(3)))
 def test_whatever_words_are_written_drives_keep_their_rates_and_ranges(seed: int) -> None:
-    plant, rng = ServedCrane(CRANE, duration=60.0), np.random.default_rng(seed)
+    plant = ServedCrane(CRANE, duration=60.0)
+    rng = np.random.default_rng(seed)
     words = [word for word in plant.image.words if word.command and word.name != "wind"]
     extreme = {"UINT16": [0, 1, 2, 3, 65535], "INT16": [-32768, -16384, 0, 16384, 32767]}
     for _ in range(200):

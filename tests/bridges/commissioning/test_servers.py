@@ -48,7 +48,8 @@ class Served:
 
     def __init__(self) -> None:
         self.plant = ServedCrane(load_crane(), duration=300.0)
-        self.opcua, self.modbus = (HOST, free_port()), (HOST, free_port())
+        self.opcua = (HOST, free_port())
+        self.modbus = (HOST, free_port())
 
     def client(self) -> Any:
         """A client of Modbus."""
@@ -284,7 +285,8 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_served(
 
 
 def test_ctrl_c_ends_within_two_seconds_and_a_second_one_loses_nothing(tmp_path: Path) -> None:
-    out, ports = tmp_path / "run", [free_port(), free_port()]
+    out = tmp_path / "run"
+    ports = [free_port(), free_port()]
     command = [sys.executable, "-m", "cranedyn", "serve", "--opcua", f"{HOST}:{ports[0]}"]
     command += ["--modbus", f"{HOST}:{ports[1]}", "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
@@ -390,10 +392,12 @@ def test_only_the_user_with_the_password_and_a_trusted_certificate_gets_in(tmp_p
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
     key, certificate = tmp_path / "key.pem", tmp_path / "certificate.der"
-    uses, names = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH], {}
+    uses = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    names = {}
     uri = "urn:freeopcua:python:server"
     asyncio.run(setup_self_signed_certificate(key, certificate, uri, HOST, uses, names))
-    plant, place = ServedCrane(load_crane(), duration=1.0), (HOST, free_port())
+    plant = ServedCrane(load_crane(), duration=1.0)
+    place = (HOST, free_port())
     other = tmp_path / "other_key.pem", tmp_path / "other.der"
     asyncio.run(setup_self_signed_certificate(*other, uri, HOST, uses, names))
 
@@ -431,10 +435,12 @@ def test_only_the_user_with_the_password_and_a_trusted_certificate_gets_in(tmp_p
 def test_the_command_keeps_the_clock_records_the_run_and_replaces_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out, port = tmp_path / "run", free_port()
+    out = tmp_path / "run"
+    port = free_port()
     command = ["serve", "--modbus", f"{HOST}:{port}", *"--duration 6 --speed 4 --out".split()]
     command.append(str(out))
-    keep_time, began = serve.keep_time, time.perf_counter()
+    keep_time = serve.keep_time
+    began = time.perf_counter()
 
     def keep_time_when_driven(*arguments: Any) -> str:
         with ModbusTcpClient(HOST, port=port, timeout=60.0) as client:
@@ -463,11 +469,9 @@ def test_the_command_keeps_the_clock_records_the_run_and_replaces_nothing(
 @pytest.mark.long
 @pytest.mark.usefixtures("limited")
 def test_a_hundred_clients_are_served_while_the_clock_runs() -> None:
-    plant, place, stop = (
-        ServedCrane(load_crane(), duration=600.0),
-        (HOST, free_port()),
-        threading.Event(),
-    )
+    plant = ServedCrane(load_crane(), duration=600.0)
+    place = (HOST, free_port())
+    stop = threading.Event()
     readers: set[int] = set()
 
     async def read_on(number: int) -> None:
