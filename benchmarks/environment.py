@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
-from cranedyn.bridges.task import cranes_between
+from cranedyn.interop.gymnasium import TowerCraneVectorEnv
+from cranedyn.interop.task import cranes_between
 
 COUNTS = (1024, 4096, 16_384, 65_536)
 

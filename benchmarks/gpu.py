@@ -23,12 +23,12 @@ from benchmarks.workload import Case
 from cranedyn.compiled import cuda
 from cranedyn.compiled.batch import Device, simulate_batch
 from cranedyn.compiled.kernel import KernelSource, Recipe
+from cranedyn.compiled.plant.plant import Topology, numbers
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
-from cranedyn.plant.plant import Topology, numbers
 from experiments.harness.outcome import ResultTable
 
 CRANES: dict[str, dict[str, Any]] = {

@@ -6,16 +6,16 @@ import time
 from pathlib import Path
 
 from benchmarks.conduct import print_tables
-from cranedyn.bridges import page
+from cranedyn.export import driving_page
 from cranedyn.model.load import load_crane
 from experiments.harness import ResultTable
-from tests.bridges import test_page, test_page_browser
+from tests.export import test_page, test_page_browser
 
 
 def page_table() -> ResultTable:
     """Measure the page of the default crane."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        file = page.export(Path(folder, "crane.html"), load_crane())
+        file = driving_page.export(Path(folder, "crane.html"), load_crane())
         words = "--js-flags=--expose-gc", "--enable-precise-memory-info"
         driver = test_page_browser.open_browser(Path(folder, "profile"), *words)
         try:

@@ -16,12 +16,12 @@ from cranedyn.analysis.swing import settling_time
 from cranedyn.command import command
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.lifts.planning.least_time import INTERVAL
+from cranedyn.lifts.planning.optimal import optimal
+from cranedyn.lifts.planning.timing import RAMP
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import arguments
 from cranedyn.model.load import load_crane
-from cranedyn.planning.least_time import INTERVAL
-from cranedyn.planning.optimal import optimal
-from cranedyn.planning.timing import RAMP
 from cranedyn.references import hold
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate

@@ -16,13 +16,13 @@ from cranedyn.version import __version__
 
 if TYPE_CHECKING:
     from cranedyn.compiled.batch import simulate_batch
+    from cranedyn.compiled.plant.cranes import load_cranes
     from cranedyn.data.trajectory import Trajectory
     from cranedyn.display import plot
     from cranedyn.errors import CraneError
     from cranedyn.interfaces import Setpoint, State
     from cranedyn.model.crane import Crane
     from cranedyn.model.load import load_crane
-    from cranedyn.plant.cranes import load_cranes
     from cranedyn.recording.viewer import view
     from cranedyn.simulation.simulate import simulate
     from cranedyn.simulation.stepper import Stepper
@@ -51,7 +51,7 @@ _HOMES = {
     "Stepper": "cranedyn.simulation.stepper",
     "Trajectory": "cranedyn.data.trajectory",
     "load_crane": "cranedyn.model.load",
-    "load_cranes": "cranedyn.plant.cranes",
+    "load_cranes": "cranedyn.compiled.plant.cranes",
     "plot": "cranedyn.display",
     "simulate": "cranedyn.simulation.simulate",
     "simulate_batch": "cranedyn.compiled.batch",

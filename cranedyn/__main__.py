@@ -253,7 +253,7 @@ def _export(parser: _Parser) -> None:
 
 
 def _exporter(parser: _Parser, name: str) -> None:
-    from cranedyn.bridges.target import check_free
+    from cranedyn.export.target import check_free
 
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
@@ -276,17 +276,17 @@ def _drive(parser: _Parser) -> None:
 
     Example: cranedyn drive --set payload_mass:=2000
     """
-    from cranedyn.bridges import page
     from cranedyn.data.files import lock_folder
+    from cranedyn.export import driving_page
 
     _add_crane(parser)
-    page.add_arguments(parser)
+    driving_page.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
         options.target = file = Path("out/drive/crane.html")
         with lock_folder(file.parent):
             file.unlink(missing_ok=True)
-            page.run(options)
+            driving_page.run(options)
         print(f"The crane is in {file}. It needs no network; copy it where you like.")
         webbrowser.open(file.absolute().as_uri())
         return 0
@@ -299,7 +299,7 @@ def _serve(parser: _Parser) -> None:
 
     Example: cranedyn serve --opcua 127.0.0.1:4840 --map words.csv
     """
-    from cranedyn.bridges.commissioning import serve
+    from cranedyn.interop.commissioning import serve
 
     _add_crane(parser)
     serve.add_arguments(parser)

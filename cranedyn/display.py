@@ -24,7 +24,8 @@ def plot(subject: Crane | TimeSeries, /, *selection: Any) -> Figure:
     """Draw a crane from the side, or columns of a run over time; notebooks display the figure.
 
     Args:
-        subject: A crane, a trajectory, or another table such as `cranedyn.lifting.loads.Loads`.
+        subject: A crane, a trajectory, or another table such as
+            `cranedyn.lifts.judging.loads.Loads`.
         selection: For a crane the state to draw, by default the one in which it starts. For a table
             the names of columns, one panel each; by default the drives beside their setpoints and
             the swing.

@@ -6,7 +6,7 @@ Each is an entry point of the group `cranedyn.engines`, `cranedyn.exporters` or
 * an engine is a module with `run(spec, controller, reference, monitors)` and `begin(spec)`, see
   `cranedyn.simulation.engine.Engine`;
 * an exporter is a module with `TARGET`, `add_arguments(parser)` and `run(options)`, see
-  `cranedyn.bridges`;
+  `cranedyn.export`;
 * an experiment is a module with `main(argv)`, which returns the exit code.
 
 The first paragraph of a module's docstring describes it in lists and help.

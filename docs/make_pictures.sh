@@ -57,16 +57,16 @@ driver.quit()
 durations = [round(1000 * (after - before)) for before, after in zip(times, times[1:])]
 frames[0].save(sys.argv[2], save_all=True, append_images=frames[1:-1], duration=durations, loop=0, optimize=True)
 PYTHON
-"$python" -m experiments.lift --site cranedyn/planning/sites/tower.toml --lifts 50 --out "$work/lift"
+"$python" -m experiments.lift --site cranedyn/lifts/planning/sites/tower.toml --lifts 50 --out "$work/lift"
 "$python" -m experiments.snapshot "$work/lift/lift.rrd" -t 28 --view 3d -o "$work"
 mv "$work/lift-28s.png" docs/pictures/lift.png
 mv "$work/lift/site_tower.png" docs/pictures/lift_site.png
 "$python" - "$work/site.rrd" <<'PYTHON'
 import sys
 
-from cranedyn.sites.plan import plan_site
-from cranedyn.sites.simulate import simulate_site
-from cranedyn.sites.site_file import read_crane_site
+from cranedyn.lifts.sites.plan import plan_site
+from cranedyn.lifts.sites.site_simulation import simulate_site
+from cranedyn.lifts.sites.crane_site_file import read_crane_site
 
 plan = plan_site(read_crane_site("two_towers"), [("north", [-9, -7, 16]), ("south", [-36, -38, 30])])
 simulate_site(plan.site, plan.operators(), duration=plan.duration + 5).record(sys.argv[1])

@@ -8,7 +8,7 @@ import numpy as np
 
 import cranedyn as cd
 from cranedyn.controllers import lqr
-from cranedyn.planning.optimal import optimal
+from cranedyn.lifts.planning.optimal import optimal
 from cranedyn.plotting.figures import plot_runs
 from cranedyn.references import hanging_reference, spline
 from cranedyn.references.limits import Limits

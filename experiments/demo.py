@@ -25,7 +25,7 @@ from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.errors import DataError, OutOfRange, RunError
 from cranedyn.interfaces import Controller
-from cranedyn.planning.itinerary import Stage, Timetable
+from cranedyn.lifts.planning.itinerary import Stage, Timetable
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.limits import Limits
 from experiments import endless, harness

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory, join
-from cranedyn.planning.itinerary import Stage, Timetable
+from cranedyn.lifts.planning.itinerary import Stage, Timetable
 
 PART = 300.0
 """Length of each part of a long run [s]; one to two of them are kept in memory."""

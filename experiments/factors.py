@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from cranedyn.lifting import factors
+from cranedyn.lifts.judging import factors
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table

@@ -18,17 +18,17 @@ from cranedyn.checks import number, whole
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
-from cranedyn.planning.certificate import Certificate, certify
-from cranedyn.planning.ground_lift import (
+from cranedyn.lifts.planning.certificate import Certificate, certify
+from cranedyn.lifts.planning.ground_lift import (
     GroundLift,
     certify_ground_lift,
     from_ground,
     stands_at,
 )
-from cranedyn.planning.lift import Lift, crane_of, plan_lift
-from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, perturb
-from cranedyn.planning.site import Site
-from cranedyn.planning.site_file import EXAMPLES, read_site
+from cranedyn.lifts.planning.lift import Lift, crane_of, plan_lift
+from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed, perturb
+from cranedyn.lifts.planning.site import Site
+from cranedyn.lifts.planning.site_file import EXAMPLES, read_site
 from cranedyn.verdict import Check, Verdict, overall
 from experiments import harness
 from experiments.scenarios.moves import LIMITS
@@ -120,14 +120,14 @@ def certify_in_least_time(lift: Lift, dt: float, engine: EngineName = "compiled"
         dt: Step of the simulation [s].
         engine: Engine of the simulation.
     """
-    from cranedyn.planning.least_time import in_least_time
+    from cranedyn.lifts.planning.least_time import in_least_time
 
     return certify(in_least_time(lift), dt=dt, engine=engine)
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan and certify a lift on each site."""
-    from cranedyn.lifting.figures import clearance_over_time, scenery, site_views
+    from cranedyn.lifts.judging.lift_figures import clearance_over_time, scenery, site_views
     from cranedyn.recording import Run
 
     count = whole("lifts", options.lifts, 0)

@@ -19,12 +19,12 @@ from cranedyn.checks import whole
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.interfaces import Controller, Reference
+from cranedyn.lifts.planning.certificate import AFTER, Certificate, certify
+from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.lift import Lift, NoWay, plan_lift
+from cranedyn.lifts.planning.site import Site
+from cranedyn.lifts.planning.solids import Solid, box
 from cranedyn.model.crane import Crane
-from cranedyn.planning.certificate import AFTER, Certificate, certify
-from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.lift import Lift, NoWay, plan_lift
-from cranedyn.planning.site import Site
-from cranedyn.planning.solids import Solid, box
 from cranedyn.references.simple import shortest, spline
 from experiments import harness
 from experiments.harness.table import Cell

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, get_args
 
 from cranedyn.checks import number, within
 from cranedyn.command import FAILED, Parser, command
-from cranedyn.lifting.chart import read_chart
-from cranedyn.lifting.factors import DriveClass, HoistingClass
+from cranedyn.lifts.judging.chart import read_chart
+from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
 from cranedyn.verdict import Verdict
 from experiments import harness
 from experiments.harness.arguments import command_name
 from experiments.scenarios.moves import LIMITS
 
 if TYPE_CHECKING:
-    from cranedyn.lifting.judgement import Judgement
+    from cranedyn.lifts.judging.judgement import Judgement
 
 CRANE = (
     "crane as a .xacro with the arguments that the site enters, or as a plain URDF with the masses "
@@ -33,10 +33,10 @@ CRANE = (
 
 
 def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
-    from cranedyn.lifting.analysis import Requirements
-    from cranedyn.lifting.judgement import judge
-    from cranedyn.planning.lift import crane_of
-    from cranedyn.planning.site_file import read_site
+    from cranedyn.lifts.judging.analysis import Requirements
+    from cranedyn.lifts.judging.judgement import judge
+    from cranedyn.lifts.planning.lift import crane_of
+    from cranedyn.lifts.planning.site_file import read_site
 
     requirements = Requirements(
         wind=options.wind,
@@ -73,7 +73,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
 
 
 def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
-    from cranedyn.lifting.figures import scenery
+    from cranedyn.lifts.judging.lift_figures import scenery
     from cranedyn.recording import Run
 
     lift = judgement.analysis
@@ -122,7 +122,7 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
         folder: Folder of the experiment.
         command_line: The command that makes the numbers again.
     """
-    from cranedyn.lifting.page import NoBrowser, print_pdf
+    from cranedyn.lifts.judging.report_page import NoBrowser, print_pdf
 
     page = judgement.report(folder / "lift.html", command_line)
     for sentence in judgement.analysis.unusual:

@@ -22,8 +22,8 @@ from cranedyn.dynamics.contact import Ground, box_corners, box_load, standing
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import body_points, payload_position
 from cranedyn.interfaces import State
-from cranedyn.lifting import factors
-from cranedyn.lifting.factors import HOISTING, DriveClass, HoistingClass
+from cranedyn.lifts.judging import factors
+from cranedyn.lifts.judging.factors import HOISTING, DriveClass, HoistingClass
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.plotting.figures import COLOURS, panels

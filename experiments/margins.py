@@ -43,7 +43,7 @@ from experiments.harness import (
 from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
 
 if TYPE_CHECKING:
-    from cranedyn.bridges.margins import Margins, Regulator
+    from cranedyn.interop.margins import Margins, Regulator
 
 RADII = (4.0, 20.0)
 """Least and largest trolley radius of the map [m]."""
@@ -103,7 +103,7 @@ def linear_form(setup: Setup, strategy: str, equilibrium: State) -> Regulator:
     """Return the linear form of a strategy at a rest: of the LQR made for the middle everywhere the
     same, of the LQR without a swing sensor behind a filter whose gain has settled.
     """
-    from cranedyn.bridges.margins import behind_observer, regulator
+    from cranedyn.interop.margins import behind_observer, regulator
 
     crane = setup.crane
     period = setup.control_period
@@ -123,7 +123,7 @@ def linear_form(setup: Setup, strategy: str, equilibrium: State) -> Regulator:
 
 def margins_at(setup: Setup, strategy: str, equilibrium: State) -> Margins:
     """Return the margins of a strategy at a rest."""
-    from cranedyn.bridges.margins import margins
+    from cranedyn.interop.margins import margins
 
     return margins(_plant(setup, equilibrium), linear_form(setup, strategy, equilibrium))
 

@@ -30,18 +30,18 @@ import numpy as np
 
 from cranedyn.checks import number, whole, worker_count
 from cranedyn.interfaces import State
-from cranedyn.sites.adversaries import CHANNEL, Attack, attacks_on
-from cranedyn.sites.assumptions import site_assumptions
-from cranedyn.sites.brakes import CYCLE
-from cranedyn.sites.guard import BoxRequest, Guard
-from cranedyn.sites.operators import HOOKING_TIME, LiftOperator
-from cranedyn.sites.page import site_html
-from cranedyn.sites.plan import SitePlan, plan_site
-from cranedyn.sites.simulate import SiteExtremes, SiteRun, simulate_site
-from cranedyn.sites.site import CraneSite
-from cranedyn.sites.site_file import EXAMPLES, read_crane_site
-from cranedyn.sites.supervisor import Supervisor
-from cranedyn.sites.zones import static_zones
+from cranedyn.lifts.sites.adversaries import CHANNEL, Attack, attacks_on
+from cranedyn.lifts.sites.brakes import CYCLE
+from cranedyn.lifts.sites.crane_site import CraneSite
+from cranedyn.lifts.sites.crane_site_file import EXAMPLES, read_crane_site
+from cranedyn.lifts.sites.guard import BoxRequest, Guard
+from cranedyn.lifts.sites.operators import HOOKING_TIME, LiftOperator
+from cranedyn.lifts.sites.plan import SitePlan, plan_site
+from cranedyn.lifts.sites.promise import site_assumptions
+from cranedyn.lifts.sites.site_page import site_html
+from cranedyn.lifts.sites.site_simulation import SiteExtremes, SiteRun, simulate_site
+from cranedyn.lifts.sites.supervisor import Supervisor
+from cranedyn.lifts.sites.zones import static_zones
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
 from experiments.harness import Claim, Column, Outcome, ResultTable, Setup, make_table

@@ -100,8 +100,15 @@ def upward(edges: set[Edge]) -> list[Edge]:
     depth |= {"cranedyn": 0.5, "cranedyn.__main__": 0.5}  # below the experiments alone
 
     def depth_of(name: str) -> float:
-        room = "experiments" if name.startswith("experiments") else ".".join(name.split(".")[:2])
-        return depth.get(room, len(layers))
+        if name.startswith("experiments"):
+            return depth["experiments"]
+        parts = name.split(".")
+        # A layer is a package, or one within it: the longest name counts.
+        for length in range(len(parts), 0, -1):
+            layer = ".".join(parts[:length])
+            if layer in depth and (length > 1 or len(parts) == 1):
+                return depth[layer]
+        return len(layers)
 
     return sorted((a, b) for a, b in edges if depth_of(b) < depth_of(a))
 

@@ -22,9 +22,10 @@ from cranedyn.compiled import cuda, inputs
 from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
-from cranedyn.compiled.layout import BufferLayout, size, slices
+from cranedyn.compiled.loop_tables import group_lanes, ungroup_lanes
+from cranedyn.compiled.memory_layout import BufferLayout, size, slices
+from cranedyn.compiled.plant.cranes import Cranes
 from cranedyn.compiled.step import check_rule
-from cranedyn.compiled.tables import group_lanes, ungroup_lanes
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.contact import Contacts, Ground, anchors_at
@@ -33,7 +34,6 @@ from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.plant.cranes import Cranes
 
 _LANES = 8
 """Cranes in a group on the processor."""
@@ -143,7 +143,7 @@ def simulate_batch(
     should be the same object: its table is then stored once.
 
     Args:
-        crane: One crane or n, or `Cranes` of `cranedyn.plant.cranes.load_cranes`.
+        crane: One crane or n, or `Cranes` of `cranedyn.compiled.plant.cranes.load_cranes`.
         controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, or one
             predictive controller of `cranedyn.compiled.horizon.receding` for all. Those with a
             memory begin with its contents, which stay unchanged.

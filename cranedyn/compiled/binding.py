@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from cranedyn.checks import number, whole
-from cranedyn.compiled.layout import SLOTS, TURNS, BufferLayout, size
+from cranedyn.compiled.memory_layout import SLOTS, TURNS, BufferLayout, size
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks
     from cranedyn.compiled.horizon.memory import Programme
     from cranedyn.compiled.kernel import Kernel, Recipe
+    from cranedyn.compiled.loop_tables import RowTable
     from cranedyn.compiled.machine import Machine
-    from cranedyn.compiled.tables import RowTable
 
 _MAX_STEPS_PER_CALL = 100_000
 """Physics steps, or rows, of one call, after which Python handles Ctrl-C: some tenths of a second
@@ -392,7 +392,7 @@ class Loop:
         # Where a buffer acts, small steps replace each step of a rule for smooth motions.
         self._step_cost = substeps if recipe.buffers and recipe.integrator.smooth else 1
 
-        # The arguments of the code, eight bytes each, see `cranedyn.compiled.layout.CALL`.
+        # The arguments of the code, eight bytes each, see `cranedyn.compiled.memory_layout.CALL`.
         self._call = np.zeros(len(SLOTS), dtype=np.int64)
         self._call[SLOTS["end"]] = end
         self._call[SLOTS["substeps"]] = substeps

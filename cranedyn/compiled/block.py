@@ -16,7 +16,7 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, Code, Value, uses
-from cranedyn.compiled.tables import drop_repeated_rows
+from cranedyn.compiled.loop_tables import drop_repeated_rows
 from cranedyn.dynamics.scalars import array
 
 Kind = Literal["input", "parameter", "output", "state"]

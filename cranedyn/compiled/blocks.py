@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from cranedyn.checks import equal_rows, finite, read_only
-from cranedyn.compiled.layout import slices
+from cranedyn.compiled.loop_tables import gain_table, setpoint_table, without_gains
+from cranedyn.compiled.memory_layout import slices
 from cranedyn.compiled.moving_crane import CompiledCrane
-from cranedyn.compiled.tables import gain_table, setpoint_table, without_gains
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.disturbances.wind import Wind
 from cranedyn.errors import Misshapen
@@ -66,7 +66,7 @@ def run_blocks(
         controller: The controller.
         reference: The reference.
         t: Times of all control instants of the run [s], shape (instants,).
-        rows: Rows of the log, see `cranedyn.compiled.layout.row_sections`, shape (instants,
+        rows: Rows of the log, see `cranedyn.compiled.memory_layout.row_sections`, shape (instants,
             columns).
 
     Raises:

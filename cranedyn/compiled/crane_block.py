@@ -14,6 +14,7 @@ from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FAULT, BlockCode, FunctionBlock, Variable, identifiers
 from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import fitting
@@ -23,7 +24,6 @@ from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
-from cranedyn.plant.plant import Plant, Topology, numbers, plant
 
 COMMUNICATION = 10
 """Physics steps from one usual change of the inputs to the next."""

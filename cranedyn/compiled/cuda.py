@@ -19,16 +19,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cranedyn.compiled.kernel import Kernel, KernelSource, build_module
-from cranedyn.compiled.layout import size
 from cranedyn.compiled.machine import assembly
+from cranedyn.compiled.memory_layout import size
 from cranedyn.compiled.threads import GROUP_POINTERS, WARP, emit_gpu_kernels
 from cranedyn.compiled.verify import verify_cranes
 from cranedyn.errors import CraneError
 
 if TYPE_CHECKING:
     from cranedyn.compiled.binding import Loop
+    from cranedyn.compiled.plant.cranes import Cranes
     from cranedyn.model.crane import Crane
-    from cranedyn.plant.cranes import Cranes
 
 _TRIPLE = "nvptx64-nvidia-cuda"
 """Platform for which LLVM writes PTX."""

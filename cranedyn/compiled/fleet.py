@@ -23,9 +23,9 @@ from cranedyn.compiled.inputs import (
     start_states,
 )
 from cranedyn.compiled.kernel import Kernel, Recipe
-from cranedyn.compiled.layout import BufferLayout, size, slices
+from cranedyn.compiled.loop_tables import RowTable, command_tables, single_table
+from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
-from cranedyn.compiled.tables import RowTable, command_tables, single_table
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler

@@ -10,8 +10,7 @@ import numpy as np
 from cranedyn.checks import finite, whole, within
 from cranedyn.clocks import Clocks
 from cranedyn.compiled.horizon.receding import Receding
-from cranedyn.compiled.layout import BufferLayout, size
-from cranedyn.compiled.tables import (
+from cranedyn.compiled.loop_tables import (
     RowTable,
     TableStack,
     drop_repeated_rows,
@@ -19,6 +18,9 @@ from cranedyn.compiled.tables import (
     setpoint_table,
     without_gains,
 )
+from cranedyn.compiled.memory_layout import BufferLayout, size
+from cranedyn.compiled.plant.cranes import Cranes
+from cranedyn.compiled.plant.plant import Topology
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.controllers.hold import Hold
 from cranedyn.dynamics.converters import fitting
@@ -26,8 +28,6 @@ from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
-from cranedyn.plant.cranes import Cranes
-from cranedyn.plant.plant import Topology
 from cranedyn.references import hold
 from cranedyn.references.tabulated import owned, tabulated
 

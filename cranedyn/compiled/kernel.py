@@ -13,15 +13,15 @@ from llvmlite import ir
 
 from cranedyn.compiled.angles import SHORTER, Turn, all_within
 from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value, uses
-from cranedyn.compiled.layout import SLOTS, TURNS, BufferLayout, Sections, size, slices
 from cranedyn.compiled.machine import Machine, translate
+from cranedyn.compiled.memory_layout import SLOTS, TURNS, BufferLayout, Sections, size, slices
+from cranedyn.compiled.plant.plant import SI, Plant, Topology, Units, plant
 from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import KINDS, THREAD, emit_lane_loop
 from cranedyn.controllers.affine import integrated_command
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
-from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
 from cranedyn.simulation.loop_checks import DIVERGED
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def build_module(source: KernelSource) -> ir.Module:
     lanes = 1 if recipe.threads else recipe.lanes
     if recipe.programme is not None:
         # Few runs need it, and the first step of the others should not wait for the import.
-        from cranedyn.compiled.horizon.control import emit_instant, emit_plan
+        from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 
         emit_plan(module, recipe.programme, lanes)
         if recipe.lanes == 1:
@@ -616,7 +616,7 @@ class _Loop:
         """Return the command of a predictive controller for coordinates and rates, shape (2 n,),
         and a row of the setpoint table, see `_row`.
         """
-        from cranedyn.compiled.horizon.control import PredictiveControl
+        from cranedyn.compiled.horizon.control_instant import PredictiveControl
 
         horizon = self.call_values["horizon"]
         control = PredictiveControl(self.code, programme, horizon, self.call_values["workspace"])

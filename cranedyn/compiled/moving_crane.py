@@ -11,9 +11,9 @@ import numpy as np
 
 from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.kernel import Kernel, Recipe
-from cranedyn.compiled.layout import BufferLayout, size, slices
+from cranedyn.compiled.loop_tables import command_tables, single_table
+from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
-from cranedyn.compiled.tables import command_tables, single_table
 from cranedyn.compiled.verify import crane_kernel
 from cranedyn.dynamics.contact import anchors_at
 from cranedyn.interfaces import State
@@ -40,7 +40,7 @@ class CompiledCrane:
             points).
         state: State of the crane.
         acting: Row of the log of the last control instant, but for the setpoint, see
-            `cranedyn.compiled.layout.row_sections`. It changes with the next step.
+            `cranedyn.compiled.memory_layout.row_sections`. It changes with the next step.
     """
 
     acting: np.ndarray

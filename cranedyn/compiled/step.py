@@ -21,11 +21,11 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import Code, StackVariable, Value
+from cranedyn.compiled.plant.plant import Plant
+from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.scalars import array, is_zero
 from cranedyn.errors import OutOfRange
-from cranedyn.plant.plant import Plant
-from cranedyn.plant.rigid_body import ExternalForce
 
 PHASE_CHANGES = 2
 """Changes between a taut and a slack rope that are looked for within a step."""

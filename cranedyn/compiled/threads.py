@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, POINTER, Code
-from cranedyn.compiled.layout import CALL, SLOTS
+from cranedyn.compiled.memory_layout import CALL, SLOTS
 
 WARP = 32
 """Threads that a GPU runs together."""

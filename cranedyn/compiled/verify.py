@@ -15,6 +15,9 @@ import pinocchio as pin
 
 from cranedyn.compiled.binding import kernel_accelerations
 from cranedyn.compiled.kernel import Kernel, KernelSource, Recipe, kernel
+from cranedyn.compiled.plant import rigid_body
+from cranedyn.compiled.plant.cranes import Cranes
+from cranedyn.compiled.plant.plant import Topology, numbers
 from cranedyn.dynamics.converters import Converters, Response
 from cranedyn.dynamics.drives import (
     Drives,
@@ -27,9 +30,6 @@ from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.plant import rigid_body
-from cranedyn.plant.cranes import Cranes
-from cranedyn.plant.plant import Topology, numbers
 
 _MAX_CHECKED_CRANES = 16
 """Number of cranes of a batch that are compared with Pinocchio at most."""

@@ -12,5 +12,5 @@ Public names:
     `validity.events`: when a run leaves ranges, slackens the rope or touches the ground.
 
 Begin with `pinocchio` and `integrators`. The recursions for symbols and compiled code are in
-`cranedyn.plant`.
+`cranedyn.compiled.plant`.
 """

@@ -2,8 +2,8 @@
 positions of points in many rows.
 
 Arrays hold Python floats and, where something is not known yet, elements that add, subtract,
-multiply, divide and know `sin` and `cos`. The recursions of `cranedyn.plant.rigid_body` go by the
-same numbers.
+multiply, divide and know `sin` and `cos`. The recursions of `cranedyn.compiled.plant.rigid_body` go
+by the same numbers.
 """
 
 from __future__ import annotations
@@ -158,9 +158,9 @@ def height(
     """Return the height of a point of a body above the origin of the world [m].
 
     Only the vertical is carried from joint to joint, which is a third of the work of
-    `cranedyn.plant.rigid_body.frames`. A joint that turns by q about the unit vector u takes the
-    vertical e into its frame by Rodrigues' formula for -q, with the part p = u (u·e) along the
-    axis:
+    `cranedyn.compiled.plant.rigid_body.frames`. A joint that turns by q about the unit vector u
+    takes the vertical e into its frame by Rodrigues' formula for -q, with the part p = u (u·e)
+    along the axis:
 
         e' = p + cos q (e - p) - sin q (u × e).
 

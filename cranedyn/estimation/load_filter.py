@@ -72,7 +72,7 @@ class LoadFilter:
     wrong estimate (Newton: l̈ = F/m + g). The cable is l = (1 + share) reading +
     offset. The mean is predicted by RK4 on the full model, the covariance by its derivatives
     (Jazwinski 1970, Stochastic Processes and Filtering Theory, §8.3), and kept in Joseph's form.
-    Both are written for any kind of number, see `cranedyn.compiled.load_filter`.
+    Both are written for any kind of number, see `cranedyn.compiled.load_filter_code`.
 
     Attributes:
         source: What the filter was made from.

@@ -9,12 +9,12 @@ identified crane is a twin to try controllers on::
     print(estimate.value("l_offset"), estimate.margin("l_offset"))
 """
 
+from cranedyn.identification.checked_record import Record, load_record
 from cranedyn.identification.estimate import Estimate, identify
-from cranedyn.identification.model import Model
 from cranedyn.identification.parameters import Parameter
 from cranedyn.identification.preflight import Preflight, preflight
 from cranedyn.identification.prior import Prior
-from cranedyn.identification.record import Record, load_record
+from cranedyn.identification.record_prediction import Model
 from cranedyn.identification.twin import Twin, read_twin, twin_of
 
 __all__ = [

@@ -13,7 +13,7 @@ import numpy as np
 
 from cranedyn.errors import CraneError
 from cranedyn.identification.estimate import Estimate
-from cranedyn.identification.search import Search
+from cranedyn.identification.least_squares import Search
 
 INERTIAS = ("payload_mass", "payload_inertia", "dummy_mass", "dummy_inertia")
 """Arguments of a description that are masses and inertias of what swings."""

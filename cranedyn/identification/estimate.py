@@ -13,8 +13,14 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.identification.model import Model
-from cranedyn.identification.search import HORIZONS, Search, check_units, first_values, jacobian
+from cranedyn.identification.least_squares import (
+    HORIZONS,
+    Search,
+    check_units,
+    first_values,
+    jacobian,
+)
+from cranedyn.identification.record_prediction import Model
 
 CONFIDENCE = 0.95
 """Confidence level of the intervals."""

@@ -11,8 +11,8 @@ import numpy as np
 
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import UnknownName
+from cranedyn.identification.checked_record import LARGEST_OFFSET, Record
 from cranedyn.identification.prior import Prior
-from cranedyn.identification.record import LARGEST_OFFSET, Record
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
 

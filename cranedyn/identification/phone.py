@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.bridges.target import check_free
 from cranedyn.checks import number
 from cranedyn.data.external import Source, load_external
 from cranedyn.data.files import write_text
 from cranedyn.data.logs import open_log
 from cranedyn.data.tables import arrow, write_table
 from cranedyn.errors import DataError
+from cranedyn.export.target import check_free
 
 TEMPLATE = Path(__file__).with_name("record_template.csv").read_text(encoding="utf-8")
 """Record of three rows, to be replaced by measured ones."""

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.identification.checked_record import Record
+from cranedyn.identification.drive_motion import lagged
 from cranedyn.identification.estimate import Estimate, initial_noise, invert_information
-from cranedyn.identification.model import Model
-from cranedyn.identification.motion import lagged
+from cranedyn.identification.least_squares import jacobian
 from cranedyn.identification.parameters import initial_parameters
-from cranedyn.identification.record import Record
-from cranedyn.identification.search import jacobian
+from cranedyn.identification.record_prediction import Model
 from cranedyn.model.layout import Joint
 from cranedyn.references.simple import Spline
 from cranedyn.theory import point_period

@@ -12,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import number
+from cranedyn.compiled.plant.plant import numbers
 from cranedyn.errors import ModelError, UnknownName
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO, Argument, arguments
 from cranedyn.model.load import load_crane
-from cranedyn.plant.plant import numbers
 
 _LINEARITY_TOLERANCE = 1e-9
 """Largest difference, relative and absolute, between the numbers of an interpolated crane and of a

@@ -12,6 +12,7 @@ import numpy as np
 
 from cranedyn.checks import check_choice
 from cranedyn.errors import DataError, OutOfRange, UnknownName
+from cranedyn.identification.checked_record import Record
 from cranedyn.identification.parameters import (
     Drives,
     Parameter,
@@ -21,7 +22,6 @@ from cranedyn.identification.parameters import (
     parameter,
 )
 from cranedyn.identification.prior import Family, Prior
-from cranedyn.identification.record import Record
 from cranedyn.model.layout import Joint
 
 _DELAY_START_SHARE = 0.6

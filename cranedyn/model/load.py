@@ -19,6 +19,7 @@ from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, printable, quoted
 from cranedyn.interfaces import State
+from cranedyn.model.added_swing import Swing, hang_load, swing_numbers, turn_tower
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, CraneValues, describe
 from cranedyn.model.friction import friction_notes, read_friction, smooth_friction
@@ -43,7 +44,6 @@ from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.pendulum import pendulum_note
 from cranedyn.model.sdf import read_sdf
 from cranedyn.model.springs import read_springs
-from cranedyn.model.swing import Swing, hang_load, swing_numbers, turn_tower
 from cranedyn.model.urdf import (
     check_urdf,
     initial_values,
@@ -151,7 +151,7 @@ def load_crane(
         swing: True for a URDF whose hook is rigid: two passive joints and a rope are put above its
             hoist, and slew and trolley are turned into those of a tower crane. Rope and load may be
             given, for example ``{"length": 2.0, "mass": 5.0, "damping": 0.01}``, see
-            `cranedyn.model.swing.Swing`. `Crane.assumptions` lists what was assumed.
+            `cranedyn.model.added_swing.Swing`. `Crane.assumptions` lists what was assumed.
         locked: Joints that are held fixed, such as outriggers: their names, or their coordinates
             [rad or m] by name; a joint without a coordinate is held where it starts. Joints that
             mimic them are held, too.

@@ -21,8 +21,8 @@ URDF), `series` (tables and plots), `dashboard` (layout and eyes), `viewer` and 
 pages and their processes).
 """
 
-from cranedyn.recording.record import Live, check_enabled, record
-from cranedyn.recording.run import Obstacle, Run, Scenery
+from cranedyn.recording.contents import Obstacle, Run, Scenery
+from cranedyn.recording.recorder import Live, check_enabled, record
 from cranedyn.recording.viewer import Server, check_display, check_port, open_viewer, serve, view
 
 __all__ = [

@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.pinocchio import payload_position, point_positions
 from cranedyn.plotting.style import rgb
-from cranedyn.recording.run import SCENE, TIMELINE, Run
+from cranedyn.recording.contents import SCENE, TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND, drawn_size, payload_entity
 from cranedyn.recording.series import GAPS, READOUT, Table, plots, time_range, time_series_view
 from cranedyn.recording.shapes import visible_points

@@ -16,7 +16,7 @@ from cranedyn.data.files import atomic_write, with_ending
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import COLOURS, LINE_STYLES
-from cranedyn.recording.run import Run, colours
+from cranedyn.recording.contents import Run, colours
 from cranedyn.recording.series import joint_label
 from cranedyn.recording.shapes import CONTACT, touching_points
 from cranedyn.recording.sketch import Projection

@@ -31,7 +31,7 @@ from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
 from cranedyn.model.urdf import parse_urdf, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
-from cranedyn.recording.run import Obstacle, Run, Scenery, clock, colours, rows_every
+from cranedyn.recording.contents import Obstacle, Run, Scenery, clock, colours, rows_every
 from cranedyn.recording.shapes import CONTACT, Shape, rope_line, shapes, touching_points
 
 BACKGROUND = "#E1E8F0"

@@ -20,7 +20,7 @@ from cranedyn.data.tables import arrow
 from cranedyn.errors import printable
 from cranedyn.model.layout import Joint, Layout
 from cranedyn.plotting.style import GREEK, colour_of, distinct_colours, mixed, rgb, run_colour
-from cranedyn.recording.run import Run, clock, colours, rows_every
+from cranedyn.recording.contents import Run, clock, colours, rows_every
 
 READOUT = "readout"
 """Entity of the table of coordinates."""

@@ -17,8 +17,8 @@ from rerun.experimental import ViewerClient
 from cranedyn.checks import number
 from cranedyn.data.files import atomic_write, check_writable, make_folder, with_ending
 from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.recording.contents import SCENE, TIMELINE
 from cranedyn.recording.process import end, free_port, start
-from cranedyn.recording.run import SCENE, TIMELINE
 from cranedyn.recording.viewer import check_recording, data_address
 
 
@@ -267,7 +267,7 @@ def _maximise_scene(client: ViewerClient) -> str:
     if not views:
         raise CraneError(
             "The recording has no 3D view to take a picture of; allowed are recordings of cranes, "
-            "as experiments and cranedyn.recording.record write them."
+            "as experiments and cranedyn.recording.recorder write them."
         )
     # The view of that name, or the first of any other recording.
     scene = min(views, key=lambda view: view.name != SCENE).view_id

@@ -27,9 +27,9 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.recording.contents import Run
 from cranedyn.recording.process import HOST, end, free_port, is_free, start
-from cranedyn.recording.record import record
-from cranedyn.recording.run import Run
+from cranedyn.recording.recorder import record
 
 _INSTEAD = "--serve shows a recording in a browser, as in cranedyn view {} --serve"
 """What to do where no window can be opened, with a place for the file."""

@@ -12,7 +12,7 @@ Public names:
     model; `hanging_reference` makes one of a reference.
     `limits.Limits`: largest rates and accelerations of the drives.
 
-Begin with `hold` and `ramp`. Itineraries and the joystick are in `cranedyn.planning`.
+Begin with `hold` and `ramp`. Itineraries and the joystick are in `cranedyn.lifts.planning`.
 """
 
 from cranedyn.interfaces import Reference, Setpoint

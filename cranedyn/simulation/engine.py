@@ -1,8 +1,8 @@
 """What an engine is: it carries out runs, or moves a crane for a loop that somebody else writes.
 
 Two modules are engines: `cranedyn.simulation.pinocchio_engine`, a plain loop that calls Pinocchio's
-algorithms, and `cranedyn.compiled.engine`, which compiles code for a crane. Other packages add
-theirs, see `cranedyn.plugins`.
+algorithms, and `cranedyn.compiled.compiled_engine`, which compiles code for a crane. Other packages
+add theirs, see `cranedyn.plugins`.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.simple import hold
 from cranedyn.simulation.engine import default_engine, load_engine
 from cranedyn.simulation.log import EarlyEnd
-from cranedyn.simulation.record import run_parameters, run_record, with_notes
+from cranedyn.simulation.run_record import run_parameters, run_record, with_notes
 from cranedyn.simulation.run_spec import make_run_spec
 
 if TYPE_CHECKING:

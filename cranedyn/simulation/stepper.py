@@ -16,7 +16,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.simulation.engine import default_engine, load_engine
 from cranedyn.simulation.log import Actuation, Log
 from cranedyn.simulation.loop_checks import as_command, as_force, check_bounded
-from cranedyn.simulation.record import run_parameters, run_record, with_notes
+from cranedyn.simulation.run_record import run_parameters, run_record, with_notes
 from cranedyn.simulation.run_spec import RunSpec, make_run_spec
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ Modules, in the order to read them: `design`; `run`, the sweep; `study`, the com
 
 from cranedyn.sweep.design import Design, cross, grid, sample
 from cranedyn.sweep.folder import results
-from cranedyn.sweep.run import Progress, sweep
+from cranedyn.sweep.running import Progress, sweep
 from cranedyn.sweep.study import Study
 
 __all__ = ["Design", "Progress", "Study", "cross", "grid", "results", "sample", "sweep"]

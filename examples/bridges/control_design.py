@@ -15,8 +15,8 @@ import control as ct
 import matplotlib.pyplot as plt
 import numpy as np
 
-from cranedyn.bridges.control import from_control, to_control
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
+from cranedyn.interop.python_control import from_control, to_control
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 

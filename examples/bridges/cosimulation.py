@@ -16,8 +16,8 @@ import fmpy
 import numpy as np
 from fmpy.fmi3 import FMU3Slave
 
-from cranedyn.bridges.fmi import NAME, export
 from cranedyn.controllers import hold_controller
+from cranedyn.export.fmi import NAME, export
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold

@@ -21,10 +21,10 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
-from cranedyn.bridges.sb3 import vec_env
-from cranedyn.bridges.task import Rules, SwingTask
 from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.interop.gymnasium import TowerCraneVectorEnv
+from cranedyn.interop.sb3 import vec_env
+from cranedyn.interop.task import Rules, SwingTask
 from cranedyn.references import hold
 from experiments.harness import Setup
 from experiments.scenarios.moves import (

@@ -18,7 +18,7 @@ from experiments.harness.terminal import blocks, excerpt
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from cranedyn.lifting.loads import Loads
+    from cranedyn.lifts.judging.loads import Loads
     from cranedyn.model.crane import Crane
     from cranedyn.recording import Run
 

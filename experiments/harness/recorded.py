@@ -13,11 +13,11 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cranedyn.bridges import bags
 from cranedyn.command import Parser
 from cranedyn.data.external import ExternalTable, load_external, parse_sources
 from cranedyn.data.logs import open_log
 from cranedyn.errors import CraneError, DataError
+from cranedyn.interop import bags
 from cranedyn.model.options import parse_pairs
 from cranedyn.sweep import results
 from experiments.harness.arguments import add_condition, add_mode

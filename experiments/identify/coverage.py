@@ -18,13 +18,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.stats import binom
 
-from cranedyn.bridges.joints import urdf_element
-from cranedyn.bridges.mjcf import mjcf
 from cranedyn.checks import number, whole
 from cranedyn.errors import DataError
+from cranedyn.export.crane_data import urdf_element
+from cranedyn.export.mujoco import mjcf
 from cranedyn.identification import Model, Prior, Record, identify
+from cranedyn.identification.drive_motion import SampledMotion
 from cranedyn.identification.estimate import WHITE
-from cranedyn.identification.motion import SampledMotion
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.sweep import grid, sweep

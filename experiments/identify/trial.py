@@ -16,10 +16,10 @@ from cranedyn.controllers import follow
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.identification import Estimate, Prior, Record
-from cranedyn.identification.motion import SampledMotion, lagged
+from cranedyn.identification.drive_motion import SampledMotion, lagged
 from cranedyn.interfaces import State
+from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
 from cranedyn.model.crane import Crane
-from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
 from experiments.harness import Setup
 from experiments.scenarios import strategies

@@ -18,8 +18,8 @@ from cranedyn.controllers import follow
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Reference, State
+from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
 from cranedyn.model.crane import Crane
-from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import shortest, spline
 from experiments.harness import Setup
 from experiments.linear.model import Miss, Model, all_rates, dropped, integrate, miss, paper

@@ -14,8 +14,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.sites.simulate import SiteRun
-from cranedyn.sites.site import Station
+from cranedyn.lifts.sites.crane_site import Station
+from cranedyn.lifts.sites.site_simulation import SiteRun
 
 INTERVAL = 100
 """Rows between two that are measured whatever the distance is."""

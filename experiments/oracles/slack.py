@@ -20,7 +20,7 @@ from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.interfaces import Drive, State
-from cranedyn.lifting.chart import Reeving
+from cranedyn.lifts.judging.chart import Reeving
 from cranedyn.model.crane import Crane
 from experiments.harness import Claim, ResultTable, make_table
 from experiments.oracles.bench import MASS, Bench, G, curve, zero_between

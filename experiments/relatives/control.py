@@ -22,8 +22,8 @@ from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.estimation.mpc import mpc
 from cranedyn.estimation.observer import with_observer
 from cranedyn.interfaces import Controller, EngineName, State
+from cranedyn.lifts.planning.optimal import optimal
 from cranedyn.model.crane import Crane
-from cranedyn.planning.optimal import optimal
 from cranedyn.references import hold
 from cranedyn.references.limits import use
 from cranedyn.references.motion import Motion, hanging_reference

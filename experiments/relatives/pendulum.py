@@ -17,10 +17,10 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import free_modes, sampled
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
+from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
+from cranedyn.lifts.planning.optimal import optimal
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.planning.joystick import JoystickPulse, joystick
-from cranedyn.planning.optimal import optimal
 from cranedyn.references import hold
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import shaped, zv

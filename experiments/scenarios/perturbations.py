@@ -198,7 +198,7 @@ def make(
             )
         )
         if setup.engine == "compiled" and isinstance(controller, LoadEstimateController):
-            from cranedyn.compiled.load_filter import compile_load_estimate
+            from cranedyn.compiled.load_filter_code import compile_load_estimate
 
             controller = compile_load_estimate(controller)
     if perturbation.noise or perturbation.delay:

@@ -1,7 +1,7 @@
 """The runs of the article, and a move of the control experiments, as folders for Gazebo Classic.
 
 ``python -m experiments.scenarios.programs a1_gazebo --run a1`` writes one. Any other run is
-exported by `cranedyn.bridges.gazebo.export`, and the free swing of any crane by ``cranedyn export
+exported by `cranedyn.export.gazebo.export`, and the free swing of any crane by ``cranedyn export
 gazebo``.
 """
 
@@ -10,10 +10,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from cranedyn.bridges.gazebo import Program, add_world, export
 from cranedyn.command import Parser, command
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import DataError, UnknownName
+from cranedyn.export.gazebo import Program, add_world, export
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import parse_values
 from experiments import a1, a2, a3

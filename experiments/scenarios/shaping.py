@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable, Sequence
 
 from cranedyn.interfaces import Reference, State
+from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
 from cranedyn.model.crane import Crane
-from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references.limits import Limits
 from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv
 from cranedyn.references.simple import spline

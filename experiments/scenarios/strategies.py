@@ -96,7 +96,7 @@ def _fastest_flat(setup: Setup, move: RestToRest) -> Motion:
 
 def _least_time(setup: Setup, move: RestToRest, duration: float | None = None) -> Motion:
     """Return the motion of least time; if a duration is given [s], that of least swing in it."""
-    from cranedyn.planning.optimal import optimal
+    from cranedyn.lifts.planning.optimal import optimal
 
     start, goal = move.ends(setup.crane)
     period = setup.control_period

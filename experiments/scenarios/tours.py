@@ -12,8 +12,8 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.lifts.planning.itinerary import ARTICLE_TOUR, Timetable, Tour, itinerary, tour
 from cranedyn.model.crane import STANDARD_GRAVITY
-from cranedyn.planning.itinerary import ARTICLE_TOUR, Timetable, Tour, itinerary, tour
 from cranedyn.references import hanging_reference, shaped_hoisting, shortest, spline, zv
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits, fastest, use

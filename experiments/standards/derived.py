@@ -10,8 +10,8 @@ import numpy as np
 
 from cranedyn.controllers import Hold
 from cranedyn.interfaces import State
-from cranedyn.lifting import factors, wind
-from cranedyn.lifting.loads import hanging_mass, loads_of_rows
+from cranedyn.lifts.judging import factors, wind_standards
+from cranedyn.lifts.judging.loads import hanging_mass, loads_of_rows
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from experiments.oracles.bench import locked
@@ -237,11 +237,11 @@ def _blown(gravity: float) -> Iterator[Compared]:
     """Blow at a load that hangs plumb by a wind that comes at once and stays."""
     crane = load_crane(gravity=gravity, payload_mass=LOAD, hoist_init=LENGTH, **POINT)
     for speed, area in ((20.0, 4.0), (28.5, 10.0)):
-        force = wind.wind_force(wind.wind_pressure(speed), area)
+        force = wind_standards.wind_force(wind_standards.wind_pressure(speed), area)
         rows = np.zeros((1, 3 * len(crane.points)))
         rows[0, 1] = force
         batch = _coast(crane, crane.start, 8.0, rows)
-        formula = wind.gust_lean(force, LOAD, gravity)
+        formula = wind_standards.gust_lean(force, LOAD, gravity)
         name = f"lean in {speed:g} m/s on {area:g} m² [rad]"
         yield _derived(name, "gust", formula, float(batch.peak_swing[0]))
 

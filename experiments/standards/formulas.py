@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cranedyn.lifting import factors, wind
+from cranedyn.lifts.judging import factors, wind_standards
 
 DIGITS = 1e-4
 """Relative error that printing leaves: numbers are printed with four digits and more."""
@@ -21,7 +21,7 @@ class Compared(NamedTuple):
         name: Name of the factor.
         origin: Source of the formula, or how the factor was simulated. The standards themselves
             were not at hand: they are quoted from other texts.
-        formula: Value that the function of `cranedyn.lifting` returns.
+        formula: Value that the function of `cranedyn.lifts.judging` returns.
         other: Value that the source prints, that follows by hand from its formula, or that was
             simulated.
         within: Largest relative difference between the two.
@@ -81,20 +81,27 @@ FORMULAS = (
         "slew of 0.8 rpm, stop [rad]", "mechanics", factors.stopping(0.8 * _RPM, 0.02)[0], 0.175460
     ),
     Compared("its time [s]", "mechanics", factors.stopping(0.8 * _RPM, 0.02)[1], 4.18879),
-    Compared("wind of 28.5 m/s [Pa]", _AS2, wind.wind_pressure(28.5), 507.656),
-    Compared("wind of 250 Pa [m/s]", _AS2, wind.speed_of_pressure(250.0), 20.0),
-    Compared("height factor at 10 m", _AS2, wind.height_factor(10.0), 1.4),
-    Compared("height factor at 100 m", _AS2, wind.height_factor(100.0), 1.780384),
-    Compared("storm of 50 years [m/s]", _AS2, wind.out_of_service_speed(10.0, 40.0), 56.0),
-    Compared("its pressure [Pa]", _AS2, wind.wind_pressure(56.0), 1960.0),
+    Compared("wind of 28.5 m/s [Pa]", _AS2, wind_standards.wind_pressure(28.5), 507.656),
+    Compared("wind of 250 Pa [m/s]", _AS2, wind_standards.speed_of_pressure(250.0), 20.0),
+    Compared("height factor at 10 m", _AS2, wind_standards.height_factor(10.0), 1.4),
+    Compared("height factor at 100 m", _AS2, wind_standards.height_factor(100.0), 1.780384),
+    Compared(
+        "storm of 50 years [m/s]", _AS2, wind_standards.out_of_service_speed(10.0, 40.0), 56.0
+    ),
+    Compared("its pressure [Pa]", _AS2, wind_standards.wind_pressure(56.0), 1960.0),
     # Printed with three digits.
     *(
-        Compared(f"f_rec of {years} years", _AS2, round(wind.recurrence_factor(years), 3), factor)
+        Compared(
+            f"f_rec of {years} years",
+            _AS2,
+            round(wind_standards.recurrence_factor(years), 3),
+            factor,
+        )
         for years, factor in ((5, 0.815), (10, 0.873), (25, 0.946))
     ),
-    Compared("force on 10 m² [N]", _AS2, wind.wind_force(250.0, 10.0), 2500.0),
+    Compared("force on 10 m² [N]", _AS2, wind_standards.wind_force(250.0, 10.0), 2500.0),
 )
-"""Values that the functions of `cranedyn.lifting` have to return.
+"""Values that the functions of `cranedyn.lifts.judging` have to return.
 
 At μ = 1.5 a public table prints 2.082, which its own formula does not give.
 """

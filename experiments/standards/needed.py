@@ -12,10 +12,10 @@ from cranedyn import theory
 from cranedyn.controllers import follow
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import Controller, Reference, State
-from cranedyn.lifting import factors
-from cranedyn.lifting.loads import hanging_mass, loads
+from cranedyn.lifts.judging import factors
+from cranedyn.lifts.judging.loads import hanging_mass, loads
+from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
 from cranedyn.model.crane import Crane
-from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references.shaped import shaped, zv
 from experiments.harness import Setup
 from experiments.oracles.bench import locked

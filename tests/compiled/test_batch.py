@@ -19,7 +19,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled import inputs
 from cranedyn.compiled.batch import Batch, simulate_batch
-from cranedyn.compiled.layout import BufferLayout
+from cranedyn.compiled.memory_layout import BufferLayout
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold

@@ -13,8 +13,8 @@ import pytest
 from cranedyn.compiled.block import FAULT, BlockCode, FunctionBlock, Variable
 from cranedyn.compiled.structured_text import structured_text
 from cranedyn.dynamics.scalars import square_root
-from tests.bridges.c_tools import CompiledBlock
-from tests.bridges.st_interpreter import InterpretedBlock
+from tests.export.c_tools import CompiledBlock
+from tests.export.st_interpreter import InterpretedBlock
 
 LAWS: dict[str, tuple[Callable[[Any], Any], Callable[[float], bool]]] = {
     # Input to result, and whether the result is a number of at most 1e30, by hand.

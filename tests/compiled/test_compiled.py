@@ -20,6 +20,7 @@ from scipy.integrate import solve_ivp
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
+from cranedyn.compiled.plant import rigid_body
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
@@ -40,7 +41,6 @@ from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError, Unknow
 from cranedyn.interfaces import Controller, Disturbance, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.plant import rigid_body
 from cranedyn.references import hanging_reference, hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, constant, crane, locked, python
@@ -305,7 +305,7 @@ def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def test_code_that_moves_otherwise_is_refused(
     drive: Any, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cranedyn.plant.rigid_body.cross_product", _wrong_cross)
+    monkeypatch.setattr("cranedyn.compiled.plant.rigid_body.cross_product", _wrong_cross)
     c = load_crane(payload_mass=1234.5)
     controller = CONTROLLERS[name][1]()
     words = "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "

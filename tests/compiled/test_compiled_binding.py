@@ -28,9 +28,9 @@ from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.binding import Loop
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.kernel import Recipe
-from cranedyn.compiled.layout import BufferLayout, size
+from cranedyn.compiled.loop_tables import RowTable, single_table
+from cranedyn.compiled.memory_layout import BufferLayout, size
 from cranedyn.compiled.rows import compile_columns
-from cranedyn.compiled.tables import RowTable, single_table
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine

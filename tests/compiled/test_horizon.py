@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.compiled.horizon import model
+from cranedyn.compiled.horizon import horizon_model
 from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.receding import Receding, receding, usual_input_weight
 from cranedyn.compiled.machine import translate
@@ -28,9 +28,9 @@ from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import CraneError
 from cranedyn.estimation import with_sensor_model
 from cranedyn.interfaces import Controller, Drive, Setpoint, State
+from cranedyn.lifts.planning.optimal import optimal
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.planning.optimal import optimal
 from cranedyn.references import flat, hold
 from cranedyn.references.limits import Limits
 from tests.helpers import ROOT, crane, long_after, quickly
@@ -93,7 +93,7 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
     length = 0.05
     n, z, w = layout.n, shape.states, shape.both
     module = ir.Module()
-    known = model.emit(module, shape, made.programme.plant, length)
+    known = horizon_model.emit(module, shape, made.programme.plant, length)
     work = np.zeros(shape.size)
     stages = work[shape.first :].reshape(shape.stages, shape.stride)
     for name, i, lane, value in known:

@@ -11,7 +11,7 @@ import scipy.linalg
 from llvmlite import ir
 from numpy.testing import assert_allclose
 
-from cranedyn.compiled.horizon import model
+from cranedyn.compiled.horizon import horizon_model
 from cranedyn.compiled.horizon.receding import Receding, receding
 from cranedyn.compiled.machine import translate
 from cranedyn.dynamics.pinocchio import payload_position
@@ -37,7 +37,7 @@ def test_a_stage_is_the_exponential_of_the_linear_crane_to_the_fourth_power_of_i
     q = tower.start.q
     still = np.zeros(n)
     length = 0.6
-    entries = model.stage(plant, length, q, still, np.zeros(m))
+    entries = horizon_model.stage(plant, length, q, still, np.zeros(m))
     found = np.zeros((2 * n, 2 * n + m))
     for name, i, j, value in entries:
         if name == "forward":
@@ -45,7 +45,7 @@ def test_a_stage_is_the_exponential_of_the_linear_crane_to_the_fourth_power_of_i
     # About the plumb load: a pendulum of nearly ω² = g/l in each plane, moved by the trolley, and
     # by the slew at the radius of 10 m.
     squared = tower.gravity / q[4]
-    rates = model.crane_derivatives(plant, q, still, np.zeros(m)).rates.astype(float)
+    rates = horizon_model.crane_derivatives(plant, q, still, np.zeros(m)).rates.astype(float)
     inertia_of_the_load = 3e-3  # as a share of m l²
     assert_allclose(rates[[2, 3], [2, 3]], -squared, rtol=inertia_of_the_load)
     moved = np.abs(rates[2:4, 2 * n :]).max(axis=0)
@@ -76,7 +76,7 @@ def test_a_goal_hangs_where_the_load_rests_for_positions_of_the_drives(
         q = one.start.q.copy()
         q[one.layout.drives] += change
         # To first order alone the eccentric load would be off by 1e-6 to 1e-4 rad.
-        found = model.hanging(plant, q[one.layout.drives]).astype(float)
+        found = horizon_model.hanging(plant, q[one.layout.drives]).astype(float)
         assert_allclose(found, one.resting(q), rtol=0.0, atol=1e-12)
 
 
@@ -89,7 +89,7 @@ def test_weights_are_those_of_the_payload_and_of_the_joints_by_differences() -> 
     module = ir.Module()
     work = np.zeros(shape.size)
     errors = np.arange(1.0, 1.0 + 2 * n).reshape(2, n)
-    model.emit_weights(module, shape, programme.plant, errors, np.array([0.1, 0.5]))
+    horizon_model.emit_weights(module, shape, programme.plant, errors, np.array([0.1, 0.5]))
     goal = tower.state(gamma=0.3, x=12.0, l=11.0).q
     work[shape.place("goal") :][:n] = goal
     machine = translate(module)

@@ -15,7 +15,7 @@ from tests.helpers import ROOT, crane, quickly
 
 pytest.importorskip("llvmlite")
 
-from cranedyn.compiled.load_filter import compile_load_estimate
+from cranedyn.compiled.load_filter_code import compile_load_estimate
 
 
 @pytest.mark.parametrize(

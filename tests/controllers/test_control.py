@@ -33,7 +33,7 @@ from cranedyn.dynamics.pinocchio import (
 )
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.planning.joystick import JoystickPulse, joystick
+from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
 from cranedyn.references.limits import Limits, fastest, use

@@ -22,7 +22,7 @@ from cranedyn.dynamics.linearisation import free_modes, held_states, sampled
 from cranedyn.dynamics.pinocchio import holding_effort, linearise, payload_position
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import State
-from cranedyn.lifting.loads import loads
+from cranedyn.lifts.judging.loads import loads
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate

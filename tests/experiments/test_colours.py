@@ -11,8 +11,8 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.style import RUN_COLOURS, rgb, run_colour
 from cranedyn.recording import Run
+from cranedyn.recording.contents import colours
 from cranedyn.recording.dashboard import payload_view, scene_view
-from cranedyn.recording.run import colours
 from cranedyn.recording.scene import looks, payload_entity
 from cranedyn.recording.series import plots, series_table, time_series_view
 from experiments import harness

@@ -20,7 +20,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
-from cranedyn.planning.itinerary import ARTICLE_TOUR, itinerary
+from cranedyn.lifts.planning.itinerary import ARTICLE_TOUR, itinerary
 from cranedyn.recording import Live
 from experiments import demo, harness
 from experiments.scenarios.moves import residual

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from cranedyn.dynamics.converters import converters
+from cranedyn.lifts.sites.brakes import brakes
+from cranedyn.lifts.sites.crane_site import CraneSite, Station
+from cranedyn.lifts.sites.crane_site_file import read_crane_site
+from cranedyn.lifts.sites.site_simulation import SiteRun, simulate_site
 from cranedyn.model.load import load_crane
-from cranedyn.sites.brakes import brakes
-from cranedyn.sites.simulate import SiteRun, simulate_site
-from cranedyn.sites.site import CraneSite, Station
-from cranedyn.sites.site_file import read_crane_site
 from experiments.oracles.real_shapes import real_distances
 
 pytestmark = pytest.mark.slow

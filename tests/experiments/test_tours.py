@@ -17,7 +17,7 @@ from cranedyn.controllers.damping import with_damping
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
-from cranedyn.planning.itinerary import ARTICLE_TOUR, tour
+from cranedyn.lifts.planning.itinerary import ARTICLE_TOUR, tour
 from cranedyn.references import hanging_reference, hold, spline
 from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use

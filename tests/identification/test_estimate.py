@@ -13,10 +13,10 @@ from cranedyn.controllers import follow, hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, DataError, UnknownName
 from cranedyn.identification import Estimate, Model, Prior, Record, identify, load_record
+from cranedyn.identification.drive_motion import lagged
 from cranedyn.identification.estimate import is_white
-from cranedyn.identification.motion import lagged
-from cranedyn.identification.search import jacobian
-from cranedyn.planning.joystick import JoystickPulse, joystick
+from cranedyn.identification.least_squares import jacobian
+from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
 from experiments.gazebo import RECORDINGS
 from experiments.identify.coverage import NAMES, NOISE, PLANTS, coverage, synthetic

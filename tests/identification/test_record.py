@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.bridges import mcap
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import CraneError, DataError
+from cranedyn.export import mcap
 from cranedyn.identification import Prior, Record, load_record
 from cranedyn.simulation.simulate import simulate
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from cranedyn.identification import Model, Prior, Record, identify
-from cranedyn.identification.record import load_record
+from cranedyn.identification.checked_record import load_record
 from cranedyn.identification.sampling import (
     SmoothCurve,
     _PenalisedSpline,

@@ -341,7 +341,7 @@ def test_links_of_missing_meshes_are_drawn_as_sticks(tmp_path: Path) -> None:
     ("folder", "name"), [("mine_ros", "mine_ros"), ("My-Crane", "crane_description")]
 )
 def test_a_package_has_the_name_of_its_folder(tmp_path: Path, folder: str, name: str) -> None:
-    from cranedyn.bridges import ros2
+    from cranedyn.export import ros2
 
     package = ros2.export(tmp_path / folder, cd.load_crane())
     assert ET.parse(package / "package.xml").findtext("name") == name

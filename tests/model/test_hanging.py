@@ -144,7 +144,7 @@ def test_an_lqr_about_rest_moves_no_load_that_hangs_at_rest(text: str, engine: E
 @both
 def test_a_move_of_least_time_ends_at_rest_where_the_load_hangs(text: str) -> None:
     pytest.importorskip("casadi", reason="extra optimal (casadi) is not installed")
-    from cranedyn.planning.optimal import optimal
+    from cranedyn.lifts.planning.optimal import optimal
 
     crane = loaded(text)
     swing = 0.05

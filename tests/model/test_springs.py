@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
 from cranedyn import theory
+from cranedyn.compiled.plant.cranes import load_cranes
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.interfaces import Drive
-from cranedyn.plant.cranes import load_cranes
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import crossing, locked
 from tests.helpers import crane, long_after

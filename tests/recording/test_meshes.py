@@ -13,7 +13,7 @@ from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run, record
 from cranedyn.recording.dashboard import extent
-from cranedyn.recording.record import describe_runs as markdown
+from cranedyn.recording.recorder import describe_runs as markdown
 from cranedyn.recording.shapes import Shape, shapes
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import locked

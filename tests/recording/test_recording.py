@@ -395,7 +395,7 @@ def test_a_recording_that_is_interrupted_prints_nothing_of_its_own(tmp_path: Pat
     done = python(
         """
 import importlib, sys
-record = importlib.import_module("cranedyn.recording.record")
+record = importlib.import_module("cranedyn.recording.recorder")
 def interrupted(*_):
     raise KeyboardInterrupt
 record.log_series = interrupted

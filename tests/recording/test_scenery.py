@@ -23,8 +23,8 @@ from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run, record
-from cranedyn.recording.record import Live, describe_runs
-from cranedyn.recording.run import Obstacle, Scenery, clock, rows_every
+from cranedyn.recording.contents import Obstacle, Scenery, clock, rows_every
+from cranedyn.recording.recorder import Live, describe_runs
 from cranedyn.recording.scene import looks, payload_entity
 from cranedyn.recording.series import plots, series_table, time_range
 from cranedyn.recording.snapshot import _frame_times, snapshot

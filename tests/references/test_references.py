@@ -7,9 +7,9 @@ import pytest
 
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint, State
+from cranedyn.lifts.planning.itinerary import Leg, itinerary, tour
+from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
 from cranedyn.model.load import load_crane
-from cranedyn.planning.itinerary import Leg, itinerary, tour
-from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import (
     ei,
     flat,

@@ -22,7 +22,7 @@ from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane
 from cranedyn.references import hanging_reference, hold, pulse
 from cranedyn.references.simple import Pulse, Still
-from cranedyn.simulation.record import VERSIONS, json_value
+from cranedyn.simulation.run_record import VERSIONS, json_value
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
 

@@ -171,7 +171,11 @@ def test_a_manifest_names_the_code(swept: Path) -> None:
     fields = json.loads((swept / MANIFEST).read_text())
     assert fields["version"] == cranedyn.__version__
     assert fields["sources"] == source_digests("tests.studies:squares")
-    expected = {"tests/studies.py", "cranedyn/sweep/run.py", "cranedyn/urdf/tower_crane.urdf.xacro"}
+    expected = {
+        "tests/studies.py",
+        "cranedyn/sweep/running.py",
+        "cranedyn/urdf/tower_crane.urdf.xacro",
+    }
     assert expected <= fields["sources"].keys()
 
 

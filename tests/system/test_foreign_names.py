@@ -18,7 +18,7 @@ from cranedyn.errors import CraneError, ModelError, OutOfRange, printable, quote
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run
-from cranedyn.recording.record import describe_runs as words_of
+from cranedyn.recording.recorder import describe_runs as words_of
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.outcome import Outcome, ResultTable, show
 from tests.helpers import crane

@@ -154,7 +154,7 @@ import os, signal, sys
 import numpy as np
 from cranedyn import load_crane, simulate
 from cranedyn.controllers import hold_controller
-from cranedyn.planning.solids import body
+from cranedyn.lifts.planning.solids import body
 
 class Interruption:
     def find_spec(self, name, *_):

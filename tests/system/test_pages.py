@@ -62,8 +62,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "experiments").symlink_to(ROOT / "experiments")
     monkeypatch.setattr(cd, "view", lambda run: None)
     monkeypatch.setattr("webbrowser.open", lambda address: None)
-    # tests/bridges/test_page.py plans them
-    monkeypatch.setattr("cranedyn.bridges.page.exercises", lambda *_: [])
+    # tests/export/test_page.py plans them
+    monkeypatch.setattr("cranedyn.export.driving_page.exercises", lambda *_: [])
     return tmp_path
 
 

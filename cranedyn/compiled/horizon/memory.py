@@ -17,9 +17,9 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value, lane_type
+from cranedyn.compiled.plant.plant import Plant, Topology, plant
 from cranedyn.dynamics.scalars import array
 from cranedyn.model.layout import Layout
-from cranedyn.plant.plant import Plant, Topology, plant
 
 _VECTOR_LENGTH = 8
 """Doubles in the widest vector of a processor and in a line of its cache.
@@ -398,7 +398,7 @@ class Programme:
 
     Attributes:
         topology: Topology of its crane model.
-        numbers: Parameters of its crane model, see `cranedyn.plant.plant.numbers`.
+        numbers: Parameters of its crane model, see `cranedyn.compiled.plant.plant.numbers`.
         drive: Kind of command, "effort", "motion" or "velocity".
         stages: Number of stages of the horizon.
         stage_length: Length of a stage [s].

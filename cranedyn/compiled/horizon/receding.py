@@ -22,11 +22,12 @@ from cranedyn.checks import (
 )
 from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
 from cranedyn.compiled.binding import Instant, aligned_copy
-from cranedyn.compiled.horizon import model
-from cranedyn.compiled.horizon.control import emit_instant, emit_plan
+from cranedyn.compiled.horizon import horizon_model
+from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 from cranedyn.compiled.horizon.memory import REPORT, Programme, lane_memory
 from cranedyn.compiled.horizon.planning import Marks
 from cranedyn.compiled.machine import Machine, translate
+from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -34,7 +35,6 @@ from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
-from cranedyn.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import ROW_TOLERANCE
@@ -256,7 +256,7 @@ class Receding(ShortRepr):
         return self._memory[self.programme.offsets(1).work :].copy()
 
     def notes(self) -> dict[str, object]:
-        """Return notes for a run, see `cranedyn.simulation.record.controller_notes`."""
+        """Return notes for a run, see `cranedyn.simulation.run_record.controller_notes`."""
         notes: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
         refusals = int(self.refusals(self._memory, 1)[0])
         if refusals:
@@ -627,7 +627,7 @@ def _swing_frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
     """
     layout = plant.topology.layout
     at_rest = np.zeros(layout.n)
-    derivatives = model.crane_derivatives(plant, q, at_rest, np.zeros(layout.m))
+    derivatives = horizon_model.crane_derivatives(plant, q, at_rest, np.zeros(layout.m))
     by_passive = derivatives.rates[layout.passive][:, layout.passive]
     stiffness = -by_passive.astype(float)
     return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))

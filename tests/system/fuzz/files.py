@@ -36,14 +36,14 @@ from cranedyn.data.trajectory import Trajectory, read, read_columns
 from cranedyn.dynamics.pinocchio import acceleration, energy
 from cranedyn.errors import CraneError
 from cranedyn.identification import read_twin, twin_of
-from cranedyn.lifting.chart import CHARTS, read_chart
+from cranedyn.lifts.judging.chart import CHARTS, read_chart
+from cranedyn.lifts.planning.bim import read_ifc
+from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.lift import crane_of
+from cranedyn.lifts.planning.site_file import SITES, read_site
+from cranedyn.lifts.planning.solids import read_mesh
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
-from cranedyn.planning.bim import read_ifc
-from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.lift import crane_of
-from cranedyn.planning.site_file import SITES, read_site
-from cranedyn.planning.solids import read_mesh
 from cranedyn.recording import Run, record
 from cranedyn.recording.viewer import check_recording
 from cranedyn.simulation.simulate import simulate
@@ -406,7 +406,7 @@ def _use_mesh(path: Path) -> None:
 
 @cache
 def _buildings() -> dict[str, bytes]:
-    from tests.planning.test_site import model
+    from tests.lifts.planning.test_site import model
 
     with tempfile.TemporaryDirectory() as folder:
         return {"a.ifc": model(Path(folder) / "a.ifc").read_bytes()}
@@ -521,7 +521,7 @@ def _use_log(path: Path) -> None:
 
 @cache
 def _databases() -> dict[str, bytes]:
-    from tests.bridges.test_mcap import database
+    from tests.export.test_mcap import database
 
     with tempfile.TemporaryDirectory() as folder:
         database(Path(folder) / "a.db3", ["hoist_joint", "swing_radial_joint"], rows=20)
@@ -533,8 +533,8 @@ def _databases() -> dict[str, bytes]:
 
 @cache
 def _bags() -> dict[str, bytes]:
-    from cranedyn.bridges import mcap
-    from tests.bridges.test_mcap import bag
+    from cranedyn.export import mcap
+    from tests.export.test_mcap import bag
 
     names = ["hoist_joint", "swing_radial_joint"]
     with tempfile.TemporaryDirectory() as folder:
@@ -544,7 +544,7 @@ def _bags() -> dict[str, bytes]:
 
 
 def _use_bag(path: Path) -> None:
-    from cranedyn.bridges import bags
+    from cranedyn.interop import bags
 
     columns = bags.read_joint_states(path, ("t_s", "l_m", "phi_rad"))
     check_finite("a recording", *columns.values())

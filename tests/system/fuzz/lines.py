@@ -48,13 +48,13 @@ GOOD_FILES = "good.csv good.parquet real.rrd new.rrd new earlier doc.md earlier/
 """Names that are right for something."""
 
 STARTERS = (
-    "cranedyn.sweep.run.LocalPool",
+    "cranedyn.sweep.running.LocalPool",
     "experiments.harness.processes.ProcessPoolExecutor",
     "cranedyn.recording.snapshot._pictures",
     "experiments.report._run",
     "cranedyn.recording.serve",
     "cranedyn.recording.open_viewer",
-    "cranedyn.bridges.commissioning.serve.servers",
+    "cranedyn.interop.commissioning.serve.servers",
     "os.sched_setscheduler",
 )
 """Whatever starts another process; a command that comes there is interrupted."""

@@ -1,0 +1,337 @@
+"""The crane of a page: compiled to WebAssembly, with sliders and assistances for its operator."""
+
+from __future__ import annotations
+
+import base64
+import math
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.clocks import whole_periods
+from cranedyn.controllers.lqr import effort_weight_of, lqr
+from cranedyn.controllers.velocity_command import as_velocity_command
+from cranedyn.dynamics.converters import HEADROOM, Converters
+from cranedyn.dynamics.integrators import semi_implicit_euler
+from cranedyn.dynamics.pinocchio import natural_frequencies
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import ROLES
+from cranedyn.references.limits import Limits
+from cranedyn.references.motion import Motion
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.receding import Receding
+
+PERIOD = 5e-3
+"""Control period [s], that of `simulate`."""
+
+DT = 5e-4
+"""Physics step [s], that of `simulate`."""
+
+YIELDING = 0.2
+"""Share of critical damping that drives which yield give the swing."""
+
+SOFTER = 100.0
+"""Weight of efforts over that of `lqr`: stiffer gains ask for more than the ramps of drives give,
+and the loop oscillates."""
+
+_RADII = 6
+"""Number of trolley radii in the table of gains."""
+
+_LENGTHS = 8
+"""Number of cable lengths in the table of gains."""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number of the crane that can be changed while it moves.
+
+    Attributes:
+        name: Name.
+        label: What it is.
+        unit: Its unit.
+        least: Lower end of its range.
+        most: Upper end of its range.
+        value: Value at the start.
+    """
+
+    name: str
+    label: str
+    unit: str
+    least: float
+    most: float
+    value: float
+
+
+def variations(crane: Crane, drives: Converters) -> list[tuple[Slider, Crane, np.ndarray]]:
+    """Return sliders, each with the crane and the parameters of its converters at one unit more
+    than usual.
+
+    The numbers of a crane are affine in each slider, so the page adds as many times the difference
+    as the slider is off its start.
+    """
+    usual = np.concatenate(drives.response)
+    mass = crane.payload_mass
+    damping = float(crane.damping[crane.swings].mean()) if len(crane.swings) else 0.0
+    largest = max(10.0 * damping, 0.1 * math.sqrt(crane.gravity) * mass * _cable(crane) ** 1.5)
+    raised = crane.damping.copy()
+    raised[crane.swings] += 1.0
+    steeper = replace(drives, accelerations=1.01 * drives.accelerations, jerks=1.01 * drives.jerks)
+    load = Slider("payload_mass", "load", "kg", 0.25 * mass, 3.0 * mass, mass)
+    swing = Slider("damping", "damping of the swing", "N m s/rad", 0.0, largest, damping)
+    ramp = Slider("ramp", "acceleration of the drives", "%", 25.0, 200.0, 100.0)
+    return [
+        (load, _heavier(crane, 1.0 + 1.0 / mass), usual),
+        (swing, replace(crane, damping=raised), usual),
+        (ramp, crane, np.concatenate(steeper.response)),
+    ]
+
+
+def _heavier(crane: Crane, factor: float) -> Crane:
+    """Return a crane with a load of the same shape whose mass is a multiple."""
+    model = crane.model.copy()
+    joint = crane.payload.body + 1  # joint 0 of Pinocchio is the world
+    load = model.inertias[joint]
+    model.inertias[joint] = pin.Inertia(factor * load.mass, load.lever, factor * load.inertia)
+    return replace(crane, model=model)
+
+
+def usual_limits(drives: Converters) -> Limits:
+    """Return the limits at full stick: those of the drives less what rates have in reserve."""
+    return Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
+
+
+def _cable(crane: Crane) -> float:
+    """Return the length of the cable at the start [m]; 1 for a crane without hoist."""
+    layout = crane.layout
+    return float(crane.start.q[layout.role("hoist", "")]) if layout.has("hoist") else 1.0
+
+
+# --- assistances ----------------------------------------------------------------------------------
+
+_ASSISTANCES = {
+    "none": ("Off", "The drives follow the sticks by their ramps."),
+    "shaped": ("Shaped", "Half of each command comes half a swing period later (ZV shaper)."),
+    "yielding": ("Yielding", "Slew and trolley give way to the load, which damps its swing."),
+    "lqr": ("LQR", "Feedback of the whole state holds the load on the motion of the sticks."),
+    "predictive": ("Predictive", "An optimisation drives the load to the goal that is clicked."),
+}
+
+
+def assistances(crane: Crane) -> list[dict[str, str]]:
+    """Return the assistances that a crane can have."""
+    assistances = set(_ASSISTANCES)
+    if not len(crane.swings):
+        assistances &= {"none"}
+    if not is_tower(crane):
+        assistances -= {"yielding"}
+    if crane.springs.any:
+        assistances -= {"predictive"}
+    return [
+        {"name": name, "label": label, "text": text}
+        for name, (label, text) in _ASSISTANCES.items()
+        if name in assistances
+    ]
+
+
+def is_tower(crane: Crane) -> bool:
+    """Return whether a crane has the five joints of a tower crane and no other."""
+    return crane.layout.has(*ROLES) and crane.layout.n == len(ROLES)
+
+
+def assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
+    """Return what the assistances need to know of a crane, for JSON."""
+    layout = crane.layout
+    limits = usual_limits(drives)
+    # Time from a command to the acceleration: lag, delay, and the rounding of the ramp.
+    response = drives.lags + drives.delay + drives.accelerations / drives.jerks
+    hoist = layout.drive_of("hoist")
+    lengths = _rows(crane, "hoist", _LENGTHS)
+    data: dict[str, Any] = {
+        "rates": list(limits.rates),
+        "accelerations": list(limits.accelerations),
+        "reaction": (2.0 * response).tolist(),  # twice, or the end would be overshot
+        "joints": layout.drives.tolist(),
+        "hoist": -1 if hoist is None else hoist,
+        "swing": {
+            "lengths": lengths,
+            "periods": [swing_period(crane, _at(crane, hoist=length)) for length in lengths],
+        },
+    }
+    if is_tower(crane):
+        _, x, phi, theta, length = layout.tower("Drives that yield to the swing")
+        data["yielding"] = {
+            "x": x,
+            "phi": phi,
+            "theta": theta,
+            "l": length,
+            "slew": layout.drive_of("slew"),
+            "trolley": layout.drive_of("trolley"),
+            "ratio": YIELDING,
+            "gravity": crane.gravity,
+        }
+    if len(crane.swings):
+        data["lqr"] = _lqr_data(crane, drives, lengths)
+    return data
+
+
+def _rows(crane: Crane, role: str, count: int) -> list[float]:
+    """Return coordinates over the range of a role's joint; one where there is none."""
+    layout = crane.layout
+    if not layout.has(role):
+        return [0.0]
+    joint = layout.role(role, "")
+    return np.linspace(crane.lower[joint], crane.upper[joint], count).tolist()
+
+
+def _at(crane: Crane, **coordinates: float) -> np.ndarray:
+    """Return coordinates at rest, with those of some roles given."""
+    q = crane.start.q.copy()
+    for role, value in coordinates.items():
+        if crane.layout.has(role):
+            q[crane.layout.role(role, "")] = value
+    return crane.resting(q)
+
+
+def swing_period(crane: Crane, q: np.ndarray) -> float:
+    """Return the period of the slowest swing with the drives locked [s]; 1 if nothing swings."""
+    if not len(crane.swings):
+        return 1.0
+    frequencies = natural_frequencies(crane, q, crane.layout.passive)
+    # A joint that nothing brings back has the frequency 0, up to round-off.
+    swinging = frequencies[frequencies > 1e-3 * frequencies.max()]
+    return float(2.0 * math.pi / swinging.min())
+
+
+def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dict[str, Any]:
+    """Return gains from state to rates over radius and cable length."""
+    layout = crane.layout
+    radii = _rows(crane, "trolley", _RADII)
+    weight = SOFTER * effort_weight_of(crane)
+    gains = []
+    for radius in radii:
+        for length in lengths:
+            q = _at(crane, trolley=radius, hoist=length)
+            still = np.zeros((1, layout.n))
+            motion = Motion(PERIOD, q[None], still, still, layout.drives)
+            efforts = lqr(crane, motion, effort_weight=weight)
+            rates: Any = as_velocity_command(
+                crane, efforts, drive="effort", converters=drives, control_period=PERIOD
+            )
+            gains.append(rates.gain[-1].ravel().tolist())
+    return {
+        "x": layout.role("trolley", "") if layout.has("trolley") else -1,
+        "l": layout.role("hoist", "") if layout.has("hoist") else -1,
+        "radii": radii,
+        "lengths": list(lengths),
+        "gains": gains,
+        "rest": crane.resting(crane.start.q).tolist(),
+    }
+
+
+# --- code -----------------------------------------------------------------------------------------
+
+
+def kernel_data(
+    crane: Crane, drives: Converters, variants: Sequence[tuple[Slider, Crane, np.ndarray]]
+) -> dict[str, Any]:
+    """Return the code as WebAssembly, with the layout of its memory and what each of `variations`
+    changes, but no state at the start.
+    """
+    from cranedyn.compiled.kernel import Recipe, build_module
+    from cranedyn.compiled.memory_layout import SLOTS, size, slices
+    from cranedyn.compiled.verify import compile_kernel
+    from cranedyn.compiled.webassembly import webassembly  # other exporters need no llvmlite
+
+    recipe = Recipe(
+        1,
+        "velocity",
+        semi_implicit_euler,
+        delay_steps=drives.delay_steps(DT, PERIOD),
+        forces=True,
+        log=True,
+        summary=True,
+    )
+    cranes = [crane]
+    responses = [np.concatenate(drives.response)]
+    for _, changed_crane, response in variants:
+        cranes.append(changed_crane)
+        responses.append(response)
+    # A row of numbers for each crane: first the usual one, then one for each slider.
+    kernel, numbers = compile_kernel(cranes, recipe, np.array(responses))
+    source = kernel.source
+    buffers = {
+        "state": source.sizes.state,
+        "gain_table": source.sizes.gain_table,
+        "setpoint_table": source.sizes.setpoint_table,
+        "force": source.sizes.force,
+        "log": source.sizes.row,
+        "summary": source.sizes.summary,
+    }
+    places = {}
+    for name, sections in buffers.items():
+        parts = slices(sections).items()
+        places[name] = {key: [part.start, part.stop] for key, part in parts}
+    changes = {}
+    for (slider, *_), row in zip(variants, numbers[1:], strict=True):
+        changes[slider.name] = (row - numbers[0]).tolist()
+    is_predictive = any(entry["name"] == "predictive" for entry in assistances(crane))
+    return {
+        "horizon": _horizon_data(goal_controller(crane, drives)) if is_predictive else None,
+        "module": _packed(webassembly(build_module(source))),
+        "slots": SLOTS,
+        "sections": places,
+        "sizes": {name: size(sections) for name, sections in buffers.items()},
+        "numbers": numbers[0].tolist(),
+        "variations": changes,
+        "drives": crane.layout.drives.tolist(),
+        "dt": DT,
+        "period": PERIOD,
+        "steps": round(PERIOD / DT),
+    }
+
+
+def goal_controller(crane: Crane, drives: Converters) -> Receding:
+    """Return the predictive controller: few and long stages are quick, and as good here."""
+    from cranedyn.compiled.horizon.receding import receding
+
+    swing = swing_period(crane, crane.start.q)
+    return receding(
+        crane,
+        usual_limits(drives),
+        drive="velocity",
+        converters=drives,
+        period=whole_periods(swing / 75.0, PERIOD),
+        stage=whole_periods(swing / 10.0, PERIOD),
+        stages=20,
+    )
+
+
+def _horizon_data(controller: Receding) -> dict[str, Any]:
+    """Return code and memory of a predictive controller, and places of its acceleration limits."""
+    from llvmlite import ir
+
+    from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
+    from cranedyn.compiled.webassembly import webassembly
+
+    programme = controller.programme
+    module = ir.Module()
+    emit_plan(module, programme)
+    emit_instant(module, programme)
+    shape = programme.shape(1)
+    first = programme.offsets(1).work
+    return {
+        "module": _packed(webassembly(module)),
+        "memory": _packed(controller.memory(1).tobytes()),
+        "ratio": programme.ratio,
+        "accelerations": [first + shape.place(name) + shape.states for name in ("low", "high")],
+    }
+
+
+def _packed(data: bytes) -> str:
+    """Return bytes compressed, as text for JSON."""
+    return base64.b64encode(zlib.compress(data, 9)).decode()

@@ -1,0 +1,870 @@
+"""Controllers as function blocks, for exporters of code.
+
+The inputs of a block are the measured state and the setpoints, its outputs the commands of the
+drives. A program calls it once in each control period. Tables of a controller, such as gains along
+a motion, are constant tables of the block; their row is the count of calls since the reset.
+
+`controller_block` is the entry point. There is one class for each family of controllers, a `Part`,
+which knows what the controller keeps in memory and emits its law; `PARTS` lists them. After a
+fault, such as a measurement that is not a number, the block does what is safe for its kind of
+outputs until the program closes the brakes, see `FaultReaction`.
+
+Conventions: n coordinates, m drives, z = (coordinates, rates) of shape (2 n,). While a block is
+emitted, arrays hold values of the code under construction (`Value`) and not numbers. The order in
+which they are made is the order of the statements in the exported files.
+"""
+
+from __future__ import annotations
+
+import copy
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from cranedyn.checks import check_choice, number
+from cranedyn.clocks import SAME_PERIOD, Clocked, intervals
+from cranedyn.compiled.block import (
+    FAULT,
+    BlockCode,
+    FunctionBlock,
+    Tables,
+    Variable,
+    identifiers,
+)
+from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
+from cranedyn.compiled.horizon.receding import Receding
+from cranedyn.controllers.affine import Affine, AffineController, integrated_command
+from cranedyn.controllers.damping import DampingController
+from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import converters as typical_converters
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.scalars import array, clipped
+from cranedyn.errors import DataError, OutOfRange
+from cranedyn.estimation.observer import ObserverController
+from cranedyn.export.crane_data import finite_form, input_names, state_names
+from cranedyn.interfaces import Drive, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.motion import Motion
+from cranedyn.references.shaped import Shaped
+from cranedyn.references.tabulated import tabulated
+
+Emitted = tuple[np.ndarray, dict[str, Any]]
+"""Commands of the drives, shape (m,), and new values of memory by name."""
+
+
+class ControlSetting:
+    """Crane, clock and identifiers of a block.
+
+    Attributes:
+        crane: The crane.
+        period: Control period [s].
+        duration: Time that the tables cover [s].
+        times: Control instants within that time [s].
+        identifier: Identifier of each signal, by the name of the signal.
+        state: Identifiers of the measured coordinates, then of their rates, 2 n in all.
+        setpoint: Identifiers of the positions of the setpoint, one for each drive.
+        rate: Identifiers of the rates of the setpoint one control period later, one for each drive.
+        command: Identifiers of the commands, one for each drive.
+        drive: Identifiers of the measured positions of the drives.
+    """
+
+    def __init__(self, crane: Crane, signals: list[str], period: float, duration: float) -> None:
+        """Choose the identifiers.
+
+        Args:
+            crane: The crane.
+            signals: Names of the commands, one for each drive.
+            period: Control period [s].
+            duration: Time that the tables cover [s].
+        """
+        self.crane = crane
+        self.period = period
+        self.duration = duration
+        self.times = period * np.arange(intervals("duration", duration, period) + 1)
+
+        state_signals = state_names(crane)
+        symbols = [joint.symbol for joint in crane.layout.driven]
+        setpoint_signals = [f"{symbol}_set" for symbol in symbols]
+        rate_signals = [f"{symbol}_dot_set" for symbol in symbols]
+        # All at once: an identifier is distinct among the names that are given together.
+        self.identifier = identifiers([*state_signals, *setpoint_signals, *rate_signals, *signals])
+        self.state = [self.identifier[name] for name in state_signals]
+        self.setpoint = [self.identifier[name] for name in setpoint_signals]
+        self.rate = [self.identifier[name] for name in rate_signals]
+        self.command = [self.identifier[name] for name in signals]
+        self.drive = [self.state[i] for i in crane.layout.drives.tolist()]
+
+
+class Part(ABC):
+    """A controller in code.
+
+    Attributes:
+        about: Sentence that says what the controller does, for the head of the exported files.
+        lowest: Smallest value of a measured input, by its identifier; a smaller one is a fault.
+        braking: Largest accelerations with which the drives brake at a fault [rad/s² or m/s²],
+            shape (m,); None for those of typical frequency converters.
+        memory: Variables that it keeps from one call to the next.
+        arrays: Arrays that it keeps, by name, with their values after a reset.
+        tables: Its constant tables, by name.
+        rows: Number of calls that differ by their count alone: from call `rows` - 1 on, counted
+            from 0, nothing depends on the count any more.
+        repeats: Period, in calls, with which the code depends on the count; 0 for a controller
+            whose dependence ends with its last row.
+        routines: Functions that it calls, see `FunctionBlock`; the last is the entry point.
+    """
+
+    about: str
+    lowest: Mapping[str, float] = {}
+    braking: np.ndarray | None = None
+    memory: Sequence[Variable] = ()
+    arrays: Mapping[str, np.ndarray] = {}
+    tables: Mapping[str, np.ndarray] = {}
+    rows = 1
+    repeats = 0
+    routines: Sequence[Any] = ()
+
+    @abstractmethod
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        """Emit the commands of the drives, which need not be cut to their limits yet.
+
+        Args:
+            code: The function under construction.
+            z: Coordinates and rates, measured or estimated, shape (2 n,).
+        """
+
+
+class _AffinePart(Part):
+    """A controller that is affine in the state, on tables; its setpoint stays an input.
+
+    The tables hold the form at a setpoint of zero. The positions of the setpoint, which are inputs
+    of the block, shift the setpoint and the target of the form, see `shifted`.
+    """
+
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
+        layout = setting.crane.layout
+        if isinstance(controller, Clocked):
+            # Of a copy, since the caller may run the controller later.
+            controller = copy.copy(controller)
+            controller.begin_run(0.0, setting.period)
+
+        def form_at(positions: np.ndarray) -> Affine:
+            """Return the form with the drives' setpoint at the same positions all the time."""
+            rows = np.tile(positions, (len(setting.times), 1))
+            return finite_form(controller, setting.times, rows, 2 * layout.n, "a block")
+
+        form = form_at(np.zeros(layout.m))
+        form_at_ones = form_at(np.ones(layout.m))
+        self._setting = setting
+        self._form = form
+        # How far the setpoint and the target of each drive move with one unit of its own position.
+        self._setpoint_shift = (form_at_ones.setpoint - form.setpoint)[0, layout.drives]
+        self._target_shift = (form_at_ones.target - form.target)[0]
+        # Positions that are all different show whether a drive depends on those of the others.
+        positions = np.random.default_rng(0).uniform(1, 2, layout.m)
+        self._check_shift(controller, positions, form_at(positions))
+
+        self._tables = Tables(
+            feed_forward=form.feed_forward,
+            gain=form.gain.reshape(len(form.gain), -1),
+            setpoint=form.setpoint,
+            target=form.target,
+        )
+        self.tables = self._tables.packed
+        self.rows = self._tables.rows
+        self.about = f"{type(controller).__name__}: commands that are affine in the state."
+        self.memory = []
+        for i, joint in enumerate(layout.driven):
+            if form.integral_gain[i]:
+                name = _integral_name(setting.drive[i])
+                start = float(form.integral[i])
+                self.memory.append(Variable(name, "state", f"{joint.unit}.s", start))
+
+    def shifted(self, positions: np.ndarray, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much positions of the drives' setpoint shift the form.
+
+        Args:
+            positions: Positions of the setpoint [rad or m], shape (m,).
+            drives: Indices of the drives among the coordinates, shape (m,).
+
+        Returns:
+            Shift of its setpoint, shape (2 n,), and of its target, shape (m,).
+        """
+        setpoint_shift = array([0.0] * (2 * self._setting.crane.layout.n))
+        setpoint_shift[drives] = array(self._setpoint_shift.tolist()) * positions
+        target_shift = array(self._target_shift.tolist()) * positions
+        return setpoint_shift, target_shift
+
+    def _check_shift(self, controller: Any, positions: np.ndarray, form: Affine) -> None:
+        """Check that the setpoint of the drives does nothing but shift the form.
+
+        Args:
+            controller: The controller, for the error message.
+            positions: Positions of the setpoint [rad or m], shape (m,).
+            form: Form of the controller there.
+
+        Raises:
+            DataError: If it does more.
+        """
+        at_zero = self._form
+        shifts = self.shifted(positions, self._setting.crane.layout.drives)
+        setpoint_shift = shifts[0].astype(float)
+        target_shift = shifts[1].astype(float)
+        is_shifted = (
+            np.array_equal(at_zero.gain, form.gain)
+            and np.array_equal(at_zero.feed_forward, form.feed_forward)
+            and np.allclose(form.setpoint - at_zero.setpoint, setpoint_shift, rtol=1e-9, atol=1e-9)
+            and np.allclose(form.target - at_zero.target, target_shift, rtol=1e-9, atol=1e-9)
+        )
+        if not is_shifted:
+            raise DataError(
+                f"The controller {type(controller).__name__} depends on the setpoint of the drives "
+                "otherwise than by its distance; a block takes the setpoint as an input."
+            )
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        setting = self._setting
+        layout = setting.crane.layout
+        positions = code.get_all(setting.setpoint)
+        setpoint_shift, target_shift = self.shifted(positions, layout.drives)
+        gain = self._tables.row(code, "gain").reshape(layout.m, -1)
+        setpoint = self._tables.row(code, "setpoint") + setpoint_shift
+        command = self._tables.row(code, "feed_forward") - gain @ (z - setpoint)
+        target = self._tables.row(code, "target") + target_shift
+
+        memory = {}
+        for i, drive in enumerate(layout.drives):
+            integral_gain = float(self._form.integral_gain[i])
+            if not integral_gain:
+                continue
+            name = _integral_name(setting.drive[i])
+            error = target[i] - z[drive]
+            integral = code.get(name)
+            limit = float(self._form.limit[i])
+            command[i], memory[name] = integrated_command(
+                command[i], error, integral, integral_gain, limit, setting.period
+            )
+        return command, memory
+
+
+def _integral_name(drive: str) -> str:
+    """Return the name of the variable that integrates the error of a drive."""
+    return f"integral_{drive}"
+
+
+class _YieldingPart(Part):
+    """Drives that yield to the swing; the rates of the reference are inputs of the block."""
+
+    about = "Drives that yield to the load, which damps its swing."
+
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
+        _check_period(setting, controller.control_period)
+        self._controller = controller
+        self._setting = setting
+        self.braking = controller.accelerations
+        # The frequency of the swing is √(g/l): a cable length below zero has no root.
+        *_, hoist = setting.crane.layout.tower("Drives that yield to the swing")
+        self.lowest = {setting.state[hoist]: 0.0}
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        rates = code.get_all(self._setting.rate)
+        positions = code.get_all(self._setting.setpoint)
+        q, v = np.split(z, 2)
+        return self._controller.command(rates, positions, q, v), {}
+
+
+def _check_period(setting: ControlSetting, period: float) -> None:
+    """Check that a block is called with the period [s] for which its controller was made.
+
+    Raises:
+        OutOfRange: If its control period is another one.
+    """
+    if abs(period - setting.period) > SAME_PERIOD * period:
+        raise OutOfRange("control period", setting.period, f"{period:g}: the controller's", "s")
+
+
+class _ObserverPart(Part):
+    """A controller behind a Kalman filter, whose gains do not depend on the measurements.
+
+    The filter estimates the deviation d = z - setpoint from the motion about which the crane was
+    linearised. From one call to the next it predicts d ← a d + b c, where c is the effort of the
+    drives beyond the feed-forward, and corrects that by the gain times what the measurement of the
+    drives adds. Prediction and correction both come at the beginning of a call, so the block keeps
+    d and c of the call before.
+    """
+
+    def __init__(self, setting: ControlSetting, controller: Any) -> None:
+        if controller.delay or controller.estimate is not None:
+            raise DataError(
+                "An observer is exported new and with measurements without delay; this one "
+                f"{'has a delay' if controller.delay else 'has run'}."
+            )
+        model = controller.gains.model
+        _check_period(setting, model.period)
+        self._inner = controller_code(setting, controller.controller)
+        if self._inner.repeats:
+            raise DataError("A shaper does not act on an estimate; export it as a block by itself.")
+        self._setting = setting
+        self._model = model
+        self._measured = controller.gains.measured
+        self._effort_limit = controller.effort_limit.tolist()
+
+        # All stretches of the motion but the last have the same number of rows.
+        new_stretch = np.flatnonzero(np.diff(model.stretch))
+        self._rows_of_stretch = int(new_stretch[0]) + 1 if len(new_stretch) else len(model.stretch)
+
+        gains = [controller.gains.correction(0, k)[0].ravel() for k in range(len(setting.times))]
+        self._tables = Tables(
+            kalman=np.array(gains),
+            motion=np.hstack([model.setpoint, model.efforts]),
+            model=np.dstack([model.a, model.b]).reshape(len(model.a), -1),
+        )
+        self.tables = {**self._inner.tables, **self._tables.packed}
+        # One row more than the motion: the model of a call is that of the row before.
+        self.rows = max(self._tables.rows, self._inner.rows, len(model.stretch) + 1)
+        self.about = f"A Kalman filter that estimates the swing; behind it: {self._inner.about}"
+
+        start = np.zeros(2 * setting.crane.layout.n)
+        if controller.start is not None:
+            start = controller.start - model.setpoint[0]
+        self._deviations = [f"deviation_{name}" for name in setting.state]
+        self._corrections = [f"correction_{name}" for name in setting.drive]
+        self.memory = list(self._inner.memory)
+        for name, value in zip(self._deviations, start.tolist(), strict=True):
+            self.memory.append(Variable(name, "state", "", value))
+        for name in self._corrections:
+            self.memory.append(Variable(name, "state"))
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        predicted = self._predicted_deviation(code)
+        motion = self._tables.row(code, "motion")
+        gain = self._tables.row(code, "kalman").reshape(len(z), -1)
+        setpoint = motion[: len(z)]
+        efforts = motion[len(z) :]
+
+        measured = z[self._measured] - setpoint[self._measured]
+        deviation = predicted + gain @ (measured - predicted[self._measured])
+        command, memory = self._inner.emit(code, setpoint + deviation)
+
+        # The model is driven by the efforts that act, and a drive exerts no more than its limit.
+        acting = []
+        for effort, limit in zip(command, self._effort_limit, strict=True):
+            acting.append(clipped(effort, -limit, limit))
+        memory |= dict(zip(self._deviations, deviation, strict=True))
+        memory |= dict(zip(self._corrections, array(acting) - efforts, strict=True))
+        return command, memory
+
+    def _predicted_deviation(self, code: BlockCode) -> np.ndarray:
+        """Emit the deviation that the model predicts from the call before, shape (2 n,): in the
+        first call the expected start.
+        """
+        size = len(self._deviations)
+        model = self._tables.row(code, "model", self._stretch(code)).reshape(size, -1)
+        a = model[:, :size]
+        b = model[:, size:]
+        start = code.get_all(self._deviations)
+        advanced = a @ start + b @ code.get_all(self._corrections)
+        is_first = code.builder.icmp_signed("==", code.count, code.integer(0))
+        return array([code.chosen(is_first, x, y) for x, y in zip(start, advanced, strict=True)])
+
+    def _stretch(self, code: BlockCode) -> Any:
+        """Emit the index of the model that leads from the call before to this one."""
+        build = code.builder
+        last_row = code.integer(len(self._model.stretch) - 1)
+        row = code.plus(code.count, -1)
+        is_on_motion = build.icmp_signed("<", row, last_row)
+        # In the first call the row is -1, and the prediction is not used.
+        from_first = code.most(row, code.integer(0))
+        stretch = build.sdiv(from_first, code.integer(self._rows_of_stretch))
+        # The last row of a motion has a model of its own, which also stands for all that follows.
+        return build.select(is_on_motion, stretch, code.integer(len(self._model.a) - 1))
+
+
+class _PredictivePart(Part):
+    """A predictive controller to the setpoint, with the memory of its optimisation."""
+
+    about = "Predictive control: an optimisation over a horizon drives the load to the setpoint."
+
+    def __init__(self, setting: ControlSetting, controller: Receding) -> None:
+        _check_period(setting, controller.programme.period)
+        programme = replace(controller.programme, width=1)
+        from llvmlite import ir
+
+        if programme.rows:
+            raise DataError(
+                "A predictive controller is exported to a setpoint, not along a motion."
+            )
+        shape = programme.shape(1)
+        self._setting = setting
+        self.arrays = {
+            "memory": controller.memory(1),
+            # State, setpoint, row of the path, and whether to optimise, see `emit_instant`.
+            "query": np.zeros(shape.states + shape.inputs + 2),
+            "answer": np.zeros(shape.inputs),
+        }
+        self.repeats = programme.ratio
+        module = ir.Module()
+        emit_plan(module, programme)
+        emit_instant(module, programme)
+        self.routines = module.functions
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        build = code.builder
+        positions = code.get_all(self._setting.setpoint)
+        # The horizon is optimised once in `repeats` calls; in the others the plan goes on.
+        calls_since = build.srem(code.count, code.integer(self.repeats))
+        is_due = build.icmp_signed("==", calls_since, code.integer(0))
+        row_of_path = 0.0
+        query = [*z, *positions, row_of_path, code.chosen(is_due, 1.0, 0.0)]
+        for i, value in enumerate(query):
+            code.store(value, code.argument["query"], i)
+        instant = self.routines[-1]
+        build.call(instant, [code.argument[name] for name in self.arrays])
+        commands = [code.element("answer", i) for i in range(len(self._setting.command))]
+        return array(commands), {}
+
+
+class _ShaperPart(Part):
+    """Input shaping of setpoints.
+
+    A shaper adds up past setpoints, each times its amplitude. They lie in a ring of rows in memory,
+    one row for each of the last calls. The row of a call is its count modulo the number of rows.
+    """
+
+    about = "Input shaping: setpoints in parts, so that the swings they cause cancel."
+
+    def __init__(self, setting: ControlSetting, shaped: Shaped) -> None:
+        self._setting = setting
+        self._amplitudes = shaped.amplitudes.tolist()
+        self._m = setting.crane.layout.m
+
+        # A delay is a whole number of calls and a share of one more; a share that is round-off is
+        # none (`SAME_PERIOD`).
+        delays = shaped.delays / setting.period
+        whole_calls = np.floor(delays + SAME_PERIOD)
+        self._delay_calls = whole_calls.astype(int).tolist()
+        self._delay_shares = (delays - whole_calls).tolist()
+
+        # From the present call to the one before the longest delay.
+        self.repeats = int(whole_calls.max()) + 2
+        self.arrays = {"line": np.zeros(self.repeats * self._m)}
+        self._first = [f"first_{name}" for name in setting.drive]
+        self.memory = [Variable(name, "state") for name in self._first]
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        build = code.builder
+        count = code.count
+        ring_rows = code.integer(self.repeats)
+        is_first_call = build.icmp_signed("==", count, code.integer(0))
+        setpoint = code.get_all(self._setting.setpoint)
+        # Before the first call the setpoint counts as that of the first call.
+        stored_first = code.get_all(self._first)
+        first = []
+        for new, stored in zip(setpoint, stored_first, strict=True):
+            first.append(code.chosen(is_first_call, new, stored))
+
+        def past(i: int, calls: int) -> Any:
+            """Return the setpoint of drive i so many calls ago."""
+            if calls == 0:
+                return setpoint[i]
+            row = build.srem(code.plus(count, self.repeats - calls), ring_rows)
+            stored = code.element("line", code.plus(code.product(row, self._m), i))
+            is_before_first = build.icmp_signed("<", count, code.integer(calls))
+            return code.chosen(is_before_first, first[i], stored)
+
+        def delayed(i: int, calls: int, share: float) -> Any:
+            """Return the setpoint of drive i so many calls and a share of one ago."""
+            value = past(i, calls)
+            if abs(share) > SAME_PERIOD:
+                # On the line between the setpoints of two calls.
+                value = value + share * (past(i, calls + 1) - value)
+            return value
+
+        outputs = []
+        for i in range(self._m):
+            output: Any = 0.0
+            for calls, share, amplitude in zip(
+                self._delay_calls, self._delay_shares, self._amplitudes, strict=True
+            ):
+                output = output + amplitude * delayed(i, calls, share)
+            outputs.append(output)
+
+        row = build.srem(count, ring_rows)
+        for i, value in enumerate(setpoint):
+            code.put("line", code.plus(code.product(row, self._m), i), value)
+        return array(outputs), dict(zip(self._first, first, strict=True))
+
+
+PARTS: tuple[tuple[type, Callable[..., Part]], ...] = (
+    (DampingController, _YieldingPart),
+    (ObserverController, _ObserverPart),
+    (Shaped, _ShaperPart),
+    (Receding, _PredictivePart),
+    (AffineController, _AffinePart),
+)
+"""Controllers that can be exported, and what emits them; the first that fits is taken."""
+
+
+def controller_code(setting: ControlSetting, controller: Any) -> Part:
+    """Return a controller in code.
+
+    Raises:
+        DataError: If it cannot be exported.
+    """
+    for kind, emitter in PARTS:
+        if isinstance(controller, kind):
+            return emitter(setting, controller)
+    raise DataError(
+        f"The controller {type(controller).__name__} is neither affine in the state, nor one of "
+        "drives that yield, nor an observer, a shaper, or predictive; a block runs no Python."
+    )
+
+
+EFFORT_RAMP_TIME = 0.25
+"""Time in which an effort goes from its limit to zero at a fault [s]. Brakes of cranes close in
+about a quarter of a second; the drive hands its effort over to them meanwhile."""
+
+
+class FaultReaction:
+    """What the outputs of a controller do at a fault, by their kind.
+
+    * Positions hold their last values: a drive that is told another position would go there.
+    * Rates ramp to zero at the accelerations of the drives, which stops the crane.
+    * Accelerations brake each drive to rest: an acceleration of zero would keep its rate. They
+      begin with the last measured rate, since the present one may be what is not a number.
+    * Efforts ramp to those that hold the crane at its start: for a hoist the weight of the load,
+      for slew and trolley zero. The last effort would go on to accelerate the crane, and none at
+      all would drop the load.
+
+    Attributes:
+        about: Sentence that says it.
+        memory: Variables that it keeps.
+    """
+
+    def __init__(
+        self,
+        setting: ControlSetting,
+        outputs: Sequence[Variable],
+        kind: Drive | Literal["position"],
+        accelerations: np.ndarray | None,
+    ) -> None:
+        """Prepare the reaction.
+
+        Args:
+            setting: Crane, clock and identifiers of the block.
+            outputs: Outputs of the block; at a fault efforts go to their values after a reset.
+            kind: What the outputs are: positions, or what drives of this mode take.
+            accelerations: Largest accelerations of the drives [rad/s² or m/s²], shape (m,), by
+                which rates ramp and accelerations brake; None for positions and efforts.
+        """
+        self._setting = setting
+        self._kind = kind
+        self._accelerations = accelerations
+        self._held = [f"held_{output.name}" for output in outputs]
+        self._braking_rates = [f"braking_rate_{name}" for name in setting.drive]
+        self._targets = [output.start for output in outputs]
+        about = "for the reaction to a fault"
+        if kind == "motion":
+            rates = [f"{joint.unit}/s" for joint in setting.crane.layout.driven]
+            self.memory = Variable.several(self._braking_rates, "state", rates, about=about)
+        else:
+            units = [output.unit for output in outputs]
+            self.memory = Variable.several(self._held, "state", units, self._targets, about=about)
+
+    @property
+    def about(self) -> str:
+        """Sentence that says what the outputs do at a fault."""
+        sentences = {
+            "position": "At a fault the outputs hold their last values.",
+            "velocity": "At a fault the rates ramp to zero at the accelerations of the drives.",
+            "motion": "At a fault the accelerations brake the drives to rest.",
+            "effort": (
+                f"At a fault the efforts ramp within {EFFORT_RAMP_TIME:g} s to those that hold "
+                "the crane at its start."
+            ),
+        }
+        return sentences[self._kind]
+
+    @property
+    def copies(self) -> dict[str, str]:
+        """Memory that keeps the last values of outputs: name of each output by that of memory."""
+        if self._kind == "motion":
+            return {}
+        return dict(zip(self._held, self._setting.command, strict=True))
+
+    def remember(self, rates: np.ndarray) -> dict[str, Any]:
+        """Return the new values of its other memory after a call without a fault.
+
+        Args:
+            rates: Measured rates of the drives, shape (m,).
+        """
+        if self._kind != "motion":
+            return {}
+        # No drive is faster than its limit, whatever a sensor says; it would be braked for ever.
+        limits = self._setting.crane.rate_limit.tolist()
+        memory = {}
+        for name, rate, limit in zip(self._braking_rates, rates, limits, strict=True):
+            memory[name] = _within(rate, limit)
+        return memory
+
+    def emit(self, code: BlockCode) -> Emitted:
+        """Emit the outputs of a call at fault."""
+        if self._kind == "motion":
+            return self._brake(code)
+        held = code.get_all(self._held)
+        if self._kind == "position":
+            return held, {}
+        outputs = []
+        for last, target, step in zip(held, self._targets, self._largest_steps(), strict=True):
+            outputs.append(last + _within(target - last, step))
+        return array(outputs), dict(zip(self._held, outputs, strict=True))
+
+    def _brake(self, code: BlockCode) -> Emitted:
+        """Emit accelerations that brake the drives to rest, and count down the rates left."""
+        assert self._accelerations is not None
+        period = self._setting.period
+        rates = code.get_all(self._braking_rates)
+        braking = []
+        for rate, limit in zip(rates, self._accelerations.tolist(), strict=True):
+            # -v/T stops a drive within the period; it takes as many periods as the limit asks for.
+            braking.append(_within(rate * (-1.0 / period), limit))
+        outputs = array(braking)
+        return outputs, dict(zip(self._braking_rates, rates + outputs * period, strict=True))
+
+    def _largest_steps(self) -> list[float]:
+        """Return the largest change of each output from one call at fault to the next."""
+        period = self._setting.period
+        if self._kind == "effort":
+            steps = period * self._setting.crane.effort_limit / EFFORT_RAMP_TIME
+        else:
+            assert self._accelerations is not None
+            steps = period * self._accelerations
+        return steps.tolist()
+
+
+def _within(value: Any, limit: float) -> Any:
+    """Return a value clipped to [-limit, limit], or as it is if the limit is infinite."""
+    return clipped(value, -limit, limit) if np.isfinite(limit) else value
+
+
+def controller_block(
+    crane: Crane,
+    controller: Any,
+    *,
+    drive: Drive = "effort",
+    control_period: float = 5e-3,
+    duration: float = 30.0,
+    converters: Converters | None = None,
+    name: str = "controller",
+) -> FunctionBlock:
+    """Return a controller or a shaped reference as a block; its function is "step".
+
+    Args:
+        crane: The crane.
+        controller: The controller, or a reference of `cranedyn.references.shaped.shaped`, whose
+            base is then the input.
+        drive: What the commands are; efforts and rates are cut to the limits of the drives.
+        control_period: Time from one call to the next [s].
+        duration: Time that tables cover [s]; after it their last row holds.
+        converters: Frequency converters of the drives; None for typical ones.
+        name: Name of the block.
+
+    Raises:
+        DataError: If it cannot be exported.
+        OutOfRange: If a number is out of range, or the controller is for another control period.
+    """
+    check_choice("drive", drive, Drive)
+    period = float(number("control_period", control_period, "s", "> 0"))
+    drives = fitting(crane, drive, converters)
+    outputs = _outputs(crane, drive, drives, is_shaper=isinstance(controller, Shaped))
+    setting = ControlSetting(crane, outputs.signals, period, duration)
+    law = controller_code(setting, controller)
+    if 1 < len(setting.times) <= law.rows:
+        raise OutOfRange("duration", duration, "longer: the tables still change at its end", "s")
+
+    commands = Variable.several(
+        setting.command, "output", outputs.units, outputs.start, -outputs.limits, outputs.limits
+    )
+    accelerations = drives.accelerations if drives is not None else None
+    if outputs.kind == "motion":
+        accelerations = law.braking
+        if accelerations is None:
+            accelerations = typical_converters(crane).accelerations
+    reaction = FaultReaction(setting, commands, outputs.kind, accelerations)
+    variables = [*_inputs(setting, law), *commands, *law.memory, *reaction.memory]
+
+    # Without repeats the count stays at the last row. With repeats it goes on at `repeats` after
+    # 2 repeats - 1: the remainder by `repeats` runs on, and only the first call has the count 0.
+    first = law.repeats or law.rows - 1
+    last = 2 * law.repeats - 1 if law.repeats else first
+    block = FunctionBlock(
+        name,
+        law.about,
+        period,
+        tuple(variables),
+        law.arrays,
+        law.tables,
+        last=last,
+        first=first,
+        renamed={signal: new for signal, new in setting.identifier.items() if signal != new},
+        routines=law.routines,
+        at_fault=reaction.about,
+    )
+
+    def step(code: BlockCode) -> Mapping[str, Any]:
+        layout = crane.layout
+        z = code.get_all(setting.state)
+        command, memory = law.emit(code, z)
+        remembered = reaction.remember(z[layout.n + layout.drives])
+        return {**dict(zip(setting.command, command, strict=True)), **memory, **remembered}
+
+    def fault(code: BlockCode) -> Mapping[str, Any]:
+        command, memory = reaction.emit(code)
+        return {**dict(zip(setting.command, command, strict=True)), **memory}
+
+    block.emit("step", step, reaction.copies)
+    block.emit(FAULT, fault)
+    return block
+
+
+@dataclass(frozen=True, eq=False)
+class _Outputs:
+    """What the outputs of a block are.
+
+    Attributes:
+        kind: Positions, or what drives of this mode take.
+        signals: Names of the signals, one for each drive.
+        units: Units, one for each drive.
+        start: Values after a reset, shape (m,).
+        limits: Largest magnitudes, shape (m,); inf for none.
+    """
+
+    kind: Drive | Literal["position"]
+    signals: list[str]
+    units: list[str]
+    start: np.ndarray
+    limits: np.ndarray
+
+
+def _outputs(crane: Crane, drive: Drive, drives: Converters | None, *, is_shaper: bool) -> _Outputs:
+    """Return the outputs of a block.
+
+    Args:
+        crane: The crane.
+        drive: What the commands are.
+        drives: Frequency converters of the drives; None if they take no rates.
+        is_shaper: Whether the outputs are shaped positions instead of commands.
+    """
+    layout = crane.layout
+    driven = layout.driven
+    at_rest = np.zeros(layout.m)
+    unlimited = np.full(layout.m, np.inf)
+    if is_shaper:
+        signals = [f"{joint.symbol}_shaped" for joint in driven]
+        units = [joint.unit for joint in driven]
+        return _Outputs("position", signals, units, crane.start.q[layout.drives], unlimited)
+
+    signals = [f"{name}_command" for name in input_names(crane, drive)]
+    if drive == "effort":
+        units = [joint.effort_unit.replace(" ", ".") for joint in driven]
+        holding = holding_effort(crane, crane.start.q)
+        return _Outputs(drive, signals, units, holding, crane.effort_limit)
+    if drives is not None:
+        # Names of rates end in "_command" already.
+        units = [f"{joint.unit}/s" for joint in driven]
+        return _Outputs(drive, input_names(crane, drive), units, at_rest, drives.rates)
+    units = [f"{joint.unit}/s2" for joint in driven]
+    return _Outputs(drive, signals, units, at_rest, unlimited)
+
+
+def _inputs(setting: ControlSetting, law: Part) -> list[Variable]:
+    """Return the inputs of a block: the measured state, and the setpoint with its rates."""
+    crane = setting.crane
+    layout = crane.layout
+    state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    start = np.concatenate(crane.start)
+    lowest = [law.lowest.get(name, -np.inf) for name in setting.state]
+    units = [joint.unit for joint in layout.driven]
+    rate_units = [f"{unit}/s" for unit in units]
+    positions = start[layout.drives]
+    several = Variable.several
+    return [
+        *several(setting.state, "input", state_units, start, lowest, about="measured"),
+        *several(setting.setpoint, "input", units, positions, about="setpoint"),
+        *several(setting.rate, "input", rate_units, about="of the setpoint a period later"),
+    ]
+
+
+def vectors(
+    crane: Crane, controller: Any, block: FunctionBlock, rows: int = 200
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return inputs of a controller's block in consecutive calls, and the outputs that the
+    controller gives in Python, cut to their ranges, for tests of its code.
+
+    Args:
+        crane: The crane.
+        controller: The controller, new.
+        block: Its block.
+        rows: Number of calls.
+
+    Returns:
+        Inputs that the block uses, shape (rows, k), and outputs, shape (rows, m).
+    """
+    layout = crane.layout
+    rng = np.random.default_rng(0)
+    z = np.concatenate(crane.start) + rng.uniform(-0.05, 0.05, (rows, 2 * layout.n))
+    positions = crane.start.q[layout.drives] + rng.uniform(-0.05, 0.05, (rows, layout.m))
+    times = block.period * np.arange(rows)
+    rates = np.zeros((rows, layout.m))
+    if isinstance(controller, Shaped):
+        outputs = _shaped_positions(crane, controller, block.period, positions)
+    else:
+        controller = copy.copy(controller)
+        if isinstance(controller, DampingController):
+            later = times + block.period
+            rates = tabulated(controller.reference, later, layout.m).velocity
+        outputs = _commands(controller, block.period, z, positions, rates)
+
+    limits = block.of_kind("output")
+    lower = [variable.lower for variable in limits]
+    upper = [variable.upper for variable in limits]
+    # The block has variables for all inputs, but its code need not use each of them.
+    declared = [variable.name for variable in block.variables if variable.kind == "input"]
+    used = [declared.index(variable.name) for variable in block.of_kind("input")]
+    return np.hstack([z, positions, rates])[:, used], np.clip(outputs, lower, upper)
+
+
+def _shaped_positions(
+    crane: Crane, shaped: Shaped, period: float, positions: np.ndarray
+) -> np.ndarray:
+    """Return the positions of a shaper, shape (rows, m), whose base are positions of that shape."""
+    drives = crane.layout.drives
+    q = np.tile(crane.start.q, (len(positions), 1))
+    q[:, drives] = positions
+    motion = Motion(period, q, 0.0 * q, 0.0 * q, drives)
+    return replace(shaped, base=motion).at(period * np.arange(len(positions))).position
+
+
+def _commands(
+    controller: Any, period: float, z: np.ndarray, positions: np.ndarray, rates: np.ndarray
+) -> np.ndarray:
+    """Return the commands of a controller in consecutive calls, shape (rows, m).
+
+    Args:
+        controller: The controller.
+        period: Time from one call to the next [s].
+        z: Coordinates and their rates, shape (rows, 2 n).
+        positions: Positions of the setpoint, shape (rows, m).
+        rates: Rates of the setpoint, shape (rows, m).
+    """
+    if isinstance(controller, Clocked):
+        controller.begin_run(0.0, period)
+    outputs = np.empty(positions.shape)
+    times = period * np.arange(len(z))
+    for k, t in enumerate(times.tolist()):
+        q, v = np.split(z[k], 2)
+        setpoint = Setpoint(positions[k], rates[k], 0.0 * rates[k])
+        outputs[k] = controller(t, State(q, v), setpoint)
+    return outputs

@@ -1,0 +1,188 @@
+"""Exercises for driving the crane in a page, each beside what a planned motion needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cranedyn.dynamics.pinocchio import payload_position, pivot_position
+from cranedyn.errors import CraneError
+from cranedyn.interfaces import State
+from cranedyn.lifts.planning.lift import plan_lift
+from cranedyn.lifts.planning.site import Site
+from cranedyn.lifts.planning.solids import Solid, box
+from cranedyn.model.crane import Crane
+from cranedyn.references.limits import Limits
+from cranedyn.references.motion import motion_efforts
+
+SWING = math.radians(0.5)
+"""Swing within which a load counts as still [rad]."""
+
+
+GOAL_SLEW = 1.4
+"""Slew angle of the goals [rad]; the start is at 0."""
+
+WALL_THICKNESS = 2.0
+"""Thickness of a wall [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """What the planned motion of an exercise needs.
+
+    Attributes:
+        time: Time [s].
+        swing: Largest angle of the rope from plumb [rad].
+        energy: Work that the drives put in [J]; what they take back does not count.
+    """
+
+    time: float
+    swing: float
+    energy: float
+
+
+@dataclass(frozen=True, eq=False)
+class Exercise:
+    """An exercise with a tower crane.
+
+    Attributes:
+        name: Name.
+        title: Title.
+        text: What to do.
+        start: State at the start.
+        goal: Where the centre of the load is to be [m], shape (3,); None for anywhere.
+        radius: Distance from there that is allowed [m].
+        solids: Obstacles; none where those of the site are the obstacles.
+        blind: Whether it is seen from the cabin only.
+        best: What the planner needs; None if there is no plan.
+    """
+
+    name: str
+    title: str
+    text: str
+    start: State
+    goal: np.ndarray | None = None
+    radius: float = 0.6
+    solids: tuple[Solid, ...] = ()
+    blind: bool = False
+    best: Best | None = None
+
+
+def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
+    """Yield the exercises for a tower crane, within the limits of its drives where a motion is
+    planned.
+    """
+    reach = float(crane.upper[crane.layout.role("trolley", "An exercise")])
+    height = _height(crane)
+    low = 0.2 * height
+    near = 0.6 * reach
+    far = 0.75 * reach
+    start = _hanging(crane, 0.0, near, low)
+    yield Exercise(
+        name="stop",
+        title="Stop the swing",
+        text="The load swings. Bring it to rest, anywhere.",
+        start=crane.state(phi=0.12, theta=0.08),
+    )
+
+    ring = Exercise(
+        name="ring",
+        title="Land in the ring",
+        text="Hold the load still in the ring.",
+        start=start,
+        goal=_point(GOAL_SLEW, far, 0.1 * height),
+    )
+    yield _planned(crane, limits, ring)
+
+    # The load may swing by half the width of the gap.
+    aside = height / 8.0
+    walls = (
+        _wall("inner wall", 0.7, 0.1 * reach, near - aside, 0.8 * height),
+        _wall("outer wall", 0.7, near + aside, 1.1 * reach, 0.8 * height),
+    )
+    gap = Exercise(
+        name="gap",
+        title="Through the gap",
+        text="Take the load through the gap between the walls.",
+        start=start,
+        goal=_point(GOAL_SLEW, near, low),
+        solids=walls,
+    )
+    yield _planned(crane, limits, gap)
+
+    house = _wall("house", 1.0, near - 5.0, near + 5.0, 0.45 * height)
+    blind = Exercise(
+        name="blind",
+        title="Blind behind the wall",
+        text="Set the load behind the house. The cabin is your only view: watch the shadow.",
+        start=start,
+        goal=_point(GOAL_SLEW, near, low),
+        solids=(house,),
+        blind=True,
+    )
+    yield _planned(crane, limits, blind)
+
+
+def lift_exercise(crane: Crane, limits: Limits, site: Site) -> Exercise | None:
+    """Return the lift of a site as an exercise, its goal in the frame of the site; None if the site
+    has none whose load hangs at the goal.
+    """
+    if site.start is None or site.goal is None or len(site.goal) == 2:
+        return None
+    text = f"Lift the load from start to goal of the site {site.name}."
+    exercise = Exercise("lift", "The lift", text, crane.start, site.goal)
+    return _planned(crane, limits, exercise, site)
+
+
+def _height(crane: Crane) -> float:
+    """Return the height of the pivot at the start [m]."""
+    return float(pivot_position(crane, crane.start.q)[2])
+
+
+def _point(slew: float, radius: float, height: float) -> np.ndarray:
+    """Return a point below the jib at a slew angle [rad], a radius and a height [m], shape (3,); at
+    0 the jib points along -Y.
+    """
+    return np.array([radius * math.sin(slew), -radius * math.cos(slew), height])
+
+
+def _hanging(crane: Crane, slew: float, radius: float, height: float) -> State:
+    """Return the state at rest with the load at a slew angle [rad], a radius and a height [m]."""
+    above = float(payload_position(crane, crane.start.q)[2]) - height
+    length = float(crane.start.q[crane.layout.role("hoist", "An exercise")]) + above
+    return crane.state(gamma=slew, x=radius, l=length)
+
+
+def _wall(name: str, slew: float, first: float, last: float, height: float) -> Solid:
+    """Return a wall along the jib at a slew angle, from one radius to another [m]."""
+    middle = _point(slew, (first + last) / 2.0, 0.0)[:2]
+    size = (last - first, WALL_THICKNESS, height)
+    return box(name, middle.tolist(), size, 0.0, slew - math.pi / 2.0)
+
+
+def _planned(
+    crane: Crane, limits: Limits, exercise: Exercise, site: Site | None = None
+) -> Exercise:
+    """Return an exercise with its start and what it needs by a planned lift, on a site of its own
+    unless one is given; unchanged if there is no plan.
+    """
+    if site is None:
+        start = payload_position(crane, exercise.start.q)
+        site = Site(exercise.name, exercise.solids, start=start, goal=exercise.goal)
+    try:
+        motion = plan_lift(site, limits, crane=crane).timed.motion
+    except CraneError:
+        return exercise
+    rates = motion.v[:, motion.drives]
+    power = (motion_efforts(crane, motion) * rates).sum(axis=1)
+    power_put_in = np.clip(power, 0.0, None)
+    swings = motion.q[:, crane.swings] - crane.rest.angle
+    best = Best(
+        time=motion.arrival,
+        swing=float(np.linalg.norm(swings, axis=1).max()),
+        energy=float(power_put_in.sum() * motion.period),
+    )
+    return replace(exercise, start=State(motion.q[0], motion.v[0]), best=best)

@@ -1,0 +1,358 @@
+"""MuJoCo: the crane as an MJCF file, with damping, springs, limits, actuators of the drives,
+visuals, and its start as a keyframe.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.checks import number
+from cranedyn.data.files import with_ending
+from cranedyn.errors import ModelError, quoted
+from cranedyn.export.crane_data import (
+    LengthSpring,
+    add,
+    check_inertias,
+    ends,
+    freeze_length,
+    joints,
+    massless_links,
+    urdf_element,
+    vector,
+    xml_bytes,
+)
+from cranedyn.export.target import new_file
+from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
+from cranedyn.model.urdf import joint_axis, joint_placement, numbers_text
+
+TARGET = "FILE"
+"""What the command line calls the target of the export."""
+
+EXAMPLE = "crane.xml"
+"""Example of a target, for the help of the command line."""
+
+SLACK_LENGTH = 1e3
+"""Length by which a rope may be slack in MuJoCo [m]: further than any hoist reaches."""
+
+
+_FULL_INERTIA = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
+"""Rows and columns of the components of a full inertia in MJCF: xx, yy, zz, xy, xz, yz."""
+
+
+def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
+    """Write a crane as an MJCF file.
+
+    A rope that stretches is a tendon that pulls and does not push, and two falls are a spring
+    against the yaw, both with the stiffness of the length at the start; the text ``validity`` in
+    the file says where that holds. Links without mass between two joints become one body with both
+    joints. The number ``JOINT_rate_limit`` is the largest rate of a drive that has one; MuJoCo
+    itself limits no rates.
+
+    Its step is that of `simulate`: semi-implicit Euler with damping at the rates before the step.
+    Each drive is a motor that takes its effort [N m or N] as control, within the drive's limits;
+    passive joints have none. Joint ranges act where a joint leaves them. The keyframe ``start`` is
+    where the crane starts, with the efforts that hold it there; MuJoCo's own zero lies outside of
+    the ranges.
+
+    Args:
+        file: New file, ending in .xml.
+        crane: The crane.
+        dt: Physics step [s].
+
+    Raises:
+        DataError: If the ending is not .xml, or the file exists or cannot be written.
+        ModelError: If the crane has a moving link without mass or inertia that carries no other, a
+            shape without size, or a rope that goes slack without stretching.
+        OutOfRange: If the step is not positive.
+    """
+    file = with_ending(file, ".xml")
+    crane.require_independent_joints("The export to MuJoCo")
+    robot = urdf_element(crane)
+    check_inertias(crane, robot, "MuJoCo", merged=_merged_links(crane, robot))
+    text = xml_bytes(mjcf(crane, robot, number("dt", dt, "s", "> 0")))
+    with new_file(file) as draft:
+        draft.write_bytes(text)
+    return file
+
+
+def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
+    """Return the crane as MJCF, from its URDF as XML; physics step in s."""
+    root = ET.Element("mujoco", model=robot.get("name", "crane"))
+    # As in a URDF, roll, pitch and yaw are about fixed axes, and a link without an inertial has no
+    # mass, whatever its looks.
+    add(
+        root, "compiler", angle="radian", eulerseq="XYZ", inertiafromgeom="false", autolimits="true"
+    )
+    gravity = f"0 0 {-crane.gravity!r}"
+    option = add(root, "option", timestep=repr(dt), gravity=gravity, integrator="Euler")
+    # Damping acts at the rates before the step, as in `simulate`.
+    add(option, "flag", eulerdamp="disable")
+    colours = {}
+    for material in robot.iterfind("material"):
+        for colour in material.iterfind("color"):
+            colours[material.get("name", "")] = colour.get("rgba", "")
+    moving = joints(crane, robot)
+    spring = freeze_length(crane, robot, "MuJoCo")
+    _Tree(crane, robot, colours).grow(add(root, "worldbody"))
+    actuators = add(root, "actuator")
+    for joint in moving:
+        if joint.driven:
+            name = joint.name.removesuffix("_joint")
+            limits = f"{-joint.effort!r} {joint.effort!r}"
+            add(actuators, "motor", name=name, joint=joint.name, ctrlrange=limits)
+    _add_length_spring(root, spring)
+    _add_rate_limits(root, crane)
+    start = " ".join(repr(joint.start) for joint in moving)
+    holding = " ".join(repr(joint.holding) for joint in moving if joint.driven)
+    add(add(root, "keyframe"), "key", name="start", qpos=start, ctrl=holding)
+    return root
+
+
+def _add_length_spring(root: ET.Element, spring: LengthSpring | None) -> None:
+    """Append the spring of a rope or of two falls to a model, and where it holds."""
+    if spring is None:
+        return
+    custom = add(root, "custom")
+    add(custom, "text", name="validity", data=spring.validity)
+    if not spring.pulls_only:
+        joint = root.find(f".//joint[@name={_xpath_text(spring.joint)}]")
+        assert joint is not None  # the tree was grown from the same crane
+        joint.attrib |= {"stiffness": repr(spring.stiffness), "springref": "0"}
+        return
+    # Between the two lengths there is no force: the tendon pulls above 0 and does not push below.
+    tendon = add(
+        add(root, "tendon"),
+        "fixed",
+        name="rope",
+        stiffness=repr(spring.stiffness),
+        springlength=f"{-SLACK_LENGTH!r} 0",
+    )
+    add(tendon, "joint", joint=spring.joint, coef="1")
+
+
+def _xpath_text(name: str) -> str:
+    """Return a name between the quotation marks that it does not hold, for a path in XML."""
+    return f"'{name}'" if "'" not in name else f'"{name}"'
+
+
+def _add_rate_limits(root: ET.Element, crane: Crane) -> None:
+    """Append the rate limits of the drives as custom numbers, which MuJoCo keeps."""
+    for joint, limit in zip(crane.layout.driven, crane.rate_limit.tolist(), strict=True):
+        if math.isfinite(limit):
+            custom = root.find("custom")
+            if custom is None:
+                custom = add(root, "custom")
+            add(custom, "numeric", name=f"{joint.name}_rate_limit", data=repr(limit))
+
+
+def _merged_links(crane: Crane, robot: ET.Element) -> frozenset[str]:
+    """Return the links that are written as one body with the next: those that move, have no mass
+    and no looks, and carry exactly one other link.
+    """
+    moving = {joint.name for joint in crane.layout.joints}
+    parents = []
+    candidates = massless_links(robot)
+    below = set()
+    for joint in robot.iterfind("joint"):
+        parent, child = ends(joint)
+        parents.append(parent)
+        if joint.get("name") in moving:
+            below.add(child)
+    return frozenset(name for name in candidates & below if parents.count(name) == 1)
+
+
+@dataclass(frozen=True)
+class _PendingJoint:
+    """A joint above a link without mass, to be written in the body of the next link.
+
+    Attributes:
+        index: Index of its coordinate.
+        anchor: Its origin in the frame of that body [m].
+        direction: Its axis in that frame.
+    """
+
+    index: int
+    anchor: np.ndarray
+    direction: np.ndarray
+
+
+class _Tree:
+    """Links and joints of a URDF as nested bodies."""
+
+    def __init__(self, crane: Crane, robot: ET.Element, colours: Mapping[str, str]) -> None:
+        self.links = {link.get("name", ""): link for link in robot.iterfind("link")}
+        self.moving = {joint.name: i for i, joint in enumerate(crane.layout.joints)}
+        self.crane = crane
+        self.colours = colours
+        self.merged = _merged_links(crane, robot)
+        self.children: dict[str, list[tuple[str, ET.Element]]] = {}
+        below = set()
+        for joint in robot.iterfind("joint"):
+            parent, child = ends(joint)
+            self.children.setdefault(parent, []).append((child, joint))
+            below.add(child)
+        (self.root,) = self.links.keys() - below
+
+    def grow(self, world: ET.Element) -> None:
+        """Attach the root, or the children of a root of the name world, to the world."""
+        body = world if self.root == "world" else add(world, "body", name=self.root)
+        self._fill(body, self.root)
+
+    def _fill(self, body: ET.Element, link: str) -> None:
+        for visual in self.links[link].iterfind("visual"):
+            self._geom(body, visual, link)
+        for child, joint in self.children.get(link, []):
+            self._add_body(body, child, joint)
+
+    def _add_body(self, body: ET.Element, child: str, joint: ET.Element) -> None:
+        """Append the body of a link to that of its parent.
+
+        MuJoCo takes no moving body without mass. Its joints, which act in their order, are
+        written in the next body instead, in whose frame they stand where they stood.
+        """
+        pending: list[_PendingJoint] = []
+        placement = pin.SE3.Identity()
+        while child in self.merged:
+            step = joint_placement(joint)
+            pending = _seen_from(pending, step)
+            index = self.moving[joint.get("name", "")]
+            pending.append(_PendingJoint(index, np.zeros(3), joint_axis(joint)))
+            placement = placement * step
+            ((child, joint),) = self.children[child]
+        inner = add(body, "body", name=child)
+        if pending:
+            step = joint_placement(joint)
+            placement = placement * step
+            x, y, z, w = pin.Quaternion(placement.rotation).coeffs().tolist()
+            inner.set("pos", numbers_text(placement.translation))
+            inner.set("quat", f"{w!r} {x!r} {y!r} {z!r}")
+            for above in _seen_from(pending, step):
+                element = _joint(self.crane, above.index, None)
+                element.set("axis", numbers_text(above.direction))
+                element.set("pos", numbers_text(above.anchor))
+                inner.append(element)
+        else:
+            inner.attrib |= _pose(joint)
+        coordinate = self.moving.get(joint.get("name", ""))
+        if coordinate is not None:
+            inner.append(_joint(self.crane, coordinate, joint.find("axis")))
+        inertial = self.links[child].find("inertial")
+        if inertial is not None:
+            inner.append(_inertial(inertial))
+        self._fill(inner, child)
+
+    def _geom(self, body: ET.Element, visual: ET.Element, link: str) -> None:
+        """Append the shape of a visual to a body.
+
+        Raises:
+            ModelError: If the shape has no size.
+        """
+        for shape in visual.iterfind("geometry/*"):
+            if shape.tag == "box":
+                size = (vector(shape.get("size", "")) / 2.0).tolist()
+            else:
+                size = [float(shape.get("radius", "0"))]
+                if shape.tag == "cylinder":
+                    size.append(float(shape.get("length", "0")) / 2.0)
+            if not min(size) > 0.0:
+                raise ModelError(
+                    f"A {shape.tag} of the link {quoted(link)} has no size, with which MuJoCo "
+                    "takes no file; allowed are numbers > 0."
+                )
+            geom = add(body, "geom", type=shape.tag, size=" ".join(map(repr, size)))
+            # It is seen, and touches nothing.
+            geom.attrib |= {"contype": "0", "conaffinity": "0", "group": "2", **_pose(visual)}
+            rgba = self._colour(visual.find("material"))
+            if rgba:
+                geom.set("rgba", rgba)
+
+    def _colour(self, material: ET.Element | None) -> str:
+        """Return the colour of a material, its own or that of its name; empty for none."""
+        if material is None:
+            return ""
+        colour = material.find("color")
+        if colour is None:
+            return self.colours.get(material.get("name", ""), "")
+        return colour.get("rgba", "")
+
+
+def _pose(element: ET.Element) -> dict[str, str]:
+    """Return the pose of a URDF element's origin."""
+    origin = element.find("origin")
+    pose = {} if origin is None else {"pos": origin.get("xyz", ""), "euler": origin.get("rpy", "")}
+    return {name: " ".join(text.split()) for name, text in pose.items() if text}
+
+
+def _seen_from(pending: Sequence[_PendingJoint], step: pin.SE3) -> list[_PendingJoint]:
+    """Return joints in a frame that is placed in theirs."""
+    seen = []
+    for joint in pending:
+        direction = step.rotation.T @ joint.direction
+        seen.append(_PendingJoint(joint.index, step.actInv(joint.anchor), direction))
+    return seen
+
+
+def _joint(crane: Crane, i: int, axis: ET.Element | None) -> ET.Element:
+    """Return the joint of a coordinate, about or along an axis of the URDF."""
+    joint = crane.layout.joints[i]
+    springs = crane.springs
+    kind = "hinge" if joint.unit == "rad" else "slide"
+    element = ET.Element("joint", name=joint.name, type=kind)
+    element.set("axis", "1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
+    element.set("range", f"{float(crane.lower[i])!r} {float(crane.upper[i])!r}")
+    numbers = {"damping": crane.damping[i], "armature": crane.model.armature[i]}
+    if springs.stiffness[i]:
+        numbers |= {"stiffness": springs.stiffness[i], "springref": springs.rest[i]}
+    if crane.friction is not None and i in crane.friction.joints:
+        numbers["frictionloss"] = crane.friction.effort[crane.friction.joints.index(i)]
+    for name, amount in numbers.items():
+        element.set(name, repr(float(amount)))
+    return element
+
+
+def _inertial(inertial: ET.Element) -> ET.Element:
+    """Return mass and inertia; a rotated inertia is expressed in the body's axes, since MJCF takes
+    a full inertia in these only.
+    """
+    mass = inertial.find("mass")
+    inertia = inertial.find("inertia")
+    assert mass is not None and inertia is not None  # the URDF was checked
+    pose = _pose(inertial)
+    keys = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+    tensor = np.array([[float(inertia.get(key, "0")) for key in row] for row in keys])
+    rpy = pose.pop("euler", "")
+    if rpy:
+        turn = pin.rpy.rpyToMatrix(vector(rpy))
+        tensor = turn @ tensor @ turn.T
+    is_diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
+    if is_diagonal:
+        name = "diaginertia"
+        components = np.diag(tensor)
+    else:
+        name = "fullinertia"
+        components = tensor[_FULL_INERTIA]
+    entries = {
+        "pos": pose.get("pos", "0 0 0"),
+        "mass": mass.get("value", ""),
+        name: " ".join(repr(component) for component in components.tolist()),
+    }
+    return ET.Element("inertial", entries)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the file and the crane."""
+    parser.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line describes, and return its path."""
+    return export(options.target, crane_from_options(options), dt=options.dt)

@@ -1,0 +1,76 @@
+"""Structured Text (IEC 61131-3): a controller as a function block of a PLC, with PLCopen XML
+beside.
+
+``python -m cranedyn export st FILE.st`` writes both.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from cranedyn.compiled.structured_text import plcopen_xml, structured_text
+from cranedyn.data.files import with_ending
+from cranedyn.export.controller_block import controller_block
+from cranedyn.export.target import check_free, name_default_rates, new_file
+from cranedyn.export.usual_controllers import CONTROLLERS
+from cranedyn.model.crane import Crane
+from cranedyn.model.options import crane_from_options
+
+TARGET = "FILE"
+"""What the command line calls the target of the export."""
+
+EXAMPLE = "controller.st --controller lqr"
+"""Example of a target, for the help of the command line."""
+
+
+def export(crane: Crane, path: str | Path, controller: Any, **options: Any) -> Path:
+    """Write a controller as Structured Text, and as PLCopen XML in a file that ends in .xml.
+
+    Args:
+        crane: The crane.
+        path: New file, ending in ``.st``.
+        controller: The controller.
+        options: As `cranedyn.export.controller_block.controller_block` takes them.
+
+    Raises:
+        OutOfRange: If a number is out of range.
+        DataError: If a file does not end so, exists or cannot be written, or the controller cannot
+            be exported.
+        ModelError: If the controller needs a function or loops that Structured Text lacks.
+    """
+    final = with_ending(path, ".st")
+    beside = final.with_suffix(".xml")
+    check_free(final)
+    check_free(beside)
+    block = controller_block(crane, controller, name="crane_controller", **options)
+    with new_file(beside) as draft:
+        draft.write_bytes(plcopen_xml(block))
+    with new_file(final) as draft:
+        draft.write_text(structured_text(block))
+    return final
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the file and the crane."""
+    parser.add_argument(
+        "--controller", choices=CONTROLLERS, default="lqr", help="the controller (default lqr)"
+    )
+    parser.add_argument(
+        "--period",
+        type=float,
+        default=5e-3,
+        metavar="T",
+        help="cycle of the task that calls the block [s]",
+    )
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line describes, and return its path."""
+    crane = crane_from_options(options)
+    drive, make = CONTROLLERS[options.controller]
+    if drive != "effort":
+        name_default_rates(crane)
+    controller = make(crane, options.period)
+    return export(crane, options.target, controller, drive=drive, control_period=options.period)

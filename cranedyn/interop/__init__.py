@@ -1,0 +1,14 @@
+"""What talks to other libraries and machines while a program runs.
+
+Public names:
+
+* `gymnasium.TowerCraneEnv` and `sb3`: the task of moving a load without swing, to learn in;
+  `task` says what is observed, commanded and rewarded.
+* `python_control.to_control`, `python_control.from_control`: linear models for python-control, and
+  its feedback as a controller; `margins.margins` has stability margins.
+* `bags.read_joint_states`: columns of a trajectory from a recording of ROS 1 or ROS 2.
+* `commissioning`: a crane as a plant with drive words, behind OPC UA and Modbus.
+
+Each needs an extra, which its error names. Files for other programs are written by
+`cranedyn.export`.
+"""

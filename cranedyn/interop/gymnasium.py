@@ -1,0 +1,420 @@
+"""The task of moving a load without swing as environments of Gymnasium: many cranes by compiled
+code, or one.
+
+``gymnasium.make_vec("cranedyn.interop.gymnasium:cranedyn/TowerCrane-v0", num_envs=4096)``
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from numbers import Integral
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cranedyn.checks import as_array, short_repr, whole
+from cranedyn.disturbances.wind import constant_force
+from cranedyn.errors import CraneError, OutOfRange, UnknownName
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.interop.task import DT, INTEGRATOR, EpisodeStart, Rules, SwingTask
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
+
+try:
+    import gymnasium as gym
+    from gymnasium.vector import AutoresetMode
+    from gymnasium.vector.utils import batch_space
+except ModuleNotFoundError as error:
+    raise CraneError(
+        "This bridge needs Gymnasium, which is not installed: pip install 'cranedyn[gymnasium]'."
+    ) from error
+
+ID = "cranedyn/TowerCrane-v0"
+"""Name of the environment."""
+
+STEPS = 400
+"""Steps of an episode."""
+
+_FRAME_PERIOD = 0.02
+"""Time between rows of a recording [s]."""
+
+Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+"""What a step of many environments returns by the rules of Gymnasium: observations, rewards,
+terminated, truncated, infos."""
+
+
+class TowerCraneVectorEnv(gym.vector.VectorEnv):
+    """Many cranes at once, stepped by compiled code on all processors; see `cranedyn.interop.task`
+    for the task.
+
+    Attributes:
+        task: The cranes and their goals.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        crane: Crane | Sequence[Crane] | None = None,
+        control_period: float = 0.1,
+        dt: float = DT,
+        max_episode_steps: int = STEPS,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        render_mode: None = None,
+        **rules: Any,
+    ) -> None:
+        """Create the cranes; no episode begins before `reset`.
+
+        Args:
+            num_envs: Number of cranes.
+            crane: The crane, or several, one of which is drawn for each episode, see
+                `cranes_between`; None for the tower crane of this project.
+            control_period: Duration of a step [s].
+            dt: Physics step [s].
+            max_episode_steps: Steps after which an episode is truncated.
+            autoreset_mode: When the next episode follows one that has ended.
+            threads: Number of threads; by default one for each processor.
+            render_mode: None; one crane alone can be recorded.
+            rules: As `Rules`: action, limits, reach, swing, swing_limit, wind, payload_area.
+
+        Raises:
+            OutOfRange: If a number is out of range.
+            UnknownName: If there is no such rule.
+        """
+        if render_mode is not None:
+            allowed = "None for many cranes; one crane alone takes rrd"
+            raise OutOfRange("render_mode", short_repr(render_mode), allowed)
+        try:
+            mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            allowed = "one of " + ", ".join(m.value for m in AutoresetMode)
+            raise OutOfRange("autoreset_mode", short_repr(autoreset_mode), allowed) from None
+        self.num_envs = whole("num_envs", num_envs, 1)
+        self.render_mode = None
+        self._mode = mode
+        self.metadata = {"render_modes": [], "autoreset_mode": mode}
+        self._max_steps = whole("max_episode_steps", max_episode_steps, 1)
+        self.task = _task(crane, self.num_envs, rules, control_period, dt, threads)
+        self.single_observation_space, self.single_action_space = _spaces(self.task)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._steps = np.zeros(self.num_envs, dtype=np.int64)
+        self._ended = np.ones(self.num_envs, dtype=bool)
+        self._begun = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin episodes, random or by `options`: start (a State), goal (slew, trolley, hoist),
+        reset_mask (cranes to reset).
+
+        Raises:
+            UnknownName: If there is no such option.
+            OutOfRange: If the seed or an option is not valid.
+        """
+        whole_seed = _seed(seed)
+        checked = _options(options, "start", "goal", "reset_mask")
+        all_cranes = np.ones(self.num_envs, dtype=bool)
+        mask = np.asarray(checked.get("reset_mask", all_cranes))
+        if mask.shape != (self.num_envs,) or mask.dtype != bool:
+            raise OutOfRange("reset_mask", short_repr(mask), f"{self.num_envs} of True or False")
+        initial = self.task.check_reset(checked.get("start"), checked.get("goal"))
+        super().reset(seed=whole_seed)
+        self._begin(mask, initial)
+        self._begun = True
+        return self.task.observe(), {}
+
+    def step(self, actions: np.ndarray) -> Stepped:
+        """Take a step with actions from -1 to 1, shape (num_envs, 3); returns observations,
+        rewards, terminated, truncated, infos.
+
+        Raises:
+            OutOfRange: If an action is no number from -1 to 1, or an episode has not begun.
+        """
+        if not self._begun or (self._ended.any() and self._mode is not AutoresetMode.NEXT_STEP):
+            raise OutOfRange(
+                "crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset"
+            )
+        checked = as_array("actions", actions, (self.num_envs, self.task.layout.m))
+        result = self.task.act(checked.T)
+        observations = result.observations
+        reward = result.reward
+        terminated = result.over
+        self._steps += 1
+        truncated = ~terminated & (self._steps >= self._max_steps)
+        if self._mode is AutoresetMode.NEXT_STEP and self._ended.any():
+            # The step after the end of an episode begins the next one, whatever the action was.
+            fresh = self._ended.copy()
+            self._begin(fresh)
+            reward[fresh] = 0.0
+            terminated[fresh] = False
+            truncated[fresh] = False
+            observations[fresh] = self.task.observe(fresh)
+        infos: dict[str, Any] = {
+            "distance": self.task.goal_distance,
+            # Gymnasium's mark of the environments to which an entry applies.
+            "_distance": np.ones(self.num_envs, dtype=bool),
+        }
+        self._ended = terminated | truncated
+        if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
+            # The end is told in the infos, and the observations are those of the next episode.
+            ended = self._ended.copy()
+            infos["final_info"] = dict(infos)
+            infos["_final_info"] = ended
+            infos["final_obs"] = observations.copy()
+            infos["_final_obs"] = ended
+            self._begin(ended)
+            observations[ended] = self.task.observe(ended)
+        return observations, reward, terminated, truncated, infos
+
+    def _begin(self, mask: np.ndarray, initial: EpisodeStart | None = None) -> None:
+        """Begin episodes of the cranes of a mask, shape (num_envs,)."""
+        self.task.begin(self.np_random, np.flatnonzero(mask), initial)
+        self._steps[mask] = 0
+        self._ended[mask] = False
+
+
+class TowerCraneEnv(gym.Env):
+    """Single crane with the same task.
+
+    Attributes:
+        task: The crane and its goal.
+    """
+
+    metadata = {"render_modes": ["rrd", "rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self,
+        *,
+        crane: Crane | Sequence[Crane] | None = None,
+        control_period: float = 0.1,
+        dt: float = DT,
+        render_mode: str | None = None,
+        folder: str | Path = "out/episodes",
+        **rules: Any,
+    ) -> None:
+        """Create the crane; an episode begins with `reset`.
+
+        Args:
+            crane: As for `TowerCraneVectorEnv`.
+            control_period: Duration of a step [s].
+            dt: Physics step [s].
+            render_mode: None; "rrd": `render` writes the episode up to then as a recording; or
+                "rgb_array": `render` returns a picture from the side, shape (height, width, 3).
+            folder: Folder of recordings.
+            rules: As `Rules`.
+
+        Raises:
+            OutOfRange: If a number is out of range.
+            UnknownName: If there is no such rule.
+        """
+        if render_mode not in (None, "rrd", "rgb_array"):
+            raise OutOfRange("render_mode", short_repr(render_mode), "None, rrd or rgb_array")
+        self._folder = Path(folder)
+        self.render_mode = render_mode
+        self._dt = dt
+        self.task = _task(crane, 1, rules, control_period, dt, threads=1)
+        self.observation_space, self.action_space = _spaces(self.task)
+        self._episode = 0
+        self._start = self.task.fleet.cranes[0].start
+        # Accelerations of the drives in each step of the episode, shape (m,) each.
+        self._accelerations = list[np.ndarray]()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode, random or by `options`: start (a State), goal (slew, trolley, hoist).
+
+        Raises:
+            UnknownName: If there is no such option.
+            OutOfRange: If the seed or an option is not valid.
+        """
+        whole_seed = _seed(seed)
+        checked = _options(options, "start", "goal")
+        initial = self.task.check_reset(checked.get("start"), checked.get("goal"))
+        super().reset(seed=whole_seed)
+        only_crane = np.zeros(1)
+        self.task.begin(self.np_random, only_crane, initial)
+        self._start = self._state()
+        self._episode += 1
+        self._accelerations = []
+        return self.task.observe()[0], {"distance": float(self.task.goal_distance[0])}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take a step with an action from -1 to 1, shape (3,).
+
+        Raises:
+            OutOfRange: If the action is not three numbers from -1 to 1, or no episode has begun.
+        """
+        if not self._episode:
+            raise OutOfRange("episode", "none", "one that has begun: call reset")
+        checked = as_array("action", action, (self.task.layout.m,))
+        accelerations = self.task.accelerations(checked[:, None], self.task.fleet.z)[:, 0]
+        result = self.task.act(checked[:, None])
+        self._accelerations.append(accelerations)
+        info = {"distance": float(self.task.goal_distance[0])}
+        reward = float(result.reward[0])
+        # The wrapper that `register` asks Gymnasium for truncates episodes.
+        return result.observations[0], reward, bool(result.over[0]), False, info
+
+    def _state(self) -> State:
+        """Return a copy of the state of the crane."""
+        q, v = self.task.fleet.z[:, 0].reshape(2, -1).copy()
+        return State(q, v)
+
+    def render(self) -> str | np.ndarray | None:
+        """Return a picture of now; or write the episode up to now as a recording for the Rerun
+        viewer and return its file, None before the first step.
+
+        Raises:
+            DataError: If it cannot be written.
+            CraneError: If the environment was made without a `render_mode`.
+        """
+        if self.render_mode is None:
+            raise CraneError(
+                "Nothing is drawn by this environment: make it with render_mode = rrd or rgb_array."
+            )
+        if self.render_mode == "rgb_array":
+            return self._picture()
+        if not self._accelerations:
+            return None
+        from cranedyn.recording import Run, record
+
+        self._folder.mkdir(parents=True, exist_ok=True)
+        title = f"Episode {self._episode}"
+        run = Run("learned", self.task.crane_of(0), self._simulated())
+        return str(record(self._folder / f"episode_{self._episode:04}.rrd", [run], title=title))
+
+    def _picture(self) -> np.ndarray:
+        """Return a picture of the crane now from the side, shape (height, width, 3)."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        from cranedyn.recording.sketch import sketch
+
+        crane = self.task.crane_of(0)
+        figure = sketch(crane, self._state())
+        # The axes of the start, where the jib is seen in its whole length, and as wide on both
+        # sides: so each picture has the same scale.
+        side = sketch(crane).axes[0]
+        reach = max(abs(end) for end in side.get_xlim())
+        figure.axes[0].set(xlim=(-reach, reach), ylim=side.get_ylim())
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[..., :3]
+
+    def _simulated(self) -> Any:
+        """Return the episode up to now as a trajectory.
+
+        `simulate` repeats it with the accelerations of each step: its rows are closer than the
+        steps, and it also computes efforts and energies.
+        """
+        period = self.task.fleet.control_period
+        accelerations = self._accelerations
+        position = self.task.goal[:, 0].copy()
+        goal = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
+
+        def repeat(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+            step = int(t / period + 1e-6)  # times are rounded
+            return accelerations[min(step, len(accelerations) - 1)]
+
+        # Rows a frame apart, if frames divide the step and physics steps divide the frame.
+        ratios = np.array([period / _FRAME_PERIOD, _FRAME_PERIOD / self._dt])
+        frames_fit = (np.abs(ratios - np.round(ratios)) < 1e-9).all()
+        crane = self.task.crane_of(0)
+        force = self.task.force_on(0)
+        return simulate(
+            crane,
+            repeat,
+            lambda t: goal,
+            start=self._start,
+            duration=len(accelerations) * period,
+            dt=self._dt,
+            control_period=_FRAME_PERIOD if frames_fit else period,
+            drive="motion",
+            integrator=INTEGRATOR,
+            disturbance=constant_force(crane, payload=force) if any(force) else None,
+            validity="mark",
+            engine="compiled",
+        )
+
+
+def _task(
+    crane: Crane | Sequence[Crane] | None,
+    count: int,
+    rules: dict[str, Any],
+    period: float,
+    dt: float,
+    threads: int | None,
+) -> SwingTask:
+    """Return the task of some cranes.
+
+    Args:
+        crane: The crane, or several; None for the tower crane of this project.
+        count: Number of cranes at once.
+        rules: Arguments of `Rules` by name.
+        period: Time from one action to the next [s].
+        dt: Physics step [s].
+        threads: Number of threads; None for one on each processor.
+
+    Raises:
+        UnknownName: If there is no rule of a name.
+    """
+    names = tuple(Rules.__dataclass_fields__)
+    for name in rules:
+        if name not in names:
+            raise UnknownName("rule of the task", name, names)
+    cranes = load_crane() if crane is None else crane
+    return SwingTask(cranes, count, Rules(**rules), period, dt, threads)
+
+
+def _spaces(task: SwingTask) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+    """Return the spaces of observations and actions."""
+    low, high = task.bounds()
+    actions = gym.spaces.Box(-1.0, 1.0, (task.layout.m,), np.float32)
+    return gym.spaces.Box(low, high, dtype=np.float32), actions
+
+
+def _seed(seed: object) -> int | None:
+    """Check a seed.
+
+    Raises:
+        OutOfRange: If it is no whole number, such as a list with a seed for each crane.
+    """
+    if seed is None:
+        return None
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
+        raise OutOfRange("seed", short_repr(seed), "None or one whole number >= 0 for all cranes")
+    return int(seed)
+
+
+def _options(options: Any, *names: str) -> dict[str, Any]:
+    """Check that options are a dictionary with some of these names, and return a copy.
+
+    Raises:
+        OutOfRange: If they are no dictionary.
+        UnknownName: If there is an option of another name.
+    """
+    if not isinstance(options, Mapping | None):
+        raise OutOfRange("options", short_repr(options), "a dictionary or None")
+    for name in options or {}:
+        if name not in names:
+            raise UnknownName("option of reset", str(name), names)
+    return dict(options or {})
+
+
+def register() -> None:
+    """Register the environment with Gymnasium; importing this module does so."""
+    if ID not in gym.registry:
+        module = "cranedyn.interop.gymnasium"
+        gym.register(
+            ID,
+            f"{module}:TowerCraneEnv",
+            max_episode_steps=STEPS,
+            vector_entry_point=f"{module}:TowerCraneVectorEnv",
+        )
+
+
+register()

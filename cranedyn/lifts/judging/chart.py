@@ -1,0 +1,335 @@
+"""Load charts: the rated load of a crane by radius and number of falls, and the utilisation of a
+run.
+
+Between two points of a chart the rated load falls so that its moment is a straight line over the
+radius, as makers' charts do. That is never more than the straight line of the loads themselves
+where these fall, and never more than the load at the point before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.checks import finite, number, short_repr, whole, within
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.errors import Misshapen, OutOfRange, UnknownName
+from cranedyn.lifts.judging.loads import Loads, loads
+from cranedyn.lifts.planning.site_file import SiteTable, read_fields
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+
+CHARTS = Path(__file__).parent / "charts"
+"""Example charts: laboratory (of this project's crane), mct88 (points of a maker's sheet)."""
+
+GRAVITY = (1e-3, 1e3)
+"""Least and largest gravity that a chart is read for [m/s²]: that of a moon, and of a star; beyond
+them a utilisation would be without a meaning."""
+
+WARNING = 0.9
+"""Utilisation at which a load moment limiter warns."""
+
+CUT_OUT = 1.0
+"""Utilisation at which a load moment limiter stops what makes it worse."""
+
+_MAX_POINTS = 1000
+"""Largest number of points of a reeving, and of reevings of a chart."""
+
+_MAX_RADIUS = 1e4
+"""Largest radius of a chart [m]."""
+
+_MIN_LOAD = 1e-3
+"""Least rated load of a chart [kg]."""
+
+_MAX_LOAD = 1e9
+"""Largest rated load of a chart [kg]."""
+
+
+@dataclass(frozen=True)
+class Reeving:
+    """Reeving of a hoist.
+
+    Attributes:
+        falls: Number of falls that carry the hook.
+        efficiency: Efficiency of a sheave.
+        drum_radius: Radius of the drum at the rope's axis [m].
+
+    Raises:
+        OutOfRange: If the falls are no whole number, or a number is out of its range.
+    """
+
+    falls: int
+    efficiency: float = 0.98
+    drum_radius: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        whole("number of falls", self.falls, 1)
+        number("efficiency of a sheave", self.efficiency, "", "0.5 to 1")
+        number("radius of the drum", self.drum_radius, "m", "> 0")
+
+    def line_pull(self, tension: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Return the pull of the line on the drum [N] from the tension of all falls together [N]
+        and the rate of the cable length [m/s], shape (rows,) each.
+
+        Sheaves resist hoisting, a rate below 0, and hold back in lowering; at rest all falls pull
+        alike. Raises `OutOfRange` if a number is not finite.
+        """
+        tension = finite("tension", tension, ("rows",))
+        rate = finite("rate", rate, ("rows",))
+        hoisting = theory.reeving_efficiency(self.falls, self.efficiency)
+        # In lowering the load drives the sheaves, each of which passes on 1/η of its pull.
+        lowering = theory.reeving_efficiency(self.falls, 1.0 / self.efficiency)
+        share = np.where(rate < 0.0, hoisting, np.where(rate > 0.0, lowering, 1.0))
+        return tension / (self.falls * share)
+
+    def columns(self, crane: Crane, run: Trajectory) -> dict[str, np.ndarray]:
+        """Return pull, torque on the drum and speed of the line, hoisting positive, of each row of
+        a run; raises as `cranedyn.lifts.judging.loads.loads`, and `MissingRole` without a hoist.
+        """
+        rate = run.v[:, crane.layout.role("hoist", "The pull of the line")]
+        line = self.line_pull(loads(crane, run)["rope_N"], rate)
+        return {"line_N": line, "drum_Nm": self.drum_radius * line, "line_m_s": -self.falls * rate}
+
+    def capacity(self, line_pull: float, gravity: float) -> float:
+        """Return the load that a largest pull of the line hoists [kg], by which a chart ends.
+
+        Args:
+            line_pull: Largest pull of the line [N].
+            gravity: Gravity [m/s²].
+
+        Raises:
+            OutOfRange: If a number is not finite or not positive, or gravity is none of `GRAVITY`.
+        """
+        number("pull of the line", line_pull, "N", "> 0")
+        within("gravity", gravity, *GRAVITY, "m/s²")
+        efficiency = theory.reeving_efficiency(self.falls, self.efficiency)
+        return line_pull * self.falls * efficiency / gravity
+
+
+@dataclass(frozen=True, eq=False)
+class Falls:
+    """Rated loads on one reeving.
+
+    Attributes:
+        count: How many falls of rope carry the hook.
+        radii: Of the points, increasing [m], shape (k,).
+        rated: What may hang there, the hook and all slings counted [kg], shape (k,).
+        least: Smallest radius at which the load of the first point may hang [m].
+
+    Raises:
+        OutOfRange: If radii do not increase, loads rise with radius, or a number is none of a
+            chart.
+    """
+
+    count: int
+    radii: np.ndarray
+    rated: np.ndarray
+    least: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check that it is a chart."""
+        whole("number of falls", self.count, 1)
+        radii = finite("radii", self.radii, ("k",), unit="m", meaning="a list of numbers [m]")
+        rated = finite("loads", self.rated, ("k",), unit="kg", meaning="a list of numbers [kg]")
+        if len(rated) != len(radii):
+            numbers = f"{len(rated)} for {len(radii)} radii"
+            raise Misshapen("number of loads", numbers, "one load for each radius")
+        object.__setattr__(self, "radii", radii)
+        object.__setattr__(self, "rated", rated)
+        if not 1 <= len(radii) <= _MAX_POINTS:
+            raise OutOfRange("radii", f"{len(radii)} points", f"1 to {_MAX_POINTS}")
+        least = number("smallest radius", self.least, "m", f"0 to {radii[0]:g}")
+        object.__setattr__(self, "least", least)
+        for i in np.flatnonzero(np.diff(radii) <= 0.0).tolist():
+            order = f"{radii[i + 1]:g} m after {radii[i]:g} m"
+            raise OutOfRange("radius of a point", order, "more than the one before")
+        for radius, load in zip(radii, rated, strict=True):
+            within("radius of a point", float(radius), 0.0, _MAX_RADIUS, "m")
+            within(f"load at {radius:g} m", float(load), _MIN_LOAD, _MAX_LOAD, "kg")
+        for i in np.flatnonzero(np.diff(rated) > 0.0).tolist():
+            raise OutOfRange(
+                f"load at {radii[i + 1]:g} m",
+                f"{rated[i + 1]:g} kg after {rated[i]:g} kg at {radii[i]:g} m",
+                "no more than at a smaller radius",
+            )
+
+    def at(self, radius: np.ndarray | float) -> np.ndarray:
+        """Return the rated load at radii [kg], of their shape.
+
+        Raises:
+            OutOfRange: If a radius is outside of the chart.
+        """
+        radius = np.asarray(radius, dtype=float)
+        outside = ~((radius >= self.least) & (radius <= self.radii[-1]))
+        if outside.any():
+            name = f"radius on {self.count} falls"
+            worst = f"{radius[outside].flat[0]:.6g}"
+            allowed = f"{self.least:g} to {self.radii[-1]:g}, where the chart is"
+            raise OutOfRange(name, worst, allowed, "m")
+        # Between two points the moment is a straight line, and the load falls from one to the next.
+        # So it is never more than at the point before, but for rounding.
+        moment = np.interp(radius, self.radii, self.radii * self.rated)
+        point_before = np.maximum(np.searchsorted(self.radii, radius, "right") - 1, 0)
+        up_to_first = radius <= self.radii[0]
+        divisor = np.where(up_to_first, 1.0, radius)  # the radius may be zero there
+        between = np.minimum(moment / divisor, self.rated[point_before])
+        return np.where(up_to_first, self.rated[0], between)
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A crane's rated loads.
+
+    Attributes:
+        name: Of what crane and jib.
+        source: Where its numbers are from.
+        reevings: By how many falls carry the hook, the fewest first.
+    """
+
+    name: str
+    source: str
+    reevings: tuple[Falls, ...]
+
+    def on(self, falls: int | None = None) -> Falls:
+        """Return the rated loads on a number of falls; None for the fewest.
+
+        Raises:
+            UnknownName: If the chart has no such number of falls.
+        """
+        for reeving in self.reevings:
+            if falls is None or reeving.count == falls:
+                return reeving
+        counts = [str(reeving.count) for reeving in self.reevings]
+        raise UnknownName("number of falls", short_repr(falls), counts)
+
+
+class CutOut(NamedTuple):
+    """An interval in which a load moment limiter would act.
+
+    Attributes:
+        t: When it begins [s].
+        ends: When it ends, or the run [s].
+        kind: "warning" or "cut-out".
+        most: Largest utilisation in it.
+    """
+
+    t: float
+    ends: float
+    kind: str
+    most: float
+
+
+def utilisation(
+    loads: Loads, chart: Chart, falls: int | None = None, *, gravity: float = STANDARD_GRAVITY
+) -> np.ndarray:
+    """Return the utilisation of the rated load moment in each row, shape (rows,): the pull of all
+    that hangs, dynamics included, over the rated weight at that radius.
+
+    Args:
+        loads: Loads of the run of a tower crane.
+        chart: Load chart of the crane.
+        falls: Number of falls that carry the hook; None for the fewest of the chart.
+        gravity: Gravity for which the chart is made [m/s²].
+
+    Raises:
+        UnknownName: If the chart has no such number of falls.
+        OutOfRange: If the trolley leaves the radii of the chart, the pull is not finite, or gravity
+            is none of `GRAVITY`.
+        UnknownColumn: If the loads are not those of a tower crane.
+    """
+    within("gravity", gravity, *GRAVITY, "m/s²")
+    pull = finite("pull of what hangs", loads["pull_N"], ("rows",), unit="N")
+    return pull / (gravity * chart.on(falls).at(loads["radius_m"]))
+
+
+def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
+    """Return where a load moment limiter would act, in the order of time: a warning from 90 %, a
+    cut-out from 100 % on.
+
+    Args:
+        t: Times [s], shape (rows,).
+        used: Utilisation, shape (rows,).
+
+    Raises:
+        OutOfRange: If an array has another shape, or a number is not finite.
+    """
+    t = finite("t", t, ("rows",), unit="s")
+    used = finite("utilisation", used, t.shape)
+    intervals = []
+    for kind, limit in (("warning", WARNING), ("cut-out", CUT_OUT)):
+        # Rows at which the utilisation passes the limit, in turn upwards and downwards.
+        edges = np.flatnonzero(np.diff(used >= limit, prepend=False, append=False))
+        for first, end in edges.reshape(-1, 2).tolist():
+            ends = float(t[min(end, len(t) - 1)])
+            intervals.append(CutOut(float(t[first]), ends, kind, float(used[first:end].max())))
+    return sorted(intervals)
+
+
+def assess_run(
+    crane: Crane, run: Trajectory, chart: Chart, falls: int | None = None
+) -> tuple[np.ndarray, list[CutOut]]:
+    """Return the utilisation of a run and where a limiter would act, see `utilisation` and
+    `cut_outs`.
+    """
+    used = utilisation(loads(crane, run), chart, falls, gravity=crane.gravity)
+    return used, cut_outs(run.t, used)
+
+
+def read_chart(path: str | Path) -> Chart:
+    """Read a chart from a TOML file: `name`, `source`, and a table `[[falls]]` for each reeving
+    with `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].
+
+    Raises:
+        DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no
+            number that it could be: in which line, table and field.
+    """
+    top, lines = read_fields(Path(path), ["source", "falls"], "chart")
+    for name in ("name", "source", "falls"):
+        if name not in top.values:
+            top.fail(name, "it is missing.")
+    entries = top.tables("falls", ("count", "radii", "loads", "least"), lines)
+    if not 1 <= len(entries) <= _MAX_POINTS:
+        allowed = f"allowed are 1 to {_MAX_POINTS} tables [[falls]]."
+        top.fail("falls", f"there are {len(entries)}; {allowed}")
+    reevings: list[Falls] = []
+    for entry in entries:
+        reeving = _falls(entry)
+        if any(reeving.count == other.count for other in reevings):
+            entry.fail("count", f"another [[falls]] has {reeving.count} falls, too; leave one out.")
+        reevings.append(reeving)
+    reevings.sort(key=lambda reeving: reeving.count)
+    return Chart(top.text("name"), top.text("source"), tuple(reevings))
+
+
+def _falls(entry: SiteTable) -> Falls:
+    """Return the rated loads of a table [[falls]].
+
+    Raises:
+        DataError: If a field is missing, or no value of a chart, with its line and field.
+    """
+    for name in ("count", "radii", "loads"):
+        if name not in entry.values:
+            entry.fail(name, "it is missing.")
+    values = entry.values
+    try:
+        return Falls(values["count"], values["radii"], values["loads"], values.get("least", 0.0))
+    except OutOfRange as error:
+        entry.fail(_field_of(error), error)
+
+
+def _field_of(error: OutOfRange) -> str:
+    """Return the field of a table [[falls]] that an error of `Falls` is about."""
+    fields = {
+        "number of falls": "count",
+        "number of loads": "loads",
+        "load": "loads",
+        "smallest radius": "least",
+    }
+    for beginning, field in fields.items():
+        if error.name.startswith(beginning):
+            return field
+    return "radii"

@@ -1,0 +1,223 @@
+"""What the judgement of a lift rests on: values from the site, from the caller, or by default.
+
+`resolve_inputs` takes each value from where it was entered and notes its origin. A value that
+nobody entered is a default of this program: the lift is computed with it, so that its numbers can
+be seen, and the judgement is incomplete.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from cranedyn.assumptions import Assumption, Origin
+from cranedyn.lifts.judging.analysis import JudgedInputs, Requirements
+from cranedyn.lifts.judging.chart import CHARTS, Chart, read_chart
+from cranedyn.lifts.planning.perturbed import Spread
+from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
+from cranedyn.lifts.planning.site import Site
+from cranedyn.model.crane import Crane
+from cranedyn.references.limits import Limits
+
+DEFAULT_WIND = 8.0
+"""Gust that a lift is tried in where nobody entered one [m/s]."""
+
+DEFAULT_GUST_SWING = math.radians(5.0)
+"""Largest angle of the rope in gusts where nobody entered one [rad]."""
+
+DEFAULT_RISK = 0.01
+"""Largest probability that a perturbed lift comes too close where nobody entered one."""
+
+SHIPPED_CHART = CHARTS / "laboratory.toml"
+"""The chart of the tower crane that comes with the package."""
+
+CHART_COVERS = frozenset(
+    {
+        "payload_mass", "payload_inertia", "payload_ixx", "payload_iyy", "payload_izz",
+        "lug_height", "mast_height", "pivot_height", "total_height", "hoist_min", "hoist_max",
+        "counter_jib", "slew_init", "trolley_init", "hoist_init", "slew_limit",
+        "damp_slew", "damp_trolley", "damp_swing", "damp_hoist",
+    }
+)  # fmt: skip
+"""Arguments of the shipped crane that its chart is valid for whatever they are: the load, the
+height of its mast, where its drives start, and the length of the counter-jib, which is drawn and
+weighs nothing. Another jib, trolley or hoist is another crane to a chart."""
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A requirement that a caller, a site or nobody enters.
+
+    Attributes:
+        attribute: Name of the attribute of `Requirements`.
+        name: What it is.
+        unit: Unit in which it is shown.
+        scale: The number in that unit over the number as it is used.
+        default: Value of this program where nobody entered one.
+        option: Where a caller gives it.
+        field: Where a site enters it.
+    """
+
+    attribute: str
+    name: str
+    unit: str
+    scale: float
+    default: float
+    option: str
+    field: str
+
+    def resolve(self, given: float | None, of_site: float | None) -> tuple[float, Assumption]:
+        """Return the value with its origin: the caller's, or that of the site, or the default."""
+        if given is not None:
+            return given, self._assumption(given, Origin.ENTERED, self.option)
+        if of_site is not None:
+            return of_site, self._assumption(of_site, Origin.ENTERED, self.field)
+        return self.default, self._assumption(self.default, Origin.DEFAULT, self.field)
+
+    def _assumption(self, value: float, origin: Origin, where: str) -> Assumption:
+        return Assumption(self.name, f"{self.scale * value:.4g} {self.unit}", origin, where)
+
+
+GUST = Requirement("wind", "gust to bear", "m/s", 1.0, DEFAULT_WIND, "--wind", "[wind] gust")
+
+GUST_SWING = Requirement(
+    "swing",
+    "largest angle of the rope in gusts",
+    "°",
+    math.degrees(1.0),
+    DEFAULT_GUST_SWING,
+    "--swing",
+    "[wind] swing",
+)
+
+RISK = Requirement(
+    "risk",
+    "largest probability of coming too close",
+    "%",
+    100.0,
+    DEFAULT_RISK,
+    "--risk",
+    "[lift] risk",
+)
+
+
+def is_shipped_crane(crane: Crane) -> bool:
+    """Return whether a crane is that of the package, as far as a load chart is concerned."""
+    arguments = crane.record.get("arguments")
+    return isinstance(arguments, dict) and arguments.keys() <= CHART_COVERS
+
+
+def resolve_inputs(
+    site: Site,
+    crane: Crane,
+    limits: Limits,
+    requirements: Requirements,
+    chart: Chart | None = None,
+    falls: int | None = None,
+) -> JudgedInputs:
+    """Return the values that a lift is judged with; what the caller gives comes before what the
+    site enters, and that before a default.
+
+    Args:
+        site: The site.
+        crane: The crane.
+        limits: Limits of the drives.
+        requirements: Requirements, with None where they are those of the site.
+        chart: Load chart; None for that of the site or, for the shipped crane, the shipped one.
+        falls: Number of falls; None for that of the site or the fewest of the chart.
+
+    Raises:
+        UnknownName: If the chart has no such number of falls.
+        DataError: If the chart that the site names cannot be read.
+    """
+    made = plan_assumptions(site, crane, limits)
+    resolved = {}
+    for requirement, given, of_site in (
+        (GUST, requirements.wind, site.gust),
+        (GUST_SWING, requirements.swing, site.gust_swing),
+        (RISK, requirements.risk, site.risk),
+    ):
+        value, assumption = requirement.resolve(given, of_site)
+        resolved[requirement.attribute] = value
+        made.append(assumption)
+    spread = _spread(made, site)
+    chart = _chart(made, site, crane, chart)
+    falls = None if chart is None else _falls(made, site, chart, falls)
+    return JudgedInputs(
+        replace(requirements, **resolved),  # type: ignore[arg-type]
+        spread,
+        chart,
+        falls,
+        tuple(made),
+    )
+
+
+def _spread(made: list[Assumption], site: Site) -> Spread:
+    """Return how far lifts may differ from the plan, and append it to the assumptions."""
+    default = Spread()
+    largest_delay = site.spread.get("late", max(default.late))
+    delays = tuple(largest_delay * share for share in (0.0, 0.25, 0.5, 1.0))
+    spread = replace(
+        default,
+        load=site.spread.get("load", default.load),
+        cable=site.spread.get("cable", default.cable),
+        wind=site.spread.get("wind", default.wind),
+        gust=site.spread.get("gust", default.gust),
+        late=delays,
+    )
+    for key, name, value, field in (
+        ("load", "tolerance of the load's mass", f"±{100.0 * spread.load:.3g} %", "mass"),
+        ("cable", "error of the measured cable length", f"±{spread.cable:g} m", "cable"),
+        ("wind", "steady wind during the lift, up to", f"{spread.wind:g} m/s", "wind"),
+        ("gust", "gust above it, up to", f"{spread.gust:g} m/s", "gust"),
+        ("late", "delay of the sensors, up to", f"{1e3 * largest_delay:g} ms", "delay"),
+    ):
+        origin = Origin.ENTERED if key in site.spread else Origin.DEFAULT
+        made.append(Assumption(name, value, origin, f"[uncertainty] {field}"))
+    return spread
+
+
+def _chart(made: list[Assumption], site: Site, crane: Crane, given: Chart | None) -> Chart | None:
+    """Return the chart, and append it to the assumptions: the caller's, or that of the site, or for
+    the shipped crane the shipped one.
+    """
+    if given is not None:
+        made.append(Assumption("load chart", given.name, Origin.ENTERED, "--chart"))
+        return given
+    if site.chart is not None:
+        file = site.chart if isinstance(site.chart, Path) else CHARTS / f"{site.chart}.toml"
+        chart = read_chart(file)
+        made.append(Assumption("load chart", chart.name, Origin.ENTERED, "[crane] chart"))
+        return chart
+    if is_shipped_crane(crane):
+        chart = read_chart(SHIPPED_CHART)
+        made.append(Assumption("load chart", chart.name, Origin.SHIPPED))
+        return chart
+    made.append(Assumption("load chart", "none of this crane", Origin.DEFAULT, "[crane] chart"))
+    return None
+
+
+def _falls(made: list[Assumption], site: Site, chart: Chart, given: int | None) -> int:
+    """Return the number of falls, and append it to the assumptions: the caller's, or that of the
+    site, or the fewest of the chart.
+
+    Raises:
+        UnknownName: If the chart has no such number of falls.
+    """
+    if given is not None:
+        count = given
+        origin = Origin.ENTERED
+        field = "--falls"
+    elif site.falls is not None:
+        count = site.falls
+        origin = Origin.ENTERED
+        field = "[rigging] falls"
+    else:
+        # Where the chart has one number of falls, nobody has to choose.
+        only_one = len(chart.reevings) == 1
+        count = chart.on().count
+        origin = Origin.COMPUTED if only_one else Origin.DEFAULT
+        field = "[rigging] falls"
+    made.append(Assumption("falls of the rope", f"{chart.on(count).count}", origin, field))
+    return count

@@ -1,0 +1,242 @@
+"""Checks of a lift. A new check or load case is one more function in `CHECKS`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cranedyn.assumptions import check_entered
+from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
+from cranedyn.lifts.planning.crane_bodies import corners_of
+from cranedyn.lifts.planning.ground_lift import stands_at
+from cranedyn.lifts.planning.perturbed import CONFIDENCE
+from cranedyn.lifts.planning.plan_assumptions import EARTH
+from cranedyn.verdict import Check
+
+COUNTER_JIB_TOLERANCE = 0.01
+"""Length by which an entered counter-jib may reach beyond the shapes of a crane's description [m]:
+what rounding to centimetres makes, far below the distance that a lift keeps."""
+
+CheckFunction = Callable[[LiftAnalysis], Check]
+"""A check: from what was computed of a lift to a sentence with its numbers and a verdict. It is not
+judged where what decides it was not entered or not computed."""
+
+
+def run_checks(
+    analysis: LiftAnalysis, functions: Sequence[CheckFunction] | None = None
+) -> list[Check]:
+    """Return the checks of the certificate, of lift-off and set-down, then those of functions, by
+    default `CHECKS`. Where some of `CHECKS` are not among them, that is not judged.
+    """
+    functions = CHECKS if functions is None else functions
+    checks = [*analysis.certificate.checks, *_ground_checks(analysis)]
+    left_out = [function.__name__ for function in CHECKS if function not in functions]
+    if left_out:
+        names = ", ".join(name.replace("_", " ") for name in left_out)
+        checks.append(Check(f"Checks were left out: {names}.", None))
+    return checks + [function(analysis) for function in functions]
+
+
+def _ground_checks(analysis: LiftAnalysis) -> Sequence[Check]:
+    """Return the checks of lift-off and set-down, none where the load hangs at both ends."""
+    site = analysis.site
+    if analysis.grounded is not None:
+        return analysis.grounded.checks
+    if not (stands_at(site.start) or stands_at(site.goal)):
+        return ()
+    return [Check("Lift-off and set-down were not simulated: the plan has no certificate.", None)]
+
+
+def assumptions_entered(analysis: LiftAnalysis) -> Check:
+    """Check that nothing that the judgement rests on is a default of this program."""
+    return check_entered(analysis.inputs.assumptions)
+
+
+def gravity_is_that_of_the_earth(analysis: LiftAnalysis) -> Check:
+    """Check that the lift was computed in the gravity in which it will be made."""
+    gravity = analysis.crane.gravity
+    if EARTH[0] <= gravity <= EARTH[1]:
+        return Check(f"The lift is computed in a gravity of {gravity:g} m/s².", True)
+    return Check(
+        f"The lift is computed in a gravity of {gravity:g} m/s²; on the ground it is {EARTH[0]:g} "
+        f"to {EARTH[1]:g}.",
+        None,
+    )
+
+
+def drives_entered(analysis: LiftAnalysis) -> Check:
+    """Check that the limits of the drives were entered, since a go rests on no default."""
+    limits = analysis.certificate.lift.limits
+    rates = (
+        f"{math.degrees(limits.rates[0]):.2g} °/s, {limits.rates[1]:.2f} and "
+        f"{limits.rates[2]:.2f} m/s at most"
+    )
+    if analysis.site.limits is not None:
+        return Check(f"The drives are as entered: {rates}.", True)
+    return Check(f"[drives] of the site is missing; assumed: {rates}.", None)
+
+
+def counter_jib_entered(analysis: LiftAnalysis) -> Check:
+    """Check that the length of the counter-jib was entered."""
+    arguments = analysis.crane.record.get("arguments")
+    length = analysis.site.crane.get("counter_jib")
+    if length and isinstance(arguments, dict) and arguments.get("counter_jib") != length:
+        return Check(
+            f"The site enters a counter-jib of {length:g} m, and the judged crane has another.",
+            None,
+        )
+    if length and not isinstance(arguments, dict):
+        # A description without arguments: what keeps its distance is what its shapes show. The jib
+        # points along -Y at zero slew, so that the counter-jib ends at the largest Y.
+        upper = analysis.certificate.lift.clearance.bodies.upper
+        drawn = max(float(corners_of(shape)[:, 1].max()) for shape in upper)
+        return Check(
+            f"The counter-jib of the crane's description reaches {drawn:.2f} m behind the slew "
+            f"axis; {length:g} m entered, no more than {COUNTER_JIB_TOLERANCE:g} m longer than "
+            "drawn allowed.",
+            drawn >= length - COUNTER_JIB_TOLERANCE,
+        )
+    if length:
+        return Check(f"The counter-jib is as long as entered, {length:g} m.", True)
+    return Check(
+        "[counter_jib] length of the site is missing; it turns freely with the length drawn.", None
+    )
+
+
+def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
+    """Check that a load moment limiter gives no warning."""
+    if analysis.chart is None:
+        return Check(
+            "Utilisation: no load chart of this crane was entered, and another crane's says "
+            "nothing of it.",
+            None,
+        )
+    if analysis.utilisation is None:
+        return Check(f"The chart does not reach: {analysis.chart_error}", False)
+    highest = float(analysis.utilisation.max())
+    t = float(analysis.loads.t[int(analysis.utilisation.argmax())])
+    first = analysis.cut_outs[:1]
+    limiter = f"{first[0].kind} at {first[0].t:.1f} s" if first else "no warning"
+    return Check(
+        f"Utilisation is {100.0 * highest:.1f} % of the chart at most, at t = {t:.1f} s; a limiter "
+        f"warns at {100.0 * WARNING:g} % and cuts out at {100.0 * CUT_OUT:g} %: {limiter}.",
+        highest < WARNING,
+    )
+
+
+def heavier_load(analysis: LiftAnalysis) -> Check:
+    """Check that the chart bears a load heavier by the tolerance of its mass."""
+    spread = analysis.inputs.spread.load
+    if analysis.utilisation is None:
+        return Check("The utilisation by a heavier load is not known.", None)
+    utilisation = (1.0 + spread) * float(analysis.utilisation.max())
+    return Check(
+        f"A load {100.0 * spread:.3g} % heavier than entered uses {100.0 * utilisation:.1f} % of "
+        f"the chart; a limiter cuts out at {100.0 * CUT_OUT:g} %.",
+        utilisation < CUT_OUT,
+    )
+
+
+def taut_rope(analysis: LiftAnalysis) -> Check:
+    """Check that the rope stays taut while the load hangs, and the hoist strong enough."""
+    slack = float(analysis.loads["slack_margin"][analysis.hangs].min())
+    heavier = 1.0 + analysis.inputs.spread.load
+    snag = 1.0 - heavier * (1.0 - float(analysis.loads["snag_margin"].min()))
+    return Check(
+        f"The rope stays taut: it carries {100.0 * slack:.0f} % of the weight at least; the hoist "
+        f"has {100.0 * snag:.0f} % of its force left with a load heavier by its tolerance.",
+        slack > 0.0 and snag > 0.0,
+    )
+
+
+def corners_pressed(analysis: LiftAnalysis) -> Check:
+    """Check that all corners of the base press on the ground, and no more than it may bear."""
+    site = analysis.site
+    if site.base is None or len(site.arms) < 2:
+        missing = ["[base]"] if site.base is None else []
+        if len(site.arms) < 2:
+            missing += ["[jib]", "[counter_jib]"]
+        return Check(
+            f"{', '.join(missing)} of the site missing: corner forces of the base are not known.",
+            None,
+        )
+    forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
+    permitted = site.base.permitted
+    # A load heavier by its tolerance presses by that share of its own part in a corner, which is
+    # W/4 on all of them and W r/(√2 b) more on the one that the jib points to, see `corner_forces`.
+    added = analysis.inputs.spread.load * analysis.loads["pull_N"]
+    tilting = analysis.loads["radius_m"] / (math.sqrt(2.0) * site.base.spacing)
+    smallest = float((forces.min(axis=0) + np.minimum(added * (0.25 - tilting), 0.0)).min())
+    largest = float((forces.max(axis=0) + added * (0.25 + tilting)).max())
+    presses = (
+        f"All corners of the base press on the ground, by {smallest / 1e3:.0f} kN at least and "
+        f"{largest / 1e3:.0f} kN at most, with a load heavier by its tolerance"
+    )
+    if permitted is None:
+        # Pressing is not enough: whether the ground bears it is not known.
+        unknown = "; [base] permitted is missing, what the ground may bear"
+        return Check(f"{presses}{unknown}.", None if smallest > 0.0 else False)
+    return Check(
+        f"{presses}; the ground may bear {permitted / 1e3:.0f} kN.",
+        0.0 < smallest and largest <= permitted,
+    )
+
+
+def wind_borne(analysis: LiftAnalysis) -> Check:
+    """Check that the lift bears the required gust."""
+    required = analysis.requirements
+    if analysis.wind is None:
+        if not required.gusts:
+            reason = "no gusts were asked for"
+        elif not analysis.certificate.holds:
+            reason = "the plan has no certificate"
+        else:
+            reason = "it needs a load chart that reaches"
+        return Check(f"The wind limit was not computed: {reason}.", None)
+    assert required.wind is not None  # see `cranedyn.lifts.judging.judged_inputs`
+    limit, broken = analysis.wind.interval()
+    beyond = f"not {broken:g} m/s" if broken < math.inf else "none stronger was tried"
+    holds: bool | None = limit >= required.wind
+    if not holds and broken == math.inf:
+        holds = None  # the strongest gust that was tried is weaker than the one required
+    return Check(
+        f"The lift bears gusts up to {limit:g} m/s, {beyond}; {required.wind:g} m/s required. The "
+        f"first limit is {analysis.wind.binding}.",
+        holds,
+    )
+
+
+def perturbed_lifts(analysis: LiftAnalysis) -> Check:
+    """Check the probability that a perturbed lift comes too close or breaks off."""
+    required = analysis.requirements
+    perturbed = analysis.perturbed
+    if perturbed is None:
+        reason = "the plan has no certificate" if required.lifts else "none were asked for"
+        return Check(f"No perturbed lifts were simulated: {reason}.", None)
+    assert required.risk is not None  # see `cranedyn.lifts.judging.judged_inputs`
+    _, high = perturbed.interval()
+    return Check(
+        f"Of {len(perturbed.least)} perturbed lifts {perturbed.failures - perturbed.broken_off} "
+        f"come nearer than {analysis.site.distance:g} m, and {perturbed.broken_off} take a drive "
+        f"out of its range or slacken the rope: a probability of {100.0 * high:.2f} % at most, "
+        f"with {100.0 * CONFIDENCE:g} % confidence; {100.0 * required.risk:g} % allowed.",
+        high <= required.risk,
+    )
+
+
+CHECKS: tuple[CheckFunction, ...] = (
+    assumptions_entered,
+    gravity_is_that_of_the_earth,
+    drives_entered,
+    counter_jib_entered,
+    utilisation_below_warning,
+    heavier_load,
+    taut_rope,
+    corners_pressed,
+    wind_borne,
+    perturbed_lifts,
+)
+"""The checks of a lift beside those of its certificate, in the order of the report."""

@@ -1,0 +1,305 @@
+"""Tables of a lift: each number with its clause or the command that makes it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.lifts.judging import factors, wind_standards
+from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.loads import hanging_mass
+from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
+from cranedyn.lifts.planning.perturbed import Perturbed
+
+Row = list[float | str | None]
+
+CREEP = 0.1
+"""Creep speed of a hoist over its largest; ours."""
+
+_SECOND = "second hand"
+"""Said of what a standard demands: nobody here has read the standard itself."""
+
+_MODEL = "docs/concepts/lifting.md"
+"""Page that derives the formulas of the loads."""
+
+
+class Table(NamedTuple):
+    """A table of the report.
+
+    Attributes:
+        title: Title.
+        columns: Header and format of each column; an empty format is for text.
+        rows: Values; None is shown as a dash.
+        note: What to know about it.
+    """
+
+    title: str
+    columns: Sequence[tuple[str, str]]
+    rows: Sequence[Row]
+    note: str = ""
+
+    def cells(self) -> list[list[str]]:
+        """Return the rows as text."""
+        formats = [form for _, form in self.columns]
+        cells = []
+        for row in self.rows:
+            pairs = zip(row, formats, strict=True)
+            cells.append(["-" if value is None else format(value, form) for value, form in pairs])
+        return cells
+
+
+def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
+    """Return all tables of a lift, whose notes name the command that makes them again."""
+    source_note = f" Again: {command}." if command else ""
+    result = [_lift(analysis), _assumptions(analysis), _loads(analysis, source_note)]
+    result += [_clearances(analysis, source_note), _factors(analysis)]
+    if analysis.wind is not None:
+        result += [_wind(analysis.wind, source_note), _limits(analysis.wind)]
+    if analysis.perturbed is not None:
+        result.append(_robustness(analysis, analysis.perturbed, source_note))
+    return result
+
+
+def _lift(analysis: LiftAnalysis) -> Table:
+    """Return what is lifted, by which crane, from where to where and how fast."""
+    lift = analysis.certificate.lift
+    site = analysis.site
+    size = np.ptp(lift.clearance.bodies.load, axis=0)
+    ends = site.to_site(lift.clearance.point(lift.ends))
+    radius = analysis.loads["radius_m"]
+    length = analysis.run["l_m"]
+    slew_rate, trolley_rate, hoist_rate = lift.limits.rates
+    rows: list[Row] = [
+        ["site", site.name, "the site's file"],
+        ["from, to [m]", " to ".join(_point(end) for end in ends), "the site's file"],
+        ["begins and ends", _begins_and_ends(analysis), "the site's file"],
+        ["gross load", _gross(analysis), "the site's file"],
+        ["its size [m]", " x ".join(f"{side:.1f}" for side in size), "the site's file"],
+        ["crane", analysis.crane.model.name, "its URDF"],
+        *_chart_rows(analysis),
+        ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
+        ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
+        ["time of the lift", f"{lift.timed.motion.arrival:.0f} s", "the plan"],
+        ["slew, at most", f"{slew_rate * 30.0 / math.pi:.2f} rpm", "the drives"],
+        ["trolley, hoist, at most", f"{trolley_rate:.2f}, {hoist_rate:.2f} m/s", "the same"],
+        ["required distance", f"{site.distance:g} m", "the site's file"],
+    ]
+    return Table("The lift", [("", ""), ("value", ""), ("from", "")], rows)
+
+
+def _begins_and_ends(analysis: LiftAnalysis) -> str:
+    """Return whether the load stands or hangs at the start and at the end."""
+    phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
+    start = "lifted off" if "lift-off" in phases else "hanging"
+    end = "set down" if "set-down" in phases else "hanging"
+    return f"{start}, {end}"
+
+
+def _chart_rows(analysis: LiftAnalysis) -> list[Row]:
+    """Return the rows about the chart."""
+    chart = analysis.chart
+    if chart is None:
+        return [["chart", "none of this crane was entered", None]]
+    return [
+        ["chart", chart.name, "the chart's file"],
+        ["its source", chart.source, "the chart's file"],
+        ["falls", f"{analysis.inputs.falls}", "the table below"],
+    ]
+
+
+def _assumptions(analysis: LiftAnalysis) -> Table:
+    """Return what the judgement rests on, with where each value is from."""
+    rows: list[Row] = []
+    for assumption in analysis.inputs.assumptions:
+        field = assumption.field or None
+        rows.append([assumption.name, assumption.value, assumption.origin.value, field])
+    columns = [("", ""), ("value", ""), ("from", ""), ("field or option", "")]
+    note = "The result holds as long as these do. A default is a value that nobody entered."
+    return Table("What the result rests on", columns, rows, note)
+
+
+def _gross(analysis: LiftAnalysis) -> str:
+    """Return the mass that hangs as the sum that it is."""
+    gross = hanging_mass(analysis.crane) / 1e3
+    rigging = analysis.site.rigging
+    terms = {"load": gross - sum(rigging.values()) / 1e3}
+    terms |= {name: mass / 1e3 for name, mass in rigging.items()}
+    weighed = " + ".join(f"{name} {mass:.2f} t" for name, mass in terms.items())
+    return f"{gross:.2f} t" + (f" = {weighed}" if rigging else " with hook and slings")
+
+
+def _point(point: np.ndarray) -> str:
+    return f"({', '.join(f'{coordinate:.1f}' for coordinate in point)})"
+
+
+def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
+    """Return the extremes of the loads and their times."""
+    carried = analysis.loads
+    t = carried.t
+    rows: list[Row] = []
+
+    def add(name: str, values: np.ndarray, scale: float, unit: str, limit: str = "-") -> None:
+        k = int(np.abs(values).argmax())
+        rows.append([f"{name} [{unit}]", scale * float(values[k]), float(t[k]), limit])
+
+    if analysis.utilisation is not None:
+        add("utilisation", analysis.utilisation, 100.0, "%", "90, 100")
+    of_chart = "-" if analysis.chart is None else "the chart"
+    add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", of_chart)
+    add("rope", carried["rope_N"], 1e-3, "kN")
+    assert analysis.requirements.swing is not None  # see `cranedyn.lifts.judging.judged_inputs`
+    allowed = f"{math.degrees(analysis.requirements.swing):g}"
+    add("off-lead", np.degrees(carried["off_lead_rad"]), 1.0, "°", allowed)
+    add("side-lead", np.degrees(carried["side_lead_rad"]), 1.0, "°", allowed)
+    add("side force", carried["side_force_percent"], 1.0, "% of the weight")
+    add("slewing ring, tilting", carried["ring_tilting_Nm"], 1e-3, "kN m")
+    add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
+    add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
+    add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
+    base = analysis.site.base
+    note = f"Formulas: {_MODEL}.{source_note}"
+    if base is not None:
+        corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
+        permitted = "-" if base.permitted is None else f"{base.permitted / 1e3:g}"
+        add("corner, most", corners.max(axis=1), 1e-3, "kN", permitted)
+        k = int(corners.min(axis=1).argmin())
+        rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[k]), "> 0"])
+        note = (
+            f"Formulas: {_MODEL}. Corners: base {base.spacing:g} m wide, {base.mass / 1e3:g} t "
+            f"with mast and ballast, as entered.{source_note}"
+        )
+    columns = [("largest", ""), ("value", ".2f"), ("at [s]", ".1f"), ("limit", "")]
+    return Table("Loads of the run", columns, rows, note)
+
+
+def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
+    certificate = analysis.certificate
+    zones = {solid.name for solid in analysis.site.solids if solid.zone}
+    rows: list[Row] = []
+    for name, distance in sorted(certificate.distances.items(), key=lambda item: item[1].min()):
+        k = int(distance.argmin())
+        required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
+        rows.append([name, float(distance[k]), float(certificate.t[k]), required])
+    columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
+    note = (
+        f"Of all that hangs; proven between the instants (docs/concepts/planning.md).{source_note}"
+    )
+    return Table("Clearances", columns, rows, note)
+
+
+def _factors(analysis: LiftAnalysis) -> Table:
+    """Tabulate the dynamic factors that standards allow for, beside what this lift needs."""
+    crane = analysis.crane
+    loads = analysis.loads
+    drive = analysis.drive
+    limits = analysis.certificate.lift.limits
+    mass = hanging_mass(crane)
+
+    hoist_rate = limits.rates[crane.layout.drive("l")]
+    speed = factors.pick_up_speed(drive, hoist_rate, CREEP * hoist_rate)
+    phi_2 = factors.phi_2(analysis.hoisting, speed, drive)
+    pull = float(loads["rope_N"].max()) / (mass * crane.gravity)
+    phi_low, phi_high = factors.phi_1()
+
+    # The rope leads off plumb, and pulls the trolley along the jib and the jib about the mast.
+    outward = float(np.abs(loads["pull_N"] * np.tan(loads["off_lead_rad"])).max())
+    sideways = float(np.abs(loads["pull_N"] * np.tan(loads["side_lead_rad"])).max())
+    radius = float(loads["radius_m"].max())
+    trolley_acceleration = limits.accelerations[crane.layout.drive("x")]
+    slew_acceleration = limits.accelerations[crane.layout.drive("gamma")]
+    trolley_factor = outward / (mass * trolley_acceleration)
+    slew_factor = sideways / (mass * slew_acceleration * radius)
+    psi = f"{factors.psi_h_regulated(1.0):.2f}"
+    rows: list[Row] = [
+        ["φ1, own weight at lift-off", f"{phi_low:g} to {phi_high:g}", None, "EN 1991-3, T 2.4"],
+        [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],
+        [f"φ2 of {analysis.hoisting}, {drive}", f"{phi_2:.3f}", pull, "EN 1991-3, T 2.4, 2.5"],
+        ["φ6, dynamic test load", f"{factors.phi_6(phi_2):.3f}", None, "EN 1991-3, 2.10"],
+        ["ψ_h of the trolley", psi, trolley_factor, "FEM 1.001, A.2.2.3"],
+        ["ψ_h of the slew", psi, slew_factor, "FEM 1.001, A.2.2.3"],
+    ]
+    columns = [("factor", ""), ("allowed", ""), ("needed here", ".3f"), ("clause", "")]
+    picked_up = "Picking up is not in it: the load hangs at the start."
+    if analysis.grounded is not None and "lift-off" in analysis.grounded.lift.phases:
+        picked_up = "Picking up is in it."
+    note = (
+        f"Clauses were read {_SECOND}. Needed: largest pull of the rope over the weight, along "
+        "and across the jib over mass times the limits of acceleration of trolley and slew. "
+        f"{picked_up} Again: python -m experiments.factors."
+    )
+    return Table("Dynamic factors", columns, rows, note)
+
+
+def _wind(limit: WindLimit, source_note: str) -> Table:
+    """Tabulate the worst of all lifts at each speed of a gust."""
+    worst = limit.worst
+    rows: list[Row] = []
+    for i, speed in enumerate(limit.speeds.tolist()):
+        failed = worst["utilisation"][i] > FAILED_SHARE
+        values: Row = [
+            100.0 * float(worst["utilisation"][i]),
+            math.degrees(worst["swing"][i]),
+            float(worst["clearance"][i]),
+        ]
+        broken = [name for name in limit.allowed if not limit.kept(name)[i]]
+        beyond = "fails" if failed else ", ".join(broken) or "none"
+        numbers: Row = [None, None, None] if failed else values
+        rows.append([speed, wind_standards.wind_pressure(speed), *numbers, beyond])
+    columns = [
+        ("gust [m/s]", ".1f"),
+        ("pressure [Pa]", ".0f"),
+        ("utilisation %", ".1f"),
+        ("rope from plumb [°]", ".1f"),
+        ("clearance [m]", ".2f"),
+        ("beyond its limit", ""),
+    ]
+    note = (
+        f"The worst of {limit.lifts} lifts in all, from all sides and at all times, most of "
+        "them in gusts about the worst; wind on the load alone. Clearance: at least. Pressure: "
+        f"0.625 v², AS 5222:2021, {_SECOND}.{source_note}"
+    )
+    return Table("Wind", columns, rows, note)
+
+
+def _limits(limit: WindLimit) -> Table:
+    """Tabulate the wind limits of this lift beside those that standards have in general."""
+    rows: list[Row] = [
+        [f"{name} of this lift", limit.limit(name), "this page"] for name in limit.allowed
+    ]
+    rows += [
+        [f"in use: {name}", speed, _SECOND] for name, speed in wind_standards.OPERATING.items()
+    ]
+    rows += [
+        [f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND}"]
+        for name, speed in wind_standards.IN_SERVICE.items()
+    ]
+    columns = [("limit", ""), ("gust up to [m/s]", ".1f"), ("from", "")]
+    note = (
+        "The least that applies counts. The wind at which the crane itself must stop is its "
+        "maker's to say."
+    )
+    return Table("Wind limits", columns, rows, note)
+
+
+def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) -> Table:
+    low, high = perturbed.interval()
+    spread = analysis.inputs.spread
+    distances = perturbed.least[np.isfinite(perturbed.least)]
+    rows: list[Row] = [
+        ["lifts", f"{len(perturbed.least)}"],
+        ["below required clearance", f"{perturbed.failures - perturbed.broken_off}"],
+        ["out of a drive's range, or rope slack", f"{perturbed.broken_off}"],
+        ["probability of either, 95 % [%]", f"{100.0 * low:.3f} to {100.0 * high:.3f}"],
+        ["least distance [m]", f"{distances.min():.2f}" if len(distances) else "-"],
+        ["swing after, at most [mrad]", f"{1e3 * float(perturbed.swing.max()):.1f}"],
+    ]
+    note = (
+        f"Load ±{100.0 * spread.load:.3g} %, cable ±{spread.cable:g} m, mean wind to "
+        f"{spread.wind:g} m/s with gusts of {spread.gust:g} m/s more, sensors to "
+        f"{1e3 * max(spread.late):g} ms late, the load hanging at both ends; "
+        f"interval by Clopper and Pearson (docs/concepts/planning.md).{source_note}"
+    )
+    return Table("Perturbed lifts", [("", ""), ("value", "")], rows, note)

@@ -1,0 +1,248 @@
+"""The report of a lift as one HTML document: the verdict and why, then every number; and as PDF,
+printed by a browser.
+
+Every sentence and picture on it is made from the lift that it reports. A sentence that is the same
+for every lift states what the method does, and never a fact about what was entered.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from cranedyn.data.files import atomic_write, write_text
+from cranedyn.errors import CraneError
+from cranedyn.interfaces import State
+from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.lift_figures import LiftFigure
+from cranedyn.lifts.judging.lift_tables import Table
+from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT
+from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
+from cranedyn.recording.sketch import sketch
+from cranedyn.verdict import Check, Verdict, overall
+
+WORDS = {
+    Verdict.HOLDS: "GO",
+    Verdict.FAILS: "NO GO",
+    Verdict.NOT_JUDGED: "NOT COMPLETE",
+}
+"""What a report says by its verdict."""
+
+STATEMENT = (
+    "This page is an appendix to a method statement. It is made by a program from a model of a "
+    "crane, and no substitute for a competent person, who answers for the lift, knows the ground, "
+    "the rigging, the weather and the people, and has read what is said here of its limits."
+)
+
+_TEMPLATE = Path(__file__).with_name("templates") / "lift.html"
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
+"""Browsers that print without a window, by their names on the path."""
+
+_OPTIONS = (
+    "--headless=new",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-pdf-header-footer",
+)
+"""Options of such a browser: no window, no GPU, no traffic of its own, and paper without the
+address and the date that browsers add."""
+_TIMEOUT = 120.0
+"""Time that a browser may take [s]."""
+
+
+def lift_html(
+    analysis: LiftAnalysis,
+    checks: Sequence[Check],
+    tables: Sequence[Table],
+    figures: Sequence[LiftFigure],
+    command: str = "",
+) -> str:
+    """Return the report of a lift; its first table is on the first screen.
+
+    Args:
+        analysis: The lift.
+        checks: Its checks, whose verdict together is that of the report.
+        tables: Its tables.
+        figures: Its figures.
+        command: The command that makes its numbers again; empty if there is none.
+    """
+    verdict = overall(checks)
+    return render(
+        _TEMPLATE,
+        title=f"Lift: {analysis.site.name}",
+        verdict=verdict,
+        word=WORDS[verdict],
+        reason=_reason(checks),
+        picture=_picture(analysis),
+        checks=worst_first(checks),
+        unusual=analysis.unusual,
+        statement=STATEMENT,
+        tables=page_tables(tables),
+        figures=page_figures(figures),
+        limits=limits_of(analysis),
+        command=command,
+        versions=_versions(),
+    )
+
+
+def _reason(checks: Sequence[Check]) -> str:
+    """Return how many checks hold, fail and were not judged, in a sentence."""
+    counts = Counter(check.verdict for check in checks)
+    if counts[Verdict.HOLDS] == len(checks):
+        return f"All {len(checks)} checks hold."
+    failed = counts[Verdict.FAILS]
+    unknown = counts[Verdict.NOT_JUDGED]
+    does = "does" if failed == 1 else "do"
+    was = "was" if unknown == 1 else "were"
+    return (
+        f"Of {len(checks)} checks {failed} {does} not hold and {unknown} {was} not judged; "
+        f"{counts[Verdict.HOLDS]} hold."
+    )
+
+
+def _picture(analysis: LiftAnalysis) -> PageFigure:
+    """Return a picture of the lift's own crane from the side, where the load is farthest out."""
+    crane = analysis.crane
+    run = analysis.certificate.run
+    trolley = crane.layout.role("trolley", "A picture of a lift")
+    row = int(run.q[:, trolley].argmax())
+    q = run.q[row].copy()
+    q[crane.layout.role("slew", "A picture of a lift")] = 0.0  # the eye looks square to the jib
+    shown = State(q, np.zeros_like(q))
+    caption = (
+        f"The crane of this lift from the side, its trolley at {run.q[row, trolley]:.1f} m, where "
+        "the load is farthest out."
+    )
+    return PageFigure.of(sketch(crane, shown), caption)
+
+
+def limits_of(analysis: LiftAnalysis) -> list[str]:
+    """Return what the numbers of a lift do not say, in sentences."""
+    sentences = []
+    if analysis.grounded is None:
+        sentences.append(
+            "The model's rope has no mass and does not stretch, and the crane has no play."
+        )
+    else:
+        rope = analysis.grounded.lift.crane.springs.rope
+        assert rope is not None  # see `cranedyn.lifts.planning.ground_lift`
+        sentences.append(
+            f"The model's rope has no mass; it stretches by its stiffness EA of "
+            f"{float(rope.stiffness):.3g} N. The crane has no play."
+        )
+    sentences.append("Structure, ropes, slings and lifting points are not checked for strength.")
+    phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
+    missing = [
+        what
+        for what, phase in (("picking up", "lift-off"), ("setting down", "set-down"))
+        if phase not in phases
+    ]
+    if missing:
+        sentences.append(
+            f"The load hangs where {' and '.join(missing)} would be; that is not in this lift."
+        )
+    if analysis.perturbed is not None or analysis.wind is not None:
+        sentences.append(
+            "Perturbed lifts and gusts are of the load that hangs. Wind acts on the load alone, as "
+            f"a box of drag coefficient {DRAG_COEFFICIENT:g}; what it does to the crane's "
+            "structure is not in it."
+        )
+    else:
+        sentences.append("Nothing was computed in wind.")
+    sentences.append("Standards were read second hand; where a clause is named, read it there.")
+    if analysis.chart is not None:
+        sentences.append(f"The chart is {analysis.chart.name}. Source: {analysis.chart.source}.")
+    return sentences
+
+
+def page_figures(figures: Sequence[LiftFigure]) -> list[PageFigure]:
+    """Return figures as those of a page."""
+    return [PageFigure.of(figure, caption) for figure, caption in figures]
+
+
+def page_tables(tables: Sequence[Table]) -> list[PageTable]:
+    """Return tables as those of a page."""
+    result = []
+    for table in tables:
+        columns = [(header, not form) for header, form in table.columns]
+        result.append(PageTable(table.title, columns, table.cells(), table.note))
+    return result
+
+
+def _versions() -> str:
+    """Return with which versions and on which machine the numbers were made."""
+    packages = ("cranedyn", "pin", "numpy", "scipy")
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
+    return (
+        f"python {platform.python_version()}, {versions}; {platform.system()} {platform.machine()}"
+    )
+
+
+def write_html(path: str | Path, text: str) -> Path:
+    """Write an HTML document as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
+
+    Raises:
+        NoBrowser: If a PDF is asked for and no browser prints it.
+        DataError: If the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".pdf":
+        write_text(path, text)
+        return path
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / "page.html"
+        write_text(draft, text)
+        return print_pdf(draft, path)
+
+
+class NoBrowser(CraneError):
+    """No browser is installed, or it made no PDF."""
+
+
+def print_pdf(page: Path, pdf: Path) -> Path:
+    """Print an HTML page as PDF.
+
+    Args:
+        page: An HTML file that needs no other file.
+        pdf: The file to write.
+
+    Raises:
+        NoBrowser: If no browser is installed, or it makes no PDF within two minutes.
+        DataError: If the PDF cannot be written.
+    """
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        raise NoBrowser(
+            f"There is no browser to print {page} with; install Chromium, or print the page from "
+            "any browser."
+        )
+    # Browsers refuse their sandbox to root, as in most containers.
+    root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+    with tempfile.TemporaryDirectory() as folder:
+        printed = Path(folder) / "page.pdf"
+        options = [*root, f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}"]
+        command = [browser, *_OPTIONS, *options, page.absolute().as_uri()]
+        try:
+            # Not to pipes: processes of a browser that outlive it would keep them open.
+            nothing = subprocess.DEVNULL
+            subprocess.run(command, stdout=nothing, stderr=nothing, timeout=_TIMEOUT, check=True)
+            content = printed.read_bytes()
+        except (OSError, subprocess.SubprocessError) as error:
+            why = type(error).__name__
+            raise NoBrowser(f"{browser} did not print {page} ({why}); print it by hand.") from None
+    with atomic_write(pdf) as draft:
+        draft.write_bytes(content)
+    return pdf

@@ -1,0 +1,102 @@
+"""What a plan and its certificate rest on, and where each value is from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from cranedyn.assumptions import Assumption, Origin
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.lifts.planning.site import DISTANCE, SWING, Site
+from cranedyn.model.crane import Crane
+from cranedyn.references.limits import Limits
+
+EARTH = (9.76, 9.84)
+"""Least and largest gravity on the ground of the Earth [m/s²]."""
+
+
+def plan_assumptions(site: Site, crane: Crane, limits: Limits) -> list[Assumption]:
+    """Return what a certificate of a lift rests on.
+
+    Args:
+        site: The site.
+        crane: The crane.
+        limits: Limits of the drives, those of the site if it enters any.
+    """
+    return [*_of_crane(crane), *_of_load(site, crane), *_of_motion(site, limits)]
+
+
+def held_mass(crane: Crane) -> float:
+    """Return the mass that the hoist of a crane holds at its start [kg]."""
+    hoist = crane.layout.drive("l")
+    return abs(float(holding_effort(crane, crane.start.q)[hoist])) / crane.gravity
+
+
+def _of_crane(crane: Crane) -> Iterator[Assumption]:
+    """Yield which crane it is, and its gravity."""
+    # A crane from a file of its own has no arguments in its record.
+    arguments = crane.record.get("arguments")
+    if isinstance(arguments, dict):
+        value = "the tower crane of this package"
+        origin = Origin.SHIPPED
+        if arguments:
+            changed = ", ".join(f"{name} {x:g}" for name, x in sorted(arguments.items()))
+            value = f"{value} with {changed}"
+    else:
+        value = crane.model.name
+        origin = Origin.ENTERED
+    yield Assumption("crane", value, origin, "[crane] values")
+    yield Assumption("gravity", f"{crane.gravity:g} m/s²", Origin.ASSUMED)
+
+
+def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
+    """Yield mass, size and attitude of the load."""
+    entered = "payload_mass" in site.crane or "payload_mass" in crane.record.get("arguments", {})
+    yield Assumption(
+        "mass of the load with its rigging",
+        f"{held_mass(crane):,.0f} kg",
+        Origin.ENTERED if entered else Origin.DEFAULT,
+        "[load] mass",
+    )
+    if site.load is None:
+        size = "the shapes of the crane's URDF"
+        origin = Origin.DEFAULT
+    else:
+        sides = " x ".join(f"{side:.1f}" for side in np.ptp(site.load, axis=0))
+        size = f"{sides} m"
+        origin = Origin.ENTERED
+    yield Assumption("size of the load", size, origin, "[load] size")
+    attitude = "held along the jib, such as by tag lines; it does not turn about the rope"
+    yield Assumption("attitude of the load", attitude, Origin.ASSUMED)
+
+
+def _of_motion(site: Site, limits: Limits) -> Iterator[Assumption]:
+    """Yield the rates of the drives, the swing and the distance to keep."""
+    slew, trolley, hoist = limits.rates
+    yield Assumption(
+        "largest rates of slew, trolley and hoist",
+        f"{math.degrees(slew):.2g} °/s, {trolley:.2f} and {hoist:.2f} m/s",
+        Origin.ENTERED if site.limits is not None else Origin.DEFAULT,
+        "[drives] rates",
+    )
+    yield Assumption(
+        "largest swing that the distance is kept with",
+        f"{math.degrees(site.swing):.3g}°",
+        _origin(site, "[lift] swing", site.swing, SWING),
+        "[lift] swing",
+    )
+    yield Assumption(
+        "distance to keep",
+        f"{site.distance:g} m",
+        _origin(site, "[lift] distance", site.distance, DISTANCE),
+        "[lift] distance",
+    )
+
+
+def _origin(site: Site, field: str, value: float, default: float) -> Origin:
+    """Return the origin of a value of a site that has a default. One that equals it counts as
+    entered only if the site says so.
+    """
+    return Origin.ENTERED if field in site.entered or value != default else Origin.DEFAULT

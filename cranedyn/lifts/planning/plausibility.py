@@ -1,0 +1,380 @@
+"""Whether what somebody entered for a lift can be meant, and which mistake is likely.
+
+A number in the wrong unit is a number like any other: 3.6 for a load of 3.6 tonnes is a load of
+3.6 kg, and a plan for it is right about the wrong load. So every quantity that a site enters has
+two ranges. Outside of the *possible* one it cannot be meant and is refused. Outside of the *usual*
+one it is unusual, which is said and does not stop anybody: cranes of a laboratory lift 0.1 kg, and
+the largest ones 20,000 t.
+
+Sizes of cranes differ by a factor of a thousand, so that ranges in metres and kilograms alone catch
+little. Ratios are sharper: the density of the load, the speed of the jib's tip, the distance of a
+place over the reach of the crane.
+
+Where a usual conversion brings a value from outside of its usual range into it, the sentence asks
+for that. What cannot be seen in this way: pounds for kilograms, a crane that turns at 0.8 where
+0.8 rpm are meant, or a mass with or without its rigging.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.errors import DataError
+from cranedyn.lifts.planning.site import DRIVES, Site
+
+Conversions = Mapping[str, float]
+"""Factor that makes a value right which was entered in another unit, by a phrase for that unit."""
+
+MILLIMETRES: Conversions = {"millimetres": 1e-3, "centimetres": 1e-2}
+"""Units that are mistaken for metres."""
+
+TONNES: Conversions = {"tonnes": 1e3}
+"""Unit that is mistaken for kilograms."""
+
+METRES_PER_MINUTE: Conversions = {"metres per minute": 1.0 / 60.0, "millimetres per second": 1e-3}
+"""Units that are mistaken for metres per second."""
+
+RADIANS: Conversions = {"radians": math.degrees(1.0)}
+"""Unit that is mistaken for degrees."""
+
+KILONEWTONS: Conversions = {"kilonewtons": 1e3}
+"""Unit that is mistaken for newtons."""
+
+SMALLEST_OBSTACLE = 5e-3
+"""Largest side of an obstacle over the reach of the crane, below which it cannot be meant."""
+
+FAR_BEYOND = 3.0
+"""Distance from the foot over the reach of the crane from which on a place of the lift cannot be
+meant, and an obstacle has no effect, which is unusual."""
+
+NOWHERE_NEAR = 100.0
+"""Distance of an obstacle from the foot over the reach of the crane, from which on it cannot be
+meant."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a site enters, with the range that it can have.
+
+    Attributes:
+        name: What it is, to begin a sentence with.
+        unit: Its unit.
+        possible: Range outside of which it cannot be meant.
+        usual: Range outside of which it is unusual.
+        conversions: Units in which it may have been entered by mistake.
+    """
+
+    name: str
+    unit: str
+    possible: tuple[float, float]
+    usual: tuple[float, float]
+    conversions: Conversions
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A value that cannot be meant, or is unusual.
+
+    Attributes:
+        table, field: Where it was entered in the file of a site, such as "load" and "mass"; of an
+            obstacle the table is empty and the field its name.
+        refused: Whether it cannot be meant.
+        sentence: What was entered, what is usual, and the mistake that is likely.
+    """
+
+    table: str
+    field: str
+    refused: bool
+    sentence: str
+
+    def __str__(self) -> str:
+        """Return the sentence with the field that it is about."""
+        return f"[{self.table}] {self.field}: {self.sentence}" if self.table else self.sentence
+
+
+# Ranges of absolute values. The lower ends are those of cranes on a laboratory's bench: 0.085 kg,
+# ways of 0.4 m, ropes of 0.2 m. The upper ends: the largest tower cranes lift 240 t at booms of
+# 100 m, the largest ring crane 5,000 t, the largest gantry 20,000 t.
+LOAD_MASS = Quantity("The mass of the load", "kg", (1e-3, 2.5e7), (0.05, 1.5e6), TONNES)
+LOAD_SIDE = Quantity("A side of the load", "m", (1e-3, 500.0), (0.01, 100.0), MILLIMETRES)
+RIGGING_MASS = Quantity("The mass of rigging", "kg", (0.0, 1e6), (0.0, 1e5), {})
+DISTANCE = Quantity("The distance to keep", "m", (0.0, 50.0), (0.05, 5.0), MILLIMETRES)
+SWING = Quantity("The swing", "degrees", (0.0, 45.0), (0.2, 10.0), RADIANS)
+BASE_SPACING = Quantity("The spacing of the corners", "m", (0.02, 150.0), (0.1, 20.0), MILLIMETRES)
+BASE_MASS = Quantity("The mass of the base", "kg", (0.0, 1e8), (0.0, 5e6), {})
+PERMITTED = Quantity(
+    "The force that the ground may bear under a corner",
+    "kN",
+    (0.0, 1e5),
+    (1.0, 2e4),
+    {"newtons": 1e-3},
+)
+ARM_MASS = Quantity("The mass of an arm", "kg", (0.0, 1e7), (0.0, 1e6), {})
+ARM_LENGTH = Quantity("A length of an arm", "m", (0.0, 500.0), (0.02, 150.0), MILLIMETRES)
+
+# A tower crane turns at 0.6 to 1 rpm, 3.6 to 6 °/s, small mobile cranes at 2 rpm, a bench crane of
+# 1 m at 57 °/s. Trolleys go up to 2 m/s and those of container cranes 4 m/s; hoists 3.3 m/s.
+SLEW_RATE = Quantity("The rate of the slew", "°/s", (0.0, 360.0), (0.3, 60.0), RADIANS)
+RATE = Quantity("The rate of a drive", "m/s", (0.0, 10.0), (0.002, 4.8), METRES_PER_MINUTE)
+SLEW_ACCELERATION = Quantity(
+    "The acceleration of the slew", "°/s²", (0.0, 360.0), (0.05, 120.0), RADIANS
+)
+ACCELERATION = Quantity(
+    "The acceleration of a drive", "m/s²", (0.0, 9.80665), (0.005, 3.0), METRES_PER_MINUTE
+)
+EFFORT = Quantity("The effort of a drive", "N or N m", (0.0, 1e10), (0.5, 1e9), KILONEWTONS)
+COORDINATE = Quantity("A coordinate", "m", (-1e7, 1e7), (-1e6, 1e6), MILLIMETRES)
+GROUND = Quantity("The height of the ground", "m", (-9e3, 9e3), (-450.0, 6e3), MILLIMETRES)
+
+# Cranes stop at 14 to 20 m/s, and those that must work in high wind at 28. No wind at all reaches
+# 100 m/s, and between the two a requirement is one that no lift will meet.
+WIND = Quantity(
+    "The gust",
+    "m/s",
+    (0.0, 100.0),
+    (2.0, 20.0),
+    {"kilometres per hour": 1.0 / 3.6, "miles per hour": 0.447},
+)
+RISK = Quantity("The risk", "%", (0.0, 100.0), (0.0, 10.0), {})
+
+# The density of a box around a load: air has 1.2 kg/m³ and the densest metal 22,600. Foam has 10 to
+# 30, an empty container 60, solid steel 7,850.
+DENSITY = Quantity("The density of the load", "kg/m³", (1.3, 23e3), (10.0, 8e3), {})
+
+# Tips of the largest booms run at 7 m/s. A load that is stopped at 25 m/s rises by v²/2g = 32 m,
+# above the jib of most cranes.
+TIP_SPEED = Quantity("The speed of the tip of the jib", "m/s", (0.0, 25.0), (0.0, 10.0), {})
+
+
+def judge_value(
+    quantity: Quantity, value: float, table: str, field: str, name: str = ""
+) -> Iterator[Finding]:
+    """Yield a finding where a value lies outside of a range.
+
+    Args:
+        quantity: The quantity with its ranges.
+        value: What was entered, in the quantity's unit.
+        table: Table of the site's file.
+        field: Field of the table.
+        name: Another name for the sentence.
+    """
+    low, high = quantity.usual
+    if low <= value <= high:
+        return
+    possible = quantity.possible
+    refused = not possible[0] <= value <= possible[1]  # a NaN is refused
+    allowed = possible if refused else quantity.usual
+    kind = "possible" if refused else "usual"
+    sentence = (
+        f"{name or quantity.name} is {_number(value)} {quantity.unit}; {kind} is "
+        f"{_number(allowed[0])} to {_number(allowed[1])} {quantity.unit}."
+    )
+    for unit, factor in quantity.conversions.items():
+        if low <= value * factor <= high:
+            sentence += f" Is {_number(value)} in {unit}? Then write {_number(value * factor)}."
+            break
+    yield Finding(table, field, refused, sentence)
+
+
+def _number(value: float) -> str:
+    """Return a number to read: thousands apart, and six digits at most."""
+    return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.6g}"
+
+
+def refuse(found: Iterable[Finding]) -> tuple[str, ...]:
+    """Return sentences about values that are unusual, each once.
+
+    Raises:
+        DataError: If a value cannot be meant.
+    """
+    found = list(found)
+    for finding in found:
+        if finding.refused:
+            raise DataError(str(finding))
+    return tuple(dict.fromkeys(map(str, found)))
+
+
+def findings(site: Site, reach: tuple[float, float] | None = None) -> list[Finding]:
+    """Return what cannot be meant of a site, and what is unusual.
+
+    Args:
+        site: The site. What it does not enter has a usual value by default and is no finding.
+        reach: Smallest and largest radius of the crane's trolley [m]; None if unknown, then the
+            places of the lift are not judged.
+    """
+    return [
+        *_of_obstacles(site, reach),
+        *_of_load(site),
+        *_of_drives(site, reach),
+        *_of_structure(site),
+        *_of_places(site, reach),
+    ]
+
+
+def _of_obstacles(site: Site, reach: tuple[float, float] | None) -> Iterator[Finding]:
+    """Yield obstacles in a wrong unit or frame, which a proof would not meet anywhere."""
+    if reach is None:
+        return
+    _, largest_radius = reach
+    foot = np.asarray(site.foot, dtype=float)[:2]
+    for solid in site.solids:
+        largest = float(np.ptp(solid.vertices, axis=0).max())
+        if largest < SMALLEST_OBSTACLE * largest_radius:
+            sentence = (
+                f"The obstacle {solid.name} is {_number(largest)} m large, too small to be one. "
+                "Is it in another unit?"
+            )
+            yield Finding("", solid.name, True, sentence)
+        # Distance in plan of the box around it from the foot.
+        low = solid.vertices[:, :2].min(axis=0)
+        high = solid.vertices[:, :2].max(axis=0)
+        x, y = np.maximum(np.maximum(low - foot, foot - high), 0.0)
+        gap = float(np.hypot(x, y))
+        if gap > FAR_BEYOND * largest_radius:
+            sentence = (
+                f"The obstacle {solid.name} is {_number(gap)} m from the foot of the crane, whose "
+                f"trolley reaches {_number(largest_radius)} m: it has no effect. Is it in "
+                "millimetres, or in another frame than [crane] position?"
+            )
+            yield Finding("", solid.name, gap > NOWHERE_NEAR * largest_radius, sentence)
+
+
+def _of_load(site: Site) -> Iterator[Finding]:
+    """Yield what is unusual of load and rigging: masses, sides and density."""
+    mass = site.crane.get("payload_mass")
+    if mass is not None:
+        mass = float(mass) - sum(site.rigging.values())  # the crane's load includes the rigging
+        yield from judge_value(LOAD_MASS, mass, "load", "mass")
+    for name, value in site.rigging.items():
+        yield from judge_value(RIGGING_MASS, value, "rigging", name)
+    if site.load is None:
+        return
+    sides = np.ptp(site.load, axis=0)
+    for side in sides.tolist():
+        yield from judge_value(LOAD_SIDE, side, "load", "size")
+    if mass is None:
+        return
+    volume = float(sides.prod())
+    if not volume > 0.0:
+        return  # a flat load is a finding of its size
+    for finding in judge_value(DENSITY, mass / volume, "load", "mass"):
+        sentence = f"{finding.sentence[:-1]}: {_number(mass)} kg in a box of {_number(volume)} m³."
+        low, high = DENSITY.usual
+        if low <= 1e3 * mass / volume <= high:
+            sentence += f" Is {_number(mass)} in tonnes? Then write {_number(1e3 * mass)}."
+        elif low <= 1e9 * mass / volume <= high:
+            sentence += " Is the size in millimetres?"
+        yield Finding(finding.table, finding.field, finding.refused, sentence)
+
+
+def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Finding]:
+    """Yield what is unusual of the drives: rates, accelerations, speed of the tip, and efforts."""
+    if site.limits is None:
+        return
+    yield from _of_motion_limits(site.limits.rates, SLEW_RATE, RATE, "rates")
+    yield from _of_motion_limits(
+        site.limits.accelerations, SLEW_ACCELERATION, ACCELERATION, "accelerations"
+    )
+    if reach is not None:
+        yield from judge_value(TIP_SPEED, site.limits.rates[0] * reach[1], "drives", "rates")
+    for drive in DRIVES:
+        effort = site.crane.get(f"{drive}_effort")
+        if effort is not None:
+            name = f"The effort of the {drive}"
+            yield from judge_value(EFFORT, float(effort), "drives", "efforts", name)
+
+
+def _of_motion_limits(
+    values: Sequence[float], of_slew: Quantity, of_others: Quantity, field: str
+) -> Iterator[Finding]:
+    """Yield what is unusual of the rates or accelerations of slew, trolley and hoist in a field of
+    [drives].
+    """
+    slew, *others = values
+    yield from judge_value(of_slew, math.degrees(slew), "drives", field)
+    # Not strict: a wrong number of limits is refused where the limits meet their crane.
+    for drive, value in zip(("trolley", "hoist"), others, strict=False):
+        name = of_others.name.replace("a drive", f"the {drive}")
+        yield from judge_value(of_others, value, "drives", field, name)
+
+
+def _of_structure(site: Site) -> Iterator[Finding]:
+    """Yield what is unusual of base, jib and counter-jib."""
+    if site.base is not None:
+        yield from judge_value(BASE_SPACING, site.base.spacing, "base", "spacing")
+        yield from judge_value(BASE_MASS, site.base.mass, "base", "mass")
+        if site.base.permitted is not None:
+            permitted = site.base.permitted / 1e3
+            yield from judge_value(PERMITTED, permitted, "base", "permitted")
+    for arm in site.arms:
+        table = "jib" if arm.centre >= 0.0 else "counter_jib"
+        name = f"The {table.replace('_', '-')}"
+        yield from judge_value(ARM_MASS, arm.mass, table, "mass", f"{name}'s mass")
+        yield from judge_value(ARM_LENGTH, abs(arm.centre), table, "centre", f"{name}'s centre")
+    length = site.crane.get("counter_jib")
+    if length:
+        name = "The length of the counter-jib"
+        yield from judge_value(ARM_LENGTH, float(length), "counter_jib", "length", name)
+
+
+def _of_places(site: Site, reach: tuple[float, float] | None) -> Iterator[Finding]:
+    """Yield what is unusual of the places of ground, crane and lift, and of what a lift allows."""
+    yield from judge_value(GROUND, site.ground, "ground", "height")
+    for value in np.asarray(site.foot, dtype=float).tolist():
+        yield from judge_value(COORDINATE, value, "crane", "position")
+    yield from judge_value(DISTANCE, site.distance, "lift", "distance")
+    yield from judge_value(SWING, math.degrees(site.swing), "lift", "swing")
+    if site.risk is not None:
+        yield from judge_value(RISK, 100.0 * site.risk, "lift", "risk")
+    for name, value in site.spread.items():
+        if value == 0.0:
+            # The file calls two of them otherwise.
+            field = {"load": "mass", "late": "delay"}.get(name, name)
+            sentence = "It is zero, as if nothing were uncertain."
+            yield Finding("uncertainty", field, False, sentence)
+    if site.gust is not None:
+        yield from judge_value(WIND, site.gust, "wind", "gust")
+    if site.gust_swing is not None:
+        name = "The swing allowed in gusts"
+        yield from judge_value(SWING, math.degrees(site.gust_swing), "wind", "swing", name)
+    if reach is None:
+        return
+    for field, point in (("from", site.start), ("to", site.goal)):
+        if point is None:
+            continue
+        end = "start" if field == "from" else "goal"
+        yield from _of_place(site, reach, point, field, f"The {end} of the lift")
+
+
+def _of_place(
+    site: Site, reach: tuple[float, float], point: np.ndarray, field: str, name: str
+) -> Iterator[Finding]:
+    """Yield a finding where the crane does not reach a place by far, which asks for its unit."""
+    _, largest = reach
+    radius = _distance_in_plan(site.foot, point)
+    if radius <= FAR_BEYOND * largest:
+        return  # the planner says by how much it is out of reach
+    sentence = (
+        f"{name} is {_number(radius)} m from the foot of the crane, whose trolley reaches "
+        f"{_number(largest)} m. {_question_about_place(site, reach, point)}"
+    )
+    yield Finding("lift", field, True, sentence)
+
+
+def _question_about_place(site: Site, reach: tuple[float, float], point: np.ndarray) -> str:
+    """Return the question which mistake was made with a place that the crane does not reach."""
+    least, largest = reach
+    for unit, factor in MILLIMETRES.items():
+        if least <= _distance_in_plan(site.foot, factor * point) <= largest:
+            return f"Is {_number(float(np.abs(point[:2]).max()))} in {unit}?"
+    return "Is it in the same frame as [crane] position?"
+
+
+def _distance_in_plan(foot: np.ndarray, point: np.ndarray) -> float:
+    """Return the horizontal distance of a point from the foot of the crane [m]."""
+    x, y = point[:2] - foot[:2]
+    return float(np.hypot(x, y))

@@ -1,0 +1,216 @@
+"""A site: where the crane stands, what stands about it, what it lifts, and from where to where; and
+weights of the crane's structure that a URDF need not have: base, jib, counter-jib.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cranedyn.checks import ShortRepr, number
+from cranedyn.errors import DataError, quoted
+from cranedyn.lifts.planning.solids import Solid, rotation_z
+from cranedyn.references.limits import Limits
+
+DRIVES = ("slew", "trolley", "hoist")
+"""Roles of the drives of a crane that lifts on a site, in the order of numbers in its file."""
+
+DISTANCE = 0.5
+"""Required distance of a site that does not give one [m]."""
+
+SWING = math.radians(2.0)
+"""Largest swing of the load of a site that does not give one [rad]."""
+
+BASE_HEIGHT = 0.3
+"""Height of the beams of a base above the foot [m]. A site enters their length, which is the
+spacing of the corners, and no height; that of a usual foundation cross is about this.
+"""
+
+GROUND = "ground"
+"""Name of the ground among the obstacles of a lift."""
+
+MAST = "own mast"
+"""Name of the crane's own mast among the obstacles of what hangs."""
+
+OWN_BASE = "own base"
+"""Name of the crane's own base among the obstacles of what hangs."""
+
+OWN_UPPER = "own upper structure"
+"""Name of what slews with the jib and lies below the trolley, such as a slewing column and a cab,
+among the obstacles of load and hook."""
+
+RESERVED_NAMES = frozenset({GROUND, MAST, OWN_BASE, OWN_UPPER})
+"""Names that no obstacle may have: a proof would take one for the other."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """A square base on which a tower stands by four corners, its sides along the world's X and Y.
+
+    Attributes:
+        spacing: Distance between neighbouring corners [m].
+        mass: Mass of base, ballast and mast, as far as the crane's model lacks it [kg], above the
+            middle.
+        permitted: Largest force that the ground may bear under a corner [N]; None if unknown.
+
+    Raises:
+        OutOfRange: If the spacing or the permitted force is not positive, or the mass negative.
+    """
+
+    spacing: float
+    mass: float
+    permitted: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        number("spacing of the corners", self.spacing, "m", "> 0")
+        number("mass of the base", self.mass, "kg", ">= 0")
+        if self.permitted is not None:
+            number("permitted force of a corner", self.permitted, "N", "> 0")
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Jib or counter-jib, as a weight at its centre of mass.
+
+    Its weight is added to the loads of the slewing ring and the foot, besides the upper structure
+    that the crane's model has on the slew axis. Its inertia is part of the crane's
+    `slewing_inertia`.
+
+    Attributes:
+        mass: Mass [kg].
+        centre: Centre of mass, from the slew axis along the jib, negative behind it [m].
+
+    Raises:
+        OutOfRange: If the mass is negative, or a number is not finite.
+    """
+
+    mass: float
+    centre: float
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        number("mass of an arm", self.mass, "kg", ">= 0")
+        number("centre of an arm", self.centre, "m")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Site(ShortRepr):
+    """A site, in a frame of its own: metres, Z up.
+
+    Attributes:
+        name: Its name.
+        solids: Obstacles, and zones to keep out of.
+        ground: Height of the ground [m].
+        foot: Foot of the crane's mast [m], shape (3,).
+        heading: Direction of the jib at zero slew, from X towards Y [rad].
+        crane: Values of the crane that differ from its defaults, by name; the mass of the load with
+            its rigging, the efforts of the drives and the length of the counter-jib are among them,
+            where they are entered.
+        load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against
+            it; None for that of the crane.
+        start, goal: Centre of the load at the start and at the end [m], shape (3,), or shape (2,)
+            where it stands on what is below; None if unknown.
+        distance: Required distance between all that moves and every obstacle [m].
+        swing: Largest angle of the rope from plumb that is allowed [rad].
+        limits: Limits of the drives; None if unknown.
+        base: Base of the crane; None if unknown.
+        arms: Jib and counter-jib as weights; empty if unknown.
+        rigging: Masses of hook and slings [kg], by name, part of the mass of the crane's load.
+        gust: Gust that the lift must bear [m/s]; None if unknown.
+        gust_swing: Largest angle of the rope from plumb in gusts [rad]; None if unknown.
+        risk: Largest probability that a perturbed lift comes closer than required; None if unknown.
+        spread: How far lifts may differ from the plan, by the names of the attributes of
+            `cranedyn.lifts.planning.perturbed.Spread`; empty for its defaults.
+        chart: File of the crane's load chart, or the name of one that is shipped; None if unknown.
+        falls: Number of falls that carry the hook; None if unknown.
+        entered: Fields that somebody entered, such as "[lift] swing". A value that equals the
+            default of this program counts as entered only if it is listed here.
+        unusual: Sentences about values that are unusual, see
+            `cranedyn.lifts.planning.plausibility`.
+    """
+
+    name: str
+    solids: tuple[Solid, ...]
+    ground: float = 0.0
+    foot: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    heading: float = -math.pi / 2.0
+    crane: Mapping[str, float] = field(default_factory=dict)
+    load: np.ndarray | None = None
+    start: np.ndarray | None = None
+    goal: np.ndarray | None = None
+    distance: float = DISTANCE
+    swing: float = SWING
+    limits: Limits | None = None
+    base: Base | None = None
+    arms: tuple[Arm, ...] = ()
+    rigging: Mapping[str, float] = field(default_factory=dict)
+    gust: float | None = None
+    gust_swing: float | None = None
+    risk: float | None = None
+    spread: Mapping[str, float] = field(default_factory=dict)
+    chart: Path | str | None = None
+    falls: int | None = None
+    entered: frozenset[str] = frozenset()
+    unusual: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the numbers and names.
+
+        Raises:
+            DataError: If two solids have one name, or one has a name of `RESERVED_NAMES`.
+            OutOfRange: If a number is not finite, the distance not positive, or the swing not from
+                0 to 0.5.
+        """
+        number("height of the ground", self.ground, "m")
+        number("required distance", self.distance, "m", "> 0")
+        number("swing of the load", self.swing, "rad", "0 to 0.5")
+        for solid in self.solids:
+            if solid.name in RESERVED_NAMES:
+                raise DataError(
+                    f"An obstacle is called {quoted(solid.name)}, as the program calls a part of "
+                    "its own; give it another name."
+                )
+        for name, count in Counter(solid.name for solid in self.solids).items():
+            if count > 1:
+                raise DataError(
+                    f"{count} obstacles are called {quoted(name)}; each needs a name of its own."
+                )
+
+    @property
+    def turn(self) -> np.ndarray:
+        """Rotation from the crane's frame, whose jib points along -Y at zero slew, to the site's,
+        shape (3, 3).
+        """
+        return rotation_z(self.heading + math.pi / 2.0)
+
+    @property
+    def base_corners(self) -> np.ndarray:
+        """Corners of the box around the base in the frame of the crane [m], shape (8, 3). The sides
+        of a base lie along the axes of the site.
+        """
+        assert self.base is not None
+        half = self.base.spacing / 2.0
+        sides = (-half, half)
+        corners = list(itertools.product(sides, sides, (0.0, BASE_HEIGHT)))
+        return np.array(corners) @ self.turn
+
+    def to_crane(self, points: np.ndarray) -> np.ndarray:
+        """Return points of the site [m], shape (..., 3), in the frame of the crane."""
+        return (np.asarray(points) - self.foot) @ self.turn
+
+    def to_site(self, points: np.ndarray) -> np.ndarray:
+        """Return points in the frame of the crane [m], shape (..., 3), in that of the site."""
+        return np.asarray(points) @ self.turn.T + self.foot
+
+    def seen_by_crane(self) -> list[Solid]:
+        """Return the solids in the frame of the crane."""
+        rotation = self.turn.T
+        translation = -self.foot @ self.turn
+        return [solid.moved(rotation, translation) for solid in self.solids]

@@ -1,0 +1,106 @@
+"""Where the crane stands: mast, foot and base must not be inside any obstacle, and the foot must
+stand on something.
+
+They need not keep the required distance: a crane stands on its foundation, and may be tied to the
+building that it serves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+
+from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.coverage import BodyAndObstacle, Pairs
+from cranedyn.lifts.planning.fields import Body, Field
+from cranedyn.lifts.planning.site import GROUND
+from cranedyn.lifts.planning.solids import hull
+from cranedyn.verdict import Check
+
+TOUCHING = 0.01
+"""Depth up to which a part that stands may be in an obstacle [m]. A crane stands on a foundation
+and may be tied to a building, so that it touches them; what is deeper is inside of them.
+"""
+
+UNEVEN = 0.05
+"""Height difference up to which a foot stands on the ground or on an obstacle [m]."""
+
+FOOTPRINT = 0.5
+"""Side of the square below the foot that must have something below it [m]."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How the parts of a crane that stand are placed among the obstacles.
+
+    Attributes:
+        inside: An obstacle that holds a part, for each such obstacle.
+        below: What the foot stands on: the ground or an obstacle; empty if it is nothing.
+        pairs: The obstacles that were compared with the mast.
+    """
+
+    inside: tuple[BodyAndObstacle, ...]
+    below: str
+    pairs: Pairs
+
+
+def standing_parts(clearance: Clearance) -> Standing:
+    """Compare mast, foot and base of a crane with all solids of its site, but for zones, which are
+    for what hangs.
+    """
+    site = clearance.site
+    parts = {"mast": clearance.bodies.mast}
+    if site.base is not None:
+        parts["base"] = [site.base_corners]
+    shapes = []
+    for name, hulls in parts.items():
+        for corners in map(_shrunk, hulls):
+            shapes.append((name, corners, hull(corners)))
+    level = site.ground - float(site.foot[2])
+    below = GROUND if abs(level) <= UNEVEN else ""
+    footprint = Body(coal.Box(FOOTPRINT, FOOTPRINT, TOUCHING), 0.0).put(coal.Transform3s())
+    inside: list[BodyAndObstacle] = []
+    compared: set[BodyAndObstacle] = set()
+    for solid in site.seen_by_crane():
+        if solid.zone:
+            continue
+        geometries = solid.geometries()
+        field = Field((solid.name, shape) for shape in geometries)
+        compared.add(BodyAndObstacle("mast", solid.name))
+        if not below and field.least(footprint) <= UNEVEN:
+            below = solid.name
+        for name, corners, shape in shapes:
+            if solid.meets(corners, shape, geometries):
+                inside.append(BodyAndObstacle(name, solid.name))
+    if level > UNEVEN:  # the ground is above the foot
+        inside.append(BodyAndObstacle("mast", GROUND))
+    each_once = tuple(dict.fromkeys(inside))
+    return Standing(each_once, below, frozenset(compared))
+
+
+def standing_check(result: Standing) -> Check:
+    """Return a check that nothing of the crane stands in an obstacle, and its foot on something."""
+    if not result.inside and not result.below:
+        return Check(
+            "The foot of the crane stands on nothing: neither the ground nor the top of an "
+            "obstacle is below it.",
+            False,
+        )
+    if not result.inside:
+        return Check(
+            f"Mast, foot and base of the crane stand in no obstacle, the foot on {result.below}.",
+            True,
+        )
+    listed = ", ".join(f"the {body} stands in {obstacle}" for body, obstacle in result.inside[:5])
+    return Check(f"The crane cannot stand there: {listed}.", False)
+
+
+def _shrunk(corners: np.ndarray) -> np.ndarray:
+    """Return corners [m], shape (n, 3), moved towards the middle of their box by `TOUCHING` in each
+    direction, and no farther than to the middle.
+    """
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+    offset = corners - middle
+    return middle + np.sign(offset) * np.maximum(np.abs(offset) - TOUCHING, 0.0)

@@ -1,0 +1,114 @@
+"""What the promise of a site rests on, in one list: nothing meets as long as all of it holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from cranedyn.assumptions import Assumption, Origin
+from cranedyn.lifts.sites.brakes import CYCLE
+from cranedyn.lifts.sites.crane_site import CraneSite, Station
+from cranedyn.lifts.sites.guard import working_swing
+
+_OfCrane = Callable[[CraneSite, Station], tuple[str, Origin]]
+"""Returns what is assumed of a crane of a site, and where it comes from."""
+
+
+def site_assumptions(site: CraneSite) -> list[Assumption]:
+    """Return all that the promise of a site rests on.
+
+    Cranes of which the same is assumed share an entry.
+    """
+
+    def origin(value: str) -> Origin:
+        return Origin.ENTERED if value in site.entered else Origin.DEFAULT
+
+    assumptions = [
+        Assumption("required distance", f"{site.distance:g} m", origin("distance")),
+        Assumption("largest swing of a rope", f"{math.degrees(site.swing):.3g}°", origin("swing")),
+        _wind(site),
+    ]
+    if site.working_wind.gust:
+        gusts = "each rises and falls once, and the swing has decayed before the next"
+        assumptions.append(Assumption("gusts", gusts, Origin.ASSUMED))
+        assumptions += _of_cranes(site, "lightest load in the wind", _load)
+        assumptions += _of_cranes(site, "swing by a gust", _swing_by_wind)
+    assumptions += _of_cranes(site, "weakest brakes", _brakes)
+    assumptions += _of_cranes(site, "reaction time of brakes", _reaction)
+    assumptions += _of_cranes(site, "fastest drives", _drives)
+    assumptions += _of_cranes(site, "error of measured positions", _tolerances)
+    assumptions += _of_cranes(site, "shapes of the crane", _shapes)
+    assumptions += [
+        Assumption("swing of ropes", "measured without an error, with its rate", Origin.ASSUMED),
+        Assumption("cycle of guards", f"{CYCLE:g} s, and none is missed", Origin.ASSUMED),
+        Assumption("messages", "as late or lost as they may be, but not forged", Origin.ASSUMED),
+        Assumption("clocks", "none in common; each runs forward", Origin.ASSUMED),
+    ]
+    return assumptions
+
+
+def _wind(site: CraneSite) -> Assumption:
+    wind = site.working_wind
+    if "wind" not in site.entered and not wind.gust:
+        return Assumption("wind", "no wind", Origin.DEFAULT)
+    return Assumption(
+        "wind", f"{wind.gust:g} m/s in gusts, drag area {wind.area:g} m²", Origin.ENTERED
+    )
+
+
+def _of_cranes(site: CraneSite, name: str, of: _OfCrane) -> list[Assumption]:
+    """Return what is assumed of each crane, those that share a value and its origin in one."""
+    names: dict[tuple[str, Origin], list[str]] = {}
+    for station in site.stations:
+        names.setdefault(of(site, station), []).append(station.name)
+    assumptions = []
+    for (value, origin), cranes in names.items():
+        whose = "" if len(cranes) == len(site.stations) else f" of {', '.join(cranes)}"
+        assumptions.append(Assumption(f"{name}{whose}", value, origin))
+    return assumptions
+
+
+def _origin(station: Station, value: str) -> Origin:
+    return Origin.ENTERED if value in station.entered else Origin.DEFAULT
+
+
+def _per_drive(station: Station, values: np.ndarray, per: str) -> str:
+    """Return a number for each drive with its unit, angles in degrees."""
+    texts = []
+    for joint, value in zip(station.crane.layout.driven, values, strict=True):
+        turns = joint.unit == "rad"
+        shown = math.degrees(value) if turns else value
+        texts.append(f"{joint.role or joint.name} {shown:.3g} {'°' if turns else 'm'}{per}")
+    return ", ".join(texts)
+
+
+def _swing_by_wind(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    by_gust = math.degrees(site.working_wind.swing(station.crane))
+    left = math.degrees(working_swing(station, site.swing, site.working_wind))
+    return f"{by_gust:.2g}°; {left:.2g}° are left to the drives", Origin.COMPUTED
+
+
+def _brakes(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    return _per_drive(station, station.brakes.decelerations, "/s²"), _origin(station, "brakes")
+
+
+def _reaction(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    return f"{station.brakes.reaction:.3g} s", _origin(station, "reaction")
+
+
+def _drives(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    return _per_drive(station, station.converters.rates, "/s"), _origin(station, "drives")
+
+
+def _tolerances(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    return _per_drive(station, station.brakes.tolerances, ""), _origin(station, "tolerances")
+
+
+def _shapes(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    return "those of its description, with the load", _origin(station, "crane")
+
+
+def _load(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    return f"{station.crane.payload_mass:g} kg", _origin(station, "load")

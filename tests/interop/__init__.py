@@ -1,0 +1,1 @@
+"""Each interface against the program on its other side."""

@@ -1,0 +1,157 @@
+"""Margins of closed loops against the poles of the loop with a drive that is later or stronger."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from cranedyn.controllers import hold_controller, lqr, paper_controller
+from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.dynamics.linearisation import Sampled, sampled
+from cranedyn.estimation import with_observer
+from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.interop.margins import Margins, Regulator, behind_observer, margins, regulator
+from cranedyn.references import Motion
+from tests.helpers import crane
+
+PERIOD = 5e-3
+REST = crane().state(x=10.0, l=15.0)
+
+
+def at_rest() -> Motion:
+    """A motion that is none."""
+    still = np.zeros((1, 5))
+    return Motion(PERIOD, REST.q[None], still, still, crane().layout.drives)
+
+
+def integrating() -> HoistIntegral:
+    """The LQR with an integrator on the hoist."""
+    return HoistIntegral(crane(), lqr(crane(), at_rest()), 4e3, 1e5)
+
+
+def law_of(controller: Controller) -> Regulator:
+    """A controller about the rest."""
+    return regulator(crane(), controller, REST, t=0.0, period=PERIOD)
+
+
+def radius(
+    plant: Sampled, law: Regulator, drive: int, *, factor: float = 1.0, periods: int = 0
+) -> float:
+    """Largest pole of the loop whose one drive is stronger and late: its commands wait in a queue
+    that is part of the state.
+    """
+    nz, m = plant.b.shape
+    k, n = len(law.a), nz + len(law.a) + periods
+    reads = np.zeros((m, n))
+    reads[:, :nz], reads[:, nz : nz + k] = -law.d, -law.c
+    acts = reads.copy()
+    acts[drive] = factor * reads[drive]
+    queue = np.zeros((periods, n))
+    if periods:
+        acts[drive] = np.eye(n)[nz + k]
+        queue[:-1] = np.eye(n)[nz + k + 1 :]
+        queue[-1] = factor * reads[drive]
+    moves = np.zeros((nz, n))
+    moves[:, :nz] = plant.a
+    remembers = np.zeros((k, n))
+    remembers[:, :nz], remembers[:, nz : nz + k] = law.b, law.a
+    loop = np.vstack([moves + plant.b @ acts, remembers, queue])
+    return float(np.abs(np.linalg.eigvals(loop)).max())
+
+
+CONTROLLERS: dict[str, Callable[[], Controller]] = {
+    "hold": lambda: hold_controller(crane()),
+    "paper": lambda: paper_controller(crane(), at_rest()),
+    "lqr": integrating,
+}
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_a_drive_is_unstable_just_beyond_what_its_margins_say(name: str) -> None:
+    plant = sampled(crane(), REST)
+    law = law_of(CONTROLLERS[name]())
+    found = margins(plant, law)
+    for drive, margin in enumerate(found.drives):
+        below, beyond = (
+            radius(plant, law, drive, factor=share * margin.upper_gain) for share in (0.995, 1.005)
+        )
+        assert below < 1.0 < beyond
+        if margin.lower_gain > 0.0:
+            # the crossing lies between frequencies of a grid
+            below, beyond = (
+                radius(plant, law, drive, factor=share * margin.lower_gain)
+                for share in (0.98, 1.02)
+            )
+            assert beyond < 1.0 < below
+        last = math.ceil(margin.delay / PERIOD) - 1
+        assert radius(plant, law, drive, periods=last) < 1.0
+        assert radius(plant, law, drive, periods=last + 1) > 1.0
+
+
+def test_a_regulator_answers_as_the_controller_that_it_stands_for() -> None:
+    law = law_of(integrating())
+    goal = Setpoint(REST.q[crane().layout.drives], *np.zeros((2, 3)))
+    away = np.random.default_rng(2).normal(size=10) * 1e-2
+    runs = [integrating(), integrating()]
+    for controller in runs:
+        controller.begin_run(0.0, PERIOD)
+    x = np.zeros(len(law.a))
+    for k in range(3):
+        there = State(REST.q + away[:5], away[5:])
+        moved, still = (
+            controller(k * PERIOD, state, goal)
+            for controller, state in zip(runs, (there, REST), strict=True)
+        )
+        # rounding of efforts of 1e4 N
+        np.testing.assert_allclose(moved - still, -law.c @ x - law.d @ away, atol=1e-9)
+        x = law.a @ x + law.b @ away
+
+
+def test_damping_and_growth_are_those_of_the_slowest_poles() -> None:
+    plant = sampled(crane(), REST)
+    law = law_of(integrating())
+    found = margins(plant, law)
+    assert math.exp(found.growth_rate * PERIOD) == pytest.approx(radius(plant, law, 0), rel=1e-9)
+    assert 0.0 < found.damping < 1.0
+
+
+def of_one(pole: float, gain: float) -> Margins:
+    """A loop of one drive: z becomes pole z + u with u = -gain z, in closed form."""
+    plant = Sampled(np.array([[pole]]), np.array([[1.0]]), PERIOD)
+    empty = np.zeros((0, 0))
+    law = Regulator(empty, np.zeros((0, 1)), np.zeros((1, 0)), np.array([[gain]]))
+    return margins(plant, law)
+
+
+def test_margins_of_one_pole_are_those_of_the_closed_form() -> None:
+    found = of_one(1.0, 0.1)
+    # |1 - g/10| = 1 at g = 0 and 20; arg L(ω) = -π/2 - ωT/2 and |L| = 0.1/(2 sin(ωT/2))
+    assert found.growth_rate == pytest.approx(math.log(0.9) / PERIOD)
+    assert found.drives[0].upper_gain == pytest.approx(20.0, rel=1e-9)
+    turning = 2.0 * math.asin(0.05)
+    late = (math.pi / 2.0 - turning / 2.0) / turning * PERIOD
+    assert found.drives[0].delay == pytest.approx(late, rel=1e-3)
+
+
+def test_an_unstable_loop_has_no_margins_and_negative_damping() -> None:
+    found = of_one(1.1, 0.05)
+    assert found.drives == () and found.damping == -1.0 and found.growth_rate > 0.0
+    assert found.least.delay == 0.0 and found.least.upper_gain == 1.0
+
+
+def test_a_loop_behind_a_filter_has_the_poles_of_both() -> None:
+    plant = sampled(crane(), REST)
+    law = law_of(integrating())
+    measured = with_observer(lqr(crane(), at_rest()), crane(), at_rest()).gains.measured
+    gain = np.random.default_rng(1).normal(size=(10, 6)) * 1e-3
+    gain[measured] += np.eye(6) * 0.2
+    behind = behind_observer(law, plant, gain, measured)
+    whole = np.block([[plant.a - plant.b @ behind.d, -plant.b @ behind.c], [behind.b, behind.a]])
+    own = np.block([[plant.a - plant.b @ law.d, -plant.b @ law.c], [law.b, law.a]])
+    errs = plant.a @ (np.eye(10) - gain @ np.eye(10)[measured])
+    # separation principle: coefficients of the product, as far as poles that lie together allow
+    expected = np.poly(np.concatenate([np.linalg.eigvals(own), np.linalg.eigvals(errs)]))
+    np.testing.assert_allclose(np.poly(np.linalg.eigvals(whole)), expected, rtol=1e-6, atol=1e-4)
