@@ -34,10 +34,6 @@ _LARGEST_BLOCK = 20_000
 _MOST_STEPS = 1_000_000
 """Largest number of physics steps in a block."""
 
-_BROKEN = 2.0
-"""Value of the section `worst` of the memory from which on a number is not finite or a joint too
-fast; see `BufferLayout.state` for the others."""
-
 
 class _Written(Enum):
     """What became of a block."""
@@ -218,7 +214,7 @@ class _Blocks:
             # The code has logged where the integrals take the drives.
             rows[:, : moving.sizes.m] = tables.setpoint
 
-        if moving.memory[moving.places["worst"]] < _BROKEN:
+        if moving.memory[moving.places["broken"]] == 0.0:
             return True
         moving.memory[:] = memory_before
         if horizon is not None:

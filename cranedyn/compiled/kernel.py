@@ -686,8 +686,8 @@ class _Loop:
                 code.store(value, begin, i * code.stride)
 
     def _balanced(self, row: list[Any], values: _InstantValues) -> list[Any]:
-        """Return a row of the log of `simulate` with work, dissipation and validity, and note the
-        worst row.
+        """Return a row of the log of `simulate` with work, dissipation and validity, and note whether
+        the run is broken.
 
         Sums are rounded in the order of `cranedyn.simulation.log.Log`, which computes the same, so
         that both give the same bits.
@@ -718,8 +718,8 @@ class _Loop:
         checked = [*q, *row[self.sizes.m + self.sizes.z :]]
         numbers_are_finite = abs(_pairwise_sum(checked)) < np.inf
         is_sound = code.both(numbers_are_finite, v @ v < DIVERGED**2)
-        worst = code.chosen(is_sound, code.chosen(values.holds, 0.0, 1.0), 2.0)
-        _keep_largest(code, self.state["worst"][0], worst)
+        _keep_largest(code, self.state["broken"][0], code.chosen(is_sound, 0.0, 1.0))
+        # Where the model does not hold, the log finds out why.
         return [*row, code.chosen(values.holds, 1.0, np.nan)]
 
     def _summarise(self, instant: ir.Value, values: _InstantValues) -> None:

@@ -83,9 +83,7 @@ class BufferLayout:
                 "acted": self.m,  # their efforts from the last row on
                 "power": 1,  # dissipated at the last row
                 "again": 1,  # 1 after the first row, else 0
-                # Worst of all rows: 0 where the model holds, 1 where it does not, 2 where a number
-                # is not finite or a joint too fast.
-                "worst": 1,
+                "broken": 1,  # 1 after a row with a number that is not finite or a joint too fast
                 "pushed": 3 * self.points,  # external forces from the last row on
             }
         return sections
