@@ -686,8 +686,8 @@ class _Loop:
                 code.store(value, begin, i * code.stride)
 
     def _balanced(self, row: list[Any], values: _InstantValues) -> list[Any]:
-        """Return a row of the log of `simulate` with work, dissipation and validity, and note whether
-        the run is broken.
+        """Return a row of the log of `simulate` with work, dissipation and validity, and note
+        whether the run is broken.
 
         Sums are rounded in the order of `cranedyn.simulation.log.Log`, which computes the same, so
         that both give the same bits.
