@@ -21,7 +21,7 @@ from benchmarks.conduct import print_tables
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError
-from cranedyn.export import c_code, fmi, gazebo, mcap, mujoco, ros2
+from cranedyn.export import c_code, fmi, gazebo, mcap, mjcf_file, ros2
 from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import State
@@ -169,7 +169,7 @@ Compare = Callable[[Path, Crane, Trajectory], Comparison]
 EXPORTERS: tuple[tuple[str, str, Export, Compare], ...] = (
     ("gazebo", "a1", lambda path, *_: gazebo.export(path, programs.program("a1", SETUP)), _gazebo),
     ("ros2", "package", lambda path, crane, run: ros2.export(path, crane), _ros2),
-    ("mjcf", "crane.xml", lambda path, crane, run: mujoco.export(path, crane), _mjcf),
+    ("mjcf", "crane.xml", lambda path, crane, run: mjcf_file.export(path, crane), _mjcf),
     ("fmu", "crane.fmu", lambda path, crane, run: fmi.export(crane, path), _fmu),
     ("c", "c", lambda path, crane, run: c_code.export(crane, path, _law(crane)), _c),
     ("mcap", "run.mcap", mcap.export, _mcap),

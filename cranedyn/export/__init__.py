@@ -12,9 +12,9 @@ The first paragraph of its docstring is its help. Its name is an entry point of 
 ``cranedyn.exporters``, see `cranedyn.plugins`; ``cranedyn export --help`` lists all exporters.
 
 Public names:
-    `mujoco.export`, `ros2.export`, `fmi.export`, `mcap.export`, `gazebo.export`, `c_code.export`,
-    `st.export`: the exporters. `controller_block.PARTS` lists the controllers that code can have.
+    `mjcf_file.export`, `ros2.export`, `fmi.export`, `mcap.export`, `gazebo.export`,
+    `c_code.export`, `st.export`: the exporters. `controller_block.PARTS` lists the controllers that code can have.
     `gazebo.Program`: a run for Gazebo, its controller as tables.
 
-Begin with `mujoco`, the shortest exporter; docs/howto/export.md says what each carries.
+Begin with `mjcf_file`, the shortest exporter; docs/howto/export.md says what each carries.
 """

@@ -21,7 +21,7 @@ from scipy.stats import binom
 from cranedyn.checks import number, whole
 from cranedyn.errors import DataError
 from cranedyn.export.crane_data import urdf_element
-from cranedyn.export.mujoco import mjcf
+from cranedyn.export.mjcf_file import mjcf
 from cranedyn.identification import Model, Prior, Record, identify
 from cranedyn.identification.drive_motion import SampledMotion
 from cranedyn.identification.estimate import WHITE

@@ -579,7 +579,7 @@ def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyP
         return honest(*given)
 
     honest = verify.kernel
-    monkeypatch.setattr(verify, "_kernel", lru_cache(slowly))
+    monkeypatch.setattr(verify, "_cached_kernel", lru_cache(slowly))
     with ThreadPoolExecutor(4) as pool:
         codes = list(pool.map(lambda _: compile_kernel([c], recipe)[0], range(4)))
     assert len(made) == 1

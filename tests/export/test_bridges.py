@@ -16,7 +16,7 @@ from benchmarks import bridges
 from cranedyn import plugins
 from cranedyn.__main__ import main
 from cranedyn.errors import CraneError
-from cranedyn.export import mujoco, ros2
+from cranedyn.export import mjcf_file, ros2
 from cranedyn.export.target import new_file, new_folder
 from cranedyn.model.load import load_crane
 from experiments import a3, harness
@@ -172,7 +172,7 @@ def test_a_rope_that_goes_slack_without_stretching_is_refused_with_the_number_th
     tmp_path: Path,
 ) -> None:
     crane = load_crane(rope_stiffness=math.inf)
-    for exporter, target in ((mujoco, "crane.xml"), (ros2, "crane")):
+    for exporter, target in ((mjcf_file, "crane.xml"), (ros2, "crane")):
         with pytest.raises(CraneError, match=r"goes slack .* \(rope_stiffness > 0, EA in N\)"):
             exporter.export(tmp_path / target, crane)
 
@@ -184,7 +184,7 @@ def test_a_link_without_inertia_is_refused_with_the_argument_that_gives_it_one(
     message = "link hook_link has no mass or no inertia, .* by hook_mass and hook_inertia"
     point = load_crane(hook_mass=200.0)
     solid = load_crane(hook_mass=200.0, hook_inertia=20.0)
-    for exporter, target in ((mujoco, "crane.xml"), (ros2, "crane")):
+    for exporter, target in ((mjcf_file, "crane.xml"), (ros2, "crane")):
         with pytest.raises(CraneError, match=message):
             exporter.export(tmp_path / target, point)
         assert exporter.export(tmp_path / target, solid).exists()
@@ -193,7 +193,7 @@ def test_a_link_without_inertia_is_refused_with_the_argument_that_gives_it_one(
 def test_a_crane_of_another_file_is_told_no_argument_of_the_tower_crane(tmp_path: Path) -> None:
     (tmp_path / "other.urdf").write_text(load_crane(hook_mass=200.0).urdf)
     with pytest.raises(CraneError, match=r"allowed are numbers > 0\.$"):
-        mujoco.export(tmp_path / "crane.xml", load_crane(tmp_path / "other.urdf"))
+        mjcf_file.export(tmp_path / "crane.xml", load_crane(tmp_path / "other.urdf"))
 
 
 @pytest.mark.slow

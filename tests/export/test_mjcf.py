@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import ModelError
-from cranedyn.export import mujoco
+from cranedyn.export import mjcf_file
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import describe
@@ -28,7 +28,7 @@ def opened(folder: Path, one: Crane) -> tuple[Any, Any, Any]:
     mujoco = pytest.importorskip(
         "mujoco", reason="mujoco is not installed: pip install 'cranedyn[mujoco]'"
     )
-    model = mujoco.MjModel.from_xml_path(str(mujoco.export(folder / "crane.xml", one)))
+    model = mujoco.MjModel.from_xml_path(str(mjcf_file.export(folder / "crane.xml", one)))
     return mujoco, model, mujoco.MjData(model)
 
 
@@ -69,7 +69,7 @@ def test_a_turned_box_has_the_size_and_the_axes_of_the_urdf(engine: Any, tmp_pat
         "</geometry></visual></link>"
     )
     (tmp_path / "crane.urdf").write_text(describe().replace("</link>", box, 1))
-    file = mujoco.export(tmp_path / "crane.xml", load_crane(tmp_path / "crane.urdf"))
+    file = mjcf_file.export(tmp_path / "crane.xml", load_crane(tmp_path / "crane.urdf"))
     model = mujoco.MjModel.from_xml_path(str(file))
     (i,) = np.flatnonzero(np.isclose(model.geom_size[:, 0], 0.123 / 2.0))
     assert_allclose(model.geom_size[i], [0.0615, 0.1, 0.35])
@@ -178,7 +178,7 @@ def test_a_shape_without_size_with_which_mujoco_takes_no_file_is_refused(
     ET.ElementTree(robot).write(tmp_path / "flat.urdf")
     flat = load_crane(tmp_path / "flat.urdf")
     with pytest.raises(ModelError, match=r"A box of the link \w+ has no size, with which MuJoCo"):
-        mujoco.export(tmp_path / "flat.xml", flat)
+        mjcf_file.export(tmp_path / "flat.xml", flat)
 
 
 @pytest.mark.parametrize("length", ["1e-20", "7"])
@@ -313,7 +313,7 @@ def test_dry_friction_is_written_and_read_again(tmp_path: Path) -> None:
     (tmp_path / "dry.urdf").write_text(text, encoding="utf-8")
     dry = load_crane(tmp_path / "dry.urdf")
     assert dry.friction is not None
-    again = load_crane(mujoco.export(tmp_path / "dry.xml", dry))
+    again = load_crane(mjcf_file.export(tmp_path / "dry.xml", dry))
     assert again.friction is not None
     assert again.friction.joints == dry.friction.joints
     assert again.friction.effort.tolist() == dry.friction.effort.tolist() == [70.0]

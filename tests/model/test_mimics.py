@@ -257,7 +257,7 @@ def test_a_follower_takes_no_start_and_no_drive(tmp_path: Path, crane: Crane) ->
 
 def test_what_is_made_for_independent_joints_says_so(tmp_path: Path, crane: Crane) -> None:
     from cranedyn.compiled.horizon.receding import receding
-    from cranedyn.export import mujoco
+    from cranedyn.export import mjcf_file
     from cranedyn.references.limits import Limits
 
     limits = Limits(rates=(0.1, 0.1, 0.1), accelerations=(0.1, 0.1, 0.1))
@@ -265,4 +265,4 @@ def test_what_is_made_for_independent_joints_says_so(tmp_path: Path, crane: Cran
     with pytest.raises(ModelError, match=rf"Predictive control is made for .*{words}"):
         receding(crane, limits)
     with pytest.raises(ModelError, match=rf"The export to MuJoCo is made for .*{words}"):
-        mujoco.export(tmp_path / "boom.xml", crane)
+        mjcf_file.export(tmp_path / "boom.xml", crane)

@@ -130,7 +130,7 @@ def test_a_parquet_file_whose_own_description_is_large_is_refused(
     table = pa.table({"t_s": np.arange(3.0)}).replace_schema_metadata(parameters)
     pyarrow.parquet.write_table(table, path)
     assert read_columns(path, ("t_s",))["t_s"].tolist() == [0.0, 1.0, 2.0]
-    monkeypatch.setattr("cranedyn.data.tables._LARGEST_FOOTER", 100_000)
+    monkeypatch.setattr("cranedyn.data.tables._MAX_FOOTER", 100_000)
     with pytest.raises(DataError, match=r"a\.parquet says in 0 MB what is in it; allowed are 0\."):
         read_columns(path, ("t_s",))
 
@@ -178,7 +178,7 @@ def test_a_json_text_with_a_number_that_is_not_finite_is_none(text: str) -> None
 def test_a_line_that_is_longer_than_a_block_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cranedyn.data.tables._BLOCK", 100)
+    monkeypatch.setattr("cranedyn.data.tables._BLOCK_SIZE", 100)
     _csv(tmp_path / "a.csv", 200, 50)
     assert read_columns(tmp_path / "a.csv", ("t_s",))["t_s"].tolist() == list(range(200))
     _csv(tmp_path / "a.csv", 200, 500)

@@ -15,7 +15,7 @@ from cranedyn.data.trajectory import read_columns
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.solids import box
-from cranedyn.lifts.sites import simulate_site as simulation
+from cranedyn.lifts.sites import site_simulation as simulation
 from cranedyn.lifts.sites.crane_site import SiteWind
 from cranedyn.lifts.sites.plan import plan_site
 from cranedyn.lifts.sites.site_simulation import (
