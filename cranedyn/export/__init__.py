@@ -13,7 +13,8 @@ The first paragraph of its docstring is its help. Its name is an entry point of 
 
 Public names:
     `mjcf_file.export`, `ros2.export`, `fmi.export`, `mcap.export`, `gazebo.export`,
-    `c_code.export`, `st.export`: the exporters. `controller_block.PARTS` lists the controllers that code can have.
+    `c_code.export`, `st.export`: the exporters.
+    `controller_block.PARTS`: the controllers that code can have.
     `gazebo.Program`: a run for Gazebo, its controller as tables.
 
 Begin with `mjcf_file`, the shortest exporter; docs/howto/export.md says what each carries.

@@ -281,7 +281,7 @@ def namespace() -> dict[str, Any]:
         names |= {name: value for name, value in vars(module).items() if name[0] != "_"}
     package = Path(cranedyn.__file__).parent
     names |= {
-        "SITE": package / "planning" / "sites" / "open_yard.toml",
+        "SITE": package / "lifts" / "planning" / "sites" / "open_yard.toml",
         "RECORDING": package.parent / "experiments" / "recordings" / "gazebo" / "a1_l5.parquet",
         "State": names["State"],
         "Setpoint": Setpoint,
