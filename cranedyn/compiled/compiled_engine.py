@@ -16,7 +16,7 @@ from cranedyn.compiled.blocks import run_blocks
 from cranedyn.compiled.memory_layout import size, slices
 from cranedyn.compiled.moving_crane import CompiledCrane
 from cranedyn.interfaces import Controller, Monitor, Reference, State
-from cranedyn.references.simple import checked
+from cranedyn.references.simple import checked_reference
 from cranedyn.simulation.log import EnergyLedger, Log
 from cranedyn.simulation.loop_checks import as_command, as_force, check_bounded
 from cranedyn.simulation.run_spec import RunSpec
@@ -32,7 +32,7 @@ def run(
             the reference is one of another crane.
     """
     layout = spec.crane.layout
-    setpoint_at = checked(reference, layout, spec.t_start, spec.clocks.period)
+    setpoint_at = checked_reference(reference, layout, spec.t_start, spec.clocks.period)
     moving = CompiledCrane(spec)
     log = Log(spec)
     rows = _share_memory(log, moving)
@@ -109,7 +109,7 @@ def _share_memory(log: Log, moving: CompiledCrane) -> np.ndarray:
     log.effort = columns["effort"]
     log.effort_before = columns["effort_before"]
     log.force = columns["force"]
-    log.buffer_work = columns["outside"][:, 1]
+    log.contact_work = columns["outside"][:, 1]
     log.impact_work = columns["outside"][:, 2]
     log.cable_buffer_force = columns["outside"][:, 3]
     log.saturated = columns["saturated"][:, 0]

@@ -17,7 +17,7 @@ from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
-from cranedyn.dynamics.converters import fitting
+from cranedyn.dynamics.converters import converters_of_run
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.scalars import array
@@ -103,7 +103,7 @@ def crane_block(
     response = np.zeros(0)
     delay = 0
     arrays = {}
-    drives = fitting(crane, drive, None)
+    drives = converters_of_run(crane, drive, None)
     if drives is not None:
         response = np.concatenate(drives.response)
         delay = COMMUNICATION * drives.delay_steps(dt, COMMUNICATION * dt)

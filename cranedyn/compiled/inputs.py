@@ -23,7 +23,7 @@ from cranedyn.compiled.plant.cranes import Cranes
 from cranedyn.compiled.plant.plant import Topology
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.controllers.hold import Hold
-from cranedyn.dynamics.converters import fitting
+from cranedyn.dynamics.converters import converters_of_run
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
@@ -303,7 +303,7 @@ def converter_response(
     of_each = converters if isinstance(converters, Sequence) else [converters]
     present = []
     for item in of_each:
-        fitted = fitting(crane, drive, item)
+        fitted = converters_of_run(crane, drive, item)
         if fitted is not None:
             present.append(fitted)
     if not present:

@@ -130,7 +130,7 @@ class CompiledCrane:
             rows["effort"],
             rows["effort_before"],
             rows["force"] if self.spec.has_forces else None,
-            buffer_work=float(outside[1]),
+            contact_work=float(outside[1]),
             impact_work=float(outside[2]),
             cable_buffer_force=float(outside[3]),
             saturated=bool(rows["saturated"][0]),
@@ -165,10 +165,10 @@ class CompiledCrane:
         """
         spec = self.spec
         recipe = Recipe(
-            1,
-            spec.drive,
-            spec.integrator,
-            spec.has_buffers,
+            lanes=1,
+            drive=spec.drive,
+            integrator=spec.integrator,
+            buffers=spec.has_buffers,
             integral=integral,
             forces=spec.has_forces,
             log=True,
@@ -180,7 +180,9 @@ class CompiledCrane:
         )
         response = None
         if spec.converters is not None:
+            # Bytes can be looked up in a cache, and an array cannot.
             response = np.concatenate(spec.converters.response).tobytes()
+        # A weak reference, so that the cache of code keeps no crane alive.
         return crane_kernel(ref(spec.crane), recipe, response)
 
     def loop(
@@ -203,6 +205,7 @@ class CompiledCrane:
             first: First control instant.
             horizon: Memory of a predictive controller that the code computes; None for none.
         """
+        # Code computes groups of lanes: here one group of one crane.
         return Loop(
             code,
             self.spec.clocks,

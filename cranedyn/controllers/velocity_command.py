@@ -29,7 +29,7 @@ from cranedyn.controllers.follow import Follow
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.dynamics.pinocchio import acceleration, linearise
 from cranedyn.interfaces import Controller, DirectDrive, Reference, Setpoint, State
@@ -184,7 +184,7 @@ def as_velocity_command(
     """
     check_choice("drive", drive, DirectDrive)
     period = number("control_period", control_period, "s", "> 0")
-    drive_converters = fitting(crane, "velocity", converters)
+    drive_converters = converters_of_run(crane, "velocity", converters)
     assert drive_converters is not None
     lead = _LagCompensation(drive_converters, drive_converters.ahead(period), period)
     if isinstance(controller, Hold):

@@ -443,7 +443,7 @@ def default_rates(crane: Crane) -> list[str]:
     return sentences
 
 
-def fitting(crane: Crane, drive: str, explicit: Converters | None) -> Converters | None:
+def converters_of_run(crane: Crane, drive: str, explicit: Converters | None) -> Converters | None:
     """Return the frequency converters of a run: those given, or typical ones, for drives that take
     velocities, and None for other drives.
 

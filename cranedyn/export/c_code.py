@@ -20,7 +20,7 @@ from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FunctionBlock, Variable
 from cranedyn.compiled.c_text import Precision, c_header, c_source
 from cranedyn.compiled.crane_block import COMMUNICATION, crane_block
-from cranedyn.dynamics.converters import fitting
+from cranedyn.dynamics.converters import converters_of_run
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.export.controller_block import controller_block, vectors
 from cranedyn.export.target import check_free, name_default_rates, new_folder
@@ -164,7 +164,7 @@ def _largest_test_commands(crane: Crane, drive: Drive) -> np.ndarray:
     converters, or what accelerates each drive by half a rad/s² or m/s².
     """
     layout = crane.layout
-    converters = fitting(crane, drive, None)
+    converters = converters_of_run(crane, drive, None)
     if converters is not None:
         return converters.rates
     if drive == "effort":

@@ -38,7 +38,7 @@ from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.controllers.affine import Affine, AffineController, integrated_command
 from cranedyn.controllers.damping import DampingController
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.converters import converters as typical_converters
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.scalars import array, clipped
@@ -677,7 +677,7 @@ def controller_block(
     """
     check_choice("drive", drive, Drive)
     period = float(number("control_period", control_period, "s", "> 0"))
-    drives = fitting(crane, drive, converters)
+    drives = converters_of_run(crane, drive, converters)
     outputs = _outputs(crane, drive, drives, is_shaper=isinstance(controller, Shaped))
     setting = ControlSetting(crane, outputs.signals, period, duration)
     law = controller_code(setting, controller)

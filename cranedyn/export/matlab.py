@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 from cranedyn.checks import check_choice
 from cranedyn.data.files import with_ending
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.linearisation import Linear, Sampled, linear
 from cranedyn.errors import UnknownName
 from cranedyn.export.crane_data import input_names, state_names
@@ -98,7 +98,7 @@ def linear_system(
         if name not in names:
             raise UnknownName("state", str(name), names)
 
-    converters = fitting(crane, drive, converters)
+    converters = converters_of_run(crane, drive, converters)
     if converters is not None:
         continuous = _behind_lags(crane, continuous, converters)
     system: Linear | Sampled = continuous

@@ -14,7 +14,7 @@ from cranedyn.checks import check_choice, finite, short_repr
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.linearisation import held_states
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
@@ -160,7 +160,7 @@ def from_control(
             state back.
     """
     check_choice("drive", drive, Drive)
-    converters = fitting(crane, drive, converters)
+    converters = converters_of_run(crane, drive, converters)
     names = state_names(crane)
     inputs = input_names(crane, drive)
     if isinstance(about, Motion):

@@ -59,7 +59,9 @@ def hold(crane: Crane, state: State | None = None) -> Reference:
     return Still(Setpoint(q[crane.layout.drives], zero, zero))
 
 
-def checked(reference: Reference, layout: Layout, t_start: float, period: float) -> Reference:
+def checked_reference(
+    reference: Reference, layout: Layout, t_start: float, period: float
+) -> Reference:
     """Return a reference for a crane of a layout that checks its setpoints, see `as_setpoint`;
     those of `Still`, which cannot change, only once. It is for control instants, a period apart
     from a start on [s]: a method `at` is asked for a block of them.

@@ -43,7 +43,7 @@ class Actuation(NamedTuple):
         effort: Efforts exerted from the instant on [N m or N], shape (m,).
         effort_before: Efforts exerted until the instant [N m or N], shape (m,).
         force: External forces on the points in the world [N], shape (points, 3); None for none.
-        buffer_work: Work of all buffers, and of the ground, since the start [J].
+        contact_work: Work since the start of the buffers and of the ground [J].
         impact_work: Work since the start of the impacts at which the rope becomes taut [J].
         cable_buffer_force: Force of the buffers at the ends of the cable [N], positive where the
             effort of the hoist is.
@@ -54,7 +54,7 @@ class Actuation(NamedTuple):
     effort: np.ndarray
     effort_before: np.ndarray
     force: np.ndarray | None
-    buffer_work: float = 0.0
+    contact_work: float = 0.0
     impact_work: float = 0.0
     cable_buffer_force: float = 0.0
     saturated: bool = False
@@ -108,7 +108,7 @@ class Log:
             within a control period.
         force: External forces on the points in the world from the instant on [N], shape
             (instants, 3 points).
-        buffer_work: Work of all buffers, and of the ground, since the start [J], shape (instants,).
+        contact_work: Work since the start of the buffers and of the ground [J], shape (instants,).
         impact_work: Work since the start of the impacts at which the rope becomes taut [J], shape
             (instants,).
         cable_buffer_force: Force of the buffers at the ends of the cable [N], positive where the
@@ -139,7 +139,7 @@ class Log:
         self.effort = np.empty((instants, layout.m))
         self.effort_before = np.empty((instants, layout.m))
         self.force = np.zeros((instants, 3 * len(layout.points)))
-        self.buffer_work = np.zeros(instants)
+        self.contact_work = np.zeros(instants)
         self.impact_work = np.zeros(instants)
         self.cable_buffer_force = np.zeros(instants)
         self.saturated = np.zeros(instants)
@@ -178,7 +178,7 @@ class Log:
         if actuation.force is not None:
             self.force[row] = actuation.force.ravel()
         if self._has_contacts:
-            self.buffer_work[row] = actuation.buffer_work
+            self.contact_work[row] = actuation.contact_work
             self.impact_work[row] = actuation.impact_work
             self.cable_buffer_force[row] = actuation.cable_buffer_force
         if actuation.saturated:
@@ -242,7 +242,7 @@ class Log:
         if not (self.valid[rows] == 1.0).all():
             record = {**record, "not_valid": self._first_invalidity()}
         ledger = self.energy_ledger() if self.ledger is None else self.ledger
-        outside = [self.force_work(), self.buffer_work[rows]]
+        outside = [self.force_work(), self.contact_work[rows]]
         if self.spec.rope_may_go_slack:
             outside.append(self.impact_work[rows])
         return Trajectory(
@@ -391,6 +391,8 @@ class Log:
     ) -> list[Bound]:
         """Return conditions of validity for some rows, given as a slice or by their indices."""
         contacts = self.spec.contacts
+        # Height of the ground, below which a load must not be.
+        level = 0.0 if contacts is None else contacts.level
         hoist_effort = hoisting(self.spec.crane, self.effort[rows])
         return conditions(
             self.spec.crane,
@@ -400,7 +402,7 @@ class Log:
             buffers=self.spec.has_buffers,
             needed=self.needed_effort[rows] if check_efforts else None,
             rates=check_rates,
-            level=0.0 if contacts is None else contacts.level,
+            level=level,
         )
 
 

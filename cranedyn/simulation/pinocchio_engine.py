@@ -21,7 +21,7 @@ from cranedyn.dynamics.drives import (
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Monitor, Reference, State
-from cranedyn.references.simple import checked
+from cranedyn.references.simple import checked_reference
 from cranedyn.simulation.log import Actuation, Log
 from cranedyn.simulation.loop_checks import as_command, as_force, check_bounded
 from cranedyn.simulation.run_spec import RunSpec
@@ -37,7 +37,7 @@ def run(
         OutOfRange: If the log would take too much memory, or the reference is one of another crane.
     """
     layout = spec.crane.layout
-    setpoint_at = checked(reference, layout, spec.t_start, spec.clocks.period)
+    setpoint_at = checked_reference(reference, layout, spec.t_start, spec.clocks.period)
     moving = begin(spec)
     log = Log(spec)
     state = spec.start
@@ -137,7 +137,7 @@ class DrivenCrane:
             effort,
             effort_before,
             force,
-            buffer_work=self._buffer_work,
+            contact_work=self._buffer_work,
             cable_buffer_force=self._cable_buffer_force(state),
             saturated=self._drives.saturated,
         )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from cranedyn.checks import ShortRepr, check_choice, number
 from cranedyn.clocks import Clocks, clocks
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.errors import OutOfRange, shown
 from cranedyn.interfaces import Disturbance, Drive, State, Validity
@@ -114,11 +114,11 @@ def make_run_spec(
     """
     if isinstance(drive, Converters):
         drive_kind: Drive = "velocity"
-        converters = fitting(crane, drive_kind, drive)
+        converters = converters_of_run(crane, drive_kind, drive)
     else:
         check_choice("drive", drive, Drive)
         drive_kind = drive
-        converters = fitting(crane, drive_kind, None)
+        converters = converters_of_run(crane, drive_kind, None)
 
     check_choice("validity", validity, Validity)
     if validity == "buffers" and drive_kind != "effort":

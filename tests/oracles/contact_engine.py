@@ -39,7 +39,7 @@ from cranedyn.dynamics.pinocchio import (
 )
 from cranedyn.interfaces import Controller, Monitor, Reference, State
 from cranedyn.model.crane import Crane, Point
-from cranedyn.references.simple import checked
+from cranedyn.references.simple import checked_reference
 from cranedyn.simulation.log import Actuation, Log
 from cranedyn.simulation.loop_checks import as_command, as_force, check_bounded
 from cranedyn.simulation.pinocchio_engine import make_drives
@@ -54,7 +54,7 @@ def run(
 ) -> Log:
     """Carry out a run and return its log, see `cranedyn.simulation.engine.Engine`."""
     layout = spec.crane.layout
-    setpoint_at = checked(reference, layout, spec.t_start, spec.clocks.period)
+    setpoint_at = checked_reference(reference, layout, spec.t_start, spec.clocks.period)
     moving = begin(spec)
     log = Log(spec)
     t = spec.t_start

@@ -24,7 +24,7 @@ from cranedyn.references import (
 )
 from cranedyn.references.limits import Limits, fastest
 from cranedyn.references.motion import Motion
-from cranedyn.references.simple import PEAK_RATE, Ramp, checked, shortest
+from cranedyn.references.simple import PEAK_RATE, Ramp, checked_reference, shortest
 from cranedyn.references.tabulated import tabulated
 from tests.helpers import crane
 
@@ -75,7 +75,7 @@ LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
 )
 def test_many_times_at_once_are_setpoint_as_each_by_itself(reference: Reference) -> None:
     times = -0.5 + 0.005 * np.arange(1900)
-    at_instants = checked(reference, CRANE.layout, -0.5, 0.005)
+    at_instants = checked_reference(reference, CRANE.layout, -0.5, 0.005)
     single, blocks = ([at(t) for t in times.tolist()] for at in (reference, at_instants))
     for i, column in enumerate(tabulated(reference, times)):
         # sums of ten terms up to 14 m in another order round at 1e-15 of them
@@ -88,7 +88,7 @@ def test_a_reference_that_fails_later_is_followed_until_then() -> None:
         def at(self, times: np.ndarray) -> Setpoint:
             return super().at(times[times < 0.3] if len(times) == 1 else times / 0.0)
 
-    at_instants = checked(Until(BASE, np.ones(3), 0.0, 1.0), CRANE.layout, 0.0, 0.1)
+    at_instants = checked_reference(Until(BASE, np.ones(3), 0.0, 1.0), CRANE.layout, 0.0, 0.1)
     np.testing.assert_allclose(at_instants(0.2).position, np.add(PLACE, 0.2))
     with pytest.raises(IndexError):
         at_instants(0.3)

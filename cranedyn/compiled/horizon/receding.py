@@ -29,7 +29,7 @@ from cranedyn.compiled.horizon.planning import Marks
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.controllers.tracking import check_finite
-from cranedyn.dynamics.converters import Converters, fitting
+from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, Setpoint, State
@@ -447,7 +447,7 @@ def receding(
     rates = np.array(drive_limits.rates)
     accelerations = np.array(drive_limits.accelerations)
     leads: tuple[float, ...] = ()
-    lags = fitting(crane, drive, converters)
+    lags = converters_of_run(crane, drive, converters)
     if lags is not None:
         leads = tuple((lags.lags + lags.ahead(control_period)).tolist())
     programme = Programme(
