@@ -186,7 +186,7 @@ def describe(
     """
     bundled = Path(path).parent == XACRO.parent and Path(path).is_file()
     declared = {} if bundled and not values else arguments(path)
-    mappings = {} if visuals else {"visuals": "false"}
+    mappings = {"visuals": "false"} if bundled and not visuals else {}
     for name, value in (values or {}).items():
         if name not in declared:
             raise UnknownName("argument", name, declared)
@@ -344,7 +344,8 @@ def parse_values(pairs: Sequence[str]) -> dict[str, str]:
     """
     values: dict[str, str] = {}
     for pair in pairs:
-        if pair.endswith(".json"):
+        # A value may end like the name of a file, too.
+        if pair.endswith(".json") and ":=" not in pair:
             entries = _twin_arguments(pair)
         else:
             name, mark, value = pair.partition(":=")
@@ -364,13 +365,15 @@ def _twin_arguments(path: str) -> dict[str, str]:
     """Return the arguments of this project's crane in the record of a crane, as text."""
     try:
         values = parse_json(read_text(path))["crane"]["arguments"]
-        if not all(isinstance(value, float | int) for value in values.values()):
-            raise TypeError
+        for value in values.values():
+            # JSON has no infinite number: a record says the word.
+            if not isinstance(value, float | int) and value not in ("inf", "-inf"):
+                raise TypeError
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         raise DataError(
             f"{path} says no arguments of this crane; allowed is a twin that identify wrote."
         ) from None
-    return {str(name): repr(value) for name, value in values.items()}
+    return {str(name): str(value) for name, value in values.items()}
 
 
 def _parse(path: str | Path) -> minidom.Document:

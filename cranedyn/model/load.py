@@ -263,9 +263,10 @@ def _foreign_crane(
 ) -> Crane:
     """Return the crane of a foreign URDF, MJCF or SDF, completed."""
     robot = parse_urdf(text, path)
+    tag_in_file = robot.tag
     notes: list[str] = []
-    if robot.tag in _FOREIGN_FORMATS:
-        foreign = _FOREIGN_FORMATS[robot.tag](robot, path)
+    if tag_in_file in _FOREIGN_FORMATS:
+        foreign = _FOREIGN_FORMATS[tag_in_file](robot, path)
         robot = foreign.robot
         notes = foreign.notes
         options = options.in_gravity(foreign.gravity, path)
@@ -277,7 +278,8 @@ def _foreign_crane(
         # that was right.
         check_urdf(robot, path)
     model = _built_model(robot, path)
-    if not (swing or notes):
+    if robot.tag == tag_in_file and not (swing or notes):
+        # The file is a URDF and stays as it is.
         return _crane(robot, model, path, partial(str, text), options)
     if swing:
         hanging = _hang_on_rope(robot, model, path, options, swing_numbers(swing))

@@ -200,8 +200,24 @@ def test_a_file_that_is_no_xacro_is_refused(
 
 def test_a_word_without_mark_is_refused() -> None:
     assert parse_values(["a:=1", "b:=x:=y"]) == {"a": "1", "b": "x:=y"}
+    assert parse_values(["mesh:=box.json"]) == {"mesh": "box.json"}
     with pytest.raises(DataError, match="'payload_mass=2' is not of the form name:=value"):
         parse_values(["payload_mass=2"])
+
+
+def test_a_twin_with_a_rope_that_does_not_stretch_gives_its_arguments(tmp_path: Path) -> None:
+    file = tmp_path / "twin.json"
+    file.write_text('{"crane": {"arguments": {"rope_stiffness": "inf", "payload_mass": 700.5}}}')
+    assert parse_values([str(file)]) == {"rope_stiffness": "inf", "payload_mass": "700.5"}
+
+
+def test_an_argument_visuals_of_a_foreign_file_keeps_its_value(tmp_path: Path) -> None:
+    file = tmp_path / "foreign.urdf.xacro"
+    file.write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="crane">'
+        '<xacro:arg name="visuals" default="many"/><link name="$(arg visuals)"/></robot>'
+    )
+    assert '<link name="many"/>' in describe(file, visuals=False)
 
 
 # --- command line ---------------------------------------------------------------------------------

@@ -318,3 +318,23 @@ def test_gravity_of_the_file_is_that_of_exports_and_of_the_identified_crane(
     prior = Prior(path)
     assert prior.crane.gravity == prior.value("gravity") == 1.62
     assert prior.load(gravity=2.0).gravity == 2.0
+
+
+def test_a_model_that_needs_no_note_becomes_a_urdf_all_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "cart.xml"
+    path.write_text(
+        '<mujoco model="cart"><compiler angle="radian"/><option gravity="0 0 -9.81"/><worldbody>'
+        '<body name="cart"><joint name="slide" type="slide" axis="1 0 0" limited="true" '
+        'range="-5 5"/><geom type="box" size="0.5 0.5 0.5" mass="10" contype="0" conaffinity="0"/>'
+        '<body name="bob"><joint name="hinge" type="hinge" axis="0 1 0" limited="true" '
+        'range="-1.5 1.5" damping="0.1"/><geom type="sphere" size="0.1" pos="0 0 -2" mass="3" '
+        'contype="0" conaffinity="0"/></body></body></worldbody><actuator><motor joint="slide" '
+        'ctrllimited="true" ctrlrange="-100 100"/></actuator></mujoco>'
+    )
+    crane = load_crane(path)
+    assert crane.assumptions == ()
+    assert crane.urdf.startswith("<robot")
+    again = tmp_path / "cart.urdf"
+    again.write_text(crane.urdf)
+    same = load_crane(again, driven=["slide"], gravity=9.81)
+    np.testing.assert_allclose(same.mass_matrix(same.start.q), crane.mass_matrix(crane.start.q))
