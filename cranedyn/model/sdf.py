@@ -368,6 +368,12 @@ class _Reader(SdfFrames):
                 drives += self._commanded_axes(carrier, axes, commanded.get(carrier, ()))
             self._add_link(robot, link, origins[link], moves=carrier is not None)
         robot.extend(springs)
+        # A joint without range has become fixed, and nothing can drive it.
+        still = {joint.get("name") for joint in robot.iterfind("joint[@type='fixed']")}
+        for name in drives:
+            if name in still:
+                self.note(f"A plugin commands {quoted(name)}, which has no range; it is left out.")
+        drives = [name for name in drives if name not in still]
         if drives:
             control = ET.SubElement(robot, "ros2_control", name="drives", type="system")
             for name in drives:

@@ -506,3 +506,12 @@ def test_gravity_is_the_default_of_sdf_where_a_world_says_none_and_none_without_
         '<world name="w">', '<world name="w"><physics><gravity>0 0 -3.7</gravity></physics>'
     )
     assert read(older).gravity == 3.7
+
+
+def test_a_joint_without_range_is_no_drive_whatever_commands_it(tmp_path: Path) -> None:
+    brake = BRIDGE.replace(
+        "<limit><lower>-5</lower><upper>5</upper>", "<limit><lower>0</lower><upper>0</upper>"
+    )
+    model = read(brake)
+    assert model.robot.find("ros2_control") is None
+    assert any("commands 'travel_joint', which has no range" in note for note in model.notes)
