@@ -514,4 +514,4 @@ def test_a_joint_without_range_is_no_drive_whatever_commands_it(tmp_path: Path) 
     )
     model = read(brake)
     assert model.robot.find("ros2_control") is None
-    assert any("commands 'travel_joint', which has no range" in note for note in model.notes)
+    assert "A plugin commands travel_joint, which has no range; it is left out." in model.notes
