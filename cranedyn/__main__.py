@@ -197,7 +197,10 @@ def _write_description(options: argparse.Namespace) -> int:
         if getattr(options, flag) and (options.values or options.output):
             raise DataError(f"--{flag} takes no values and no output; leave them out.")
     if options.list:
-        for name, a in arguments().items():
+        file = options.urdf
+        if options.machine is not None:
+            file = read_machine(options.machine).urdf
+        for name, a in (arguments() if file is None else arguments(file)).items():
             print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
         return 0
     if options.machines:

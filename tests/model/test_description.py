@@ -234,9 +234,15 @@ def test_the_command_prints_the_joints_and_writes_the_urdf(
     assert capsys.readouterr() == (f"{crane}\n", "")
 
 
-def test_the_command_lists_every_argument(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["describe", "--list"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(arguments())
+@pytest.mark.parametrize("name", [None, "overhead_crane"])
+def test_the_command_lists_every_argument(
+    name: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = XACRO if name is None else XACRO.with_name(f"{name}.urdf.xacro")
+    chosen = [] if name is None else ["--urdf", str(file)]
+    assert main(["describe", "--list", *chosen]) == 0
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert listed == list(arguments(file))
 
 
 @pytest.mark.parametrize(

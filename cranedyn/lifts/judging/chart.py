@@ -19,7 +19,8 @@ from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import Misshapen, OutOfRange, UnknownName
 from cranedyn.lifts.judging.loads import Loads, loads
-from cranedyn.lifts.planning.site_file import SiteTable, read_fields
+from cranedyn.lifts.planning.site_file import read_fields
+from cranedyn.lifts.planning.site_table import SiteTable
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
 CHARTS = Path(__file__).parent / "charts"

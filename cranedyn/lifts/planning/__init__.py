@@ -26,6 +26,6 @@ obstacles (`crane_bodies`, `solids`, `fields`), `motion_proof` proves them for w
 these together, and `certificate` simulates the lift and checks it. An optimal control problem is
 stated by `move` and `half_spaces` and solved by `transcription`.
 
-An obstacle of a new kind is one function in `site_file`, entered in its table of solids.
+An obstacle of a new kind is a function in a module of its own, entered in `site_file.SOLIDS`.
 Planning needs the extra `planning`; docs/concepts/planning.md says how it works.
 """

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.checks import number, whole
 from cranedyn.data.files import parse_toml, read_text
 from cranedyn.dynamics.contact import box_corners
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, quoted
+from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.lifts.planning.bim import read_ifc
 from cranedyn.lifts.planning.crane_bodies import neighbour
 from cranedyn.lifts.planning.plausibility import findings
 from cranedyn.lifts.planning.site import DISTANCE, DRIVES, SWING, Arm, Base, Site
+from cranedyn.lifts.planning.site_table import (
+    MAX_COUNT,
+    FieldLines,
+    SiteTable,
+    crane_values,
+    field_lines,
+)
 from cranedyn.lifts.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
 from cranedyn.model.description import arguments
 from cranedyn.references.limits import Limits
@@ -33,128 +37,6 @@ EXAMPLES = ("open_yard", "city_block", "tower", "neighbour")
 
 UNBOUNDED = 1e4
 """Height of a zone that enters none [m]: higher than any crane."""
-
-_HEADER = re.compile(r"\s*\[\[?\s*([\w.]+)\s*\]\]?")
-"""Line that begins a table, with its name."""
-
-_KEY = re.compile(r"\s*([\w]+)\s*=")
-"""Line that begins a field, with its name."""
-
-_MAX_COUNT = 2000
-"""Largest number of obstacles of a site, and of corners of an outline."""
-
-FieldLines = Mapping[tuple[str, int], dict[str, int]]
-"""Number of the line of each field, by the name of its table and the index among the tables of that
-name, then by the name of the field; "" is the line that begins the table."""
-
-
-class SiteTable:
-    """Table of a site's file with the lines of its fields; its methods refuse a value with them."""
-
-    def __init__(
-        self,
-        path: Path,
-        name: str,
-        values: dict[str, Any],
-        lines: dict[str, int],
-        fields: Sequence[str],
-    ) -> None:
-        """Take a table, and refuse fields that it cannot have.
-
-        Args:
-            path: The file.
-            name: Name of the table.
-            values: Its fields.
-            lines: Number of the line of each field, "" for the line that begins the table.
-            fields: Names of the fields that it may have.
-
-        Raises:
-            DataError: If it has another field.
-        """
-        self.path = path
-        self.name = name
-        self.values = values
-        self.lines = lines
-        for key in values:
-            if key not in fields:
-                self.fail(key, UnknownName("field", key, fields))
-
-    def fail(self, key: str, reason: object) -> NoReturn:
-        """Refuse a field, with the line where it is, or where its table begins.
-
-        Raises:
-            DataError: With file, line, table, field and the reason.
-        """
-        line = self.lines.get(key, self.lines.get("", 1))
-        raise DataError(f"{self.path}, line {line}, [{self.name}] {key}: {reason}")
-
-    def take(self, key: str, convert: Callable[[str, Any], Any], default: Any = None) -> Any:
-        """Return a field, converted; it may be left out if there is a default."""
-        if key not in self.values:
-            if default is None:
-                self.fail(key, "it is missing.")
-            return default
-        try:
-            return convert(key, self.values[key])
-        except CraneError as error:
-            self.fail(key, error)
-
-    def number(
-        self, key: str, default: float | None = None, unit: str = "m", allowed: str = "any"
-    ) -> float:
-        """Return a number in a range, see `cranedyn.checks.number`."""
-        return self.take(key, partial(_number, unit=unit, allowed=allowed), default)
-
-    def numbers(self, key: str, count: int, allowed: str = "any", default: Any = None) -> Any:
-        """Return a list of so many numbers."""
-        return self.take(key, partial(_numbers, count=count, allowed=allowed), default)
-
-    def text(self, key: str, default: str | None = None) -> str:
-        """Return a printable text."""
-        return self.take(key, _text, default)
-
-    def flag(self, key: str) -> bool:
-        """Return true or false, by default false."""
-        value = self.values.get(key, False)
-        if not isinstance(value, bool):
-            self.fail(key, "allowed is true or false.")
-        return value
-
-    def angle(self, key: str, default: float = 0.0, allowed: str = "any") -> float:
-        """Return an angle [rad] that the file gives in degrees."""
-        return math.radians(self.number(key, math.degrees(default), "degrees", allowed))
-
-    def optional_number(self, key: str, unit: str, allowed: str) -> float | None:
-        """Return a number in a range; None if it is left out."""
-        return self.number(key, unit=unit, allowed=allowed) if key in self.values else None
-
-    def tables(self, kind: str, fields: Sequence[str], lines: FieldLines) -> list[SiteTable]:
-        """Return all tables of a kind, none if there are none.
-
-        Args:
-            kind: Name of the tables.
-            fields: Names of the fields that they may have.
-            lines: Lines of all fields of the file.
-        """
-        tables = self.values.get(kind, [])
-        if not isinstance(tables, list) or not all(isinstance(values, dict) for values in tables):
-            self.fail(kind, f"write each as [[{kind}]].")
-        return [
-            SiteTable(self.path, kind, values, lines.get((kind, i), {}), fields)
-            for i, values in enumerate(tables)
-        ]
-
-    def file(self, key: str) -> Path:
-        """Return the path of a file, which must lie in the folder of the site, links resolved."""
-        name = self.text(key)
-        folder = Path(os.path.realpath(self.path.parent))
-        path = Path(os.path.realpath(folder / name))
-        if not path.is_relative_to(folder):
-            self.fail(
-                key,
-                f"{quoted(name)} lies outside of the folder of the site; allowed are files in it.",
-            )
-        return path
 
 
 def read_site(path: str | Path) -> Site:
@@ -199,7 +81,7 @@ def read_site(path: str | Path) -> Site:
         risk=_risk(lift),
         spread=_spread(tables["uncertainty"]),
         chart=_chart(crane),
-        falls=rigging.take("falls", _whole) if "falls" in rigging.values else None,
+        falls=rigging.whole("falls") if "falls" in rigging.values else None,
         entered=_entered(tables),
     )
     return _plausible(site, tables)
@@ -357,8 +239,8 @@ def solids_of(top: SiteTable, lines: FieldLines, ground: float) -> list[Solid]:
     solids: dict[str, Solid] = {}
     for kind, (fields, make) in SOLIDS.items():
         entries = top.tables(kind, fields, lines)
-        if len(solids) + len(entries) > _MAX_COUNT:
-            top.fail(kind, f"there are more than {_MAX_COUNT} obstacles.")
+        if len(solids) + len(entries) > MAX_COUNT:
+            top.fail(kind, f"there are more than {MAX_COUNT} obstacles.")
         for entry in entries:
             # An obstacle from an IFC file has no name of its own.
             key = "name" if "name" in entry.values else "file"
@@ -523,7 +405,7 @@ def _box(entry: SiteTable, ground: float) -> list[Solid]:
 def _prism(entry: SiteTable, ground: float) -> list[Solid]:
     height = entry.number("height", allowed="> 0")
     name = entry.text("name")
-    outline = entry.take("outline", _outline)
+    outline = entry.outline("outline")
     return [prism(name, outline, entry.number("base", ground), height)]
 
 
@@ -531,7 +413,7 @@ def _zone(entry: SiteTable, ground: float) -> list[Solid]:
     base = entry.number("base", ground)
     height = entry.number("height", UNBOUNDED, allowed="> 0")
     name = entry.text("name")
-    return [prism(name, entry.take("outline", _outline), base, height, zone=True)]
+    return [prism(name, entry.outline("outline"), base, height, zone=True)]
 
 
 def _mesh(entry: SiteTable, ground: float) -> list[Solid]:
@@ -573,66 +455,3 @@ SOLIDS: dict[str, tuple[list[str], Callable[[SiteTable, float], list[Solid]]]] =
     ),
 }
 """Kinds of obstacles with the fields that they may have, and the function that makes them."""
-
-
-# --- conversions of fields, which raise without a line; `SiteTable.take` adds it ------------------
-
-
-def _number(name: str, value: Any, unit: str = "m", allowed: str = "any") -> float:
-    """Return a number in a range. `number` alone would take true, and texts of numbers."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise OutOfRange(name, quoted(value), "a number", unit)
-    return number(name, value, unit, allowed)
-
-
-def _whole(name: str, value: Any) -> int:
-    """Return a whole number from 1."""
-    return whole(name, value, 1)
-
-
-def _numbers(name: str, value: Any, count: int, allowed: str = "any") -> list[float]:
-    """Return a list of so many numbers in a range."""
-    if not isinstance(value, list) or len(value) != count:
-        raise OutOfRange(name, quoted(value), f"{count} numbers", "m")
-    return [_number(f"one of {name}", item, "m", allowed) for item in value]
-
-
-def _outline(name: str, value: Any) -> np.ndarray:
-    """Return the corners of an outline [m], shape (n, 2)."""
-    if not isinstance(value, list) or not 3 <= len(value) <= _MAX_COUNT:
-        raise OutOfRange(name, quoted(value), "a list of 3 or more")
-    return np.array([_numbers("corner", corner, 2) for corner in value])
-
-
-def _text(name: str, value: Any) -> str:
-    """Return a printable text that is not empty."""
-    if not isinstance(value, str) or not value.strip() or not value.isprintable():
-        raise OutOfRange(name, quoted(value), "a printable text")
-    return value
-
-
-def crane_values(name: str, table: Any) -> dict[str, float]:
-    """Return numbers of a crane by name."""
-    if not isinstance(table, dict):
-        raise OutOfRange(name, quoted(table), "a table of numbers of the crane")
-    return {argument: _number(argument, value, "") for argument, value in table.items()}
-
-
-def field_lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:
-    """Yield the lines of the fields of each table, by its name and its index among the tables of
-    that name; see `FieldLines`. The fields before the first table have the name "".
-    """
-    counts: dict[str, int] = {}
-    name = ""
-    fields = {"": 1}
-    for i, line in enumerate(text.splitlines(), start=1):
-        header = _HEADER.match(line)
-        key = _KEY.match(line)
-        if header:
-            yield (name, counts.get(name, 1) - 1), fields
-            name = header[1]
-            fields = {"": i}
-            counts[name] = counts.get(name, 0) + 1
-        elif key:
-            fields.setdefault(key[1], i)
-    yield (name, counts.get(name, 1) - 1), fields

@@ -12,14 +12,8 @@ import numpy as np
 from cranedyn.dynamics.converters import ROUNDING, Converters, converters
 from cranedyn.errors import CraneError, DataError, quoted
 from cranedyn.lifts.judging.chart import read_chart
-from cranedyn.lifts.planning.site_file import (
-    SOLIDS,
-    SiteTable,
-    crane_values,
-    read_fields,
-    site_path,
-    solids_of,
-)
+from cranedyn.lifts.planning.site_file import SOLIDS, read_fields, site_path, solids_of
+from cranedyn.lifts.planning.site_table import SiteTable, crane_values
 from cranedyn.lifts.sites.brakes import REACTION, Brakes, brakes
 from cranedyn.lifts.sites.crane_site import DISTANCE, SWING, CraneSite, Station, check_names
 from cranedyn.lifts.sites.guard import gentle
