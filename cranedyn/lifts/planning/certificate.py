@@ -55,6 +55,9 @@ deviation from a circle of the swing, a thousandth of the envelope, and distance
 _MAX_RATE_SHARE = 1.005
 """Largest share of a rate that a drive may reach while the controller corrects it."""
 
+_BEYOND = 1e-9
+"""Angle beyond the slew angles of a run up to which the jib must be free [rad]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
@@ -290,13 +293,12 @@ def _slewing_check(clearance: Clearance, slew: np.ndarray) -> Check:
     """Check that jib and counter-jib keep the required distance at all slew angles of a run [rad],
     shape (rows,).
     """
-    free = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
-    low = slew.min()
-    high = slew.max()
-    # An empty range says that the jib is too close where it starts. It is empty, too, where the jib
-    # does not turn at all.
-    is_free = free.low <= low and high <= free.high and free.low < free.high
-    if low == high or is_free:
+    low = float(slew.min())
+    high = float(slew.max())
+    # A little farther than the run turns, so that a jib that stands still is looked at, too.
+    free = slew_range(clearance, float(slew[0]), low - _BEYOND, high + _BEYOND)
+    # An empty range says that the jib is too close where it starts.
+    if free.low <= low and high <= free.high and free.low < free.high:
         turns = f"jib and counter-jib turn freely, with {clearance.site.distance:g} m at least"
         return Check(f"Slewing: {turns}.", True)
     return Check(f"Slewing: the jib comes too near to {free.below or free.above}.", False)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.lifts.planning import curve, motion_proof
+from cranedyn.lifts.planning import certificate, curve, motion_proof
 from cranedyn.lifts.planning import lift as planned
 from cranedyn.lifts.planning.certificate import certify
 from cranedyn.lifts.planning.clearance import Clearance
@@ -234,3 +234,15 @@ def test_a_grid_finds_the_way_through_the_only_gap_and_says_when_there_is_none()
     shut = clearance(box("all", (12.0, 0.0), (24.0, 1.0, 30.0), 0.0))
     none = best_on_grid(shut, ends, bounds, RATES, cell=2.0)
     assert (none.points, none.duration, none.blocked) == (None, math.inf, ["all"])
+
+
+@pytest.mark.parametrize("slew", [0.0, 0.4])
+def test_a_jib_that_stands_too_near_to_something_is_no_free_slewing(slew: float) -> None:
+    """At zero slew the jib points along -Y of the crane, over the wall."""
+    free = clearance()
+    angles = np.array([0.0, slew])
+    assert certificate._slewing_check(free, angles).holds
+    beam = box("beam", (0.0, -12.0), (1.0, 1.0, 60.0), 0.0)
+    checked = certificate._slewing_check(clearance(beam), angles)
+    assert checked.holds is False
+    assert "too near to beam" in checked.sentence
