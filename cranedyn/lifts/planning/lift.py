@@ -587,6 +587,13 @@ def _reason(
     bounds = _bounds(clearance, ends, slews)
     for end_name, pair in (("start", ends), ("goal", ends[::-1])):
         result = best_on_grid(clearance, pair, bounds, rates, cell_limit=CELLS)
+        if result.points is None and result.reached >= CELLS:
+            # The search has given up, which proves nothing.
+            near = f"; near are {', '.join(result.blocked[:3])}" if result.blocked else ""
+            return (
+                f"No way was found among {result.reached} cells of 1 s from the {end_name}{near}. "
+                "Whether there is one is not known."
+            )
         if result.points is None and result.blocked:
             hook = ""
             if _small_load_passes(clearance, pair, bounds, rates):

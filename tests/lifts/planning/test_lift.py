@@ -44,6 +44,7 @@ from cranedyn.lifts.planning.perturbed import (
     perturb,
     with_sensor_delay,
 )
+from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import SITES, read_site
 from cranedyn.lifts.planning.solids import body, box, prism
 from cranedyn.lifts.planning.timing import STEP, timed
@@ -292,11 +293,10 @@ def test_a_load_inside_of_a_mesh_is_refused() -> None:
         plan_lift(site(mesh, goal=np.array([14.0, 12.0, 8.0])), LIMITS, crane=crane())
 
 
-def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A shaft up to the jib with a gate of 3.7 m: wide enough for a hook of 1.8 m with 0.5 m on
-    both sides, not for a load of 2.6 m.
+def shaft() -> Site:
+    """Return a site with a shaft up to the jib with a gate of 3.7 m: wide enough for a hook of
+    1.8 m with 0.5 m on both sides, not for a load of 2.6 m.
     """
-    monkeypatch.setattr(path_search, "EDGES", (1.0,))
     walls = [
         ("inner", (8.0, -11.0), (0.5, 10.0)),
         ("outer", (17.0, -11.0), (0.5, 10.0)),
@@ -306,15 +306,30 @@ def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch)
         ("left of the gate", (9.1, -5.5), (2.5, 0.5)),
         ("right of the gate", (15.7, -5.5), (3.2, 0.5)),
     ]
-    shaft = [box(name, centre, (*size, 26.0), 0.0) for name, centre, size in (*walls, *gates)]
+    around = [box(name, centre, (*size, 26.0), 0.0) for name, centre, size in (*walls, *gates)]
     ends = {"start": np.array([12.3, -11.0, 4.0]), "goal": np.array([12.3, 6.0, 4.0])}
-    here = site(*shaft, load=corners(2.6, 2.6, 2.6), swing=0.003, **ends)
+    return site(*around, load=corners(2.6, 2.6, 2.6), swing=0.003, **ends)
+
+
+def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path_search, "EDGES", (1.0,))
     with pytest.raises(
         NoWay,
         match=r"the start is enclosed by .*gate.* cells of 1 s can be reached from it\. The hook "
         r"without a load could",
     ):
-        plan_lift(here, LIMITS, crane=crane())
+        plan_lift(shaft(), LIMITS, crane=crane())
+
+
+def test_a_search_that_gave_up_does_not_say_that_there_is_no_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(path_search, "EDGES", (1.0,))
+    monkeypatch.setattr("cranedyn.lifts.planning.lift.CELLS", 3)
+    with pytest.raises(
+        NoWay, match=r"among \d+ cells of 1 s from the start.* Whether there is one is not known\."
+    ):
+        plan_lift(shaft(), LIMITS, crane=crane())
 
 
 def test_a_goal_behind_the_neighbours_jib_names_it() -> None:
