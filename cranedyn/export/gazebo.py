@@ -152,9 +152,14 @@ def run(options: argparse.Namespace) -> Path:
         crane.state(**start),
         options.duration,
     )
+    return export_with_options(options, swinging)
+
+
+def export_with_options(options: argparse.Namespace, program: Program) -> Path:
+    """Write a run with the folder and the arguments of `add_world`, and return the folder."""
     return export(
         options.target,
-        swinging,
+        program,
         solver=options.solver,
         erp=options.erp,
         every=options.every,

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from cranedyn.command import Parser, command
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.export.gazebo import Program, add_world, export
+from cranedyn.export.gazebo import Program, add_world, export_with_options
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import parse_values
 from experiments import a1, a2, a3
@@ -108,14 +108,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         options = parser.parse_args(argv)
         setup = Setup(options.gravity, parse_values(options.values))
         planned = program(options.run, setup, length=options.length, strategy=options.strategy)
-        folder = export(
-            options.target,
-            planned,
-            solver=options.solver,
-            erp=options.erp,
-            every=options.every,
-            overwritten=options.overwritten,
-        )
+        folder = export_with_options(options, planned)
         print(f"Written to {folder}; run.sh there builds and runs it.")
         return 0
 
