@@ -32,10 +32,12 @@ from cranedyn.lifts.planning.solids import Solid, hull
 from cranedyn.model.crane import Crane
 
 ROUNDING = 1e-4
-"""Deduction from every distance [m]: a hundred times the tolerance of coal's algorithm."""
+"""Deduction from every margin [m]: a hundred times the tolerance of coal's algorithm."""
 
 _KINEMATICS = threading.Lock()
-"""Held while Pinocchio's data is written and read; all else is the same for all threads."""
+"""Held while Pinocchio's data is written and read, which all threads share. A `Body` needs no lock,
+because each thread has its own.
+"""
 
 Length = TypeVar("Length", float, np.ndarray)
 """One cable length, or an array of them [m]."""
@@ -87,7 +89,7 @@ class Nearest(NamedTuple):
     Attributes:
         distance: Distance between them [m]; zero or less where they touch.
         body: "load", "hook", "rope", "trolley", or "jib" for all that slews with it.
-        obstacle: Name of the solid, "ground" or "own mast".
+        obstacle: Name of the solid, or "ground" or a part of the crane itself, as "own mast".
     """
 
     distance: float
@@ -307,6 +309,9 @@ class Clearance:
     def tilt(self, q: np.ndarray) -> np.ndarray:
         """Return the angle of the rope from plumb [rad], shape (...), at coordinates of shape (...,
         n); of differences of coordinates, its change.
+
+        It is the angle of small swings. The angle acos(cos φ cos θ) of any swing is never larger,
+        so that this one is an upper bound.
         """
         radial = self.joints.radial_swing
         tangential = self.joints.tangential_swing
@@ -328,7 +333,7 @@ class Clearance:
 
     def travel(self, drive_position: np.ndarray, reach: np.ndarray) -> float:
         """Return an upper bound of the change of `swing_margin` between a place and one that is no
-        farther from it than a reach in each coordinate [m].
+        farther from it than a reach in each coordinate [rad, m, m]; the bound is a length [m].
 
         A point at the radius r from the slew axis moves by r |Δγ| + |Δx| across and by |Δl| down at
         most; the envelope grows with l.
@@ -429,7 +434,8 @@ class Clearance:
 
     def nearest(self, q: np.ndarray, *, beside_zones: bool = False) -> Nearest:
         """Return the pair of body and obstacle with the least margin at coordinates of all joints,
-        shape (n,); zones count where something is in them, or always beside zones.
+        shape (n,). Zones count where something is in them; with ``beside_zones`` they count as well
+        where nothing is, with their distance as the margin.
         """
         zones = {solid.name for solid in self.solids if solid.zone}
 

@@ -56,7 +56,9 @@ PAUSE = 2.0
 """Pause between phases [s]."""
 
 HOIST_ACCELERATION = 0.02
-"""Mean acceleration of the hoist at lift-off and set-down [m/s²]."""
+"""Mean acceleration of the hoist at lift-off and set-down [m/s²]. A ramp takes a second at least,
+so that a slow hoist accelerates less.
+"""
 
 BOX_SHARE = 0.99
 """Volume of a load over that of the box around it from which on it is a box."""
@@ -427,6 +429,7 @@ def _lift_off_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check
     largest = _largest_pull(lift.crane, lift.motion, slice(lifted, moving))
     bound = f"{largest:.3f} by closed form"
     if (run["phase"][:moving] == OFF_LEAD).any():
+        # No pull is less than NaN, so that a lift without a bound fails the check.
         largest = math.nan
         bound = "without a bound: the load slides or leans while the rope pulls"
     return Check(
@@ -479,6 +482,7 @@ def _set_down_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check
     slackened = np.flatnonzero(phases.pull[down:] < HANGING_TENSION_RATIO)
     if not len(slackened):
         return Check("Set-down: the load does not touch what is below it.", False)
+    # The rate of the hoist when the ground first carries a share of the load.
     speed = float(run.v[down + int(slackened[0]), crane.layout.index("l")])
     sink_rate = float(lift.motion.v[down:, lift.motion.drives[2]].max())
     end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
@@ -647,7 +651,8 @@ def _on_rope(clearance: Clearance, rope_stiffness: float) -> tuple[Crane, list[f
         **crane.record.get("arguments", {}),
     }
     _remove_inertia_of_load(robot, crane, hoist)
-    # Cable length with which the load touches the ground below the foot of the crane.
+    # Cable length that puts the centre of the load on the level of the ground. The load stands on
+    # the ground before, so that no lift needs a longer one.
     to_ground = clearance.height - clearance.site.ground + float(clearance.site.foot[2])
     load = _hang_rope_on_hoist(robot, crane, hoist, float(arguments["drum_inertia"]), to_ground)
 
