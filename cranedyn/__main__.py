@@ -105,8 +105,7 @@ def _view(parser: _Parser) -> None:
 
     Example: cranedyn view out/a1/a1.rrd --serve
     """
-    from cranedyn.model.description import add_values
-    from cranedyn.model.options import add_crane_options
+    from cranedyn.model.options import add_crane_options, add_values
 
     add = parser.add_argument
     text = "in a browser on this machine, until Ctrl-C"
@@ -311,8 +310,7 @@ def _serve(parser: _Parser) -> None:
 
 def _add_crane(parser: _Parser) -> None:
     """Add the common options that name a crane, its gravity and its numbers."""
-    from cranedyn.model.description import add_values
-    from cranedyn.model.options import add_crane_options, add_gravity
+    from cranedyn.model.options import add_crane_options, add_gravity, add_values
 
     add_crane_options(parser.common)
     add_gravity(parser.common)

@@ -17,7 +17,7 @@ from cranedyn import theory
 from cranedyn.checks import number
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
-from cranedyn.model.description import parse_values
+from cranedyn.model.options import parse_values
 from cranedyn.plotting.figures import COLOURS, panels
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table

@@ -1,4 +1,5 @@
-"""Swing for a crane without: two passive joints above the hoist of a URDF whose hook is rigid.
+"""A swing for a crane whose file has none: two passive joints above the hoist of a URDF whose hook
+is rigid.
 
 Most public descriptions of cranes hang the hook on a prismatic joint of the trolley. It can be
 lifted, but it does not swing. `turn_tower` gives slew and trolley the coordinates of a tower crane,
@@ -33,7 +34,8 @@ _MIN_ROPE_RATIO = 0.02
 """Shortest rope as a share of the longest, where the range of a hoist reaches above the pivot."""
 
 _START_MARGIN = 0.01
-"""Share of the range of a joint by which its start keeps away from the ends."""
+"""Share of the range of a joint by which its start keeps away from the ends: a drive that holds its
+joint by a controller sags a little, and would leave its range at once."""
 
 _SMALL_OFFSET = 1e-9
 """Largest offset that needs no note [m or rad]."""
@@ -77,7 +79,8 @@ class Swing(NamedTuple):
     Attributes:
         length: Rope from pivot to hook where the hoist is at its zero [m]; None if the pivot is at
             the height of the link that carries the hoist.
-        mass: Load with hook [kg]; None for the mass of the link of the hook.
+        mass: All that the hoist carries, load with hook [kg]; its links keep their proportions.
+            None for the mass in the file.
         damping: Viscous damping of both swing joints [N m s/rad].
         link_mass: Mass of each of the two links between the swing joints, at the pivot [kg]; None
             for a thousandth of the load.
@@ -93,7 +96,8 @@ class Swing(NamedTuple):
 
 
 def swing_numbers(values: bool | Mapping[str, float]) -> Swing:
-    """Return the numbers of a swing, checked; True stands for none.
+    """Return the numbers of a swing, checked; those that are not given, all with True, have their
+    defaults.
 
     Raises:
         UnknownName: If there is no such number.
@@ -117,7 +121,8 @@ def turn_tower(
 
     At zero of the slew the jib points along -Y of the world, and the slew turns about +Z. The
     coordinate of the trolley is the radius of the hook from the slew axis. A crane without a slew
-    and a trolley above its hoist is left as it is.
+    that carries a trolley above its hoist is left as it is, also one whose trolley carries a
+    slewing ring, such as some gantries: its hook has no radius from the slew axis.
 
     Args:
         robot: The URDF, checked.
@@ -135,10 +140,13 @@ def turn_tower(
     # All that carries the hoist: of the joints between the world and itself, without both.
     chain = [int(joint) - 1 for joint in model.supports[hoist + 1]][1:-1]
     slews = [i for i in chain if joints[i].kind == "revolute" and _is_vertical(joints[i])]
-    trolleys = [i for i in chain if joints[i].kind == "prismatic" and _is_horizontal(joints[i])]
-    if not (slews and trolleys):
+    if not slews:
         return {}, []
     slew = slews[0]
+    carried = chain[chain.index(slew) + 1 :]
+    trolleys = [i for i in carried if joints[i].kind == "prismatic" and _is_horizontal(joints[i])]
+    if not trolleys:
+        return {}, []
     trolley = trolleys[0]
 
     # Where the hook is, as seen from the slew axis, with all joints at zero: `radius` along the
@@ -181,10 +189,12 @@ def find_hoist(model: pin.Model, joints: Sequence[Joint], path: Path) -> int:
     other moving joint.
 
     Raises:
-        ModelError: If there is none or several, or if a joint is passive: then the load swings.
+        ModelError: If there is none or several; if a joint is passive, since the load swings then;
+            or if a joint between the world and the hoist follows another one, since its motion
+            would not be counted in the new coordinates.
     """
     for joint in joints:
-        if not joint.driven:
+        if joint.passive:
             raise ModelError(
                 f"{path} has the passive joint {quoted(joint.name)}, so that its load swings; load "
                 "it without swing."
@@ -193,7 +203,10 @@ def find_hoist(model: pin.Model, joints: Sequence[Joint], path: Path) -> int:
     hoists = [
         i
         for i, joint in enumerate(joints)
-        if joint.kind == "prismatic" and _is_vertical(joint) and i + 1 not in parents
+        if joint.driven
+        and joint.kind == "prismatic"
+        and _is_vertical(joint)
+        and i + 1 not in parents
     ]
     if len(hoists) != 1:
         found = ", ".join(quoted(joints[i].name) for i in hoists) or "none"
@@ -201,6 +214,14 @@ def find_hoist(model: pin.Model, joints: Sequence[Joint], path: Path) -> int:
             f"{path} needs one hoist to hang a load from, a prismatic joint along the vertical "
             f"that carries no other joint; it has {found}."
         )
+    for carrier in model.supports[hoists[0] + 1].tolist():
+        if carrier > 0 and joints[carrier - 1].follows:
+            joint = joints[carrier - 1]
+            raise ModelError(
+                f"{path} has {quoted(joint.name)} between the world and its hoist, which follows "
+                f"{quoted(joint.follows)}; to hang the hook on a rope, hold both by "
+                f"locked=[{joint.follows!r}], or --locked."
+            )
     return hoists[0]
 
 
@@ -262,7 +283,7 @@ def hang_load(
     load = model.inertias[index + 1].mass
     if swing.mass is not None:
         load = swing.mass
-        _set_mass(robot, child.get("link", ""), load)
+        _set_mass(_links_fixed_to(robot, child.get("link", "")), load)
     mass = _LINK_MASS_RATIO * load if swing.link_mass is None else swing.link_mass
     inertia = _LINK_INERTIA_RATIO * load if swing.link_inertia is None else swing.link_inertia
     notes.append(f"Two links of {mass:g} kg and {inertia:g} kg m² are at the pivot.")
@@ -329,7 +350,8 @@ def _joint_element(robot: ET.Element, name: str) -> ET.Element:
 def _turn_joint(
     robot: ET.Element, name: str, coordinate: _NewCoordinate, least: float = -math.inf
 ) -> None:
-    """Give a joint of a URDF a new coordinate, in place: placement, axis, limits and start.
+    """Give a joint of a URDF a new coordinate, in place: placement, axis, limits, start, spring,
+    and how other joints follow it.
 
     Args:
         robot: The URDF.
@@ -358,6 +380,35 @@ def _turn_joint(
     limit.set("lower", repr(low))
     limit.set("upper", repr(high))
     _turn_start(robot, name, coordinate, low, high)
+    _turn_spring(robot, name, coordinate)
+    _turn_followers(robot, name, coordinate)
+
+
+def _turn_spring(robot: ET.Element, name: str, coordinate: _NewCoordinate) -> None:
+    """Write the rest position of the spring of a joint, if it has one, in its new coordinate."""
+    for block in robot.iterfind("gazebo"):
+        if block.get("reference") != name or block.find("springStiffness") is None:
+            continue
+        reference = block.find("springReference")
+        if reference is None:
+            reference = ET.SubElement(block, "springReference")
+            reference.text = "0"
+        old = number(f"rest position of the spring of {name}", (reference.text or "").strip())
+        reference.text = repr(coordinate.sign * (old - coordinate.zero))
+
+
+def _turn_followers(robot: ET.Element, name: str, coordinate: _NewCoordinate) -> None:
+    """Let the joints that mimic a joint follow its new coordinate as they followed the old one."""
+    # The old coordinate is q = sign p + zero with the new one p, so that a follower moves by
+    #
+    #     r q + c = (r sign) p + (r zero + c).
+    for mimic in robot.iterfind("joint/mimic"):
+        if mimic.get("joint") != name:
+            continue
+        ratio = float(mimic.get("multiplier", "1"))
+        offset = float(mimic.get("offset", "0"))
+        mimic.set("multiplier", repr(ratio * coordinate.sign))
+        mimic.set("offset", repr(ratio * coordinate.zero + offset))
 
 
 def _turn_start(
@@ -365,8 +416,9 @@ def _turn_start(
 ) -> None:
     """Start a joint of a URDF where it started in its old coordinate, in place.
 
-    A start in the file is moved a hundredth of the range away from the ends, since a held drive
-    gives way. Without one the joint starts at its old zero if that is as far within its range.
+    A start in the file that is nearer to an end of the range than `_START_MARGIN` of the range is
+    moved to that distance. A joint without a start in the file starts at its old zero, if that
+    keeps this distance; else where `cranedyn.model.load` starts a joint without one.
 
     Args:
         robot: The URDF.
@@ -374,11 +426,15 @@ def _turn_start(
         coordinate: Its new coordinate.
         low: Lower end of the range of that [rad or m].
         high: Upper end [rad or m].
+
+    Raises:
+        OutOfRange: If the start in the file is no number.
     """
     margin = _START_MARGIN * (high - low)
     initial = initial_values(robot).get(name)
     if initial is not None:
-        start = coordinate.sign * (float(initial.text or 0.0) - coordinate.zero)
+        old_start = number(f"{name} at the start", (initial.text or "").strip())
+        start = coordinate.sign * (old_start - coordinate.zero)
         initial.text = repr(min(max(start, low + margin), high - margin))
         return
     old_zero = -coordinate.sign * coordinate.zero
@@ -419,21 +475,42 @@ def _insert_swing(
         placement = pin.SE3.Identity()
 
 
-def _set_mass(robot: ET.Element, name: str, mass: float) -> None:
-    """Set the mass of a link; its inertia changes in the same ratio."""
-    link = next(link for link in robot.iterfind("link") if link.get("name") == name)
-    inertial = link.find("inertial")
-    if inertial is None:
-        inertial = _isotropic_body(0.0, 0.0)
-        link.append(inertial)
-    mass_element = inertial.find("mass")
-    tensor = inertial.find("inertia")
-    assert mass_element is not None and tensor is not None  # see check_urdf
-    old_mass = float(mass_element.get("value", 0.0))
-    for key, value in tensor.attrib.items():
-        moment = float(value) * mass / old_mass if old_mass else 0.0
-        tensor.set(key, repr(moment))
-    mass_element.set("value", repr(mass))
+def _links_fixed_to(robot: ET.Element, name: str) -> list[ET.Element]:
+    """Return a link of a URDF, and after it all links that it carries by fixed joints."""
+    links = {link.get("name", ""): link for link in robot.iterfind("link")}
+    names = [name]
+    for parent_name in names:  # the list grows while it is read
+        for joint in robot.iterfind("joint[@type='fixed']"):
+            parent = joint.find("parent")
+            child = joint.find("child")
+            assert parent is not None and child is not None  # see check_urdf
+            if parent.get("link") == parent_name:
+                names.append(child.get("link", ""))
+    return [links[name] for name in names]
+
+
+def _set_mass(links: Sequence[ET.Element], mass: float) -> None:
+    """Set the mass of some links together, in place; mass and inertia of each change in the same
+    ratio. Links without any mass become a point mass at the centre of the first one.
+    """
+    if links[0].find("inertial") is None:
+        links[0].append(_isotropic_body(0.0, 0.0))
+    old_masses = []
+    for link in links:
+        element = link.find("inertial/mass")
+        old_masses.append(0.0 if element is None else float(element.get("value", 0.0)))
+    total = sum(old_masses)
+    for i, (link, old_mass) in enumerate(zip(links, old_masses, strict=True)):
+        inertial = link.find("inertial")
+        if inertial is None:
+            continue
+        mass_element = inertial.find("mass")
+        tensor = inertial.find("inertia")
+        assert mass_element is not None and tensor is not None  # see check_urdf
+        share = old_mass / total if total else float(i == 0)
+        mass_element.set("value", repr(share * mass))
+        for key, value in tensor.attrib.items():
+            tensor.set(key, repr(float(value) * mass / total if total else 0.0))
 
 
 def _isotropic_body(mass: float, inertia: float) -> ET.Element:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from typing import Any, NamedTuple, TypeVar
@@ -32,8 +32,8 @@ STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
 
 NO_RATE_LIMIT = 1e3
-"""Velocity limit in a URDF that stands for none [rad/s or m/s]: other programs hold a joint with 0.
-"""
+"""Velocity limit that a URDF states for a joint without one [rad/s or m/s]. It is not 0, since
+other programs keep a joint with the velocity limit 0 from moving."""
 
 _MAX_START_SWING = float(np.nextafter(np.pi / 2, 0.0))
 """Largest swing at the start [rad], the last number below 90°."""
@@ -75,7 +75,7 @@ class Crane:
 
     Attributes:
         layout: Joints by name.
-        urdf_source: Function that returns the plain URDF, see `urdf`.
+        urdf_source: Function that returns the plain URDF with its visuals, see `urdf`.
         model: Pinocchio model; joint i + 1 has coordinate i.
         damping: Viscous damping of each joint [N m s/rad or N s/m], shape (n,). Pinocchio parses it
             but never applies it.
@@ -87,10 +87,11 @@ class Crane:
         lower, upper: Joint ranges [rad or m], shape (n,).
         effort_limit: Largest effort of the drives [N m or N], shape (m,).
         start: State in which runs start: the drives as in the URDF, all else hanging at rest. A
-            mechanism whose passive joints do not hang starts with them at zero.
+            mechanism whose passive joints do not hang starts with them where the URDF says.
         points: Points on which external forces act, the payload first.
         record: All that `cranedyn.model.load.load_crane` needs to load the crane again, as it is
-            recorded with a run.
+            recorded with a run. Assumptions that led to its URDF are not part of it: a crane loaded
+            from a record lists fewer.
         assumptions: What was assumed or turned when the crane was loaded, a sentence each.
     """
 
@@ -111,7 +112,9 @@ class Crane:
     _scratch: _Scratch = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Load the falls of the rope with the model's weight, and create scratch memory."""
+        """Set the yaw stiffness of two falls from the weight below them, and create scratch
+        memory.
+        """
         object.__setattr__(self, "springs", self.springs.carrying(self.model))
         object.__setattr__(self, "_scratch", _Scratch(self.model))
 
@@ -122,8 +125,8 @@ class Crane:
 
     @cached_property
     def urdf(self) -> str:
-        """Plain URDF of all that moves, weighs and can be seen; made at the first use, since looks
-        take time.
+        """Plain URDF with masses, joints and visuals ("looks"). It is made at the first use, since
+        expanding the visuals of this project's cranes takes time.
         """
         return self.urdf_source()
 
@@ -134,8 +137,8 @@ class Crane:
 
     @property
     def rate_limit(self) -> np.ndarray:
-        """Largest rates of the drives [rad/s or m/s], shape (m,); inf where the URDF gives none, 0
-        or `NO_RATE_LIMIT`.
+        """Largest rates of the drives [rad/s or m/s], shape (m,); inf where the URDF gives none, 0,
+        or a limit of `NO_RATE_LIMIT` and above.
         """
         limit = self.model.velocityLimit[self.layout.drives]
         return np.where((limit > 0.0) & (limit < NO_RATE_LIMIT), limit, np.inf)
@@ -143,7 +146,7 @@ class Crane:
     @cached_property
     def winch(self) -> int | None:
         """Index among the drives of the joint that sets the length of the rope: the only prismatic
-        drive that a passive revolute joint carries; None if there is none or are several.
+        drive that a swing joint carries; None if there is none or are several.
         """
         winches = []
         for drive, i in enumerate(self.layout.drives.tolist()):
@@ -152,15 +155,10 @@ class Crane:
         return winches[0] if len(winches) == 1 else None
 
     def _hangs_on_swing(self, joint: int) -> bool:
-        """Return whether a passive revolute joint carries the joint of an index."""
+        """Return whether a swing joint carries the joint of an index."""
         # Coordinate i belongs to joint i + 1 of Pinocchio, whose joint 0 is the world.
-        for support in self.model.supports[joint + 1].tolist():
-            if support == 0:
-                continue
-            carrier = self.layout.joints[support - 1]
-            if carrier.kind == "revolute" and carrier.passive:
-                return True
-        return False
+        carriers = self.model.supports[joint + 1].tolist()
+        return any(swing + 1 in carriers for swing in self.swings.tolist())
 
     @property
     def payload(self) -> Point:
@@ -169,7 +167,7 @@ class Crane:
 
     @property
     def payload_mass(self) -> float:
-        """Mass of the last body of the chain [kg]."""
+        """Mass of the payload [kg], with all that is fixed to its joint."""
         return float(self._inertia(self.payload.body).mass)
 
     @property
@@ -189,7 +187,8 @@ class Crane:
         """Rotational inertia of the upper structure about the slew axis [kg m²], without trolley
         and payload.
         """
-        return float(self._inertia(self.layout.role("slew", "The slewing inertia")).matrix()[5, 5])
+        slew = self.layout.role("slew", "The slewing inertia")
+        return self._moment(slew, self.layout.joints[slew].axis)
 
     @property
     def dummy_inertia(self) -> tuple[float, float]:
@@ -199,11 +198,27 @@ class Crane:
         user = "The inertia of the links between the swing joints"
         radial = self.layout.role("radial_swing", user)
         tangential = self.layout.role("tangential_swing", user)
-        # Rotational inertia about the axes of each joint, which go through the pivot.
-        outer = self._inertia(radial).matrix()[3:, 3:]
-        inner = self._inertia(tangential).matrix()[3:, 3:]
-        # The radial swing, about X, turns both links; the tangential one, about Y, the inner one.
-        return float(outer[0, 0] + inner[0, 0]), float(inner[1, 1])
+        radial_axis = self.layout.joints[radial].axis
+        tangential_axis = self.layout.joints[tangential].axis
+        # The radial swing turns both links, the tangential one only that of its own joint.
+        outer = self._moment(radial, radial_axis)
+        inner = self._moment(tangential, radial_axis)
+        return outer + inner, self._moment(tangential, tangential_axis)
+
+    def _moment(self, joint: int, axis: Sequence[float]) -> float:
+        """Return the moment of inertia of the body that a joint carries about an axis through the
+        origin of that joint [kg m²].
+
+        Args:
+            joint: Index of the joint among the coordinates.
+            axis: Unit vector in the world with all coordinates at zero.
+        """
+        data = self.data
+        pin.forwardKinematics(self.model, data, np.zeros(self.layout.n))
+        axis_in_joint = data.oMi[joint + 1].rotation.T @ np.array(axis)
+        # The rotational block of the spatial inertia is about the origin of the joint.
+        rotational = self._inertia(joint).matrix()[3:, 3:]
+        return float(axis_in_joint @ rotational @ axis_in_joint)
 
     def _inertia(self, joint: int) -> pin.Inertia:
         """Return the inertia of the body that a joint carries, in the frame of that joint."""
@@ -223,7 +238,7 @@ class Crane:
         coordinates of shape (..., n).
 
         Raises:
-            OutOfRange: If q is not n numbers in each row.
+            Misshapen: If q is not n numbers in each row; it is an OutOfRange.
         """
         q = np.asarray(q, dtype=float)
         if q.shape[-1:] != (self.layout.n,):
@@ -238,13 +253,16 @@ class Crane:
         Args:
             values: Coordinates by the symbols of `layout` [rad or m], for a tower crane gamma, x,
                 phi, theta, l, and rates by the same symbols with the ending "_dot" [per second].
-                Drives left out are as in `start`; the passive joints hang at rest unless one of
-                them is given; rates left out are zero.
+                Drives left out are as in `start`, and rates left out are zero. The passive joints
+                hang at rest for these drives, unless the coordinate of one of them is given: then
+                the others stay where they are in `start`, which is at rest for its drives.
 
         Raises:
             UnknownName: For any other name.
-            OutOfRange: For a value that is not finite or outside the range of the joint, and for a
-                swing of 90° or more from where the load hangs.
+            OutOfRange: For a value that is not finite or outside the range of the joint, for a
+                swing of 90° or more from where the load hangs, and for a joint that follows
+                another.
+            ModelError: If the load has no rest with these drives, see `hanging`.
         """
         layout = self.layout
         q = self.start.q.copy()
@@ -306,7 +324,7 @@ class Crane:
         for joint in self.layout.joints:
             if joint.follows:
                 raise ModelError(
-                    f"{user} is made for joints that move by themselves; {joint.name} follows "
+                    f"{user} is made for joints that do not follow others; {joint.name} follows "
                     f"{joint.follows}. Hold both by locked=[{joint.follows!r}], or --locked."
                 )
 
@@ -323,8 +341,9 @@ class Crane:
         return max(low, hanging - _MAX_START_SWING), min(high, hanging + _MAX_START_SWING)
 
     def resting(self, q: np.ndarray) -> np.ndarray:
-        """Return the coordinates of `hanging`, or q itself, shape (n,), for a mechanism whose
-        passive joints do not hang, such as a robot with free joints.
+        """Return the coordinates of `hanging`, shape (n,). Of a mechanism whose passive joints do
+        not hang, such as a robot with free joints, return q with the followers where their leaders
+        put them.
         """
         if self.rest.hangs:
             return self.hanging(q)
@@ -361,7 +380,9 @@ class Crane:
 
     @cached_property
     def rest(self) -> Rest:
-        """Angles of the swing joints at rest, to first order in the drives about `start`."""
+        """How the crane hangs at rest with its drives as in `start`: whether it hangs at all, its
+        coordinates there, and the angles of the swing joints to first order in the drives.
+        """
         try:
             q = self.hanging(self.start.q)
         except ModelError:

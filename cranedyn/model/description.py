@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,8 +19,8 @@ from xacro import substitution_args
 
 from cranedyn.checks import number
 from cranedyn.command import interrupted
-from cranedyn.data.files import parse_json, read_text
-from cranedyn.errors import CraneError, DataError, ModelError, UnknownName, quoted
+from cranedyn.data.files import read_text
+from cranedyn.errors import CraneError, ModelError, UnknownName, quoted
 from cranedyn.model.urdf import parse_urdf
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -120,9 +119,10 @@ class Argument:
 
     Attributes:
         default: Default value, as written in the file.
-        unit: Unit; empty if the file documents none, then any text is allowed.
-        allowed: Allowed range: ``"any"``, ``"> 0"`` or ``">= 0"``.
-        meaning: Meaning, as documented in the file.
+        unit: Unit; empty for a pure number, and if the file documents none.
+        allowed: Allowed range: ``"any"``, ``"> 0"``, ``">= 0"``, ``">= 0 or inf"`` or ``"a whole
+            number >= 1"``. Empty if the file documents none: then any text is allowed.
+        meaning: Meaning, as documented in the file; empty if it is not.
     """
 
     default: str
@@ -173,7 +173,7 @@ def describe(
     Args:
         path: The xacro file.
         values: Values of its arguments by name, numbers or text.
-        visuals: False omits the looks of this project's cranes, which is much faster; other files
+        visuals: False omits the visuals of this project's cranes, which is much faster; other files
             are not affected.
         packages: Folders of ROS packages by name, for ``$(find NAME)``; others are looked for, see
             `package_folder`.
@@ -185,6 +185,7 @@ def describe(
         ModelError: If the file cannot be expanded.
     """
     bundled = Path(path).parent == XACRO.parent and Path(path).is_file()
+    # Another file is parsed also without values: `_parse` refuses what xacro should not be given.
     declared = {} if bundled and not values else arguments(path)
     mappings = {"visuals": "false"} if bundled and not visuals else {}
     for name, value in (values or {}).items():
@@ -240,8 +241,9 @@ def _expand(
 
     try:
         with _XACRO_LOCK, contextlib.redirect_stderr(io.StringIO()), _packages_found_by(find):
-            # Xacro moves this node from document to document. An interruption meanwhile would leave
-            # it in none, and every later expansion would fail.
+            # Xacro keeps one text node in its module and inserts it into documents. It is renewed
+            # here: an interrupted expansion may have left it broken, so that every later one would
+            # fail.
             xacro._empty_text_node = minidom.Document().createTextNode("\n\n")
             document = xacro.process_file(path, mappings=dict(mappings))
         _strip_comments(document)
@@ -250,6 +252,7 @@ def _expand(
     except ModelError:
         raise
     except Exception as error:
+        # Xacro wraps a KeyboardInterrupt in an error of its own.
         if interrupted(error):
             raise KeyboardInterrupt from None
         if missing:
@@ -292,8 +295,8 @@ def package_folder(
         if (folder / "package.xml").is_file() and _package_name(folder) == name:
             return folder
     raise ModelError(
-        f"{source} needs the ROS package {quoted(name)}, which is not above the file; name its "
-        f"folder by packages={{{name!r}: folder}}, or --package {name}=FOLDER."
+        f"{source} needs the ROS package {quoted(name)}, which was not found; name its folder by "
+        f"packages={{{name!r}: folder}}, or --package {name}=FOLDER."
     )
 
 
@@ -320,60 +323,6 @@ def _package_name(folder: Path) -> str:
         return (parse_urdf(read_text(path), path).findtext("name") or "").strip()
     except CraneError:
         return ""
-
-
-def add_values(parser: argparse._ActionsContainer, text: str) -> None:
-    """Add the option ``--set`` for `parse_values` to a parser."""
-    parser.add_argument(
-        "--set",
-        dest="values",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="name:=value",
-        help=text,
-    )
-
-
-def parse_values(pairs: Sequence[str]) -> dict[str, str]:
-    """Return values by name from pairs such as ``payload_mass:=2000``, or from the ``.json`` file
-    of an identified twin, which contains its arguments.
-
-    Raises:
-        DataError: If a pair has another form, a name is given twice, or a file has no arguments.
-    """
-    values: dict[str, str] = {}
-    for pair in pairs:
-        # A value may end like the name of a file, too.
-        if pair.endswith(".json") and ":=" not in pair:
-            entries = _twin_arguments(pair)
-        else:
-            name, mark, value = pair.partition(":=")
-            if not mark:
-                raise DataError(f"{pair!r} is not of the form name:=value.")
-            entries = {name: value}
-        for name, value in entries.items():
-            if name in values:
-                raise DataError(
-                    f"{quoted(name)} is given twice, as {values[name]!r} and as {value!r}."
-                )
-            values[name] = value
-    return values
-
-
-def _twin_arguments(path: str) -> dict[str, str]:
-    """Return the arguments of this project's crane in the record of a crane, as text."""
-    try:
-        values = parse_json(read_text(path))["crane"]["arguments"]
-        for value in values.values():
-            # JSON has no infinite number: a record says the word.
-            if not isinstance(value, float | int) and value not in ("inf", "-inf"):
-                raise TypeError
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        raise DataError(
-            f"{path} says no arguments of this crane; allowed is a twin that identify wrote."
-        ) from None
-    return {str(name): str(value) for name, value in values.items()}
 
 
 def _parse(path: str | Path) -> minidom.Document:

@@ -30,7 +30,7 @@ from cranedyn.model.layout import Layout
 from cranedyn.model.mimics import Coupling
 
 STOPPING_TIME = 5e-3
-"""Time in which full friction takes the rate w from a joint [s].
+"""Time in which full friction slows a joint by the width w of its law [s].
 
 The slope of the law at rest is then that of a damper whose time constant is no shorter than this,
 see `smooth_friction`. Semi-implicit Euler is stable in steps up to twice the time constant, RK4 up
@@ -105,7 +105,8 @@ def smooth_friction(
 
     where the maximum is over the postures of `_inverse_masses`, T is `STOPPING_TIME`, and c is the
     least factor with which that eigenvalue is no more than 1/T in any of these postures: 1 for a
-    single joint, and up to the number of joints where they are strongly coupled.
+    single joint, and up to the number of joints where they are strongly coupled. A joint whose
+    entry of M⁻¹ is zero, a follower with the multiplier 0, never moves and has no friction.
 
     Args:
         efforts: Dry friction of each joint [N m or N], shape (n,).
@@ -113,32 +114,36 @@ def smooth_friction(
         lower: Lower ends of the ranges of the joints, shape (n,).
         upper: Their upper ends, shape (n,).
         drives: Indices of the driven joints among the coordinates.
-        start: Coordinates at which runs start, shape (n,).
+        start: Coordinates at the start as the URDF says them, shape (n,); the passive joints need
+            not be at rest.
         coupling: Joints that follow others; None if there are none.
 
     Raises:
         OutOfRange: If friction is so large for the inertia of a joint that the law is too wide.
     """
-    joints = tuple(np.flatnonzero(efforts).tolist())
+    if not efforts.any():
+        return None
+    all_inverses = _inverse_masses(model, lower, upper, drives, start, coupling)
+    all_mobilities = np.max([np.diag(inverse) for inverse in all_inverses], axis=0)
+    joints = tuple(np.flatnonzero((efforts > 0.0) & (all_mobilities > 0.0)).tolist())
     if not joints:
         return None
     among = np.ix_(joints, joints)
-    inverses = []
-    for inverse in _inverse_masses(model, lower, upper, drives, start, coupling):
-        inverses.append(inverse[among])
-    mobility = np.max([np.diag(inverse) for inverse in inverses], axis=0)
+    inverses = [inverse[among] for inverse in all_inverses]
+    mobility = all_mobilities[list(joints)]
 
-    # With f_i/w_i = 1/(T c m_i) and m the mobility, M⁻¹ diag(f/w) has the eigenvalues of
-    # diag(m)^-½ M⁻¹ diag(m)^-½ over T c. None exceeds 1/T if c is the largest of the latter.
+    # With the mobility p_i = max(M⁻¹)_ii and f_i/w_i = 1/(T c p_i), the eigenvalues of
+    # M⁻¹ diag(f/w) are those of diag(p)^-½ M⁻¹ diag(p)^-½ over T c. None exceeds 1/T if c is the
+    # largest of the latter.
     scale = np.sqrt(mobility)
     scaled_inverses = [inverse / scale / scale[:, None] for inverse in inverses]
     interaction = max(float(np.linalg.eigvalsh(scaled)[-1]) for scaled in scaled_inverses)
     effort = efforts[list(joints)]
-    stopping = STOPPING_TIME * interaction * mobility
-    for joint, friction, width_per_effort in zip(joints, effort, stopping, strict=True):
+    width_per_effort = STOPPING_TIME * interaction * mobility
+    for joint, friction, width_of_unit in zip(joints, effort, width_per_effort, strict=True):
         rate_limit = float(model.velocityLimit[joint])
         widest = min(rate_limit, MAX_WIDTH) if rate_limit > 0.0 else MAX_WIDTH
-        largest = widest / width_per_effort
+        largest = widest / width_of_unit
         if friction > largest:
             name = model.names[joint + 1]
             raise OutOfRange(
@@ -148,7 +153,7 @@ def smooth_friction(
                 f"from moving: hold it by locked=[{name!r}], or --locked, or leave friction out",
                 "N m or N",
             )
-    return DryFriction(joints, effort, stopping * effort)
+    return DryFriction(joints, effort, width_per_effort * effort)
 
 
 def _inverse_masses(

@@ -16,11 +16,17 @@ from cranedyn.model.crane import NO_RATE_LIMIT, Point
 from cranedyn.model.layout import ALIGNED, ROLES, Joint
 from cranedyn.model.mimics import Mimic
 
-_FIVE_TURNS = 31.4159
-"""Range of a continuous joint to either side [rad], as of the slew of the tower crane."""
+UNLIMITED_TURN = 31.4159
+"""How far a turning joint without limits may turn to either side [rad]: five turns, as the slew of
+the tower crane."""
 
-_UNKNOWN_EFFORT = 1e6
-"""Effort of a drive without limit [N or N m], as of the drives of the tower crane."""
+UNLIMITED_SLIDE = 1e3
+"""How far a sliding joint may go on a side on which its file states no end [m], far longer than any
+crane."""
+
+UNKNOWN_EFFORT = 1e6
+"""Effort limit of a drive whose file states none, or 0 [N or N m], as of the drives of the tower
+crane."""
 
 _MAX_NAMED_JOINTS = 20
 """Number of joints that an error message names."""
@@ -37,8 +43,9 @@ they take 4 GB, with 900 they end the process."""
 def complete_limits(robot: ET.Element, driven: Sequence[str] | None) -> list[str]:
     """Give the joints of a checked URDF the limits that programs for CAD leave out, in place.
 
-    A continuous joint becomes a revolute one. A velocity limit of 0 becomes `NO_RATE_LIMIT`: other
-    programs hold a joint with 0. So does the effort limit of 0 of a drive, which becomes 1e6.
+    A continuous joint becomes a revolute one. A velocity limit of 0 becomes `NO_RATE_LIMIT`, since
+    other programs keep such a joint from moving. An effort limit of 0 of a drive becomes
+    `UNKNOWN_EFFORT`, since such a drive could do nothing.
 
     Args:
         robot: The URDF.
@@ -56,18 +63,18 @@ def complete_limits(robot: ET.Element, driven: Sequence[str] | None) -> list[str
             joint.set("type", "revolute")
             if limit is None:
                 limit = ET.SubElement(joint, "limit", effort="0", velocity="0")
-            limit.set("lower", str(-_FIVE_TURNS))
-            limit.set("upper", str(_FIVE_TURNS))
-            notes.append(f"{name} is continuous, read as revolute up to ±{_FIVE_TURNS} rad.")
+            limit.set("lower", str(-UNLIMITED_TURN))
+            limit.set("upper", str(UNLIMITED_TURN))
+            notes.append(f"{name} is continuous, read as revolute up to ±{UNLIMITED_TURN} rad.")
         if limit is None or joint.get("type") not in ("revolute", "prismatic"):
             continue
         if float(limit.get("velocity", "0")) == 0.0:
             limit.set("velocity", str(NO_RATE_LIMIT))
             notes.append(f"velocity limit 0 of {name} read as none.")
         if float(limit.get("effort", "0")) == 0.0 and (name in drives or not drives):
-            limit.set("effort", str(_UNKNOWN_EFFORT))
+            limit.set("effort", str(UNKNOWN_EFFORT))
             unit = "N" if joint.get("type") == "prismatic" else "N m"
-            notes.append(f"effort limit 0 of {name} read as unknown: {_UNKNOWN_EFFORT:g} {unit}.")
+            notes.append(f"effort limit 0 of {name} read as unknown: {UNKNOWN_EFFORT:g} {unit}.")
     return notes
 
 
@@ -97,8 +104,8 @@ def check_joints(model: pin.Model, path: Path) -> None:
 
 
 def read_armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
-    """Return the inertia of motor and gear of each drive, as seen by its joint [kg m² or kg], shape
-    (n,). No parser of URDF reads it.
+    """Return the inertia of motor and gear of each joint, as seen by that joint [kg m² or kg],
+    shape (n,); 0 where the file states none. No parser of URDF reads it.
 
     Raises:
         OutOfRange: If an armature is not finite or negative.
@@ -121,6 +128,7 @@ def payload_index(model: pin.Model, name: str | None, path: Path) -> int:
 
     Raises:
         UnknownName: If there is no such joint.
+        OutOfRange: If the name is not a text, such as a mass in its place.
         ModelError: If no name is given and several joints carry no other.
     """
     names = joint_names(model)
@@ -160,7 +168,9 @@ def _declared_drives(robot: ET.Element) -> tuple[set[str], str]:
 
 
 def declare_drives(robot: ET.Element, driven: Sequence[str]) -> None:
-    """Give the driven joints of a URDF without ``<ros2_control>`` command interfaces, in place."""
+    """Add a ``<ros2_control>`` with a command interface for each driven joint, in place; for a URDF
+    that has no command interface.
+    """
     control = ET.SubElement(robot, "ros2_control", name="crane", type="system")
     hardware = ET.SubElement(control, "hardware")
     ET.SubElement(hardware, "plugin").text = "mock_components/GenericSystem"
@@ -195,7 +205,9 @@ def driven_joints(
                 "drive of its own; leave it out of the driven joints."
             )
     if driven is not None and source == "<transmission>":
-        declared = set()  # it says how a drive is geared, rather than which are driven
+        # A transmission tells how a drive is geared, and is weaker evidence of what is driven than
+        # a command interface: what the caller gives takes its place.
+        declared = set()
     if driven is not None and declared and declared != set(driven):
         raise ModelError(
             f"{path} says by {source} that drives move "
@@ -205,8 +217,8 @@ def driven_joints(
     for name in sorted(declared):
         if name not in names:
             raise ModelError(
-                f"{path} gives {quoted(name)} a command interface in {source}; the joints "
-                f"that move are {', '.join(map(quoted, names))}."
+                f"{path} names {quoted(name)} as a driven joint in {source}; the joints that "
+                f"move are {', '.join(map(quoted, names))}."
             )
     for name in driven or ():
         if name not in names:
@@ -236,9 +248,8 @@ def joint_roles(
 
     Args:
         joints: The joints, without roles.
-        given: Names of joints by role. None for a tower crane where the joints have all five
-            default names of `ROLES`, or where each moves as the role in its place does, whatever
-            its name. In any other crane a joint has the role of its name if it moves as that does.
+        given: Names of joints by role; None for those that names and motions show, see
+            `_default_roles`.
         is_chain: Whether each joint carries the next one and no other.
 
     Raises:
@@ -263,7 +274,16 @@ def joint_roles(
 
 
 def _default_roles(joints: Sequence[Joint], is_chain: bool) -> dict[str, str]:
-    """Return the role of each joint by its name where the user gives none, see `joint_roles`."""
+    """Return the role of each joint by its name where the user gives none.
+
+    These are, in this order:
+
+    1. Where joints have all five default names of `ROLES`: the roles of these names. Whether they
+       also move so is checked by `check_roles`.
+    2. In a chain of five joints that move as the five roles do in their order: these roles,
+       whatever the names of the joints.
+    3. In any other crane: the role of each joint that has a default name and moves as its role.
+    """
     names = [joint.name for joint in joints]
     named = {role.joint: name for name, role in ROLES.items() if role.joint in names}
     if len(named) == len(ROLES):
@@ -369,28 +389,63 @@ def check_roles(joints: Sequence[Joint], path: Path) -> None:
             )
 
 
-def force_points(model: pin.Model, joints: Sequence[Joint], payload: int) -> tuple[Point, ...]:
+def force_points(
+    model: pin.Model, joints: Sequence[Joint], payload: int, elastic: np.ndarray
+) -> tuple[Point, ...]:
     """Return the points on which external forces act.
 
-    They are the payload, the pivot of the first passive revolute joint, and the hook if the payload
-    hangs below the joint of the role hoist and the stretch or yaw of its rope.
+    They are the payload, the pivot of the load where a passive revolute joint carries it, and the
+    hook where joints that are no part of the rope are between hoist and payload, such as those of a
+    sling.
+
+    Args:
+        model: The Pinocchio model.
+        joints: Its moving joints, in the order of the coordinates.
+        payload: Index of the joint that carries the payload.
+        elastic: Whether each joint is held by a spring, see `Springs.elastic`, shape (n,).
     """
+    # Joints between the world and the payload, in this order. Coordinate i belongs to joint i + 1
+    # of Pinocchio, whose joint 0 is the world.
+    chain = [joint - 1 for joint in model.supports[payload + 1].tolist() if joint > 0]
     points = [_centre_of_mass("payload", model, payload)]
-    roles = [joint.role for joint in joints]
-    swings = [i for i, joint in enumerate(joints) if joint.passive and joint.kind == "revolute"]
-    if swings:
-        name = "trolley" if "trolley" in roles else "pivot"
-        points.append(Point(name, swings[0], np.zeros(3)))
-    if "hoist" in roles:
-        hook = roles.index("hoist")
-        if hook < payload:
-            below = joints[hook + 1]
-            # The stretch of the rope, or the yaw on two falls, is between the hoist and the hook.
-            if not below.driven and abs(below.axis[2]) >= ALIGNED:
-                hook += 1
-        if hook != payload:
-            points.append(_centre_of_mass("hook", model, hook))
+    pivot = _pivot(joints, chain, elastic)
+    if pivot is not None:
+        name = "trolley" if any(joint.role == "trolley" for joint in joints) else "pivot"
+        points.append(Point(name, pivot, np.zeros(3)))
+    hook = _hook(joints, chain)
+    if hook is not None and hook != payload:
+        points.append(_centre_of_mass("hook", model, hook))
     return tuple(points)
+
+
+def _pivot(joints: Sequence[Joint], chain: Sequence[int], elastic: np.ndarray) -> int | None:
+    """Return the index of the joint about which the load swings; None if no joint does.
+
+    It is the first passive revolute joint of the chain to the payload without a spring: those with
+    a spring are elastic parts of tower or jib, such as the twist of the tower. Where all have a
+    spring it is the first of them.
+    """
+    revolute = [i for i in chain if joints[i].passive and joints[i].kind == "revolute"]
+    swings = [i for i in revolute if not elastic[i]]
+    candidates = swings or revolute
+    return candidates[0] if candidates else None
+
+
+def _hook(joints: Sequence[Joint], chain: Sequence[int]) -> int | None:
+    """Return the index of the last joint of the rope in the chain to the payload; None without a
+    hoist.
+
+    It is the hoist, or the joint below it that is the stretch of the rope or its yaw on two falls.
+    """
+    for place, joint in enumerate(chain):
+        if joints[joint].role != "hoist":
+            continue
+        if place + 1 < len(chain):
+            below = joints[chain[place + 1]]
+            if not below.driven and abs(below.axis[2]) >= ALIGNED:
+                return chain[place + 1]
+        return joint
+    return None
 
 
 def _centre_of_mass(name: str, model: pin.Model, joint: int) -> Point:

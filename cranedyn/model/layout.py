@@ -18,6 +18,9 @@ from cranedyn.interfaces import State
 _COUNT_WORDS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 """Small numbers in words, for error messages."""
 
+ALIGNED = math.cos(1e-3)
+"""Cosine of 1 mrad, the largest angle at which an axis still counts as along a direction."""
+
 
 class Role(NamedTuple):
     """Role of a joint in a tower crane, and the joint that fits it.
@@ -35,9 +38,6 @@ class Role(NamedTuple):
     joint: str
 
 
-ALIGNED = math.cos(1e-3)
-"""Cosine of the largest angle between an axis and the direction it is taken for."""
-
 ROLES = {
     "slew": Role("gamma", "revolute", (0, 0, 1), "yaw_joint"),
     "trolley": Role("x", "prismatic", (0, -1, 0), "trolley_joint"),
@@ -45,7 +45,8 @@ ROLES = {
     "tangential_swing": Role("theta", "revolute", (0, 1, 0), "swing_tangential_joint"),
     "hoist": Role("l", "prismatic", (0, 0, -1), "hoist_joint"),
 }
-"""Roles in a tower crane in chain order. The symbol of a joint without a role is its own name."""
+"""Roles in a tower crane in chain order. The symbol of a joint without a role is its name without
+the ending "_joint"."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,9 @@ class Joint:
         unit: Unit of the coordinate, "rad" or "m".
         kind: "revolute" or "prismatic".
         axis: Axis in the world frame at zero of every coordinate, three numbers.
-        driven: Whether a drive moves it; otherwise it is passive.
+        driven: Whether a drive moves it; otherwise it is passive or follows another joint.
         role: Role in a tower crane, see `ROLES`; empty for none.
-        follows: Name of the joint that it mimics; empty for a joint that moves by itself.
+        follows: Name of the joint that it mimics; empty for a joint that follows no other.
     """
 
     name: str
@@ -74,7 +75,7 @@ class Joint:
 
     @property
     def passive(self) -> bool:
-        """Whether it moves by itself, without a drive."""
+        """Whether it moves freely: no drive moves it, and it follows no other joint."""
         return not (self.driven or self.follows)
 
     @property
@@ -143,7 +144,9 @@ class Layout:
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """Indices of the drives in z = (coordinates, rates), shape (2 m,)."""
+        """Indices in z = (coordinates, rates) of the coordinate and the rate of each drive, which
+        the sensors of the drives measure; shape (2 m,).
+        """
         return np.concatenate([self.drives, self.n + self.drives])
 
     @cached_property
@@ -296,8 +299,8 @@ class Layout:
 
         Raises:
             MissingRole: If no joint has one of these roles.
-            ModelError: If there are further joints, the joints follow each other in another order,
-                or drives move others.
+            ModelError: If there are further joints, their order along the chain is another, or
+                other joints than slew, trolley and hoist are driven.
         """
         indices = tuple(self.role(role, user) for role in ROLES)
         roles = [joint.role for joint in self.joints]
@@ -329,6 +332,10 @@ class Layout:
         return trajectory_columns(units, drives, self.points, rope=rope)
 
     @staticmethod
-    def _indices(chosen: Sequence[bool]) -> np.ndarray:
-        """Return the indices of the coordinates that are chosen, read-only."""
-        return read_only(np.flatnonzero(np.array(chosen, dtype=bool)))
+    def _indices(belongs: Sequence[bool]) -> np.ndarray:
+        """Return the indices of the coordinates that belong to a group, read-only.
+
+        Args:
+            belongs: Whether each coordinate belongs to it, n booleans.
+        """
+        return read_only(np.flatnonzero(np.array(belongs, dtype=bool)))

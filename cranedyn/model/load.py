@@ -43,7 +43,7 @@ from cranedyn.model.mimics import coupling_of, limit_leaders, read_mimics
 from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.pendulum import pendulum_note
 from cranedyn.model.sdf import read_sdf
-from cranedyn.model.springs import read_springs
+from cranedyn.model.springs import check_stretch, read_springs
 from cranedyn.model.urdf import (
     check_urdf,
     initial_values,
@@ -83,7 +83,7 @@ class _Options(NamedTuple):
     Attributes:
         gravity: Gravity [m/s²] along -Z; None for that of the file, or standard gravity.
         joints: Names of joints by role; None for the default names.
-        driven: Names of the driven joints; None for those that the file says.
+        driven: Names of the driven joints; None for those that the file declares.
         payload: Name of the joint that carries the payload; None for the only one at an end.
         check_axes: Whether the joints must have kind and axis of their roles.
         assumptions: What was assumed, a sentence each.
@@ -136,8 +136,9 @@ def load_crane(
         machine: Name of a machine of the library, see `cranedyn.model.machines`; values change
             those of the machine.
         from_record: A Parquet file of a run, an identified twin (``.json``), or the `record` of a
-            run, which contains the whole crane. The looks of this project's crane are made again,
-            the looks of other cranes are not kept.
+            run, which contains the whole crane; `packages` and `check_axes` have no effect then.
+            The visuals of this project's crane are made again; those of other cranes, and of a
+            crane with locked joints, are not kept.
         gravity: Gravity [m/s²] along -Z; None for that of the file, or standard gravity where it
             says none, as a URDF.
         joints: Names of joints by role, for example ``{"slew": "base_yaw"}``; None for the names in
@@ -179,7 +180,7 @@ def load_crane(
                 "joints": joints,
                 "driven": driven,
                 "payload": payload,
-                "swing": swing or None,
+                "swing": swing if _is_wanted(swing) else None,
                 "locked": locked or None,
                 "gravity": gravity,
                 **values,
@@ -199,12 +200,14 @@ def load_crane(
         values = {**specification.values, **values}
         options = options._replace(assumptions=specification.assumptions)
     path = XACRO if urdf is None else Path(urdf)
+    stays_as_described = urdf is None and not (locked or _is_wanted(swing))
     if path.suffix == ".xacro":
-        # The looks of this project's own crane take time, and are made when somebody asks for them.
-        text = describe(path, values, visuals=urdf is not None, packages=packages)
+        # The visuals of this project's own crane take time. As long as the crane stays as it is
+        # described, they are made when somebody asks for them.
+        text = describe(path, values, visuals=not stays_as_described, packages=packages)
     else:
         text = _text_without_arguments(path, values)
-    if urdf is not None or swing or locked:
+    if not stays_as_described:
         return _foreign_crane(text, path, options, swing, locked)
     robot = parse_urdf(text, path)
     model = _checked_model(robot, path)
@@ -212,9 +215,14 @@ def load_crane(
     return _crane(robot, model, path, partial(_own_urdf, values), options, record)
 
 
+def _is_wanted(swing: bool | Mapping[str, float]) -> bool:
+    """Return whether a swing is to be added; a mapping without numbers stands for the defaults."""
+    return bool(swing) or isinstance(swing, Mapping)
+
+
 def _recorded_arguments(values: Mapping[str, object]) -> dict[str, Any]:
     """Return the entry of a record that lists the arguments of this project's crane, from which its
-    looks are made again; none if a value is text.
+    visuals are made again; no entry if a value is no number.
     """
     arguments: dict[str, float | str] = {}
     for name, value in values.items():
@@ -227,14 +235,14 @@ def _recorded_arguments(values: Mapping[str, object]) -> dict[str, Any]:
 
 
 def _refuse_beside_record(values: Mapping[str, object]) -> None:
-    """Check that nothing is given beside a record, which says all of its crane.
+    """Check that nothing that would change its crane is given beside a record.
 
     Raises:
         OutOfRange: If something is.
     """
     for name, value in values.items():
         if value is not None:
-            allowed = "left out: the record says all of the crane"
+            allowed = "left out: the record describes the whole crane"
             raise OutOfRange(name, "given beside from_record", allowed)
 
 
@@ -261,7 +269,9 @@ def _foreign_crane(
     swing: bool | Mapping[str, float],
     locked: Locked,
 ) -> Crane:
-    """Return the crane of a foreign URDF, MJCF or SDF, completed."""
+    """Return the crane of a URDF, MJCF or SDF whose joints may be locked, whose limits may be
+    missing, and whose hook may have to be hung on a rope.
+    """
     robot = parse_urdf(text, path)
     tag_in_file = robot.tag
     notes: list[str] = []
@@ -274,19 +284,22 @@ def _foreign_crane(
     notes += lock_joints(robot, locked, path)
     notes += complete_limits(robot, options.driven)
     if notes:
-        # A joint may have been locked, or a limit added. Numbers of the user can make a URDF wrong
-        # that was right.
+        # A joint was locked, or a limit added. What the user gives, such as the coordinate of a
+        # locked joint, can spoil a correct URDF.
         check_urdf(robot, path)
     model = _built_model(robot, path)
-    if robot.tag == tag_in_file and not (swing or notes):
+    if robot.tag == tag_in_file and not (notes or _is_wanted(swing)):
         # The file is a URDF and stays as it is.
         return _crane(robot, model, path, partial(str, text), options)
-    if swing:
+    if _is_wanted(swing):
         hanging = _hang_on_rope(robot, model, path, options, swing_numbers(swing))
         model = hanging.model
         notes += hanging.notes
-        joints = options.joints or hanging.roles
-        options = options._replace(driven=hanging.driven, joints=joints)
+        options = options._replace(
+            joints=options.joints or hanging.roles,
+            driven=hanging.driven,
+            payload=options.payload or hanging.roles["hoist"],
+        )
     options = options._replace(assumptions=(*options.assumptions, *notes))
     ET.indent(robot)
     completed_text = ET.tostring(robot, encoding="unicode")
@@ -299,7 +312,7 @@ class _HangingModel:
 
     Attributes:
         model: The Pinocchio model with the rope.
-        driven: Names of the driven joints; None for those that the URDF says.
+        driven: Names of the driven joints; None for those that the URDF declares.
         roles: Names of joints by role.
         notes: A sentence on everything that was assumed.
     """
@@ -329,7 +342,9 @@ def _hang_on_rope(
     driven = options.driven
     notes = []
     if driven is None and not has_drives(robot):
-        driven = joint_names(model)
+        names = joint_names(model)
+        mimics = read_mimics(robot, names)
+        driven = [name for name in names if name not in mimics]
         notes.append("All joints of the file are driven.")
     joints = _joints_without_roles(robot, model, driven, path)
     if robot.find("ros2_control/joint/command_interface") is None:
@@ -382,13 +397,23 @@ def _crane(
 ) -> Crane:
     """Return the crane of a checked URDF.
 
+    The order of the steps matters:
+
+    1. payload, followers and drives, from which the joints and their roles follow;
+    2. springs, which need the roles, and the points on which forces act, which need the springs;
+    3. the ranges, checked, then narrowed to those in which followers stay in theirs;
+    4. the coordinates q at the start, which need these ranges;
+    5. dry friction, whose width depends on the inertias at q: the crane does not hang yet;
+    6. the crane, and last its passive joints at rest, which needs the crane.
+
     Args:
         robot: The URDF.
         model: Its Pinocchio model, which is completed in place.
         path: File for error messages.
-        urdf_source: Function that returns the URDF as text, with its looks.
+        urdf_source: Function that returns the URDF as text, with its visuals.
         options: Options of `load_crane`.
-        record: What is recorded of the crane besides what follows from these.
+        record: Entries of the record of the crane besides those that follow from these; None for
+            none.
 
     Raises:
         ModelError: As `load_crane`.
@@ -406,9 +431,9 @@ def _crane(
     joints = read_joints(model, driven, options.joints, path, mimics)
     if options.check_axes:
         check_roles(joints, path)
-    points = force_points(model, joints, payload)
+    springs = read_springs(robot, Layout(joints, points=()), path)
+    points = force_points(model, joints, payload, springs.elastic)
     layout = Layout(joints, tuple(point.name for point in points))
-    springs = read_springs(robot, layout, path)
     if coupling is not None and (springs.rope is not None or springs.bifilar is not None):
         raise ModelError(
             f"{path} has joints that mimic others, and a rope that stretches or two falls; allowed "
@@ -431,6 +456,7 @@ def _crane(
         q = coupling.complete(q)
     _check_solvable(model, q, layout, path)
     friction_efforts = read_friction(robot, layout)
+    check_stretch(springs, model.damping, friction_efforts, layout, path)
     drives = layout.drives.tolist()
     friction = smooth_friction(friction_efforts, model, lower, upper, drives, q, coupling)
     crane = Crane(
@@ -472,7 +498,8 @@ def _hanging_at_start(crane: Crane) -> Crane:
     if crane.rest.hangs:
         hanging = crane.rest.q
     elif crane.springs.any:
-        # Where there is no rest this says why. An unstable one is a start, too.
+        # `hanging` raises with the reason where there is no rest. It returns an unstable rest,
+        # which may be a start, too.
         hanging = crane.hanging(crane.start.q)
     else:
         return crane
@@ -501,7 +528,8 @@ def _crane_from_record(record: Mapping[str, Any], path: Path) -> Crane:
     )
     robot = parse_urdf(content["urdf"], path)
     model = _checked_model(robot, path)
-    return _crane(robot, model, path, partial(_recorded_urdf, content), options, content)
+    record = {"arguments": content["arguments"]} if "arguments" in content else None
+    return _crane(robot, model, path, partial(_recorded_urdf, content), options, record)
 
 
 def _describes_crane(content: Mapping[str, Any]) -> bool:
@@ -516,9 +544,10 @@ def _describes_crane(content: Mapping[str, Any]) -> bool:
 
 
 def _recorded_urdf(record: Mapping[str, Any]) -> str:
-    """Return the URDF of a recorded crane: with looks for the crane of this project, else without.
+    """Return the URDF of a recorded crane: with visuals for the crane of this project, else
+    without.
 
-    The arguments may be those of another version, or wrong; then the looks are left out.
+    The arguments may be those of another version, or wrong; then the visuals are left out.
     """
     text = str(record["urdf"])
     arguments = record.get("arguments")
@@ -531,7 +560,7 @@ def _recorded_urdf(record: Mapping[str, Any]) -> str:
 
 
 def _own_urdf(arguments: Mapping[str, object]) -> str:
-    """Return the URDF of the crane of this project, with its looks."""
+    """Return the URDF of the crane of this project, with its visuals."""
     text = describe(XACRO, arguments)
     check_urdf(parse_urdf(text, XACRO), XACRO)
     return text
@@ -617,8 +646,8 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
     """Check that accelerations can be computed at coordinates q.
 
     The mass matrix, scaled to a unit diagonal, must be far enough from singular. The articulated-
-    body algorithm, which computes with other numbers, must accelerate the crane under all its
-    efforts as that matrix does.
+    body algorithm, whose intermediate numbers differ from those of the mass matrix, must give the
+    same accelerations under the largest efforts of the drives; a difference shows lost digits.
 
     Raises:
         ModelError: If a joint moves no mass, or accelerations lose their digits.

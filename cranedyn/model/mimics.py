@@ -5,8 +5,9 @@ is r times that of its leader plus c. All coordinates of a crane, those of follo
 
     q = G q + c,   v = G v,   a = G a,
 
-where the column of a follower in G is zero, and its row holds r at its leader: G projects on the
-motions that are possible, G G = G. What moves a leader moves its followers too, so that its
+where the vector c holds the offsets of the followers, and 0 elsewhere. The column of a follower in
+G is zero, and its row holds r at its leader: G projects on the motions that are possible,
+G G = G. What moves a leader moves its followers too, so that its
 generalized force and inertia are those of the reduced coordinates, Gᵀ τ and Gᵀ M G.
 
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), §3.2, on explicit constraints.
@@ -131,7 +132,7 @@ class Coupling:
 
 def read_mimics(robot: ET.Element, moving: Sequence[str]) -> dict[str, Mimic]:
     """Return how joints of a checked URDF follow others, by name. A chain of followers is resolved
-    to the joint that moves by itself.
+    to the joint at its head, which follows no other.
 
     Args:
         robot: The URDF.
@@ -182,7 +183,7 @@ def limit_leaders(
     on each range that was narrowed.
 
     Raises:
-        ModelError: If a leader has no range left.
+        ModelError: If a leader has no range left in which it can move.
     """
     notes = []
     for place, follower in enumerate(coupling.followers):
@@ -197,10 +198,11 @@ def limit_leaders(
         at_upper = (upper[follower] - offset) / ratio
         low = max(lower[leader], min(at_lower, at_upper))
         high = min(upper[leader], max(at_lower, at_upper))
-        if low > high:
+        if low >= high:
             raise ModelError(
                 f"{names[follower]} follows {names[leader]}, and is beyond its range wherever that "
-                "one is; correct the ranges, or multiplier and offset of <mimic>."
+                "one is, or in it at a single place; correct the ranges, or multiplier and offset "
+                "of <mimic>."
             )
         if low != lower[leader] or high != upper[leader]:
             lower[leader] = low

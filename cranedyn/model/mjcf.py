@@ -5,8 +5,8 @@ So the file is compiled by MuJoCo, in a process of its own (`cranedyn.model.mjcf
 compiled model becomes a URDF: a link for each body, and a chain of joints where a body has several.
 Accelerations of that URDF by Pinocchio, with its damping, springs and armature, are then compared
 with those that MuJoCo computes at random states: a file in which anything else acts on the bodies
-is refused, whatever it is. Actuators, limits, contacts and dry friction do not act at these states;
-what is read of them is checked one by one.
+is refused, whatever it is. MuJoCo leaves actuators, limits, contacts and dry friction out of these
+accelerations; what is read of them is checked one by one.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from cranedyn.model.crane import NO_RATE_LIMIT
 from cranedyn.model.foreign import ForeignModel
 from cranedyn.model.joints import (
     MAX_MOVING_JOINTS,
+    UNKNOWN_EFFORT,
+    UNLIMITED_SLIDE,
     complete_limits,
     joint_names,
     read_armature,
@@ -43,12 +45,6 @@ _MAX_INCLUDED_FILES = 100
 
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 """Attributes of ``<compiler>`` that name folders."""
-
-_SLIDE_REACH = 1e3
-"""Range to either side of a sliding joint without limits [m]."""
-
-_UNKNOWN_EFFORT = 1e6
-"""Largest effort of a drive without a limit [N or N m]."""
 
 _MAX_GRAVITY_TILT = 1e-5
 """Largest angle between gravity and the vertical at which it counts as vertical [rad]."""
@@ -206,7 +202,7 @@ def _drive_notes(model: dict[str, Any]) -> list[str]:
         high = drive["high"]
         if not (math.isfinite(low) and math.isfinite(high)):
             notes.append(
-                f"{name} has no largest effort in the file; {_UNKNOWN_EFFORT:g} {unit} are taken."
+                f"{name} has no largest effort in the file; {UNKNOWN_EFFORT:g} {unit} are taken."
             )
         elif low != -high:
             largest = max(abs(low), abs(high))
@@ -225,8 +221,9 @@ def _drive_notes(model: dict[str, Any]) -> list[str]:
 class _Converter:
     """Converter of a compiled model to a URDF.
 
-    A joint of MuJoCo turns its body about an anchor by its coordinate less the reference value at
-    which the body is where the file places it. A link has its origin at the anchor of its joint.
+    A joint of MuJoCo with the coordinate q turns its body by q - ref about an anchor: at q = ref
+    the body is where the file places it. A link of the URDF has its origin at the anchor of its
+    joint.
     """
 
     def __init__(self, model: dict[str, Any], path: Path) -> None:
@@ -247,7 +244,7 @@ class _Converter:
             if index == 0:
                 name = self._new_name("world")
                 self._links.append((name, pin.SE3.Identity()))
-                self._link(name, body, pin.SE3.Identity(), index)
+                self._link(name, index, pin.SE3.Identity())
             else:
                 self._add_body(index, body, by_body.get(index, []))
         return self._robot
@@ -260,12 +257,12 @@ class _Converter:
             body: Its description.
             joints: Descriptions of its joints; it is fixed to its parent where there is none.
         """
-        parent, frame = self._links[body["parent"]]
-        placement = frame * _pose(body["position"], body["quaternion"])
+        parent, parent_in_link = self._links[body["parent"]]
+        placement = parent_in_link * _pose(body["position"], body["quaternion"])
         name = self._new_name(body["name"])
         in_link = pin.SE3.Identity()
         if not joints:
-            fixed = self._joint(f"{name}_fixed", "fixed", parent, name)
+            fixed = self._joint(self._new_name(f"{name}_fixed"), "fixed", parent, name)
             set_placement(fixed, placement)
         for place, description in enumerate(joints):
             is_last = place == len(joints) - 1
@@ -280,7 +277,7 @@ class _Converter:
             in_link = anchor.inverse()
             placement = in_link
         self._links.append((name, in_link))
-        self._link(name, body, in_link, index)
+        self._link(name, index, in_link)
 
     def _add_joint(
         self, description: dict[str, Any], parent: str, child: str, anchor: pin.SE3
@@ -304,7 +301,7 @@ class _Converter:
             low, high = description["range"]
             limits |= {"lower": repr(float(low)), "upper": repr(float(high))}
         elif slides:
-            limits |= {"lower": repr(-_SLIDE_REACH), "upper": repr(_SLIDE_REACH)}
+            limits |= {"lower": repr(-UNLIMITED_SLIDE), "upper": repr(UNLIMITED_SLIDE)}
         else:
             kind = "continuous"
         joint = self._joint(name, kind, parent, child)
@@ -342,16 +339,23 @@ class _Converter:
         ET.SubElement(joint, "child", link=child)
         return joint
 
-    def _link(self, name: str, body: dict[str, Any], frame: pin.SE3, index: int) -> None:
-        """Add the link of a body, whose frame is at `frame` in the link."""
+    def _link(self, name: str, body_index: int, in_link: pin.SE3) -> None:
+        """Add the link of a body.
+
+        Args:
+            name: Name of the link.
+            body_index: Index of the body.
+            in_link: Placement of the frame of the body in the link.
+        """
+        body = self._model["bodies"][body_index]
         link = ET.SubElement(self._robot, "link", name=name)
         if body["mass"] > 0.0:
             principal = _pose(body["centre"], body["principal_axes"])
             inertia = pin.Inertia(body["mass"], np.zeros(3), np.diag(body["moments"]))
-            link.append(inertial_element((frame * principal).act(inertia)))
+            link.append(inertial_element((in_link * principal).act(inertia)))
         for shape in self._model["shapes"]:
-            if shape["body"] == index:
-                _add_shape(link, shape, frame)
+            if shape["body"] == body_index:
+                _add_shape(link, shape, in_link)
 
     def _new_name(self, name: str) -> str:
         """Return a name that no link or joint has yet; URDF's parsers want all to differ."""
@@ -366,7 +370,7 @@ def _largest_effort(drive: dict[str, Any] | None) -> float:
     if drive is None:
         return 0.0
     largest = max(abs(drive["low"]), abs(drive["high"]))
-    return largest if math.isfinite(largest) else _UNKNOWN_EFFORT
+    return largest if math.isfinite(largest) else UNKNOWN_EFFORT
 
 
 def _pose(position: list[float], quaternion: list[float]) -> pin.SE3:
@@ -414,15 +418,15 @@ def _primitives(kind: str, size: list[float]) -> list[_Primitive]:
     ]
 
 
-def _add_shape(link: ET.Element, shape: dict[str, Any], frame: pin.SE3) -> None:
+def _add_shape(link: ET.Element, shape: dict[str, Any], in_link: pin.SE3) -> None:
     """Add a geom to a link: as a visual if it is shown, and as a collision if it is solid.
 
     Args:
         link: The link.
         shape: Description of the geom.
-        frame: Frame of the body of the geom in the link.
+        in_link: Placement of the frame of the body of the geom in the link.
     """
-    pose = frame * _pose(shape["position"], shape["quaternion"])
+    pose = in_link * _pose(shape["position"], shape["quaternion"])
     roles = []
     if shape["visible"]:
         roles.append("visual")

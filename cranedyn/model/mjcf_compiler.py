@@ -110,11 +110,12 @@ def _check_ball(spec: Any, joint: Any, label: str) -> None:
                 f"the actuator {actuator.name or 'without a name'} acts on the ball joint "
                 f"{label}; the drives of a crane move slides and hinges"
             )
-    # Joints are told apart by their names, and the second hinge is added behind all of them.
+    # Without a name the ball could not be told apart from the other joints of its body below.
     if len(body.joints) > 1 and not joint.name:
         raise Refused(
             f"a ball joint of the body {body.name or 'without a name'} has no name; give it one"
         )
+    # The second hinge is added behind all joints of the body; it belongs directly behind the first.
     if joint.name != body.joints[-1].name:
         raise Refused(
             f"the ball joint {label} is followed by other joints of its body; give these a "
@@ -124,7 +125,7 @@ def _check_ball(spec: Any, joint: Any, label: str) -> None:
 
 def _replace_ball(mujoco: Any, joint: Any, label: str) -> None:
     """Turn a ball joint into a hinge about X of its body, and add one about Y, both with its
-    damping, friction, stiffness and range.
+    damping, friction, stiffness, armature and range: MuJoCo counts these about each axis of a ball.
     """
     second = joint.parent.add_joint(
         name=f"{label}_y",
@@ -209,8 +210,9 @@ def _constraints_not_active(model: Any, names: "Names") -> list[str]:
         name = names.of("mjOBJ_EQUALITY", equality)
         if model.eq_active0[equality]:
             raise Refused(
-                f"the equality constraint {name} couples bodies or joints, which an MJCF does by a "
-                "spring; leave it out, or say in a URDF that a joint follows another (<mimic>)"
+                f"the equality constraint {name} couples bodies or joints by a soft constraint, "
+                "which a crane here does not have; leave it out (a URDF can let a joint follow "
+                "another exactly, by <mimic>)"
             )
         notes.append(f"The equality constraint {name} is not active and is left out.")
     return notes

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from cranedyn.data.files import parse_json, read_text
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
 from cranedyn.model.crane import Crane
-from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
 
 
@@ -63,16 +63,71 @@ def add_gravity(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--gravity", type=float, metavar="G", help=text)
 
 
+def add_values(parser: argparse._ActionsContainer, text: str) -> None:
+    """Add the option ``--set`` for `parse_values` to a parser."""
+    parser.add_argument(
+        "--set",
+        dest="values",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="name:=value",
+        help=text,
+    )
+
+
+def parse_values(pairs: Sequence[str]) -> dict[str, str]:
+    """Return values by name from pairs such as ``payload_mass:=2000``, or from the ``.json`` file
+    of an identified twin, which contains its arguments.
+
+    Raises:
+        DataError: If a pair has another form, a name is given twice, or a file has no arguments.
+    """
+    values: dict[str, str] = {}
+    for pair in pairs:
+        # A value may end like the name of a file, too.
+        if pair.endswith(".json") and ":=" not in pair:
+            entries = _twin_arguments(pair)
+        else:
+            name, mark, value = pair.partition(":=")
+            if not mark:
+                raise DataError(f"{pair!r} is not of the form name:=value.")
+            entries = {name: value}
+        for name, value in entries.items():
+            if name in values:
+                raise DataError(
+                    f"{quoted(name)} is given twice, as {values[name]!r} and as {value!r}."
+                )
+            values[name] = value
+    return values
+
+
+def _twin_arguments(path: str) -> dict[str, str]:
+    """Return the arguments of this project's crane in the record of a crane, as text."""
+    try:
+        values = parse_json(read_text(path))["crane"]["arguments"]
+        for value in values.values():
+            # JSON has no infinite number: a record says the word.
+            if not isinstance(value, float | int) and value not in ("inf", "-inf"):
+                raise TypeError
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        raise DataError(
+            f"{path} lists no arguments of this project's crane; allowed is a twin that identify "
+            "wrote."
+        ) from None
+    return {str(name): str(value) for name, value in values.items()}
+
+
 def load_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of `load_crane` that the options of `add_crane_options`, values and
     gravity name.
 
     Raises:
-        DataError: If an option has another form, or no effect without ``--urdf``.
+        DataError: If an option has another form, or is allowed only with ``--urdf``.
     """
     for name in ("swing", "driven", "payload", "locked", "role", "package"):
         if options.urdf is None and getattr(options, name) is not None:
-            raise DataError(f"--{name} has no effect without --urdf; leave it out.")
+            raise DataError(f"--{name} is allowed only with --urdf; leave it out.")
     arguments: dict[str, Any] = {
         "urdf": options.urdf,
         "machine": options.machine,
@@ -82,7 +137,7 @@ def load_options(options: argparse.Namespace) -> dict[str, Any]:
         "values": parse_values(options.values),
     }
     if options.swing is not None:
-        arguments["swing"] = parse_values(options.swing) or True
+        arguments["swing"] = parse_values(options.swing)
     if options.locked is not None:
         arguments["locked"] = parse_locked(options.locked)
     if options.role is not None:
@@ -144,7 +199,7 @@ def parse_locked(texts: Sequence[str]) -> dict[str, str | None]:
 
 
 def parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
-    """Return values by name from the texts of an option, such as ``l=hoist``.
+    """Return values by name from the texts of an option, such as ``hoist=lift_joint``.
 
     Raises:
         DataError: If a text has another form, or a name comes twice.

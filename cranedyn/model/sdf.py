@@ -21,6 +21,7 @@ import pinocchio as pin
 from cranedyn.errors import ModelError, OutOfRange, quoted
 from cranedyn.model.crane import NO_RATE_LIMIT
 from cranedyn.model.foreign import ForeignModel
+from cranedyn.model.joints import UNLIMITED_SLIDE, UNLIMITED_TURN
 from cranedyn.model.sdf_frames import (
     FRAME_SEMANTICS_VERSION,
     SdfFrame,
@@ -46,14 +47,6 @@ DEFAULT_GRAVITY = 9.8
 INFINITE_LIMIT = 1e16
 """Limit from which on a joint has no end [rad or m], by the specification."""
 
-SLIDE_REACH = 1e3
-"""Range to the side of a sliding joint at which it has no end [m], far longer than any crane."""
-
-TURN_REACH = 31.4159
-"""Range to the side of a turning joint at which it has no end [rad]: five turns, as
-`joints.complete_limits` gives a continuous joint.
-"""
-
 LIGHT_MASS = 1e-5
 """Mass of the body between the two axes of a joint [kg]: other programs drop a link without one, as
 Gazebo does with one of at most 1e-6 kg."""
@@ -69,26 +62,30 @@ _WORLD_CHILDREN = (
     "gravity magnetic_field atmosphere gui physics scene light frame model joint actor plugin road "
     "spherical_coordinates state population audio wind include"
 )
+"""Children of ``<world>``, by the specification."""
 
 _LINK_CHILDREN = (
     "gravity enable_wind self_collide kinematic must_be_base_link velocity_decay pose inertial "
     "collision visual sensor projector audio_sink audio_source battery light particle_emitter "
     "frame contact"
 )
-"""The last is an extension of Bullet."""
+"""Children of ``<link>``, by the specification; ``contact`` is an extension of Bullet."""
 
 _JOINT_CHILDREN = (
     "parent child gearbox_ratio gearbox_reference_body thread_pitch screw_thread_pitch axis axis2 "
     "physics pose sensor frame"
 )
+"""Children of ``<joint>``, by the specification."""
 
 _AXIS_CHILDREN = "xyz use_parent_model_frame dynamics limit initial_position mimic"
+"""Children of ``<axis>`` and ``<axis2>``, by the specification."""
 
 _MODEL_CHILDREN = (
     "static self_collide allow_auto_disable enable_wind frame pose link joint plugin gripper "
     "include model ros2_control"
 )
-"""The last belongs to ROS 2, which takes drives from there."""
+"""Children of ``<model>``, by the specification; ``ros2_control`` is an extension of ROS 2, which
+takes drives from there."""
 
 _CHILDREN = {
     "sdf": frozenset("world model light actor".split()),
@@ -157,9 +154,8 @@ _AXIS_COUNTS = {
     "revolute2": 2,
     "ball": 0,
 }
-"""Number of axes that a file says of a joint of each type; a ball, which turns about all, has none.
-"""
-
+"""Number of axes that a file states for a joint of each type; a ball, which turns about all, has
+none."""
 
 _SHAPE_DEFAULTS = {
     "box": {"size": "1 1 1"},
@@ -224,7 +220,7 @@ class _Reader(SdfFrames):
             self.declare_members(self.world, "")
         else:
             self.declare(content, self.world, "")
-        # Poses in a circle are refused, those of frames that no joint needs among them.
+        # Poses in a cycle are refused, those of frames that no joint needs among them.
         for frame in self.frames:
             self.pose(frame)
         robot = self._robot()
@@ -233,7 +229,9 @@ class _Reader(SdfFrames):
     # --- what a file may hold ---------------------------------------------------------------------
 
     def _check_children(self, element: ET.Element) -> None:
-        """Refuse children that the specification does not have, or has once only, at any depth."""
+        """Refuse children that the specification does not know, and repeated ones of which it
+        allows one, at any depth.
+        """
         known = _CHILDREN.get(element.tag)
         if known is None:
             return
@@ -298,12 +296,12 @@ class _Reader(SdfFrames):
     # --- numbers ----------------------------------------------------------------------------------
 
     def _limit(self, limits: ET.Element | None, tag: str, default: float, context: str) -> float:
-        """Return a limit of an axis, infinite if the file says that it has none.
+        """Return a limit of an axis, infinite if the file states that it has none.
 
         Args:
             limits: The element ``<limit>``; None if there is none.
             tag: Name of the limit in it.
-            default: What is returned where the file does not say it.
+            default: What is returned where the file does not state it.
             context: The joint, for error messages.
 
         Raises:
@@ -438,11 +436,16 @@ class _Reader(SdfFrames):
     def _carrying_joints(self, joints: list[SdfFrame]) -> dict[SdfFrame, SdfFrame]:
         """Return the joint that carries each link; links that no joint carries are left out."""
         carriers: dict[SdfFrame, SdfFrame] = {}
+        ties: dict[SdfFrame, SdfFrame] = {}
         for joint in joints:
             child = self.body(self.end(joint, "child"))
+            parent = self.body(self.end(joint, "parent"))
             if child is self.world:
-                continue  # the world, or a static model, stands still whatever joint it has
-            if child is self.body(self.end(joint, "parent")):
+                # A static model does not move, so that the joint ties its parent to the ground.
+                if parent is not self.world:
+                    ties[joint] = parent
+                continue
+            if child is parent:
                 raise ModelError(f"The {joint} in {self.path} connects {child} with itself.")
             if child in carriers:
                 raise ModelError(
@@ -451,14 +454,21 @@ class _Reader(SdfFrames):
                     "crane is a tree."
                 )
             carriers[child] = joint
+        for joint, parent in ties.items():
+            if parent in carriers or joint.element.get("type") != "fixed":
+                raise ModelError(
+                    f"The {joint} in {self.path} has the parent {quoted(parent.name)}, which "
+                    "moves, and a child in a static model, which does not. Exchange them if the "
+                    "joint is the foot of the crane; leave the joint out if it closes a loop."
+                )
         return carriers
 
     def _check_anchors(self, links: list[SdfFrame], carriers: dict[SdfFrame, SdfFrame]) -> None:
-        """Check that all bodies hang on the world, or on the only link that is on no joint."""
+        """Check that all bodies hang on the world, or on the only link without a joint above it."""
         roots = [link for link in links if link not in carriers]
         parents = [self.body(self.end(joint, "parent")) for joint in carriers.values()]
         count = len(roots) + (1 if self.world in parents else 0)
-        # Circles, which have no such link, are refused with the URDF, see `urdf.check_urdf`.
+        # Cycles, which have no such link, are refused with the URDF, see `urdf.check_urdf`.
         if count > 1:
             free = ", ".join(quoted(root.name) for root in roots[:_MAX_NAMED_BODIES])
             raise ModelError(
@@ -568,7 +578,7 @@ class _Reader(SdfFrames):
             set_placement(element, placement)
             ET.SubElement(element, "axis", xyz=numbers_text(axis.direction))
             self._add_limits(element, axis)
-            self._add_dynamics(element, axis, springs)
+            self._add_dynamics(element, joint, axis, springs)
             if not is_last:
                 self.note(f"A body of {LIGHT_MASS:g} kg is between the axes of {joint}.")
                 between = ET.SubElement(robot, "link", name=child_name)
@@ -625,7 +635,7 @@ class _Reader(SdfFrames):
         if math.isfinite(low) and math.isfinite(high):
             return low, high
         slides = axis.kind == "prismatic"
-        reach = SLIDE_REACH if slides else TURN_REACH
+        reach = UNLIMITED_SLIDE if slides else UNLIMITED_TURN
         unit = "m" if slides else "rad"
         # Zero is in the range, and so is a reach beside an end that the file states.
         lower = low if math.isfinite(low) else min(-reach, high - reach)
@@ -635,8 +645,12 @@ class _Reader(SdfFrames):
         )
         return lower, upper
 
-    def _add_dynamics(self, element: ET.Element, axis: _Axis, springs: list[ET.Element]) -> None:
-        """Append damping and friction of one axis, and its spring to the springs."""
+    def _add_dynamics(
+        self, element: ET.Element, joint: SdfFrame, axis: _Axis, springs: list[ET.Element]
+    ) -> None:
+        """Append damping and friction of one axis to a joint of the URDF, and how it follows
+        another one; append its spring to the springs.
+        """
         if axis.element is None or element.get("type") == "fixed":
             return
         context = f"joint {quoted(axis.name)}"
@@ -658,13 +672,27 @@ class _Reader(SdfFrames):
             multiplier = self.number(mimic, "multiplier", "1", context)
             offset = self.number(mimic, "offset", "0", context)
             offset -= multiplier * self.number(mimic, "reference", "0", context)
+            leader = self._leader(joint, mimic, context)
             ET.SubElement(
                 element,
                 "mimic",
                 multiplier=repr(multiplier),
                 offset=repr(offset),
-                joint=mimic.get("joint", ""),
+                joint=leader,
             )
+
+    def _leader(self, joint: SdfFrame, mimic: ET.Element, context: str) -> str:
+        """Return the name in the URDF of the axis that an axis of a joint mimics.
+
+        Args:
+            joint: The joint that follows.
+            mimic: Its element ``<mimic>``, which names the leader as the model of the joint does.
+            context: The joint, for error messages.
+        """
+        leader = self._joint_named(self.scope_of(joint), mimic.get("joint", ""), context)
+        if _AXIS_COUNTS.get(leader.element.get("type", "")) == 2:
+            return f"{leader.name}_{mimic.get('axis', 'axis')}"
+        return leader.name
 
     def _add_link(self, robot: ET.Element, link: SdfFrame, origin: pin.SE3, *, moves: bool) -> None:
         """Append a link of the URDF whose frame has a pose in the world."""
@@ -816,13 +844,23 @@ class _Reader(SdfFrames):
 
     def _commanded(self, scope: SdfFrame, name: str, plugin: str) -> SdfFrame:
         """Return the joint of a name that a plugin commands."""
+        return self._joint_named(scope, name, f"the plugin {quoted(plugin)}")
+
+    def _joint_named(self, scope: SdfFrame, name: str, user: str) -> SdfFrame:
+        """Return the joint of a name in a model or the world.
+
+        Args:
+            scope: Model or world in which the name is used.
+            name: The name.
+            user: What uses the name, for error messages.
+        """
+        # A joint that shared its name with a link has another key, see `SdfFrames.declare`.
         joint = scope.members.get(f"joint {name}")
         if joint is None:
-            joint = self.find(scope, name, f"the plugin {quoted(plugin)}")
+            joint = self.find(scope, name, user)
         if joint.kind != "joint":
             raise ModelError(
-                f"{self.path} has the plugin {quoted(plugin)}, which commands the {joint}; allowed "
-                "is a joint."
+                f"{self.path} has {user}, which names the {joint}; allowed is a joint."
             )
         return joint
 

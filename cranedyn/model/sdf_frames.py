@@ -25,7 +25,7 @@ NEWEST_VERSION = 12
 
 FRAME_SEMANTICS_VERSION = 7
 """Version 1.x from which poses name their frame by relative_to only, axes theirs by expressed_in,
-and no two elements of a model have one name."""
+and no two elements of a model share a name."""
 
 QUATERNION_TOLERANCE = 1e-3
 """Largest deviation of the length of a quaternion from 1: rounded digits."""
@@ -155,14 +155,16 @@ class SdfFrames:
                 f"{MAX_FRAMES}."
             )
         if element.tag == "model":
-            is_hidden = scope is self.world and not frame.static and self._is_single(frame)
-            self.declare_members(frame, "" if is_hidden else f"{frame.name}::")
+            # The name of the only model that moves is left out of the names of its members.
+            drops_prefix = scope is self.world and not frame.static and self._is_single(frame)
+            self.declare_members(frame, "" if drops_prefix else f"{frame.name}::")
 
     def _key(self, frame: SdfFrame, name: str, scope: SdfFrame) -> str:
         """Return the key of a new frame among the members of its scope.
 
-        That is its name. Before frame semantics a joint and a link could have one name, as no pose
-        names a joint. The joint is renamed then, and is under the key "joint NAME", too.
+        That is its name. Before frame semantics a joint and a link could share a name, since no
+        pose names a joint. The joint is renamed then, and its key is "joint NAME"; the key NAME is
+        the link.
 
         Raises:
             ModelError: If the scope has another frame of the name.
@@ -182,9 +184,7 @@ class SdfFrames:
         return f"joint {name}" if joint is frame else name
 
     def _is_single(self, model: SdfFrame) -> bool:
-        """Return whether a model is the only one of the world that moves: its links keep their
-        names.
-        """
+        """Return whether a model is the only one of the world that moves."""
         if self._moving_models is None:
             self._moving_models = [
                 child
@@ -275,7 +275,7 @@ class SdfFrames:
         while frame not in self._poses:
             if frame in chain:
                 raise ModelError(
-                    f"{self.path} has poses that are relative to each other in a circle through "
+                    f"{self.path} has poses that are relative to each other in a cycle through "
                     f"the {frame}."
                 )
             chain[frame] = None
@@ -289,8 +289,8 @@ class SdfFrames:
     def _placement(self, frame: SdfFrame) -> pin.SE3:
         """Return the pose of a frame in the frame in which it is written.
 
-        It is kept, since the placement frame of each of several nested models may be in the
-        innermost one.
+        It is kept: nested models that all name a frame of the innermost one would otherwise
+        compute it again at each level, which takes exponential time.
         """
         if frame not in self._placements:
             self._placements[frame] = self._new_placement(frame)
@@ -309,7 +309,7 @@ class SdfFrames:
         while inner is not frame:
             if inner in passed_frames:
                 raise ModelError(
-                    f"{self.path} has poses that are relative to each other in a circle through "
+                    f"{self.path} has poses that are relative to each other in a cycle through "
                     f"the {inner}."
                 )
             passed_frames.add(inner)
@@ -323,7 +323,7 @@ class SdfFrames:
         while frame.kind not in ("link", "world"):
             if frame in passed_frames:
                 raise ModelError(
-                    f"{self.path} has frames that are attached to each other in a circle through "
+                    f"{self.path} has frames that are attached to each other in a cycle through "
                     f"the {frame}."
                 )
             passed_frames.add(frame)

@@ -24,11 +24,13 @@ _SPRING_TAGS = ("springStiffness", "springReference", "ropeStiffness", "fallSpac
 
 
 class Rope(NamedTuple):
-    """An elastic rope that pulls and does not push: its stiffness is EA/l over the present cable
-    length l, so that its strain energy is EA s²/(2 l) where it is stretched, s > 0.
+    """A rope that pulls and does not push, elastic or inextensible.
+
+    The stiffness of an elastic rope is EA/l with the present cable length l, so that its strain
+    energy is EA s²/(2 l) where it is stretched, s > 0.
 
     Attributes:
-        stretch: Index of the passive coordinate that is its stretch s.
+        stretch: Index of the passive coordinate that is its stretch s; negative where it is slack.
         length: Index of the coordinate that is the cable length l.
         stiffness: EA, Young's modulus times the cross-section [N]; 0 for an inextensible rope.
         inextensible: Whether the rope does not stretch: then s <= 0, and s = 0 where it is taut.
@@ -54,7 +56,7 @@ class Bifilar(NamedTuple):
 
         l - √(l² - 2 a² (1 - cos ψ)) = a² (1 - cos ψ)/l + ...
 
-    The terms left out are a share a² (1 - cos ψ)/(2 l²) of that, so small yaws are exact. The
+    The terms left out are a share a² (1 - cos ψ)/(2 l²) of that, which vanishes with the yaw. The
     tension is the weight at rest: a load that the hoist accelerates by a_l upward has a yaw
     stiffness that is larger by a share a_l/g. The kinetic energy of the lift is left out, a share
     m a⁴ sin² ψ/(I l²) of that of the yaw with inertia I. The load tilts as on one rope.
@@ -82,12 +84,13 @@ class Bifilar(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """A linear spring in each joint, an elastic rope, and two falls that resist yaw.
+    """A linear spring in each joint, a rope that may go slack, and two falls that resist yaw.
 
     Attributes:
         stiffness: Stiffness of each joint [N m/rad or N/m], shape (n,); 0 for none.
         rest: Coordinates at which the springs are slack [rad or m], shape (n,).
-        rope: The rope; None if it does not stretch.
+        rope: The rope that may stretch or go slack; None for one that does neither, whose length is
+            the coordinate of the hoist.
         bifilar: The two falls; None if the load hangs on a single line.
     """
 
@@ -127,8 +130,8 @@ class Springs:
         )
 
     def carrying(self, model: pin.Model) -> Springs:
-        """Return springs whose two falls carry the weight that a model has below them: all that
-        the joint of their length moves, whether it yaws or not.
+        """Return the springs with the stiffness of the two falls set to W a²: W is the weight of
+        all that the joint of their length moves in a model, whether it yaws or not.
         """
         falls = self.bifilar
         if falls is None:
@@ -140,8 +143,8 @@ class Springs:
         return replace(self, bifilar=falls._replace(stiffness=stiffness))
 
     def free(self, joints: np.ndarray) -> np.ndarray:
-        """Return those of some joints, by their indices, that can move while the rope is taut: an
-        inextensible rope holds its stretch at 0.
+        """Return the joints that can move while the rope is taut, out of some joints by their
+        indices: a taut inextensible rope holds its stretch at 0.
         """
         if self.rope is not None and self.rope.inextensible:
             return joints[joints != self.rope.stretch]
@@ -150,6 +153,10 @@ class Springs:
     def effort(self, q: np.ndarray) -> np.ndarray:
         """Return the efforts on the joints at coordinates q [N m or N], shape (n,): the negative
         gradient of the energy.
+
+        The damper of an elastic rope, and that the two together do not push, are in
+        `cranedyn.dynamics.joint_forces.JointForces.effort`, which replaces the effort on the
+        stretch.
         """
         effort = -(self.stiffness * (q - self.rest))
 
@@ -227,6 +234,7 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
 
     Raises:
         UnknownName: If a spring is at no moving joint.
+        MissingRole: If there is a rope or two falls, and no joint has the role hoist.
         ModelError: If a tag is given twice, or the stretch of the rope is no passive prismatic
             joint, or the yaw no passive joint about the vertical, or there are both.
         OutOfRange: If a number is not finite, or a stiffness negative.
@@ -294,8 +302,8 @@ def _read_falls(layout: Layout, index: int, text: str, path: Path) -> Bifilar:
         OutOfRange: If the distance is not a positive number.
     """
     joint = layout.joints[index]
-    if joint.driven or joint.kind != "revolute" or abs(joint.axis[2]) < ALIGNED:
-        must = "it must be a passive revolute joint about the rope"
+    if not joint.passive or joint.kind != "revolute" or abs(joint.axis[2]) < ALIGNED:
+        must = "it must be a passive revolute joint about the vertical"
         raise ModelError(f"{path} gives the spacing of two falls to {joint.name}; {must}.")
     length = layout.role("hoist", "A load on two falls")
     spacing = number(f"spacing of the falls at {joint.name}", text, "m", "> 0")
@@ -318,7 +326,7 @@ def _read_rope(layout: Layout, index: int, text: str, path: Path) -> Rope:
         OutOfRange: If EA is not a positive number.
     """
     joint = layout.joints[index]
-    if joint.driven or joint.kind != "prismatic":
+    if not joint.passive or joint.kind != "prismatic":
         raise ModelError(
             f"{path} gives the rope's stretch to {joint.name}; it must be a passive prismatic "
             "joint."
@@ -328,6 +336,40 @@ def _read_rope(layout: Layout, index: int, text: str, path: Path) -> Rope:
         return Rope(index, length, stiffness=0.0, inextensible=True)
     stiffness = number(f"EA of the rope at {joint.name}", text, "N", "> 0")
     return Rope(index, length, stiffness)
+
+
+def check_stretch(
+    springs: Springs, damping: np.ndarray, friction: np.ndarray, layout: Layout, path: Path
+) -> None:
+    """Check that nothing but the rope acts on its stretch: a slack rope would be held by a spring
+    or friction of its own, and an inextensible one by its damping, too, which has no effect while
+    it is taut.
+
+    Args:
+        springs: The springs.
+        damping: Viscous damping of each joint [N m s/rad or N s/m], shape (n,).
+        friction: Dry friction of each joint [N m or N], shape (n,).
+        layout: Joints of the crane.
+        path: File for error messages.
+
+    Raises:
+        ModelError: If something else acts on it.
+    """
+    rope = springs.rope
+    if rope is None:
+        return
+    effects = {
+        "a spring (springStiffness)": springs.stiffness[rope.stretch],
+        "friction": friction[rope.stretch],
+    }
+    if rope.inextensible:
+        effects["damping"] = damping[rope.stretch]
+    for name, value in effects.items():
+        if value != 0.0:
+            raise ModelError(
+                f"{path} gives {name} of {value:g} to {layout.joints[rope.stretch].name}, the "
+                "stretch of the rope, which would hold a rope that hangs loose; leave it out."
+            )
 
 
 # --- rest -----------------------------------------------------------------------------------------
@@ -342,7 +384,7 @@ _STEP_TOLERANCE = 1e-13
 _MAX_STEP = 0.5
 """Largest change of a coordinate in a step of Newton's method [rad or m]."""
 
-_ROUND_OFF_TORQUE = 1e-15
+_ROUND_OFF_EFFORT = 1e-15
 """Effort on the joints, over the weight of the crane, that is round-off [m or 1]: a load that hangs
 plumb is left exactly where it is."""
 
@@ -399,22 +441,22 @@ def solve_rest(
     gravity = float(-model.gravity.linear[2])
     mass = sum(inertia.mass for inertia in model.inertias)
     for _ in range(_MAX_ITERATIONS):
-        torque = pin.computeGeneralizedGravity(model, data, q) - springs.effort(q)
+        unbalanced = pin.computeGeneralizedGravity(model, data, q) - springs.effort(q)
         if coupling is not None:
-            torque = coupling.gather(torque)
-        if np.abs(torque[passive]).max(initial=0.0) <= _ROUND_OFF_TORQUE * gravity * mass:
+            unbalanced = coupling.gather(unbalanced)
+        if np.abs(unbalanced[passive]).max(initial=0.0) <= _ROUND_OFF_EFFORT * gravity * mass:
             return q
         # `_compliance` takes negative curvatures as positive, so that the step goes down the energy
         # there, too. It is bounded, since far from rest the curvature says little.
         stiffness = rest_stiffness(model, data, springs, q, coupling)
         curvature = stiffness[np.ix_(passive, passive)]
-        step = _compliance(curvature) @ torque[passive]
+        step = _compliance(curvature) @ unbalanced[passive]
         largest = float(np.abs(step).max())
         q[passive] -= step * min(1.0, _MAX_STEP / max(largest, _STEP_TOLERANCE))
         if coupling is not None:
             q = coupling.complete(q)
         if largest < _STEP_TOLERANCE:
-            if np.abs(torque[passive]).max() <= _REST_TOLERANCE * gravity * mass:
+            if np.abs(unbalanced[passive]).max() <= _REST_TOLERANCE * gravity * mass:
                 return q
             # A joint without stiffness takes no step, though its weight acts on it: a free slide
             # along the vertical falls.

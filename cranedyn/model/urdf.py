@@ -129,7 +129,8 @@ def check_urdf(robot: ET.Element, source: object) -> None:
 
     Raises:
         ModelError: If xacro directives are left, a name cannot be printed, an element is duplicate
-            or incomplete, a joint mimics none that moves, or links and joints are no tree.
+            or incomplete, a joint mimics one that does not move, or itself through others, or links
+            and joints are no tree.
         OutOfRange: If a number is not a decimal number, exceeds 1e30, a friction is negative, or no
             body has the mass and inertia of a link.
     """
@@ -211,10 +212,10 @@ def _check_tree(robot: ET.Element, source: object) -> None:
                 f"{source} has two joints with the child link {child!r}; allowed is one."
             )
         parents[child] = parent
-    link_on_circle = _name_on_circle(parents)
-    if link_on_circle is not None:
+    link_on_cycle = _name_on_cycle(parents)
+    if link_on_cycle is not None:
         raise ModelError(
-            f"{source} has joints that lead in a circle through link {link_on_circle!r}; a crane "
+            f"{source} has joints that form a cycle through link {link_on_cycle!r}; a crane "
             "is a tree."
         )
     roots = [link for link in links if link not in parents]
@@ -226,7 +227,9 @@ def _check_tree(robot: ET.Element, source: object) -> None:
 
 
 def _check_mimics(robot: ET.Element, source: object) -> None:
-    """Check that each joint that mimics another one leads to a joint that moves by itself."""
+    """Check that each joint that mimics another one, directly or through others, follows a joint
+    that mimics none.
+    """
     joints = {joint.get("name", ""): joint for joint in robot.iterfind("joint")}
     leaders = {}
     for name, joint in joints.items():
@@ -242,15 +245,15 @@ def _check_mimics(robot: ET.Element, source: object) -> None:
                 "that moves."
             )
         leaders[name] = leader
-    follower = _name_on_circle(leaders)
+    follower = _name_on_cycle(leaders)
     if follower is not None:
         raise ModelError(
             f"The joint {quoted(follower)} in {source} mimics itself, through others; one of them "
-            "must move by itself."
+            "must mimic no other."
         )
 
 
-def _name_on_circle(next_names: Mapping[str, str]) -> str | None:
+def _name_on_cycle(next_names: Mapping[str, str]) -> str | None:
     """Return a name from which a chain of next names leads back to it; None if all chains end.
 
     Args:
@@ -258,7 +261,7 @@ def _name_on_circle(next_names: Mapping[str, str]) -> str | None:
     """
     for name in next_names:
         # A chain that ends has taken no more steps than there are names; one that has not ended by
-        # then is on a circle.
+        # then is on a cycle.
         reached = name
         for _ in next_names:
             reached = next_names.get(reached, reached)
@@ -340,7 +343,9 @@ def _check_numbers(element: ET.Element, attribute: str, count: int, context: str
 
 
 def _check_joint(joint: ET.Element, context: str) -> None:
-    """Check the type of a joint, and that it has the limits and the damping that it needs."""
+    """Check the type of a joint, that it has limits if it needs them, and that its ``<dynamics>``
+    states a damping or a friction.
+    """
     kind = joint.get("type", "")
     if kind not in _JOINT_TYPES:
         raise ModelError(
@@ -353,7 +358,7 @@ def _check_joint(joint: ET.Element, context: str) -> None:
         )
     dynamics = joint.find("dynamics")
     if dynamics is not None and not {"damping", "friction"} & {*dynamics.keys()}:
-        raise ModelError(f"The dynamics of {context} needs a damping.")
+        raise ModelError(f"The dynamics of {context} needs a damping or a friction.")
 
 
 def are_numbers(texts: list[str]) -> bool:
@@ -367,13 +372,16 @@ def skeleton(robot: ET.Element) -> str:
     It names no file and holds nothing that was not checked, so that any parser may read it.
     """
     root = ET.Element("robot", name=printable(robot.get("name", "")))
-    # Lists here and below: Ctrl-C in a generator would become a TypeError.
+    # Lists here and below, not generators: `Element.extend` turns whatever a generator raises, such
+    # as KeyboardInterrupt, into a TypeError.
     root.extend([_filtered(child) for child in robot if child.tag in ("link", "joint")])
     return ET.tostring(root, encoding="unicode")
 
 
 def without_visuals(robot: ET.Element) -> str:
-    """Return all of a URDF but its looks: `skeleton` with drives, starts and springs."""
+    """Return a URDF without its visuals: `skeleton` with ``<ros2_control>`` (drives and starts) and
+    ``<gazebo>`` (springs). Drives of a ``<transmission>`` are lost, and are recorded by name.
+    """
     root = ET.fromstring(skeleton(robot))
     root.extend([deepcopy(child) for child in robot if child.tag in ("gazebo", "ros2_control")])
     return ET.tostring(root, encoding="unicode")
@@ -411,7 +419,7 @@ def joint_placement(joint: ET.Element) -> pin.SE3:
 
 
 def joint_axis(joint: ET.Element) -> np.ndarray:
-    """Return the axis of a joint as its file says it, of any length, shape (3,)."""
+    """Return the axis of a joint as its file states it, of any length, shape (3,)."""
     axis = joint.find("axis")
     return _vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
 

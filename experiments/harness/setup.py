@@ -23,8 +23,8 @@ from cranedyn.interfaces import (
     Validity,
 )
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from cranedyn.model.description import add_values, parse_values
 from cranedyn.model.load import load_crane
+from cranedyn.model.options import add_values, parse_values
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.progress import ProgressReporter
 

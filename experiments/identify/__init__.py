@@ -13,9 +13,8 @@ from cranedyn.identification import Estimate, Model, Prior, load_record
 from cranedyn.identification.assumed import inertia_effects
 from cranedyn.identification.estimate import ENOUGH
 from cranedyn.identification.parameters import Drives
-from cranedyn.model.description import add_values
 from cranedyn.model.machines import read_machine
-from cranedyn.model.options import add_crane_options, load_options, parse_pairs
+from cranedyn.model.options import add_crane_options, add_values, load_options, parse_pairs
 from experiments import gazebo, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup
 from experiments.identify.coverage import PLANTS, covered

@@ -15,7 +15,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.errors import DataError, UnknownName
 from cranedyn.export.gazebo import Program, add_world, export_with_options
 from cranedyn.model.crane import STANDARD_GRAVITY
-from cranedyn.model.description import parse_values
+from cranedyn.model.options import parse_values
 from experiments import a1, a2, a3
 from experiments.energy.swing import AUDIT, SWING, planned_free_swing
 from experiments.harness import PlannedRun, Setup

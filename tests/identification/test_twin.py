@@ -10,8 +10,8 @@ import pytest
 
 from cranedyn.errors import DataError
 from cranedyn.identification import Model, Prior, Record, identify, preflight, read_twin, twin_of
-from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
+from cranedyn.model.options import parse_values
 from tests.identification.test_estimate import TRUTH, found, recorded
 
 pytestmark = pytest.mark.slow

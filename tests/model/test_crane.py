@@ -503,7 +503,7 @@ damping="0.0"/> => damping="0.0" friction="-5"/> => dry friction of joint .* is 
 <child link="hook_link"/> => <child link="trolley_link"/> => ModelError: two joints with the child
 rgba="0.42 0.42 0.40 1" => rgba="0.42 0.42" => rgba of color in material concrete
 <box size= => <box sizes= => size of box in link
-hoist_joint" type="prismatic" => hoist_joint" type="fixed" => ModelError: gives hoist_joint a
+hoist_joint" type="prismatic" => hoist_joint" type="fixed" => ModelError: names hoist_joint as
 trolley_joint" type="prismatic" => trolley_joint" type="revolute" => ModelError: must be prismatic
 hoist_joint" type="prismatic" => hoist_joint" type="floating" => ModelError: without limits or with
 xyz="0 1 0"/> => xyz="0 -1 0"/> => ModelError: swing_tangential_joint along \[0.0, -1.0, 0.0\] of
@@ -584,3 +584,41 @@ def test_a_flipped_axis_is_refused_from_xacro_and_mirrors_the_swing_when_uncheck
         dynamics.payload_position(crane(), q),
         atol=1e-12,
     )
+
+
+@pytest.mark.parametrize("elastic", [{"tower_twist_stiffness": 2e7}, {"jib_bend_stiffness": 2e8}])
+def test_an_elastic_tower_or_jib_is_no_swing_of_the_load(elastic: dict[str, float]) -> None:
+    rigid = crane()
+    c = crane(**elastic)
+    assert c.winch == rigid.winch == 2
+    assert c.layout.points == rigid.layout.points
+    pivot = c.points[1].body
+    assert c.layout.joints[pivot].role == "radial_swing"
+
+
+def test_inertias_are_about_the_axes_of_joints_whatever_their_frames(load: Load) -> None:
+    c = load(_own(np.random.default_rng(1)), driven=DRIVEN)
+    pin.forwardKinematics(c.model, c.data, np.zeros(5))
+    # Moments about the axes of the world with all joints at zero.
+    for joint in (1, 3, 4):
+        turn = c.data.oMi[joint].rotation
+        moments = turn.T @ np.diag([4e6, 3e6, 2e6]) @ turn
+        c.model.inertias[joint] = pin.Inertia(3000.0, np.zeros(3), moments)
+    assert c.slewing_inertia == pytest.approx(2e6)
+    assert c.dummy_inertia == pytest.approx((8e6, 3e6))
+
+
+def test_the_hook_is_on_the_way_to_the_payload_whatever_else_hangs_on_the_hoist(
+    load: Load,
+) -> None:
+    hooked = describe(values={"hook_mass": 200.0})
+    # A vane of the name "a…" on the hook comes before the sling in the order of the coordinates.
+    vane = (
+        '<link name="vane"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="a_vane" type="revolute"><parent link="hook_link"/><child link="vane"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    c = load(turned("</robot>", vane, hooked), payload="sling_tangential_joint")
+    names = [c.layout.joints[point.body].name for point in c.points]
+    assert names == ["sling_tangential_joint", "swing_radial_joint", "hoist_joint"]

@@ -14,8 +14,9 @@ import xacro
 from cranedyn.__main__ import main
 from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName
 from cranedyn.model import description
-from cranedyn.model.description import XACRO, arguments, describe, parse_values
+from cranedyn.model.description import XACRO, arguments, describe
 from cranedyn.model.load import load_crane
+from cranedyn.model.options import parse_values
 from tests.helpers import files, turned
 
 SMALL = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">

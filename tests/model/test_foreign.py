@@ -118,6 +118,96 @@ def test_rope_and_load_can_be_given(tmp_path: Path) -> None:
     np.testing.assert_allclose(crane.payload_inertia, np.eye(3) * 800.0)
     assert crane.damping[crane.layout.at("phi", "theta")].tolist() == [3.0, 3.0]
     np.testing.assert_allclose([crane.lower[4], crane.upper[4], crane.start.q[4]], [7, 30, 18.5])
+
+
+def test_a_swing_without_numbers_has_the_default_ones(tmp_path: Path) -> None:
+    path = saved(tmp_path, RIGID)
+    assert cd.load_crane(path, swing={}).record == cd.load_crane(path, swing=True).record
+
+
+def test_the_mass_of_a_swing_is_that_of_all_that_the_hoist_carries(tmp_path: Path) -> None:
+    container = (
+        '<link name="box"><inertial><mass value="3000"/>'
+        '<inertia ixx="90" iyy="90" izz="90" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="twistlock" type="fixed"><parent link="hook"/><child link="box"/>'
+        '<origin xyz="0 0 1"/></joint></robot>'
+    )
+    path = saved(tmp_path, RIGID.replace("</robot>", container))
+    as_drawn = cd.load_crane(path, swing=True)
+    lighter = cd.load_crane(path, swing={"mass": 400.0})
+    assert as_drawn.payload_mass == 4000.0
+    assert lighter.payload_mass == pytest.approx(400.0)
+    np.testing.assert_allclose(lighter.payload_inertia, as_drawn.payload_inertia / 10.0)
+    np.testing.assert_allclose(lighter.payload.lever, as_drawn.payload.lever)
+
+
+FOLLOWER = """<link name="stay"><inertial><mass value="10"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="slider" type="prismatic"><parent link="upper"/><child link="stay"/>
+    <axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="1"/>
+    <mimic joint="cart" multiplier="0.25" offset="0.5"/></joint></robot>"""
+
+
+def test_what_follows_a_trolley_or_holds_it_by_a_spring_does_so_in_its_new_coordinate(
+    tmp_path: Path,
+) -> None:
+    spring = (
+        '<gazebo reference="cart"><springStiffness>700</springStiffness>'
+        "<springReference>4</springReference></gazebo></robot>"
+    )
+    text = RIGID.replace("</robot>", FOLLOWER).replace("</robot>", spring)
+    crane = cd.load_crane(saved(tmp_path, text), swing=True)
+    # The radius is x = 22 m - cart.
+    state = crane.state(x=10.0)
+    assert state.q[crane.layout.index("slider")] == pytest.approx(0.25 * 12.0 + 0.5)
+    trolley = crane.layout.index("x")
+    assert crane.springs.rest[trolley] == pytest.approx(18.0)
+    assert "All joints of the file are driven." in crane.assumptions
+    assert not crane.layout.joints[crane.layout.index("slider")].driven
+
+
+def test_a_hoist_that_follows_another_joint_gets_no_swing(tmp_path: Path) -> None:
+    mimic = '<mimic joint="cart"/></joint>\n</robot>'
+    text = RIGID.replace("</joint>\n</robot>", mimic)
+    with pytest.raises(ModelError, match=r"needs one hoist .* it has none"):
+        cd.load_crane(saved(tmp_path, text), swing=True)
+    carriage = RIGID.replace('velocity="10"/>', 'velocity="10"/><mimic joint="azimuth"/>')
+    with pytest.raises(ModelError, match=r"has cart between .* follows azimuth; .*locked=\['azi"):
+        cd.load_crane(saved(tmp_path, carriage), swing=True)
+
+
+def test_a_slewing_ring_below_a_trolley_makes_no_tower_crane(tmp_path: Path) -> None:
+    parts = {
+        "ground": '<link name="ground"/>',
+        "azimuth": '<parent link="carriage"/><child link="upper"/>',
+        "cart": '<parent link="ground"/><child link="carriage"/>',
+        "lift": '<parent link="upper"/><child link="hook"/>',
+    }
+    text = (
+        RIGID.replace('<parent link="ground"/><child link="upper"/>', parts["azimuth"])
+        .replace('<parent link="upper"/><child link="carriage"/>', parts["cart"])
+        .replace('<parent link="carriage"/><child link="hook"/>', parts["lift"])
+    )
+    crane = cd.load_crane(saved(tmp_path, text), swing=True)
+    assert crane.layout.symbols == ("cart", "azimuth", "phi", "theta", "l")
+    assert not crane.layout.has("slew")
+
+
+def test_a_start_that_is_no_number_is_named_where_a_swing_is_added(tmp_path: Path) -> None:
+    control = (
+        '<ros2_control name="c" type="system"><joint name="cart">'
+        '<command_interface name="effort"/><state_interface name="position">'
+        '<param name="initial_value">far</param></state_interface></joint></ros2_control></robot>'
+    )
+    text = RIGID.replace("</robot>", control)
+    driven = ["azimuth", "lift"]
+    for name in driven:
+        text = text.replace(
+            "</ros2_control>",
+            f'<joint name="{name}"><command_interface name="effort"/></joint></ros2_control>',
+        )
+    with pytest.raises(OutOfRange, match="cart at the start is far"):
+        cd.load_crane(saved(tmp_path, text), swing=True)
     short = cd.load_crane(saved(tmp_path, RIGID), swing={"length": 20.0})
     np.testing.assert_allclose([short.lower[4], short.upper[4]], [0.4, 20.0])
     assert "The shortest rope is 0.4 m." in short.assumptions
@@ -243,7 +333,7 @@ def test_describe_says_what_was_assumed(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["describe", "--urdf", str(target), "--driven", *driven, "--role", *roles]) == 0
     assert "payload of 50 kg" in capsys.readouterr().out
     assert main(["describe", "--swing"]) == 2
-    assert "--swing has no effect without --urdf" in capsys.readouterr().err
+    assert "--swing is allowed only with --urdf" in capsys.readouterr().err
     assert main(["describe", "--urdf", str(path), "--role", "slew"]) == 2
     assert "of --role is not of the form" in capsys.readouterr().err
 

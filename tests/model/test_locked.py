@@ -124,7 +124,7 @@ def test_the_command_line_locks_joints_and_names_the_payload(
     error = capsys.readouterr().err
     assert "or --payload, and hold those that do not matter by locked=[...], or --locked" in error
     assert main(["describe", "--locked", "yaw_joint"]) == 2
-    assert "--locked has no effect without --urdf" in capsys.readouterr().err
+    assert "--locked is allowed only with --urdf" in capsys.readouterr().err
 
 
 def test_a_text_that_locks_nothing_is_refused() -> None:
@@ -132,3 +132,7 @@ def test_a_text_that_locks_nothing_is_refused() -> None:
     for text in (["=1"], ["a", "a=2"]):
         with pytest.raises(DataError, match="not of the form JOINT or JOINT=VALUE"):
             parse_locked(text)
+
+
+def test_a_crane_of_this_project_keeps_its_visuals_where_a_joint_is_locked() -> None:
+    assert load_crane(locked=["yaw_joint"]).urdf.count("<visual") > 100

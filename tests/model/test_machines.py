@@ -101,4 +101,4 @@ def test_the_command_lists_and_describes_machines(capsys: pytest.CaptureFixture[
     assert main(["describe", "--machine", "gantry_cosys", "payload_mass:=0.1"]) == 0
     assert "Crane with a payload of 0.1 kg" in capsys.readouterr().out
     assert main(["describe", "--machine", "gantry_cosys", "--swing"]) == 2
-    assert "--swing has no effect without --urdf" in capsys.readouterr().err
+    assert "--swing is allowed only with --urdf" in capsys.readouterr().err

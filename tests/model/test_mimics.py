@@ -203,9 +203,14 @@ def test_a_leader_keeps_its_followers_in_their_ranges(crane: Crane) -> None:
     assert crane.lower[crane.layout.index("out1")] == -1.5
 
 
-def test_a_leader_without_a_range_left_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mimic", [("out1", 0.8, 9.0), ("out1", 1.0, 3.0)])
+def test_a_leader_without_a_range_left_is_refused(
+    tmp_path: Path, mimic: tuple[str, float, float]
+) -> None:
+    """All ranges are ±1.5: the follower out1 + 3 is in its range at out1 = -1.5 alone."""
     path = tmp_path / "boom.urdf"
-    path.write_text(BOOM.replace('offset="0.1"', 'offset="9"'), encoding="utf-8")
+    text = BOOM.replace(MIMIC.format("out1", 0.8, 0.1), MIMIC.format(*mimic))
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(ModelError, match="out2 follows out1, and is beyond its range wherever"):
         load_crane(path, driven=DRIVEN, payload="swing")
 
@@ -216,6 +221,15 @@ def test_a_range_that_a_follower_cuts_is_said(tmp_path: Path) -> None:
     crane = load_crane(path, driven=DRIVEN, payload="swing")
     assert crane.upper[crane.layout.index("out1")] == pytest.approx(0.7)
     assert any("out1 moves from -0.8 to 0.7, where out2" in note for note in crane.assumptions)
+
+
+def test_a_follower_that_never_moves_has_no_friction(tmp_path: Path) -> None:
+    path = tmp_path / "boom.urdf"
+    still = MIMIC.format("swing", 0.0, 0.0)
+    text = BOOM.replace(MIMIC.format("swing", -0.3, 0.0), still)
+    text = text.replace(still, f'{still}<dynamics friction="3"/>')
+    path.write_text(text, encoding="utf-8")
+    assert load_crane(path, driven=DRIVEN, payload="swing").friction is None
 
 
 def test_the_record_of_a_coupled_crane_is_the_crane(crane: Crane) -> None:

@@ -338,3 +338,13 @@ def test_a_model_that_needs_no_note_becomes_a_urdf_all_the_same(tmp_path: Path) 
     again.write_text(crane.urdf)
     same = load_crane(again, driven=["slide"], gravity=9.81)
     np.testing.assert_allclose(same.mass_matrix(same.start.q), crane.mass_matrix(crane.start.q))
+
+
+def test_a_fixed_body_has_a_joint_of_its_own_name_beside_any_joint_of_the_file(
+    tmp_path: Path,
+) -> None:
+    ballast = "<body name='ballast'><geom type='sphere' size='.1' mass='5'/></body>"
+    text = cart(below=ballast).replace('name="rail"', 'name="ballast_fixed"')
+    path = tmp_path / "cart.xml"
+    path.write_text(text.replace('joint="rail"', 'joint="ballast_fixed"'), encoding="utf-8")
+    assert load_crane(path).layout.symbols == ("ballast_fixed", "swing")

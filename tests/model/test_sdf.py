@@ -274,7 +274,7 @@ REFUSED = {
     "circle": (
         "<pose>0 0 1 0.5 0 0</pose>",
         '<pose relative_to="j">0 0 1 0.5 0 0</pose>',
-        "relative to each other in a circle through the link b|circle through the joint j",
+        "relative to each other in a cycle through the link b|cycle through the joint j",
     ),
     "loop": (
         "</model>",
@@ -334,6 +334,49 @@ def test_what_no_crane_has_is_refused_by_name(case: str, tmp_path: Path) -> None
         text = text.replace("</model>", "</model></world>")
     with pytest.raises((ModelError, OutOfRange), match=message):
         cd.load_crane(saved(tmp_path, text), driven=["j"])
+
+
+FOLLOWING = """<sdf version="1.11"><world name="w">
+  <model name="crane">
+    <link name="foot"/><link name="boom"/><link name="section"/>
+    <joint name="ground" type="fixed"><parent>world</parent><child>foot</child></joint>
+    <joint name="lift" type="universal"><parent>foot</parent><child>boom</child>
+      <axis><xyz>1 0 0</xyz></axis><axis2><xyz>0 1 0</xyz></axis2></joint>
+    <joint name="slide" type="prismatic"><parent>boom</parent><child>section</child>
+      <axis><limit><lower>-1</lower><upper>1</upper></limit>
+        <mimic joint="lift" axis="axis2"><multiplier>2</multiplier><offset>0</offset>
+          <reference>0.5</reference></mimic></axis></joint>
+  </model>
+  <model name="load"><link name="body"/></model>
+  <joint name="hook" type="fixed"><parent>crane::section</parent><child>load::body</child></joint>
+</world></sdf>"""
+"""Two models, so that the names of their joints begin with those of the models."""
+
+
+def test_a_joint_follows_an_axis_of_another_one_in_a_model_of_several() -> None:
+    robot = read(FOLLOWING).robot
+    mimic = robot.find("joint[@name='crane::slide']/mimic")
+    assert mimic is not None
+    assert mimic.get("joint") == "crane::lift_axis2"
+    assert (mimic.get("multiplier"), mimic.get("offset")) == ("2.0", "-1.0")
+
+
+def test_a_joint_that_ties_a_moving_link_to_a_static_model_is_refused() -> None:
+    wall = (
+        '<model name="wall"><static>1</static><link name="bricks"/></model>'
+        '<joint name="tie" type="fixed"><parent>{0}</parent><child>wall::bricks</child></joint>'
+    )
+    tied = FOLLOWING.replace("</world>", wall.format("load::body") + "</world>")
+    with pytest.raises(ModelError, match="joint tie in"):
+        read(tied)
+    # At its foot a crane may stand on a static model that is the child of their joint.
+    foot = '<joint name="ground" type="fixed"><parent>world</parent><child>foot</child></joint>'
+    stands = FOLLOWING.replace(foot, "").replace(
+        "</world>", wall.format("crane::foot") + "</world>"
+    )
+    assert read(stands).robot.find("joint[@name='crane::foot_to_the_ground']") is not None
+    with pytest.raises(ModelError, match="has the parent crane::foot, which moves"):
+        read(stands.replace('"tie" type="fixed"', '"tie" type="revolute"'))
 
 
 def test_models_without_a_joint_between_them_are_refused_by_name(tmp_path: Path) -> None:

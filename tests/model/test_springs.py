@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,10 @@ from cranedyn import theory
 from cranedyn.compiled.plant.cranes import load_cranes
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.integrators import rk4
+from cranedyn.errors import ModelError
 from cranedyn.interfaces import Drive
+from cranedyn.model.description import describe
+from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import crossing, locked
 from tests.helpers import crane, long_after
@@ -99,3 +104,29 @@ def test_a_hook_on_two_falls_is_where_it_hangs_on_one() -> None:
     assert hook.layout.joints[hook.points[2].body].name == "load_yaw_joint"
     assert hook.springs.bifilar.stiffness == pytest.approx(1200.0 * hook.gravity)  # a = 1 m
     assert "load_yaw" not in [hook.layout.symbols[i] for i in hook.swings]
+
+
+@pytest.mark.parametrize(
+    ("rope", "dynamics", "block", "refusal"),
+    [
+        (math.inf, '<dynamics damping="50"/>', "", "gives damping of 50 to rope_stretch_joint"),
+        (math.inf, '<dynamics friction="9"/>', "", "gives friction of 9 to rope_stretch_joint"),
+        (3e6, '<dynamics friction="9"/>', "", "gives friction of 9 to rope_stretch_joint"),
+        (
+            3e6,
+            '<dynamics damping="50"/>',
+            '<gazebo reference="rope_stretch_joint"><springStiffness>5</springStiffness></gazebo>',
+            "gives a spring .springStiffness. of 5 to rope_stretch_joint",
+        ),
+    ],
+)
+def test_nothing_but_the_rope_acts_on_its_stretch(
+    tmp_path: Path, rope: float, dynamics: str, block: str, refusal: str
+) -> None:
+    text = describe(values={"rope_stiffness": rope}, visuals=False)
+    head, joint, rest = text.partition('<joint name="rope_stretch_joint"')
+    rest = re.sub("<dynamics[^>]*/>", dynamics, rest, count=1)
+    path = tmp_path / "rope.urdf"
+    path.write_text(head + joint + rest.replace("</robot>", f"{block}</robot>"), encoding="utf-8")
+    with pytest.raises(ModelError, match=refusal):
+        load_crane(path)

@@ -30,7 +30,7 @@ MODULES = [
     f"cranedyn.{name}"
     for name in (
         "identification simulation.simulate simulation.stepper compiled.batch model.crane "
-        "model.description model.load model.machines controllers controllers.damping "
+        "model.description model.load model.machines model.options controllers controllers.damping "
         "controllers.integral controllers.velocity_command compiled.horizon.receding "
         "dynamics.contact dynamics.converters estimation references references.limits "
         "references.shaped lifts.planning.optimal lifts.planning.itinerary "
