@@ -20,7 +20,7 @@ from benchmarks.timing import fresh, race
 from benchmarks.workload import Case, Contestant
 from cranedyn.analysis.swing import zero_crossings
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State

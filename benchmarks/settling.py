@@ -15,7 +15,7 @@ import numpy as np
 from cranedyn.analysis.swing import settling_time
 from cranedyn.command import command
 from cranedyn.compiled.horizon.receding import receding
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.lifts.planning.least_time import INTERVAL
 from cranedyn.lifts.planning.optimal import optimal
 from cranedyn.lifts.planning.timing import RAMP

@@ -161,13 +161,14 @@ class UnknownName(CraneError):
         known: The names there are.
     """
 
-    def __init__(self, kind: str, given: str, known: Iterable[str]) -> None:
+    def __init__(self, kind: str, given: str, known: Iterable[str], advice: str = "") -> None:
         self.given = given
         self.known = tuple(known)
         names = ", ".join(str(name) for name in self.known)
-        super().__init__(
+        sentence = (
             f"There is no {kind} {shown(given)}; there are {names}{nearest(given, self.known)}."
         )
+        super().__init__(f"{sentence} {advice}" if advice else sentence)
 
 
 class MissingRole(CraneError):

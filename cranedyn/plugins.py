@@ -114,7 +114,8 @@ def _value(kind: Kind, name: str) -> str:
     """
     value = _own(kind).get(name) or _foreign(kind).get(name)
     if value is None:
-        raise UnknownName(kind, name, names(kind))
+        advice = "One that is new in pyproject.toml is found after another: pip install -e ."
+        raise UnknownName(kind, name, names(kind), advice)
     if value.startswith("experiments."):
         _make_experiments_importable()
     return value

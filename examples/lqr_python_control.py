@@ -7,8 +7,8 @@ import numpy as np
 
 import cranedyn as cd
 from cranedyn.controllers import Tracking
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.linearisation import sampled
-from cranedyn.dynamics.pinocchio import holding_effort
 
 crane = cd.load_crane()
 goal = crane.state(x=12.0)

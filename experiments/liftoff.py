@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import Ground, box_corners, box_load, standing
+from cranedyn.dynamics.equations_of_motion import body_points, payload_position
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import body_points, payload_position
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging import factors
 from cranedyn.lifts.judging.factors import HOISTING, DriveClass, HoistingClass

@@ -22,8 +22,8 @@ from cranedyn.checks import whole, within
 from cranedyn.command import interrupted
 from cranedyn.controllers import hold_controller, lqr, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.linearisation import Sampled, sampled
-from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State

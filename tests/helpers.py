@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.equations_of_motion import prescribed_acceleration
 from cranedyn.dynamics.integrators import Acceleration, Add, Integrator
-from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.model.crane import Crane

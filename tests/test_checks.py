@@ -105,7 +105,7 @@ with_sensor_model(crane, law, rng=rng, delay=10**5000) => delay of the sensors i
 Motion(5e-3, rows, rows[1:], rows, drives) => v of a motion is an array of shape (1, 5); allowed is
 Tracking(5e-3, rows[:, 2:], np.zeros((2, 3, 9)), rows) => setpoint is an array of shape (2, 5);
 Limits((1, 1), (1, 1, 1)) => acceleration limits is (1, 1, 1) per s²; allowed is one number for each
-swing_mode(np.eye(3), 5e-3, 2) => loop is an array of shape (3, 3); allowed is one of shape (2 n, 2
+dominant_mode(np.eye(3), 5e-3, 2) => loop is an array of shape (3, 3); allowed is one of shape (2
 sampled(crane, start, dt=1e-3, control_period=1.5e-3) => control_period is 0.0015 s; allowed is a
 fit_swing(t, t[:9]) => swing is an array of shape (9,); allowed is one of shape (1200,).
 agreement(t, nan * t) => modelled is nan; allowed is finite

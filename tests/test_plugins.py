@@ -162,4 +162,8 @@ def test_every_plugin_of_ours_can_be_loaded_and_has_a_description() -> None:
 def test_a_plugin_that_does_not_exist_is_refused_by_name() -> None:
     with pytest.raises(UnknownName, match="There is no exporter 'unity'; there are c, fmu, gazebo"):
         plugins.load("exporter", "unity")
+    with pytest.raises(
+        UnknownName, match=r"new in pyproject.toml is found after .* pip install -e"
+    ):
+        plugins.load("experiment", "mine")
     assert issubclass(UnknownName, CraneError)

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from cranedyn import theory
-from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.interfaces import State
 from tests.helpers import G, accelerations, big_crane, pendulum_period, states
 from tests.lagrangian import Lagrangian

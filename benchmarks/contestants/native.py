@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.workload import Case, Contestant, Result, Run
-from cranedyn.dynamics.pinocchio import point_positions
+from cranedyn.dynamics.equations_of_motion import point_positions
 from cranedyn.errors import CraneError, ModelError
 
 SOURCE = Path(__file__).with_name("crane.c")

@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn.checks import number
 from cranedyn.clocks import intervals, multiple
 from cranedyn.controllers import Hold
-from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
+from cranedyn.dynamics.linearisation import dominant_mode, feedback_gain, sampled
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
@@ -87,7 +87,7 @@ def free_swing(
     rest.q[cable] += (hold.feed_forward[hoist] + crane.payload_mass * crane.gravity) / stiffness
     plant = sampled(crane, rest, dt=dt, control_period=control_period)
     loop = plant.closed(feedback_gain(crane, hold.stiffness, hold.damping))
-    mode = swing_mode(loop, control_period, coordinate=radial)
+    mode = dominant_mode(loop, control_period, coordinate=radial)
 
     # The setpoints of the reference, away from those at rest, excite the linear loop.
     times = control_period * np.arange(round(since / control_period))

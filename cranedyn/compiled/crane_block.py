@@ -18,8 +18,8 @@ from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import converters_of_run
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import Drive
@@ -371,7 +371,7 @@ class _CraneCode:
         reference = self._chosen(is_first_call, rates, stored_reference)
         first = self._chosen(is_first_call, rates, stored_first)
 
-        heard = response.heard(self.command)
+        heard = response.quantize_commands(self.command)
         sent: Any = heard
         row = build.srem(code.count, code.integer(max(delay, 1)))
         places = [code.plus(code.product(row, m), 3 * m + i) for i in range(m)]
@@ -414,7 +414,7 @@ def _outputs(crane_code: _CraneCode, names: _Names, delay: int, dt: float) -> di
     hoist_force = 0.0 if hoist is None else dynamics.effort[hoist]
     conditions = crane.conditions(q, v, hoist_force, dynamics.needed)
     if crane.response is not None:
-        for cut in crane.response.cuts(crane_code.command):
+        for cut in crane.response.saturates(crane_code.command):
             conditions.append(code.chosen(cut, 1.0, 0.0) < 0.5)
     outputs = dict(zip(names.accelerations, dynamics.acceleration, strict=True))
     outputs |= dict(zip(names.efforts, dynamics.effort, strict=True))

@@ -300,7 +300,7 @@ class Fleet:
             limit = self._effort_limit[:, columns]
             command = np.clip(command, -limit, limit)
         if self._converters is not None:
-            command = np.array(self._converters.response.heard(command))
+            command = np.array(self._converters.response.quantize_commands(command))
         m, count = command.shape
         first = columns.start // _LANES
         last = -(-columns.stop // _LANES)

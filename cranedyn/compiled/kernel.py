@@ -508,7 +508,7 @@ class _Loop:
         one at the end of those on their way.
         """
         assert self.plant.response is not None
-        waiting = [*self._get("unheard"), *self.plant.response.heard(requested)]
+        waiting = [*self._get("unheard"), *self.plant.response.quantize_commands(requested)]
         self._set("unheard", waiting[self.sizes.m :])
         return array(waiting[: self.sizes.m])
 
@@ -579,7 +579,7 @@ class _Loop:
         if self.plant.response is None:
             return []
         values = [self.code.value(number) for number in command]
-        exceeds = self.code.either(*self.plant.response.cuts(values))
+        exceeds = self.code.either(*self.plant.response.saturates(values))
         return [self.code.chosen(exceeds, 1.0, 0.0)]
 
     def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:

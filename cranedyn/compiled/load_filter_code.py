@@ -12,8 +12,8 @@ from cranedyn.compiled.horizon.dual import constants, slopes, variables
 from cranedyn.compiled.plant import rigid_body
 from cranedyn.compiled.plant.plant import Topology, numbers
 from cranedyn.compiled.rows import compile_rows
-from cranedyn.dynamics.bodies import Bodies, numeric_bodies
-from cranedyn.dynamics.pinocchio import full
+from cranedyn.dynamics.bodies import Bodies, bodies_of_crane
+from cranedyn.dynamics.equations_of_motion import over_all_joints
 from cranedyn.dynamics.scalars import array, solve_linear
 from cranedyn.errors import CraneError
 from cranedyn.estimation.load_estimate import LoadEstimateController
@@ -146,7 +146,7 @@ class _TracedFilter(LoadFilter):
 
     def _with_load(self, mass: Any) -> Bodies:
         """Return the bodies of the planned crane with another mass of the load [kg]."""
-        tree = numeric_bodies(self.crane)
+        tree = bodies_of_crane(self.crane)
         masses = tree.mass.copy()
         masses[self._body - 1] = mass  # `_body` counts the world, which Pinocchio's joint 0 is
         return replace(tree, mass=masses)
@@ -164,7 +164,7 @@ class _TracedFilter(LoadFilter):
         w = m0/m of a planned mass m0 they are ∂m/∂w = -m/w times those by the mass.
         """
         count = 2 * self._n + 1
-        tau = full(self.crane, effort) + self._joint.effort(state.q, state.v)
+        tau = over_all_joints(self.crane, effort) + self._joint.effort(state.q, state.v)
         load = self._tree.mass[self._body - 1]
         q, v, (load_dual,) = variables(state.q, state.v, array([load]))
         tree = self._with_load(load_dual)

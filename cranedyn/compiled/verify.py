@@ -26,7 +26,7 @@ from cranedyn.dynamics.drives import (
     MotionDrives,
     VelocityDrives,
 )
-from cranedyn.dynamics.pinocchio import inverse_dynamics
+from cranedyn.dynamics.equations_of_motion import inverse_dynamics
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -259,7 +259,7 @@ def _free_joints(drives: Drives, crane: Crane, state: State) -> np.ndarray:
         return all_joints
     drives.free = crane.springs.free(all_joints)
     acceleration = drives.acceleration(q, v)
-    joint, external = drives.passive_forces(q, v)
+    joint, external = drives.joint_and_external_forces(q, v)
     needed = inverse_dynamics(crane.model, crane.data, q, v, acceleration, joint, external)
     tension = -float(needed[rope.stretch])
     return drives.free if tension > 0.0 else all_joints

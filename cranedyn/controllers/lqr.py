@@ -14,8 +14,8 @@ import scipy
 from cranedyn.checks import as_array, finite, short_repr, weight_matrix, whole
 from cranedyn.clocks import multiple
 from cranedyn.controllers.tracking import Tracking
+from cranedyn.dynamics.equations_of_motion import linearise
 from cranedyn.dynamics.linearisation import held_states, over_period
-from cranedyn.dynamics.pinocchio import linearise
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane

@@ -30,8 +30,8 @@ from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.converters import Converters, converters_of_run
+from cranedyn.dynamics.equations_of_motion import acceleration, linearise
 from cranedyn.dynamics.linearisation import feedback_gain
-from cranedyn.dynamics.pinocchio import acceleration, linearise
 from cranedyn.interfaces import Controller, DirectDrive, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import interpolate_many, locate_many, tabulated

@@ -16,7 +16,7 @@ import numpy as np
 
 from cranedyn.checks import finite, number
 from cranedyn.clocks import intervals
-from cranedyn.dynamics.pinocchio import point_velocities
+from cranedyn.dynamics.equations_of_motion import point_velocities
 from cranedyn.dynamics.scalars import square_root
 from cranedyn.errors import UnknownName
 from cranedyn.interfaces import Disturbance, State

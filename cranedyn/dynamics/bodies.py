@@ -1,5 +1,4 @@
-"""The numbers of a tree of bodies, and the height of a point of one, in any kind of number; the
-positions of points in many rows.
+"""A tree of bodies as plain numbers or symbols, and heights and positions of its points.
 
 Arrays hold Python floats and, where something is not known yet, elements that add, subtract,
 multiply, divide and know `sin` and `cos`. The recursions of `cranedyn.compiled.plant.rigid_body` go
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.scalars import array, cross_product, is_zero, rows
+from cranedyn.dynamics.scalars import array, column_objects, cross_product, is_zero
 from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane, Point, once_per_crane
 
@@ -76,7 +75,7 @@ class Bodies:
         return Bodies(self.parents, *arrays)
 
     def in_steps(self, dt: Any, mass: Any) -> Bodies:
-        """Return the same with time in units of `dt` [s] and mass in units of `mass` [kg]."""
+        """Return the same tree with time in units of `dt` [s] and mass in units of `mass` [kg]."""
         return replace(
             self,
             mass=self.mass / mass,
@@ -106,7 +105,7 @@ def blank(parents: Sequence[int]) -> Bodies:
     )
 
 
-def bodies(model: pin.Model) -> Bodies:
+def bodies_of_model(model: pin.Model) -> Bodies:
     """Return the numbers of a model.
 
     Raises:
@@ -126,8 +125,7 @@ def bodies(model: pin.Model) -> Bodies:
         if not has_one_coordinate or kind == "JointModelComposite":
             raise ModelError(
                 f"{model.names[i]} is a {kind}; to be compiled or made symbols, joints must be "
-                "revolute, prismatic or helical, "
-                "with one degree of freedom each."
+                "revolute, prismatic or helical, with one degree of freedom each."
             )
         joint_data = joint.createData()
         joint.calc(joint_data, neutral)
@@ -146,16 +144,17 @@ def bodies(model: pin.Model) -> Bodies:
 
 
 @once_per_crane
-def numeric_bodies(crane: Crane) -> Bodies:
+def bodies_of_crane(crane: Crane) -> Bodies:
     """Return the bodies of a crane in Python floats, computed once."""
-    tree = bodies(crane.model)
+    tree = bodies_of_model(crane.model)
     return tree.with_numbers(tree.numbers().tolist())
 
 
 def height(
     tree: Bodies, q: np.ndarray, body: int, point: np.ndarray, upwards: Sequence[float] = _UP
 ) -> Any:
-    """Return the height of a point of a body above the origin of the world [m].
+    """Return the height of a point of a body above the origin of the world [m], or another of its
+    coordinates.
 
     Only the vertical is carried from joint to joint, which is a third of the work of
     `cranedyn.compiled.plant.rigid_body.frames`. A joint that turns by q about the unit vector u
@@ -169,7 +168,8 @@ def height(
         q: Coordinates, shape (n,).
         body: Row of the body.
         point: Point in the joint's frame [m], shape (3,).
-        upwards: Unit vector of the world along which height is measured.
+        upwards: Unit vector of the world along which height is measured: Z by default. With X or Y
+            of the world the result is that coordinate of the point.
     """
     up = array(upwards)
     altitude = 0.0
@@ -182,7 +182,7 @@ def height(
         if all(is_zero(component) for component in about):
             continue
         axial = about * array([about @ up])
-        # A joint about the vertical does not change it, such as the slew.
+        # A joint about the vertical, such as the slew, does not change the vertical.
         if not all(is_zero(component) for component in up - axial):
             cosine = np.cos(coordinate)
             sine = np.sin(coordinate)
@@ -194,14 +194,12 @@ def heights(
     tree: Bodies, q: np.ndarray, body: int, point: np.ndarray, upwards: Sequence[float] = _UP
 ) -> np.ndarray:
     """Return heights as `height` at many coordinates, shape (rows, n): shape (rows,) [m]."""
-    altitude = height(tree, rows(q), body, point, upwards)
+    altitude = height(tree, column_objects(q), body, point, upwards)
     return np.broadcast_to(np.asarray(altitude, dtype=float), len(q))
 
 
 def point_paths(crane: Crane, q: np.ndarray, points: Sequence[Point] = ()) -> np.ndarray:
     """Return the positions of points in the world at many coordinates.
-
-    A coordinate of a point is its height along that axis of the world.
 
     Args:
         crane: The crane.
@@ -211,7 +209,7 @@ def point_paths(crane: Crane, q: np.ndarray, points: Sequence[Point] = ()) -> np
     Returns:
         Positions [m], shape (rows, points, 3).
     """
-    tree = numeric_bodies(crane)
+    tree = bodies_of_crane(crane)
     axes = []
     for axis in np.eye(3).tolist():
         columns = []

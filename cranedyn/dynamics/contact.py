@@ -25,8 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.checks import finite, number, within
+from cranedyn.dynamics.equations_of_motion import body_points
 from cranedyn.dynamics.joint_forces import TAUT
-from cranedyn.dynamics.pinocchio import body_points
 from cranedyn.dynamics.scalars import chosen, flag, smaller, square_root
 from cranedyn.errors import ModelError, OutOfRange, quoted
 from cranedyn.interfaces import State
@@ -71,9 +71,9 @@ iteration leaves 1 - cos α of the error.
 """
 
 NEIGHBOUR_GAP = 1e-6
-"""Distance by which supports may be apart and still adjoin, and distance behind a face at which a
-point must lie in another support for that support to cover the face there [m].
-"""
+"""Distance by which supports may be apart and still adjoin [m]; and distance in front of a face,
+outside of its body, at which a point must lie in another support for that support to cover the face
+there."""
 
 COVERED_PENALTY = 0.1
 """Amount that is added to the way out of a support through a covered face [m].
@@ -100,13 +100,14 @@ Vector = Sequence[Any] | np.ndarray
 
 
 class Face(NamedTuple):
-    """Points with normal · p <= offset [m], in the world.
+    """A face of a body, by the half-space of the points p with normal · p <= offset [m] in the
+    world, in which the body lies.
 
     Attributes:
         normal: Unit vector out of the body.
         offset: Distance from the origin [m].
-        neighbours: Supports, by their indices in `Contacts.supports`, that begin behind a part of
-            it.
+        neighbours: Supports, by their indices in `Contacts.supports`, that begin in front of a part
+            of it, on its outer side.
     """
 
     normal: tuple[float, float, float]
@@ -350,16 +351,19 @@ def damping_ratio(restitution: float) -> float:
 
 
 def standing(crane: Crane, ground: Ground, state: State) -> State:
-    """Return a state with the load moved along its rope until it stands on the ground; the rope is
-    slack where it is longer than that.
+    """Return a state with the load moved along its rope until it stands on the ground.
+
+    The stretch of the rope takes up the difference: it is negative, the rope slack, where the
+    support is higher than the load would hang.
 
     Args:
-        crane: The crane, whose rope stretches.
+        crane: The crane, whose rope may stretch or go slack.
         ground: The ground.
         state: State with the load anywhere above or below its support.
 
     Raises:
-        ModelError: If the rope of the crane does not stretch.
+        ModelError: If the rope of the crane can neither stretch nor go slack.
+        OutOfRange: If an inextensible rope is too short to reach the ground.
     """
     contacts = ground.contacts(crane)
     q = state.q.copy()
@@ -375,6 +379,11 @@ def standing(crane: Crane, ground: Ground, state: State) -> State:
         position, _ = body_points(crane.model, crane.data, contacts.body, points, q, at_rest)
         # A longer rope lowers the load: it is shortened by what the load is too deep.
         q[rope.stretch] -= np.max(contacts.depth(position)[0]) - ground.sink
+    stretch = float(q[rope.stretch])
+    if rope.inextensible and stretch > 0.0:
+        symbol = crane.layout.symbols[rope.length]
+        allowed = f"0 or less, since the rope does not stretch; give a larger {symbol}"
+        raise OutOfRange("stretch of the rope of a load on the ground", stretch, allowed, "m")
     return State(q, state.v)
 
 
@@ -441,7 +450,7 @@ class _FaceDepth(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """Contacts of points of a body with convex supports, in any units.
+    """Contacts of points of a body with convex supports, in SI units, or in those of `in_steps`.
 
     Attributes:
         body: Index of the joint that carries the points.
@@ -475,8 +484,11 @@ class Contacts(NamedTuple):
         return self.supports[0][0].offset
 
     def depth(self, position: Vector) -> tuple[Any, Vector]:
-        """Return the depth of a point in the support in which it is deepest [m], negative outside
-        of all, and the normal of the nearest face there that no other support covers.
+        """Return how deep a point is in the supports, and the normal along which it is pushed out.
+
+        For each support this is the depth below its nearest face that no other support covers, see
+        `_nearest_face`. Of all supports that in which the point is deepest counts. The depth is
+        negative where the point is outside of all [m].
 
         Args:
             position: The point in the world [m].
@@ -591,7 +603,7 @@ class Contacts(NamedTuple):
 
 
 def _with_neighbours(supports: Sequence[tuple[Face, ...]]) -> list[tuple[Face, ...]]:
-    """Return supports whose faces know the supports that begin behind them.
+    """Return supports whose faces know the supports that begin in front of them.
 
     Args:
         supports: Supports without the ground, which is number 0 of `Contacts.supports`.
@@ -604,29 +616,29 @@ def _with_neighbours(supports: Sequence[tuple[Face, ...]]) -> list[tuple[Face, .
                 adjoining.append(index)
         faces = []
         for face in body:
-            behind = _supports_behind(face, body, supports, adjoining)
-            faces.append(face._replace(neighbours=behind))
+            neighbours = _supports_in_front(face, body, supports, adjoining)
+            faces.append(face._replace(neighbours=neighbours))
         bodies.append(tuple(faces))
     return bodies
 
 
-def _supports_behind(
+def _supports_in_front(
     face: Face,
     body: Sequence[Face],
     supports: Sequence[tuple[Face, ...]],
     adjoining: Sequence[int],
 ) -> tuple[int, ...]:
     """Return the supports, by their numbers in `Contacts.supports`, of which a part lies straight
-    behind a face of a body, between the planes of its other faces.
+    in front of a face of a body, on its outer side and between the planes of its other faces.
     """
     x, y, z = face.normal
     outside = Face((-x, -y, -z), -face.offset)
     sides = [other for other in body if other is not face]
-    behind = []
+    in_front = []
     for index in adjoining:
         if _ball_radius([outside, *sides, *supports[index]]) > NEIGHBOUR_GAP:
-            behind.append(index + 1)  # the ground is number 0
-    return tuple(behind)
+            in_front.append(index + 1)  # the ground is number 0
+    return tuple(in_front)
 
 
 def _ball_radius(faces: Sequence[Face]) -> float:

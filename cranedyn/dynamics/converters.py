@@ -3,8 +3,8 @@
 A command is clipped to the largest rate, rounded to the resolution of the bus, and delayed. A ramp
 generator leads a reference rate r to it, within an acceleration and a jerk. The speed control makes
 the drive follow r as a first-order lag, T v̇ = r - v, so that the acceleration of the drive keeps
-the limits of the ramp. The effort is limited. Where it does not suffice the drive stalls, and the
-reference stays within T times the largest acceleration of the rate of the drive.
+the limits of the ramp. The effort is limited. Where it does not suffice the drive stalls; then the
+reference r stays within T A of the rate v of the drive, with the largest acceleration A.
 
 The functions work on any kind of number, see `cranedyn.dynamics.scalars`.
 """
@@ -98,8 +98,10 @@ class Response(NamedTuple):
     lags: Any
     resolutions: Any
 
-    def heard(self, command: Any) -> list[Any]:
-        """Return commands clipped to the largest rates and rounded to the resolution, m numbers."""
+    def quantize_commands(self, command: Any) -> list[Any]:
+        """Return commands as the bus carries them to the converters: clipped to the largest rates
+        and rounded to the resolution, m numbers.
+        """
         rates = []
         for rate, limit, step in zip(command, self.rates, self.resolutions, strict=True):
             allowed = clipped(rate, -limit, limit)
@@ -115,7 +117,7 @@ class Response(NamedTuple):
             rates.append(quantized)
         return rates
 
-    def cuts(self, command: Any) -> list[Any]:
+    def saturates(self, command: Any) -> list[Any]:
         """Return for each drive whether its command is beyond its largest rate."""
         exceeds = []
         for rate, limit in zip(command, self.rates, strict=True):
@@ -123,7 +125,7 @@ class Response(NamedTuple):
         return exceeds
 
     def ramped(
-        self, heard: Any, reference: Any, slope: Any, rate: Any, dt: Any
+        self, commanded: Any, reference: Any, slope: Any, rate: Any, dt: Any
     ) -> tuple[list[Any], list[Any]]:
         """Return reference rates after a step and their slopes, m numbers each.
 
@@ -140,7 +142,7 @@ class Response(NamedTuple):
         then asks for no more than A, also after the drive has stalled.
 
         Args:
-            heard: Commanded rates.
+            commanded: Commanded rates that have reached the converters.
             reference: Reference rates before the step.
             slope: Slopes before the step.
             rate: Rates of the drives.
@@ -148,7 +150,7 @@ class Response(NamedTuple):
         """
         references = []
         slopes = []
-        for i, target in enumerate(heard):
+        for i, target in enumerate(commanded):
             jump = self.jerks[i] * dt
             error = target - reference[i]
             distance = magnitude(error)
@@ -201,7 +203,8 @@ def within_efforts(
         M_SS x_S = limit_S - (M a + resisting)_S,
 
     and those of the others by x = 0. This changes the efforts of the others, too, so that more of
-    them may saturate. S only grows, by one drive at least in each of m passes that is not the last.
+    them may saturate: the next pass adds these to S. S only grows, so that after m passes nothing
+    changes any more. All m passes are always made, since compiled code does not know S.
 
     Args:
         inertia: Inertia of the drives with the passive joints free, shape (m, m).
@@ -366,11 +369,11 @@ class Converters:
         """
         return (self.delay_steps(0.0, control_period) + 0.5) * control_period
 
-    def of(self, crane: Crane) -> Converters:
-        """Return these converters.
+    def checked_for(self, crane: Crane) -> Converters:
+        """Return these converters, checked to be one for each drive of a crane.
 
         Raises:
-            OutOfRange: If there is not one for each drive of the crane.
+            OutOfRange: If their number is another.
         """
         if len(self.rates) != crane.layout.m:
             raise OutOfRange(
@@ -385,8 +388,9 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
     """Return typical frequency converters for a crane.
 
     Their rates are those of `RATES` with `HEADROOM`, and never more than the velocity limits of the
-    crane's joints. A drive that has neither gets one of `DEFAULT_RATES`, see `default_rates`. They
-    ramp up to `RATES` in `RAMP_TIMES`, and reach this acceleration in `ROUNDING`.
+    crane's joints. A drive that has neither gets one of `DEFAULT_RATES` with `HEADROOM`, see
+    `default_rates`. They ramp up to the rate without headroom in `RAMP_TIMES`, and reach this
+    acceleration in `ROUNDING`.
 
     Args:
         crane: The crane.
@@ -436,9 +440,10 @@ def default_rates(crane: Crane) -> list[str]:
         if joint.role in RATES or math.isfinite(limit):
             continue
         sentences.append(
-            f"{joint.name} has no velocity limit; its converter is taken to reach the default rate "
-            f"of {DEFAULT_RATES[joint.kind]:g} {joint.unit}/s. A URDF says another as velocity of "
-            "<limit>, Python as converters(crane, rates=...)."
+            f"{joint.name} has no velocity limit; its converter is given the default rate of "
+            f"{DEFAULT_RATES[joint.kind]:g} {joint.unit}/s, and {HEADROOM:g} times that at most. A "
+            "URDF states another rate as velocity of <limit>, Python as converters(crane, "
+            "rates=...)."
         )
     return sentences
 
@@ -456,7 +461,7 @@ def converters_of_run(crane: Crane, drive: str, explicit: Converters | None) -> 
         OutOfRange: If converters are given to drives that have none, or not one for each drive.
     """
     if drive == "velocity":
-        return converters(crane) if explicit is None else explicit.of(crane)
+        return converters(crane) if explicit is None else explicit.checked_for(crane)
     if explicit is not None:
         raise OutOfRange("converters", "given", f"None where drive = {drive}")
     return None

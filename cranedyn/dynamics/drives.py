@@ -1,9 +1,8 @@
 """Drives: how commands become forces at the joints.
 
 Drives exert an effort, follow an acceleration, or follow a rate as frequency converters do. Each
-kind has the same methods: `take_command` at a control instant, `acceleration` at a state under the
-last command, and `begin_step` before each physics step. Those that follow a motion or a rate also
-tell the `effort` that they exert at a state.
+kind has the same methods: `take_command` at a control instant, `begin_step` before each physics
+step, and `acceleration` and `effort` at a state under the last command.
 """
 
 from __future__ import annotations
@@ -12,8 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.dynamics.converters import Converters, DrivenMotion, saturate_acceleration
+from cranedyn.dynamics.equations_of_motion import (
+    inverse_dynamics,
+    outside_effort,
+    solve_accelerations,
+)
 from cranedyn.dynamics.joint_forces import JointForces, Stops
-from cranedyn.dynamics.pinocchio import follow_drives, inverse_dynamics, outside_effort
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -78,8 +81,9 @@ class _Drives:
         model: Pinocchio's model of the crane.
         external: External forces; None for none.
         saturated: Whether the last command was beyond the largest rate of a frequency converter.
-        free: Indices of the joints whose accelerations follow from forces. Whoever simulates a taut
-            inextensible rope takes its stretch out of them, see `Springs.free`.
+        free: Indices of the joints whose accelerations follow from forces: all independent joints
+            of drives that exert efforts, the passive ones of others. A simulation of a taut
+            inextensible rope replaces this array by one without the stretch, see `Springs.free`.
     """
 
     saturated = False
@@ -113,9 +117,11 @@ class _Drives:
         """Return accelerations of all joints, shape (n,)."""
         raise NotImplementedError
 
-    def passive_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return generalized forces of damping, dry friction and springs, and external ones, shape
-        (n,) each.
+    def joint_and_external_forces(
+        self, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return generalized forces on all joints, shape (n,) each: those of damping, dry friction
+        and springs, and those from outside (None for none).
         """
         external = None if self.external is None else self.external.effort(q, v)
         return self._joint.effort(q, v), external
@@ -160,17 +166,18 @@ class EffortDrives(_Drives):
             tau = self._tau + self._joint.effort(q, v)
         if self.external is not None:
             tau += self.external.effort(q, v)
-        # ABA moves all joints, each by itself.
+        # ABA moves all joints: it cannot hold the stretch of a taut rope, for which `free` has been
+        # replaced, nor let joints follow others.
         if self.free is self._all_joints and self._coupling is None:
             return pin.aba(self.model, self._data, q, v, tau, self.convention)
-        return follow_drives(
+        return solve_accelerations(
             self.model,
             self._data,
             q,
             v,
-            np.zeros(len(v)),
-            tau,
-            self.free,
+            given=np.zeros(len(v)),
+            forces=tau,
+            unknown=self.free,
             coupling=self._coupling,
         )
 
@@ -200,21 +207,25 @@ class MotionDrives(_Drives):
         """Return the effort exerted at a state [N m or N], shape (m,)."""
         q = state.q
         v = state.v
-        joint, external = self.passive_forces(q, v)
+        joint, external = self.joint_and_external_forces(q, v)
         model = self.model
         data = self._data
         coupling = self._coupling
-        a = follow_drives(model, data, q, v, self._command, joint, self.free, external, coupling)
+        a = solve_accelerations(
+            model, data, q, v, self._command, joint, self.free, external, coupling
+        )
         effort = inverse_dynamics(model, data, q, v, a, joint, external, coupling)
         return effort[self._layout.drives]
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
-        joint, external = self.passive_forces(q, v)
+        joint, external = self.joint_and_external_forces(q, v)
         model = self.model
         data = self._data
         coupling = self._coupling
-        return follow_drives(model, data, q, v, self._command, joint, self.free, external, coupling)
+        return solve_accelerations(
+            model, data, q, v, self._command, joint, self.free, external, coupling
+        )
 
 
 class VelocityDrives(_Drives):
@@ -260,7 +271,8 @@ class VelocityDrives(_Drives):
         self._reference = reference.copy()
         self._slope = slope.copy()
         self._queue = [*queue]
-        self._heard = self._reference
+        # Until the next command is taken, which is before the next physics step.
+        self._followed = self._reference
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Queue rates until their delay has passed, and follow those whose delay has.
@@ -269,9 +281,9 @@ class VelocityDrives(_Drives):
         the command.
         """
         rates = command.tolist()
-        self.saturated = any(self._response.cuts(rates))
-        queue = [*self._queue, np.array(self._response.heard(rates))]
-        self._heard = queue[0]
+        self.saturated = any(self._response.saturates(rates))
+        queue = [*self._queue, np.array(self._response.quantize_commands(rates))]
+        self._followed = queue[0]
         self._queue = queue[1:]
         reference, _ = self._ramp(state.v)
         motion = self._driven(state.q, state.v, reference)
@@ -293,7 +305,7 @@ class VelocityDrives(_Drives):
         """Return reference rates after a physics step and their slopes, shape (m,) each."""
         # Lists of floats are several times quicker than elements of arrays.
         reference, slope = self._response.ramped(
-            self._heard.tolist(),
+            self._followed.tolist(),
             self._reference.tolist(),
             self._slope.tolist(),
             v[self._layout.drives].tolist(),
@@ -313,8 +325,8 @@ class VelocityDrives(_Drives):
         coupling = self._coupling
         target = np.zeros(len(v))
         target[drives] = self._response.accelerations_at(reference, v[drives].tolist())
-        joint, external = self.passive_forces(q, v)
-        a = follow_drives(model, data, q, v, target, joint, self.free, external, coupling)
+        joint, external = self.joint_and_external_forces(q, v)
+        a = solve_accelerations(model, data, q, v, target, joint, self.free, external, coupling)
         forces = inverse_dynamics(model, data, q, v, a, joint, external, coupling)
         needed = forces[drives]
         # Written so that an effort that is NaN takes the second way.

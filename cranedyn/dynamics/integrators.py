@@ -32,7 +32,8 @@ class Integrator:
         name: Name in records and tables.
         rule: The rule.
         lead: Number of steps by which positions run ahead of velocities.
-        smooth: Whether the order of the rule needs a smooth motion, which buffers make kinks in.
+        smooth: Whether the rule keeps its order only on a smooth motion. A motion into a buffer, or
+            through a change of phase of a rope, has kinks.
     """
 
     name: str

@@ -14,6 +14,9 @@ The rope pulls and does not push: its tension is T = max(0, EA s/l + d v_s), and
 force on the length is minus the derivative by l of the strain energy EA s²/(2 l), see
 `cranedyn.model.springs`.
 
+No law gives the tension of an inextensible rope. Taut, it holds its stretch at 0 as a constraint;
+slack, nothing acts on the stretch, where `springs.check_stretch` refuses damping for that reason.
+
 The functions work on any kind of number, see `cranedyn.dynamics.scalars`: floats in the plain loop,
 symbols in the optimiser, values of a program in compiled code.
 """
@@ -148,12 +151,19 @@ class JointForces:
         """Return the power that damping and dry friction dissipate [W], for coordinates and rates
         of shape (n,) or (n, rows).
 
-        The sum of d v² over the joints counts the damper of an elastic rope as if it always acted.
-        What the rope dissipates is its tension less the force of its spring, T - EA s/l with
-        s >= 0, times v_s. While the rope pulls, this is the same. While it is slack, this is
-        -EA (s/l) v_s, the rate at which the rope loses the strain energy that it has left.
+        An elastic rope dissipates (T - EA s/l) v_s, with s/l counted as 0 where s < 0:
+
+        * taut, this is the power d v_s² of its damper;
+        * slack with s > 0 left, this is -EA (s/l) v_s, the rate at which the strain energy that is
+          left is lost;
+        * slack with s < 0, this is 0.
+
+        It takes the place of d v_s² in the sum over the joints.
         """
-        power = (self.resistance(v) * v).sum(axis=0) if self.friction else self.damping @ (v * v)
+        if self.friction is None:
+            power = self.damping @ (v * v)
+        else:
+            power = (self.resistance(v) * v).sum(axis=0)
         if self.rope is None or self.rope.inextensible:
             return power
         stretch = self.rope.stretch
@@ -163,13 +173,16 @@ class JointForces:
 
     @property
     def rope(self) -> Rope | None:
-        """Rope that may go slack; None if there is none."""
+        """Rope that may stretch or go slack; None if there is none."""
         return None if self.springs is None else self.springs.rope
 
     def tension(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return the tension of an elastic rope, of spring and damper [N]; 0 where it is slack.
 
-        Where `taut` is given, it decides between the two, and not the state.
+        For an inextensible rope this is 0: its tension follows from the motion of the whole crane,
+        see `cranedyn.dynamics.equations_of_motion.constraint_tension`.
+
+        Where `taut` is given, it decides between taut and slack, and not the state.
         """
         spring, damper = self._rope_forces(q, v)
         taut = self.pull(q, v) > 0.0 if self.taut is None else self.taut
@@ -204,14 +217,16 @@ class JointForces:
         return spring, damper
 
 
-def tension_from_hoist_force(
+def rope_tension(
     layout: Layout, joint: JointForces, q: np.ndarray, v: np.ndarray, hoist: Any
 ) -> Any:
-    """Return the tension of the rope [N]; None without a hoist.
+    """Return the tension of the rope [N]; None without a hoist, and for an inextensible rope that
+    may go slack, whose tension follows from the motion of the whole crane.
 
-    It is the force that stretches an elastic rope. For a rigid rope it is the force of the hoist
-    joint, which lies along the rope. A positive force lowers the load, so that the tension is minus
-    the force of the drive, plus the damping and dry friction that resist the lowering.
+    It is the force that stretches an elastic rope. For a rope that neither stretches nor goes slack
+    it is the force of the hoist joint, which lies along the rope. A positive force lowers the load,
+    so that the tension is minus the force of the drive, plus the damping and dry friction that
+    resist the lowering.
 
     Args:
         layout: Joints of the crane.
@@ -222,7 +237,7 @@ def tension_from_hoist_force(
             holds the load.
     """
     if joint.rope is not None:
-        return joint.tension(q, v)
+        return None if joint.rope.inextensible else joint.tension(q, v)
     if not layout.has("hoist"):
         return None
     hoist_joint = layout.role("hoist", "The rope")
@@ -252,8 +267,9 @@ class Stops:
         """Return the buffers of a crane.
 
         On its buffer, each drive with the masses on it oscillates at ω = `_STOP_FREQUENCY` with the
-        damping ratio ζ = `_STOP_DAMPING`: k = m ω² and d = 2 ζ ω m. The inertia m is that at the
-        start with the passive joints at zero, where the load hangs below.
+        damping ratio ζ = `_STOP_DAMPING`: k = m ω² and d = 2 ζ ω m. The inertia m is that with the
+        drives as at the start and the passive joints at zero, where the load of this project's
+        cranes hangs plumb.
         """
         drives = crane.layout.drives
         q = crane.start.q.copy()
@@ -285,8 +301,8 @@ class Stops:
     def effort_of(self, drive: int, position: Any, rate: Any) -> Any:
         """Return the effort of the buffers of one drive at its position and rate.
 
-        A buffer only pushes: its force counts where it is opposite to the way by which the drive is
-        beyond the end of its range, which is 0 inside the range.
+        A buffer only pushes back inwards: a force that would pull outwards counts as 0, and so does
+        any force while the drive is inside its range.
         """
         beyond = position - clipped(position, self.lower[drive], self.upper[drive])
         pushing = -(self.stiffness[drive] * beyond) - self.damping[drive] * rate

@@ -15,8 +15,8 @@ import scipy
 
 from cranedyn.checks import as_array, check_choice, finite, whole, within
 from cranedyn.clocks import clocks
+from cranedyn.dynamics.equations_of_motion import holding_effort, linearise
 from cranedyn.dynamics.joint_forces import TAUT, JointForces
-from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import Misshapen, ModelError, OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
@@ -57,7 +57,8 @@ class Linear:
     Attributes:
         a: Derivative of dz/dt by z, shape (2 n, 2 n).
         b: Derivative of dz/dt by the command, shape (2 n, m).
-        held: Indices in z of what has no motion of its own, see `held_states`.
+        held: Indices in z of coordinates and rates that a taut rope or a leader determines, see
+            `held_states`.
     """
 
     a: np.ndarray
@@ -124,10 +125,10 @@ def over_period(
 
 
 def held_states(crane: Crane, state: State) -> list[int]:
-    """Return the indices in z of what has no motion of its own.
+    """Return the indices in z of coordinates and rates that a taut rope or a leader determines.
 
-    These are coordinate and rate of the stretch of an inextensible rope that is taut at the state,
-    and of joints that follow others, whose effect is counted with their leaders.
+    These are those of the stretch of an inextensible rope that is taut at the state, and those of
+    joints that follow others, whose effect is counted with their leaders.
     """
     n = crane.layout.n
     joints = np.arange(n)
@@ -178,6 +179,9 @@ def linear(
     by_z = np.vstack([rates_by_state, by_state])
     by_u = np.vstack([np.zeros_like(by_command), by_command])
     if crane.coupling is not None:
+        # The derivatives of the accelerations of followers are those of their motion with their
+        # leaders, which is counted with the leaders already. (The stretch that a taut rope holds
+        # has no accelerations and no columns; its row ds/dt = v_s stays, and v_s is zero.)
         by_z[held] = 0.0
         by_z[:, held] = 0.0
         by_u[held] = 0.0
@@ -217,8 +221,8 @@ def feedback_gain(crane: Crane, stiffness: np.ndarray, damping: np.ndarray) -> n
 
 @dataclass(frozen=True, eq=False)
 class FreeModes:
-    """How the p passive joints swing about a rest while the drives are locked, undamped, the
-    slowest first.
+    """How p passive joints swing about a rest while the drives are locked, undamped, the slowest
+    first. They are all passive joints but the stretch of an inextensible rope, which is taut.
 
     Attributes:
         frequencies: Frequencies [rad/s], shape (p,).
@@ -254,7 +258,8 @@ class FreeModes:
 
 
 def free_modes(crane: Crane, state: State) -> FreeModes:
-    """Return frequencies and shapes of the passive joints with the drives locked.
+    """Return frequencies and shapes of the passive joints with the drives locked, and with an
+    inextensible rope taut.
 
     They solve K x = ω² M x, with the second derivatives K of the energy of gravity and springs and
     the mass matrix M, both of the passive joints alone.
@@ -325,7 +330,7 @@ class Mode:
         return float(-self.rate.real / abs(self.rate))
 
 
-def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
+def dominant_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
     """Return the oscillation of a sampled closed loop in which a coordinate has the largest share.
 
     Args:

@@ -50,8 +50,10 @@ class Rows(np.ndarray):
         return np.cos(self)
 
 
-def rows(table: np.ndarray) -> np.ndarray:
-    """Return the columns of a table, shape (n, k), as an array of k objects of n rows each."""
+def column_objects(table: np.ndarray) -> np.ndarray:
+    """Return the columns of a table of coordinates or efforts in many rows, shape (rows, k), as an
+    array of k objects, each of which holds one quantity in all rows.
+    """
     columns = np.empty(table.shape[1], dtype=object)
     for i, column in enumerate(np.asarray(table, dtype=float).T):
         columns[i] = column.view(Rows)
@@ -91,16 +93,17 @@ def clipped(value: Any, low: Any, high: Any) -> Any:
     return chosen(value > high, high, value)
 
 
-def flag(condition: Any, of: Any) -> Any:
+def flag(condition: Any, compared: Any) -> Any:
     """Return 1 where a condition holds, else 0.
 
     Args:
         condition: The condition.
-        of: A number that was compared; its program emits the choice, see `chosen`.
+        compared: A number of the same kind as those that were compared. Of a program under
+            construction it is a value, whose program emits the choice, see `chosen`.
     """
     if isinstance(condition, bool | np.bool_ | np.ndarray):
         return chosen(condition, 1.0, 0.0)
-    return of.choices.chosen(condition, 1.0, 0.0)
+    return compared.choices.chosen(condition, 1.0, 0.0)
 
 
 def magnitude(value: Any) -> Any:
@@ -145,12 +148,15 @@ def cross_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def solve_linear(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve mass @ x = right for a symmetric positive definite matrix; zeros between branches of
-    the tree are left out.
+    """Solve mass @ x = right for a symmetric positive definite matrix.
 
-    Unknowns are eliminated from the last, two at a time: by determinants two take one division,
-    where one after the other they take two, and the second waits for the first. With the last block
-    B, its coupling C to the unknowns before, and the right sides r and rB, those before solve
+    Elements that are known to be zero, between branches of the tree, take no code: a value of a
+    program times the float 0 is folded to 0.
+
+    Unknowns are eliminated from the last, two at a time. A 2 × 2 block takes one division by its
+    determinant; two pivots one after the other would take two, the second of which depends on the
+    first. With the last block B, its coupling C to the unknowns before, and the right sides r and
+    rB, those before solve
 
         (A - Cᵀ B⁻¹ C) x = r - Cᵀ B⁻¹ rB     and then     xB = B⁻¹ (rB - C x),
 

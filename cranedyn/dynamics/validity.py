@@ -1,5 +1,5 @@
-"""Validity of the model: joints within their ranges, a rope in tension, a load above the ground
-and below the jib.
+"""Validity of the model: joints within their ranges, a rope in tension, swings of less than 90°,
+and the centre of the payload above the ground.
 
 The tension is the sum of the forces of the hoist and of the buffers at the ends of the cable. At
 the shortest cable the trolley can push the hook block down, but a rope cannot push the load: where
@@ -16,11 +16,11 @@ import numpy as np
 
 from cranedyn.checks import as_array
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.bodies import heights, numeric_bodies
+from cranedyn.dynamics.bodies import bodies_of_crane, heights
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
+from cranedyn.dynamics.joint_forces import JointForces, rope_tension
 from cranedyn.model.crane import Crane
-from cranedyn.model.layout import Layout
+from cranedyn.model.layout import ALIGNED, Layout
 
 
 class Bound(NamedTuple):
@@ -66,6 +66,7 @@ def bounds(
     v: np.ndarray,
     swings: Mapping[int, Any],
     tension: Any,
+    payload: int,
     height: Any,
     *,
     buffers: bool,
@@ -78,19 +79,26 @@ def bounds(
 
     Args:
         layout: Joints of the crane.
-        limits: The crane, or its plant: ranges of the joints and limits of the drives.
+        limits: The crane, or its plant in compiled code. Its attributes ``lower`` and ``upper`` are
+            the ranges of the joints, n numbers each, ``effort_limit`` and ``rate_limit`` the limits
+            of the drives, m numbers each.
         q: Coordinates, n numbers.
         v: Their rates, n numbers.
         swings: Angles of the swing joints from where they hang [rad], by their indices among the
             coordinates.
-        tension: Tension of the rope [N]; None without a hoist.
-        height: Height of the payload [m].
-        buffers: See `conditions`.
-        needed: See `conditions`, m numbers.
-        rates: See `conditions`.
+        tension: Tension of the rope [N]; None without a hoist. Not used for a rope that may go
+            slack.
+        payload: Index of the joint that carries the payload.
+        height: Height of the centre of the payload in the world [m].
+        buffers: Whether buffers end the ranges of the drives, so that leaving them a little is
+            allowed.
+        needed: Efforts that the drives need to follow a motion or a rate [N m or N], m numbers;
+            None for drives that take efforts.
+        rates: Whether the drives must keep their largest rates; frequency converters keep them by
+            themselves.
         rope: Indices of the stretch and of the length of a rope that may go slack; None for one
             that may not.
-        level: Height of the ground [m].
+        level: Height of the ground in the world [m].
     """
     yield from _joint_ranges(layout, limits, q, swings, buffers=buffers)
 
@@ -106,44 +114,49 @@ def bounds(
         yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, message)
 
     message = "the payload is at a height of {value:.6g} m, below the ground"
-    yield Bound(layout.n - 1, height, level, None, False, message)
+    yield Bound(payload, height, level, None, False, message)
 
     for i, joint in enumerate(layout.driven):
         index = int(layout.drives[i])
         if needed is not None:
             limit = limits.effort_limit[i] * _LIMIT_MARGIN
-            message = _exceeded_message(joint.name, "would need", "has", joint.effort_unit)
+            unit = joint.effort_unit
+            message = (
+                f"{joint.name} would need {{value:.6g}} {unit} to accelerate as commanded, its "
+                f"drive has {{low:.6g}} to {{high:.6g}} {unit}"
+            )
             yield Bound(index, needed[i], -limit, limit, False, message)
         if rates:
             limit = limits.rate_limit[i] * _LIMIT_MARGIN
-            message = _exceeded_message(joint.name, "moves at", "at", f"{joint.unit}/s")
+            unit = f"{joint.unit}/s"
+            message = (
+                f"{joint.name} moves at {{value:.6g}} {unit}, its drive at {{low:.6g}} to "
+                f"{{high:.6g}} {unit}"
+            )
             yield Bound(index, v[index], -limit, limit, False, message)
 
 
 def _joint_ranges(
     layout: Layout, limits: Any, q: np.ndarray, swings: Mapping[int, Any], *, buffers: bool
 ) -> Iterator[Bound]:
-    """Yield the conditions on coordinates: swings below the horizontal, and joints inside their
-    ranges, but for those of drives that buffers end. Arguments are those of `bounds`.
+    """Yield the conditions on coordinates: swings of less than 90° from where the load hangs, and
+    joints inside their ranges, but for those of drives that buffers end. Arguments are those of
+    `bounds`.
     """
     for i, joint in enumerate(layout.joints):
-        message = (
-            f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to "
-            f"{{high:.6g}} {joint.unit}"
-        )
-        if joint.passive and joint.kind == "revolute":
-            # A passive joint that is no swing counts from its zero.
+        # A joint about the vertical, such as a swivel, turns the load without lifting it.
+        if joint.passive and joint.kind == "revolute" and abs(joint.axis[2]) < ALIGNED:
+            message = (
+                f"{joint.name} swings by {{value:.6g}} rad, beyond 90° from where the load hangs"
+            )
+            # A passive joint that is no swing, such as an elastic one, counts from its zero.
             yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, message)
         if not (joint.driven and buffers):
+            message = (
+                f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to "
+                f"{{high:.6g}} {joint.unit}"
+            )
             yield Bound(i, q[i], limits.lower[i], limits.upper[i], False, message)
-
-
-def _exceeded_message(joint: str, verb: str, ability: str, unit: str) -> str:
-    """Return the message of a drive beyond its limit, with fields to fill in as in `Bound`."""
-    return (
-        f"{joint} {verb} {{value:.6g}} {unit}, its drive {ability} {{low:.6g}} to {{high:.6g}} "
-        f"{unit}"
-    )
 
 
 class Event(NamedTuple):
@@ -183,11 +196,11 @@ def conditions(
             ignored without a hoist.
         buffers: Whether buffers end the ranges of the drives, so that leaving them a little is
             allowed.
-        needed: Efforts needed to follow a motion or a rate [N m or N], shape (rows, m); None for
-            drives that take efforts.
+        needed: Efforts that the drives need to follow a motion or a rate [N m or N], shape (rows,
+            m); None for drives that take efforts.
         rates: Whether the drives must keep their largest rates; frequency converters keep them by
             themselves.
-        level: Height of the ground [m].
+        level: Height of the ground in the world [m].
 
     Raises:
         OutOfRange: If an array has another shape.
@@ -195,8 +208,8 @@ def conditions(
     q = as_array("q", q, ("rows", crane.layout.n))
     v = as_array("v", v, q.shape)
     hoist = as_array("hoist", hoist, q.shape[:1])
-    height = heights(numeric_bodies(crane), q, crane.payload.body, crane.payload.lever)
-    tension = tension_from_hoist_force(crane.layout, JointForces.of(crane), q.T, v.T, hoist)
+    height = heights(bodies_of_crane(crane), q, crane.payload.body, crane.payload.lever)
+    tension = rope_tension(crane.layout, JointForces.of(crane), q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     if needed is not None:
         needed = as_array("needed", needed, (len(q), crane.layout.m)).T
@@ -208,6 +221,7 @@ def conditions(
         v.T,
         swings,
         tension,
+        crane.payload.body,
         height,
         buffers=buffers,
         needed=needed,
@@ -239,10 +253,12 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
         run: The run. Rows that it marks as valid count as such.
     """
     buffers = run.parameters.get("validity") == "buffers"
-    hoist = hoisting(crane, run.effort)
+    hoist = hoist_force(crane, run.effort)
     if buffers:
         hoist = hoist + cable_buffers(crane, run.q, run.v)
     drive = run.parameters.get("drive")
+    # Of drives that follow a motion or a rate a run records in `command` the effort that they need,
+    # see `take_command` of `cranedyn.dynamics.drives`.
     state_bounds = conditions(
         crane,
         run.q,
@@ -259,9 +275,9 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     return sorted(found)
 
 
-def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
-    """Return the column of the hoist in the efforts of the drives [N], shape (rows,); zeros without
-    a hoist.
+def hoist_force(crane: Crane, effort: np.ndarray) -> np.ndarray:
+    """Return the force of the hoist from the efforts of all drives [N], shape (rows,); zeros
+    without a hoist.
 
     Args:
         crane: The crane.

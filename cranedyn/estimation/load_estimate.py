@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.checks import ShortRepr, check_choice, number, whole
+from cranedyn.dynamics.equations_of_motion import inverse_dynamics
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
 from cranedyn.estimation.observer import check_next_call, initial_std_of
 from cranedyn.estimation.sensor_model import noise_of, standard_deviations

@@ -11,9 +11,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics.equations_of_motion import by_state_and_force, over_all_joints
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import by_state_and_force, full
 from cranedyn.dynamics.scalars import clipped
 from cranedyn.estimation.observer import corrected_covariance, kalman_gain, process_noise
 from cranedyn.interfaces import State
@@ -177,7 +177,7 @@ class LoadFilter:
         """Return the state after a time [s] under efforts [N m or N], shape (m,), by one step of
         RK4 with the estimated load.
         """
-        tau = full(self.crane, effort)
+        tau = over_all_joints(self.crane, effort)
 
         # The rule works in units of its step: rates u = time v, accelerations time² a.
         def acceleration(q: np.ndarray, u: np.ndarray) -> np.ndarray:

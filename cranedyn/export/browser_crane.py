@@ -16,8 +16,8 @@ from cranedyn.clocks import whole_periods
 from cranedyn.controllers.lqr import effort_weight_of, lqr
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import HEADROOM, Converters
+from cranedyn.dynamics.equations_of_motion import natural_frequencies
 from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.dynamics.pinocchio import natural_frequencies
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
 from cranedyn.references.limits import Limits

@@ -40,7 +40,7 @@ from cranedyn.controllers.affine import Affine, AffineController, integrated_com
 from cranedyn.controllers.damping import DampingController
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.converters import converters as typical_converters
-from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.estimation.observer import ObserverController

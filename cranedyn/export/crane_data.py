@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.controllers.affine import Affine, affine_form
-from cranedyn.dynamics.pinocchio import full, holding_effort
+from cranedyn.dynamics.equations_of_motion import holding_effort, over_all_joints
 from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
 from cranedyn.interfaces import Controller
 from cranedyn.model.crane import Crane
@@ -304,7 +304,7 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
     URDF.
     """
     elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
-    holding = full(crane, holding_effort(crane, crane.start.q))
+    holding = over_all_joints(crane, holding_effort(crane, crane.start.q))
     exported = []
     for i, joint in enumerate(crane.layout.joints):
         limit = elements[joint.name].find("limit")

@@ -24,10 +24,10 @@ from scipy.spatial.transform import Rotation
 
 from cranedyn.data.files import with_ending
 from cranedyn.disturbances.wind import AIR_DENSITY
-from cranedyn.dynamics.bodies import bodies
+from cranedyn.dynamics.bodies import bodies_of_model
 from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.export.browser_crane import (
     DT,
     PERIOD,
@@ -275,7 +275,7 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
 def _joints_data(crane: Crane) -> list[dict[str, Any]]:
     """Return names, places, axes and ranges of the joints."""
     model = crane.model
-    tree = bodies(model)
+    tree = bodies_of_model(model)
     data = []
     for i, joint in enumerate(crane.layout.joints):
         # Joint 0 of Pinocchio is the world.

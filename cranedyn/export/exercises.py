@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cranedyn.dynamics.pinocchio import payload_position, pivot_position
+from cranedyn.dynamics.equations_of_motion import payload_position, pivot_position
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.lift import plan_lift

@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline, CubicSpline
 from cranedyn.checks import as_array, finite
 from cranedyn.data.external import Source, load_external
 from cranedyn.data.logs import open_log
-from cranedyn.dynamics.pinocchio import natural_frequencies
+from cranedyn.dynamics.equations_of_motion import natural_frequencies
 from cranedyn.errors import DataError
 from cranedyn.identification.period import possible_periods, recorded_period
 from cranedyn.identification.sampling import Samples, SmoothCurve, is_irregular, samples, smooth

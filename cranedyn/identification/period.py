@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import detrend
 
-from cranedyn.dynamics.pinocchio import natural_frequencies
+from cranedyn.dynamics.equations_of_motion import natural_frequencies
 from cranedyn.model.crane import Crane
 
 MOST_SAMPLES = 2**16

@@ -15,8 +15,8 @@ from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.converters import Converters, converters_of_run
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.linearisation import held_states
-from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.export.matlab import linear_system

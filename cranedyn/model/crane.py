@@ -17,7 +17,7 @@ from cranedyn.data.time_series import html_table
 from cranedyn.errors import Misshapen, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.model.friction import DryFriction
-from cranedyn.model.layout import Layout
+from cranedyn.model.layout import ALIGNED, Layout
 from cranedyn.model.mimics import Coupling
 from cranedyn.model.springs import (
     Rest,
@@ -329,12 +329,14 @@ class Crane:
                 )
 
     def _start_range(self, joint: int, q: np.ndarray) -> tuple[float, float]:
-        """Return the range in which a joint may start [rad or m]: its range in the URDF, and less
-        than 90° of swing from where the load hangs with the drives as in q.
+        """Return the range in which a joint may start [rad or m]: its range in the URDF, and for a
+        swing less than 90° from where the load hangs with the drives as in q.
         """
         low = float(self.lower[joint])
         high = float(self.upper[joint])
-        if joint not in self.swings or not self.rest.hangs:
+        # A joint about the vertical, such as a swivel, turns the load without lifting it.
+        is_vertical = abs(self.layout.joints[joint].axis[2]) >= ALIGNED
+        if joint not in self.swings or is_vertical or not self.rest.hangs:
             return low, high
         swing = self.swings.tolist().index(joint)
         hanging = float(self.rest.angle[swing] + self.rest.slope[swing] @ q[self.layout.drives])

@@ -12,7 +12,7 @@ class ForeignModel:
 
     Attributes:
         robot: The URDF, drives in its element ``<ros2_control>`` and springs in ``<gazebo>``.
-        gravity: Gravity along -Z that the file says [m/s²]; None if it says none.
+        gravity: Gravity along -Z that the file states [m/s²]; None if it states none.
         notes: A sentence on everything that was assumed, or left out without changing the motion.
     """
 

@@ -528,8 +528,8 @@ def _crane_from_record(record: Mapping[str, Any], path: Path) -> Crane:
     )
     robot = parse_urdf(content["urdf"], path)
     model = _checked_model(robot, path)
-    record = {"arguments": content["arguments"]} if "arguments" in content else None
-    return _crane(robot, model, path, partial(_recorded_urdf, content), options, record)
+    arguments = {"arguments": content["arguments"]} if "arguments" in content else None
+    return _crane(robot, model, path, partial(_recorded_urdf, content), options, arguments)
 
 
 def _describes_crane(content: Mapping[str, Any]) -> bool:

@@ -22,6 +22,9 @@ line, or None for where a joint starts."""
 def lock_joints(robot: ET.Element, locked: Locked, path: Path) -> list[str]:
     """Make joints of a checked URDF fixed ones, in place, with all that mimic them.
 
+    The range of a joint that mimics a locked one is not checked: it is held where its leader puts
+    it.
+
     Args:
         robot: The URDF.
         locked: The joints. A joint without a coordinate is held where it starts: at its initial
@@ -92,7 +95,10 @@ def _lock(
 
 
 def _forget_motion(robot: ET.Element, joint: ET.Element) -> None:
-    """Remove what a URDF says about the motion of a joint: axis, limits, drive and spring."""
+    """Remove what a URDF says about the motion of a joint: its axis, limits, damping and mimic, its
+    entry in ``<ros2_control>``, and each ``<transmission>`` and ``<gazebo reference>`` that names
+    it, with all that is in them.
+    """
     name = joint.get("name")
     for child in list(joint):
         if child.tag in ("axis", "limit", "dynamics", "mimic"):

@@ -1,7 +1,7 @@
 """Library of machines: numbers of real cranes, each machine with its source.
 
 A file in ``cranedyn/machines`` has the arguments of a crane of this project: those that its source
-states, with half of their intervals, and those that no source states.
+states, each with its tolerance, and those that no source states, which are assumed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ class MachineSpecification(NamedTuple):
         source: Place where its numbers are published.
         urdf: File of this project whose arguments they are; None for the tower crane.
         values: Arguments of that file by name, those assumed among them.
-        margins: Half of the interval of each value that the source states, by name.
+        margins: Tolerances of what the source states: ± this number. Those of values are under the
+            names of the arguments, those of accelerations under the symbols of the drives.
         accelerations: Largest accelerations of the drives [rad/s² or m/s²] by symbol, as
             `cranedyn.dynamics.converters.converters` takes them. Rates are velocity limits of the
             crane.
@@ -61,7 +62,7 @@ def read_machine(name: str) -> MachineSpecification:
         raise UnknownName("machine", name, machine_names())
     content = tomllib.loads((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
     path = XACRO.with_name(f"{content['crane']}.urdf.xacro")
-    # The file states a value or an acceleration as [number, half of its interval].
+    # The file states a value or an acceleration as [number, tolerance ±].
     stated = content["values"]
     accelerations = content.get("accelerations", {})
     values = {key: value for key, (value, _) in stated.items()}

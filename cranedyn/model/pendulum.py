@@ -17,8 +17,8 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.springs import rest_stiffness
 
 _MIN_STIFFNESS_RATIO = 0.02
-"""Stiffness of a joint over weight times distance of the load, above which it swings. Of a point
-load on a horizontal axis it is 1."""
+"""A joint counts as a swing where its stiffness is more than this share of m g l, the stiffness of
+a point load m at the distance l from a horizontal axis."""
 
 LARGEST_DIFFERENCE = 0.2
 """Relative difference of the two periods from which on a crane says so. Loads on ropes of the usual
@@ -30,7 +30,8 @@ _MIN_FREQUENCY_RATIO = 1e-3
 
 @dataclass(frozen=True)
 class Pendulum:
-    """The slowest swing of a load at the start of its crane, drives locked.
+    """The slowest swing of a load at the start of its crane, with all joints locked but the swings
+    that gravity restores.
 
     Attributes:
         period: Its period [s].
@@ -105,7 +106,7 @@ def pendulum_note(crane: Crane) -> tuple[str, ...]:
         f"{swing.length:.3g} m below the pivot would swing with {swing.point_period:.3g} s."
     )
     if ratio < 1.0:
-        return (f"{sentence} Masses above the load, or springs, make the difference.",)
+        return (f"{sentence} Masses above the load make the difference.",)
     # A compound pendulum of mass m and inertia J about its centre of mass, at the distance l, has
     # the period 2π √((m l² + J)/(m g l)): the square of the ratio is 1 + J/(m l²).
     of_mass = crane.payload_mass * swing.length**2

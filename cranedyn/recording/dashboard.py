@@ -10,7 +10,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from cranedyn.dynamics.bodies import point_paths
-from cranedyn.dynamics.pinocchio import payload_position, point_positions
+from cranedyn.dynamics.equations_of_motion import payload_position, point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.contents import SCENE, TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND, drawn_size, payload_entity

@@ -26,7 +26,7 @@ from rerun.urdf import UrdfTree
 from scipy.spatial.transform import Rotation
 
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
+from cranedyn.dynamics.equations_of_motion import payload_orientation, point_positions
 from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
 from cranedyn.model.urdf import parse_urdf, skeleton

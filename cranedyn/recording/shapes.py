@@ -33,7 +33,7 @@ from cranedyn.data.files import read_bytes
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.contact import ON_GROUND
-from cranedyn.dynamics.pinocchio import body_points
+from cranedyn.dynamics.equations_of_motion import body_points
 from cranedyn.errors import DataError, quoted
 from cranedyn.model.crane import Crane, Point
 from cranedyn.model.springs import Bifilar, Rope

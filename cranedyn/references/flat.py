@@ -14,7 +14,7 @@ import scipy
 
 from cranedyn.checks import finite, number, within
 from cranedyn.clocks import intervals
-from cranedyn.dynamics.pinocchio import pivot_position
+from cranedyn.dynamics.equations_of_motion import pivot_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane

@@ -13,7 +13,7 @@ import pinocchio as pin
 from cranedyn.checks import Shape, ShortRepr, finite, number
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.scalars import rows
+from cranedyn.dynamics.scalars import column_objects
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
@@ -139,7 +139,7 @@ def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     pool = pin.ModelPool(crane.model, 1)
     forces = pin.rneaInParallel(1, pool, motion.q.T, motion.v.T, motion.a.T).T
     forces = forces.reshape(motion.q.shape)  # of one row Pinocchio returns a vector
-    joint = JointForces.of(crane).effort(rows(motion.q), rows(motion.v))
+    joint = JointForces.of(crane).effort(column_objects(motion.q), column_objects(motion.v))
     if crane.coupling is None:
         for i in motion.drives:
             forces[:, i] -= joint[i]

@@ -17,7 +17,7 @@ import pinocchio as pin
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.validity import Bound, conditions, first_event, hoisting, valid
+from cranedyn.dynamics.validity import Bound, conditions, first_event, hoist_force, valid
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import State
 from cranedyn.simulation.run_spec import RunSpec
@@ -350,7 +350,7 @@ class Log:
         t = float(self.t[last])
         hint = ""
         if self.spec.validity == "stop":
-            hint = "; validity = mark goes on all the same"
+            hint = '; validity="mark", or --validity mark, goes on all the same'
         message = f"At t = {t:.4g} s {event.words}{hint}."
         raise RunError(message, t=t, joint=event.joint, value=event.value)
 
@@ -393,7 +393,7 @@ class Log:
         contacts = self.spec.contacts
         # Height of the ground, below which a load must not be.
         level = 0.0 if contacts is None else contacts.level
-        hoist_effort = hoisting(self.spec.crane, self.effort[rows])
+        hoist_effort = hoist_force(self.spec.crane, self.effort[rows])
         return conditions(
             self.spec.crane,
             self.q[rows],

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.errors import CraneError, RunError, format_error
+from cranedyn.errors import CraneError, OutOfRange, RunError, format_error
 from cranedyn.interfaces import (
     Controller,
     Disturbance,
@@ -132,6 +132,12 @@ def simulate(
         disturbance=disturbance,
         ground=ground,
     )
+    if isinstance(controller, type):
+        raise OutOfRange(
+            "controller",
+            f"the class {controller.__name__}",
+            f"a function, or an instance such as {controller.__name__}(...)",
+        )
     if reference is None:
         reference = hold(crane, spec.start)
     engine_name = default_engine(spec) if engine is None else engine

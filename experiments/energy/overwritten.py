@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from cranedyn.data.trajectory import Trajectory, read_columns
-from cranedyn.dynamics.pinocchio import energy
+from cranedyn.dynamics.equations_of_motion import energy
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
-from cranedyn.dynamics.pinocchio import energy
+from cranedyn.dynamics.equations_of_motion import energy
 from cranedyn.interfaces import State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import spline

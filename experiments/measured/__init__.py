@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cranedyn.dynamics.pinocchio import energy
+from cranedyn.dynamics.equations_of_motion import energy
 from cranedyn.errors import DataError
 from cranedyn.identification import Estimate, Model, Prior, Record, identify, twin_of
 from cranedyn.identification.estimate import ENOUGH

@@ -8,7 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.dynamics.pinocchio import prescribed_acceleration
+from cranedyn.dynamics.equations_of_motion import prescribed_acceleration
 from cranedyn.interfaces import Controller, Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from experiments.oracles.bench import (

@@ -15,8 +15,8 @@ import numpy as np
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.equations_of_motion import over_all_joints
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.dynamics.pinocchio import full
 from cranedyn.model.crane import Crane
 from cranedyn.recording import Run
 from cranedyn.references import hold, ramp
@@ -169,7 +169,7 @@ def mujoco_deviation(crane: Crane, run: Trajectory) -> float:
             float(np.abs(data.qpos - run.q[k]).max()),
             float(np.abs(data.qvel - run.v[k]).max()),
         )
-        acting = full(crane, run.effort[k])
+        acting = over_all_joints(crane, run.effort[k])
         if rope is None:
             data.qfrc_applied[:] = acting
             mujoco.mj_step(mj_model, data, steps)

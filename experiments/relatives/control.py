@@ -16,9 +16,9 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import steady, wind
+from cranedyn.dynamics.equations_of_motion import point_positions
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.linearisation import free_modes, sampled
-from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.estimation.mpc import mpc
 from cranedyn.estimation.observer import with_observer
 from cranedyn.interfaces import Controller, EngineName, State

@@ -13,8 +13,8 @@ import numpy as np
 
 from cranedyn import theory
 from cranedyn.controllers import Hold
+from cranedyn.dynamics.equations_of_motion import holding_effort, linearise
 from cranedyn.dynamics.linearisation import free_modes
-from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate

@@ -18,7 +18,7 @@ from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.velocity_command import VelocityCommand, as_velocity_command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane

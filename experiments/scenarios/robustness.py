@@ -17,8 +17,8 @@ from cranedyn.checks import whole
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.dynamics.converters import Converters, converters
-from cranedyn.dynamics.pinocchio import payload_position
-from cranedyn.dynamics.validity import conditions, hoisting, valid
+from cranedyn.dynamics.equations_of_motion import payload_position
+from cranedyn.dynamics.validity import conditions, hoist_force, valid
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -266,7 +266,7 @@ def _whole(crane: Crane, batch: Batch) -> np.ndarray:
     effort = batch.effort.reshape(-1, batch.effort.shape[-1])
     # A crane that diverged has numbers that are not finite.
     with np.errstate(invalid="ignore"):
-        holds = valid(conditions(crane, q, v, hoisting(crane, effort))).reshape(shape)
+        holds = valid(conditions(crane, q, v, hoist_force(crane, effort))).reshape(shape)
     return holds.all(axis=1).astype(float)
 
 

@@ -27,7 +27,7 @@ from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join
 from cranedyn.disturbances import wind
-from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.dynamics.integrators import (
     Acceleration,
     Add,

@@ -16,7 +16,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
-from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane

@@ -23,8 +23,8 @@ from cranedyn.compiled.machine import translate
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import converters
-from cranedyn.dynamics.pinocchio import payload_position, prescribed_acceleration
-from cranedyn.dynamics.validity import hoisting
+from cranedyn.dynamics.equations_of_motion import payload_position, prescribed_acceleration
+from cranedyn.dynamics.validity import hoist_force
 from cranedyn.errors import CraneError
 from cranedyn.estimation import with_sensor_model
 from cranedyn.interfaces import Controller, Drive, Setpoint, State
@@ -257,7 +257,7 @@ def test_it_never_commands_a_slack_rope_however_fast_the_hoist_may_be(drive: Dri
         goal = at((rng.uniform(-1, 1), rng.uniform(4, 20), rng.uniform(6, 20)))
         made = receding(crane(), fast, drive=drive, swing_limit=0.5, stage=0.1)
         run = to(goal, start, made, duration=2.0, drive=drive)
-        tension = -hoisting(crane(), run.effort)
+        tension = -hoist_force(crane(), run.effort)
         # A tenth of the weight, which the effort of a held acceleration meets at control instants.
         assert tension.min() >= made.programme.min_tension * (1.0 - 1e-9)
 

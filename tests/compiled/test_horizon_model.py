@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from cranedyn.compiled.horizon import horizon_model
 from cranedyn.compiled.horizon.receding import Receding, receding
 from cranedyn.compiled.machine import translate
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold

@@ -18,7 +18,7 @@ import pytest
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances import wind
-from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane

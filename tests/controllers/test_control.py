@@ -23,14 +23,14 @@ from cranedyn.controllers.paper import (
     slew_plane,
     trolley_plane,
 )
-from cranedyn.dynamics.linearisation import sampled
-from cranedyn.dynamics.pinocchio import (
+from cranedyn.dynamics.equations_of_motion import (
     acceleration,
     holding_effort,
     linearise,
     payload_position,
     prescribed_acceleration,
 )
+from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.joystick import JoystickPulse, joystick

@@ -16,7 +16,7 @@ from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.velocity_command import VelocityCommand, as_velocity_command
 from cranedyn.dynamics.converters import Converters, converters
-from cranedyn.dynamics.pinocchio import acceleration
+from cranedyn.dynamics.equations_of_motion import acceleration
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references import hold
 from cranedyn.references.flat import flat

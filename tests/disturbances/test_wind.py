@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
 from cranedyn.disturbances import wind
-from cranedyn.dynamics.pinocchio import outside_effort, point_positions, point_velocities
+from cranedyn.dynamics.equations_of_motion import outside_effort, point_positions, point_velocities
 from cranedyn.interfaces import State
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, crane, locked, quickly, states

@@ -25,12 +25,13 @@ from cranedyn.dynamics.contact import (
     ground_phases,
     standing,
 )
+from cranedyn.dynamics.equations_of_motion import body_points, payload_position
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.joint_forces import SLACK, TAUT, JointForces
-from cranedyn.dynamics.pinocchio import body_points, payload_position
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
+from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.bench import MASS, Bench, check_oracle, locked, point_crane
 from experiments.oracles.bench import G as GRAVITY
@@ -426,3 +427,12 @@ def test_a_platform_that_cannot_be_meant_is_refused(values: dict[str, Any]) -> N
     meant: dict[str, Any] = {"centre": (0.0, 0.0), "size": (1.0, 1.0), "height": 1.0}
     with pytest.raises(OutOfRange, match=f"{next(iter(values))} of a platform"):
         Platform(**{**meant, **values})
+
+
+def test_a_load_on_a_rope_that_does_not_stretch_cannot_stand_below_where_it_hangs() -> None:
+    c = load_crane(**box_load(1000.0, 1.5, 3.0, 1.2), rope_stiffness=math.inf, hoist_max=30.0)
+    ground = Ground(box_corners(1.5, 3.0, 1.2))
+    with pytest.raises(OutOfRange, match="since the rope does not stretch; give a larger l"):
+        standing(c, ground, c.state(l=20.0))
+    stands = standing(c, ground, c.state(l=28.0))
+    assert stands.q[c.layout.index("rope_stretch")] == pytest.approx(-1.198)

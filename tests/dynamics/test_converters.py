@@ -23,7 +23,7 @@ from cranedyn.dynamics.converters import (
     default_rates,
     within_efforts,
 )
-from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -127,9 +127,9 @@ def test_a_reference_waits_for_a_drive_that_stalls() -> None:
 
 def test_commands_are_cut_to_the_rate_and_rounded_to_the_resolution() -> None:
     response = Response([1.0, 1.0], [1.0] * 2, [1.0] * 2, [1.0] * 2, [0.25, 0.0])
-    assert response.heard([0.3, 0.3]) == [0.25, 0.3]
-    assert response.heard([-9.0, 9.0]) == [-1.0, 1.0]
-    assert response.cuts([1.0, 1.1]) == [False, True]
+    assert response.quantize_commands([0.3, 0.3]) == [0.25, 0.3]
+    assert response.quantize_commands([-9.0, 9.0]) == [-1.0, 1.0]
+    assert response.saturates([1.0, 1.1]) == [False, True]
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from numpy.testing import assert_allclose
 
-from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
+from cranedyn.dynamics import equations_of_motion as dynamics
+from cranedyn.dynamics.joint_forces import JointForces, rope_tension
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from tests.helpers import G, accelerations, big_crane, crane, efforts, flow, pendulum_period, states
@@ -35,7 +35,7 @@ def test_prescribed_motion_moves_the_drives_as_asked_and_asks_nothing_of_the_swi
     a, effort = dynamics.prescribed_acceleration(crane(damp_swing=0), state, setpoint)
     assert a[DRIVES].tolist() == setpoint.tolist()
     # rounding: the forces of the swing joints are differences of terms of 1e6 N m
-    assert_allclose(PAPER.forces(*state, a), dynamics.full(crane(), effort), atol=1e-7)
+    assert_allclose(PAPER.forces(*state, a), dynamics.over_all_joints(crane(), effort), atol=1e-7)
 
 
 @pytest.mark.parametrize("damping", [np.zeros(5), DAMPING], ids=["none", "at every joint"])
@@ -44,7 +44,7 @@ def test_accelerations_are_those_of_the_lagrangian_by_hand_less_damping(
     damping: np.ndarray, state: State, effort: np.ndarray
 ) -> None:
     a = dynamics.acceleration(crane(damp_swing=0) if not damping.any() else DAMPED, state, effort)
-    expected = dynamics.full(crane(), effort) - damping * state.v
+    expected = dynamics.over_all_joints(crane(), effort) - damping * state.v
     # rounding of sums whose largest terms are the inertia forces of 1e6 kg m²
     rounding = 1e-9 * max(1e5, np.abs(PAPER.mass_matrix(state.q).real * a).max())
     assert_allclose(PAPER.forces(*state, a), expected, atol=rounding)
@@ -186,7 +186,7 @@ def test_theta_is_positive_when_the_load_lags_the_jib(push: float) -> None:
 
 
 def _rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
-    return tension_from_hoist_force(crane.layout, JointForces.of(crane), *state, effort[2])
+    return rope_tension(crane.layout, JointForces.of(crane), *state, effort[2])
 
 
 @given(states, accelerations)

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from cranedyn.analysis.prediction import free_swing
 from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import Hold, hold_controller
-from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
-from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.equations_of_motion import holding_effort
+from cranedyn.dynamics.linearisation import dominant_mode, feedback_gain, sampled
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.load import load_crane
@@ -69,7 +69,7 @@ def test_with_drives_held_hard_the_mode_is_the_compound_pendulum(
     dt = 1e-3
     plant = sampled(c, c.state(l=10.0), dt=dt, control_period=5e-3)
     gain = feedback_gain(c, np.array([0.0, 0.0, 3e4]), np.array([0.0, 0.0, 2e4]))
-    mode = swing_mode(plant.closed(gain), 5e-3, coordinate)
+    mode = dominant_mode(plant.closed(gain), 5e-3, coordinate)
     total = 1000.0 * 10.0**2 + inertia
     natural = math.sqrt(1000.0 * G * 10.0 / total)
     ratio = 2e3 / (2.0 * total * natural)
@@ -84,7 +84,7 @@ def test_a_mode_is_measured_by_its_weights() -> None:
     c = crane()
     plant = sampled(c, c.start)
     loop = plant.closed(feedback_gain(c, np.array([5e5, 3e5, 3e4]), np.array([1e6, 5e4, 2e4])))
-    mode = swing_mode(loop, plant.period, 2)
+    mode = dominant_mode(loop, plant.period, 2)
     # rounding.
     assert_allclose(loop @ mode.shape, np.exp(mode.rate * plant.period) * mode.shape, atol=1e-12)
     assert mode.shape[2] == pytest.approx(1.0, abs=1e-12)
@@ -107,7 +107,7 @@ def test_a_tiny_swing_in_the_loop_is_the_mode(coordinate: str, clocks: dict[str,
     late = found.since(35.0)  # of the drives' own modes the slew's is slowest: exp(-t/2)
     fit = fit_swing(late.t, late.q[:, i])
     plant = sampled(c, c.state(l=6.0), **clocks)
-    mode = swing_mode(
+    mode = dominant_mode(
         plant.closed(feedback_gain(c, brake.stiffness, brake.damping)), plant.period, i
     )
     # amplitude² / 16 = 6e-10, what is left of other modes.
@@ -148,7 +148,7 @@ def test_without_effects_of_amplitude_the_prediction_is_the_mode() -> None:
     tiny = pulse(c, hold(c, start), "x", 1e-6, at=1.0, width=2.8)
     found = free_swing(c, brake, tiny, start, since=12.0, until=50.0)
     plant = sampled(c, start)
-    mode = swing_mode(
+    mode = dominant_mode(
         plant.closed(feedback_gain(c, brake.stiffness, brake.damping)), plant.period, 2
     )
     assert found.period == pytest.approx(mode.period, rel=1e-12)
@@ -178,7 +178,7 @@ def test_where_the_hold_believes_in_another_gravity_the_load_hangs_lower() -> No
     found = free_swing(c, brake, reference, start, since=12.0, until=50.0)
     sag = 1000.0 * (9.9 - STANDARD_GRAVITY) / 3e4
     lower = sampled(c, c.state(l=8.0 + sag))
-    mode = swing_mode(
+    mode = dominant_mode(
         lower.closed(feedback_gain(c, brake.stiffness, brake.damping)), lower.period, 2
     )
     assert found.period == pytest.approx(mode.period, rel=1e-12)

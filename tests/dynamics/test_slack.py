@@ -17,9 +17,17 @@ from cranedyn import theory
 from cranedyn.controllers import Hold, hold_controller
 from cranedyn.data.trajectory import Trajectory, join, read
 from cranedyn.dynamics.drives import EffortDrives, MotionDrives
+from cranedyn.dynamics.equations_of_motion import (
+    acceleration,
+    constraint_tension,
+    holding_effort,
+    linearise,
+    payload_position,
+    prescribed_acceleration,
+)
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
+from cranedyn.dynamics.joint_forces import JointForces, rope_tension
 from cranedyn.dynamics.linearisation import free_modes, held_states, sampled
-from cranedyn.dynamics.pinocchio import holding_effort, linearise, payload_position
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.loads import loads
@@ -331,3 +339,38 @@ def test_a_load_that_falls_or_is_taken_up_pulls_and_bounces_as_on_a_rope_of_exud
     assert -1e-3 < pull.min() <= 0.0 and 1.0 in run["phase"]  # theirs is regularised by 1e-4 N
     # Exudyn's steps do not end at an event: (ω dt)² of the speed
     assert_allclose(depth[-1], length + run["rope_stretch_m"][-1], atol=2e-6)
+
+
+def test_a_taut_rope_that_does_not_stretch_holds_its_load_also_where_one_state_is_asked_for() -> (
+    None
+):
+    c = slack_crane()
+    rest = c.start
+    held = holding_effort(c, rest.q)
+    assert_allclose(acceleration(c, rest, held), 0.0, atol=1e-12)
+    a, needed = prescribed_acceleration(c, rest, np.zeros(3))
+    assert_allclose(a, 0.0, atol=1e-12)
+    assert_allclose(needed, held)
+    slack = lifted(c, 0.5)
+    stretch = c.layout.index("rope_stretch")
+    assert acceleration(c, slack, 0.0 * held)[stretch] == pytest.approx(c.gravity)
+    assert prescribed_acceleration(c, slack, np.zeros(3))[0][stretch] == pytest.approx(c.gravity)
+
+
+@pytest.mark.parametrize("start", [{}, {"phi": 0.3, "phi_dot": 0.2}])
+def test_the_tension_of_a_rope_that_does_not_stretch_is_that_of_a_rigid_one(
+    start: dict[str, float],
+) -> None:
+    rigid = load_crane(**POINT, hoist_velocity=20.0)
+    c = slack_crane()
+    wind = np.zeros((len(c.points), 3))
+    wind[0, 1] = 900.0
+    state = c.state(**start)
+    # At rest of the hoist the force of its drive is the tension, whatever the mass of the drum.
+    _, needed = prescribed_acceleration(c, state, np.zeros(3))
+    _, expected = prescribed_acceleration(rigid, rigid.state(**start), np.zeros(3))
+    assert constraint_tension(c, state, needed) == pytest.approx(-expected[2])
+    gusty = constraint_tension(c, state, needed, wind)
+    assert (abs(gusty + expected[2]) > 100.0) == bool(start)
+    assert constraint_tension(c, lifted(c, 0.5), needed) == 0.0
+    assert rope_tension(c.layout, JointForces.of(c), state.q, state.v, needed[2]) is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -12,11 +13,12 @@ from numpy.testing import assert_allclose
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
-from cranedyn.dynamics.bodies import bodies, heights, point_paths
-from cranedyn.dynamics.pinocchio import point_positions
-from cranedyn.dynamics.validity import events
+from cranedyn.dynamics.bodies import bodies_of_model, heights, point_paths
+from cranedyn.dynamics.equations_of_motion import point_positions
+from cranedyn.dynamics.validity import conditions, events, first_event, valid
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import EngineName, Setpoint, State
+from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat
@@ -177,7 +179,7 @@ def test_heights_of_many_rows_are_pinocchios_on_an_arm_with_turned_joints() -> N
     for row, one in enumerate(q):
         pin.forwardKinematics(model, data, one)
         expected[row] = [data.oMi[i].act(point)[2] for i in range(1, model.njoints)]
-    found = [heights(bodies(model), q, body, point) for body in range(model.nv)]
+    found = [heights(bodies_of_model(model), q, body, point) for body in range(model.nv)]
     assert_allclose(np.transpose(found), expected, atol=1e-13)  # rounding of heights of some metres
 
 
@@ -200,7 +202,7 @@ def test_a_load_on_the_ground_stops_the_run_when_it_gets_there() -> None:
 def test_a_swing_beyond_the_jib_stops_the_run() -> None:
     point = big_crane()
     start = point.state(l=20.0, phi=1.5, phi_dot=0.5)
-    with pytest.raises(RunError, match=r"swing_radial_joint is at 1\.57\d* rad"):
+    with pytest.raises(RunError, match=r"swing_radial_joint swings by 1\.57\d* rad"):
         simulate(point, locked, start=start, duration=5.0, drive="motion")
 
 
@@ -275,3 +277,45 @@ def test_a_controller_cannot_change_the_setpoint_it_is_given() -> None:
 
     with pytest.raises(RunError, match="read-only"):
         simulate(crane(), meddling, duration=1.0)
+
+
+BRANCHED = """<robot name="bridge"><link name="ground"/>
+  <link name="carriage">{body}</link><link name="rod"/>
+  <link name="load">{body}</link><link name="camera">{body}</link><link name="spun">{body}</link>
+  <joint name="travel" type="prismatic"><parent link="ground"/><child link="carriage"/>
+    <origin xyz="0 0 9"/><axis xyz="1 0 0"/>
+    <limit lower="-5" upper="5" effort="1e4" velocity="1"/></joint>
+  <joint name="swing" type="revolute"><parent link="carriage"/><child link="rod"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="lift" type="prismatic"><parent link="rod"/><child link="load"/>
+    <axis xyz="0 0 -1"/><limit lower="1" upper="20" effort="1e4" velocity="1"/></joint>
+  <joint name="swivel" type="revolute"><parent link="load"/><child link="spun"/>
+    <axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
+  <joint name="zoom" type="prismatic"><parent link="carriage"/><child link="camera"/>
+    <axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1e3" velocity="1"/></joint>
+</robot>""".replace(
+    "{body}",
+    '<inertial><mass value="50"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>",
+)
+"""A bridge crane with a camera on its carriage, whose joint comes after that of the payload, and a
+swivel below the hook."""
+
+
+@pytest.fixture
+def branched(tmp_path: Path) -> Crane:
+    path = tmp_path / "bridge.urdf"
+    path.write_text(BRANCHED, encoding="utf-8")
+    return load_crane(path, driven=["travel", "lift", "zoom"], payload="swivel")
+
+
+def test_a_payload_below_the_ground_is_named_by_its_joint_in_a_tree_too(branched: Crane) -> None:
+    q = branched.state(lift=10.0).q
+    event = first_event(branched, conditions(branched, q[None], 0.0 * q[None], np.array([-500.0])))
+    assert event is not None
+    assert (event.joint, event.value) == ("swivel", pytest.approx(-1.0))
+
+
+def test_a_load_may_turn_about_the_vertical_as_far_as_its_swivel_does(branched: Crane) -> None:
+    q = branched.state(swivel=3.0, lift=5.0).q
+    assert valid(conditions(branched, q[None], 0.0 * q[None], np.array([-500.0]))).all()

@@ -13,7 +13,7 @@ import pytest
 
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.pinocchio import holding_effort, linearise, prescribed_acceleration
+from cranedyn.dynamics.equations_of_motion import holding_effort, linearise, prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
 from cranedyn.estimation import (
     with_load_estimate,

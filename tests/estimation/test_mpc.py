@@ -17,8 +17,8 @@ pytest.importorskip("daqp", reason="daqp is not installed: pip install 'cranedyn
 from cranedyn.controllers import lqr
 from cranedyn.controllers.lqr import effort_weight_of, riccati, state_weight_of
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.linearisation import sampled
-from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, RunError
 from cranedyn.estimation import mpc
 from cranedyn.estimation.mpc import PredictiveController

@@ -14,16 +14,16 @@ from numpy.testing import assert_allclose
 
 from cranedyn import theory
 from cranedyn.controllers import follow
-from cranedyn.dynamics.integrators import rk4
-from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
-from cranedyn.dynamics.linearisation import free_modes
-from cranedyn.dynamics.pinocchio import (
+from cranedyn.dynamics.equations_of_motion import (
     acceleration,
     energy,
     holding_effort,
     linearise,
     payload_position,
 )
+from cranedyn.dynamics.integrators import rk4
+from cranedyn.dynamics.joint_forces import JointForces, rope_tension
+from cranedyn.dynamics.linearisation import free_modes
 from cranedyn.estimation.observer import disturbance_of, initial_std_of
 from cranedyn.interfaces import EngineName, State
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -168,7 +168,7 @@ def test_a_rope_stretches_by_its_load_over_its_stiffness_at_its_length() -> None
     assert at_start(c, "rope_stretch") == pytest.approx(stretch, rel=1e-12)
     # a drum that is braked hard pushes the hoist joint, while the rope stays taut
     for hoist in (-weight, 1e4):
-        tension = tension_from_hoist_force(c.layout, JointForces.of(c), *c.start, hoist)
+        tension = rope_tension(c.layout, JointForces.of(c), *c.start, hoist)
         assert tension == pytest.approx(weight, rel=1e-12)
 
 

@@ -21,7 +21,7 @@ from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers.follow import follow
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.converters import converters
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import CraneError
 from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import State

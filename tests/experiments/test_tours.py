@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.controllers import follow
 from cranedyn.controllers.damping import with_damping
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
 from cranedyn.lifts.planning.itinerary import ARTICLE_TOUR, tour

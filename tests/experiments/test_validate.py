@@ -185,10 +185,10 @@ def test_another_integrator_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    usual = loop.follow_drives
+    usual = loop.solve_accelerations
     monkeypatch.setattr(
         loop,
-        "follow_drives",
+        "solve_accelerations",
         lambda model, data, q, v, a, *more: usual(model, data, q, 0.0 * v, a, *more),
     )
     assert _failing(swings.running_cable, point_crane(), "φ after", "pinocchio") == 2

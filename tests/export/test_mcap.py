@@ -36,7 +36,7 @@ from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from cranedyn.__main__ import main  # noqa: E402
 from cranedyn.controllers import hold_controller  # noqa: E402
 from cranedyn.data.trajectory import Trajectory  # noqa: E402
-from cranedyn.dynamics.pinocchio import payload_position  # noqa: E402
+from cranedyn.dynamics.equations_of_motion import payload_position  # noqa: E402
 from cranedyn.errors import CraneError, DataError, OutOfRange  # noqa: E402
 from cranedyn.export import mcap  # noqa: E402
 from cranedyn.interop import bags  # noqa: E402

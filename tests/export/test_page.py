@@ -27,7 +27,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
 from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.converters import converters
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import DataError
 from cranedyn.export import browser_crane, driving_page, exercises
 from cranedyn.identification.checked_record import load_record

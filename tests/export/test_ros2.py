@@ -19,7 +19,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
-from cranedyn.dynamics.pinocchio import full
+from cranedyn.dynamics.equations_of_motion import over_all_joints
 from cranedyn.errors import DataError, ModelError, OutOfRange
 from cranedyn.export import gazebo, ros2
 from cranedyn.model.crane import Crane
@@ -281,7 +281,7 @@ def test_the_crane_moves_in_dart_as_here_under_the_same_efforts_to_rounding(
     for efforts in run.effort:
         rows.append([*skeleton.getPositions(), *skeleton.getVelocities()])
         for _ in range(round(PERIOD / DT)):
-            skeleton.setForces(full(crane, efforts))
+            skeleton.setForces(over_all_joints(crane, efforts))
             world.step()
     # Rounding, as in test_cross_engines.
     assert_allclose(rows, np.hstack([run.q, run.v]), rtol=0.0, atol=1e-12)

@@ -14,8 +14,8 @@ from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.linearisation import held_states, sampled
-from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.interfaces import Drive, State

@@ -24,7 +24,7 @@ import scipy
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.pinocchio import natural_frequencies
+from cranedyn.dynamics.equations_of_motion import natural_frequencies
 from cranedyn.errors import ModelError, RunError
 from cranedyn.interfaces import State
 from cranedyn.model import mjcf, mjcf_compiler

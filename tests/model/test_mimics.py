@@ -10,8 +10,8 @@ import pytest
 
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller, lqr
+from cranedyn.dynamics.equations_of_motion import acceleration, energy, holding_effort
 from cranedyn.dynamics.linearisation import linear
-from cranedyn.dynamics.pinocchio import acceleration, energy, holding_effort
 from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane

@@ -119,6 +119,7 @@ def test_a_hook_on_two_falls_is_where_it_hangs_on_one() -> None:
             "gives a spring .springStiffness. of 5 to rope_stretch_joint",
         ),
     ],
+    ids=["damping", "friction", "friction_of_an_elastic_rope", "spring_of_an_elastic_rope"],
 )
 def test_nothing_but_the_rope_acts_on_its_stretch(
     tmp_path: Path, rope: float, dynamics: str, block: str, refusal: str

@@ -30,13 +30,13 @@ from cranedyn.dynamics.drives import (
     MotionDrives,
     VelocityDrives,
 )
-from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.dynamics.pinocchio import (
+from cranedyn.dynamics.equations_of_motion import (
     body_points,
-    follow_drives,
     inverse_dynamics,
     outside_effort,
+    solve_accelerations,
 )
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.interfaces import Controller, Monitor, Reference, State
 from cranedyn.model.crane import Crane, Point
 from cranedyn.references.simple import checked_reference
@@ -178,7 +178,7 @@ class RopeOfDrives:
         """Return accelerations of all joints, shape (n,), and note the tension."""
         drives = self._drives
         a = drives.acceleration(q, v)
-        joint, external = drives.passive_forces(q, v)
+        joint, external = drives.joint_and_external_forces(q, v)
         needed = inverse_dynamics(self._crane.model, self._data, q, v, a, joint, external)
         self.tension = min(self.tension, -float(needed[self.rope.stretch]))
         return a
@@ -225,7 +225,9 @@ class RopeOfDrives:
         weight = pin.rnea(model, self._data, q, still, still).copy()
         wanted = still.copy()
         wanted[stretch] = -v[stretch]
-        change = follow_drives(model, self._data, q, still, wanted, weight, self._free_when_taut)
+        change = solve_accelerations(
+            model, self._data, q, still, wanted, weight, self._free_when_taut
+        )
         mean_momentum = pin.rnea(model, self._data, q, still, v + 0.5 * change) - weight
         after = v + change
         after[stretch] = 0.0

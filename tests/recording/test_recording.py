@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import Ground, box_corners, box_load, standing
-from cranedyn.dynamics.pinocchio import payload_position, pivot_position
+from cranedyn.dynamics.equations_of_motion import payload_position, pivot_position
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane

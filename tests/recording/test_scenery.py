@@ -18,7 +18,7 @@ from rerun.components import AggregationPolicy
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import wind
-from cranedyn.dynamics.pinocchio import payload_position, pivot_position
+from cranedyn.dynamics.equations_of_motion import payload_position, pivot_position
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane

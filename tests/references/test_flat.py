@@ -14,7 +14,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import betainc
 
-from cranedyn.dynamics.pinocchio import payload_position, pivot_position
+from cranedyn.dynamics.equations_of_motion import payload_position, pivot_position
 from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.references import flat

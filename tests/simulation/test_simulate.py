@@ -19,7 +19,7 @@ from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.disturbances.wind import constant_force
-from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
@@ -495,3 +495,14 @@ def test_the_plain_loop_of_the_example_does_the_same_to_round_off() -> None:
         duration=5.0,
     )
     assert np.abs(example["plain_loop"](5.0) - run.q).max() < 1e-14
+
+
+def test_a_class_in_place_of_a_controller_is_refused_by_name() -> None:
+    class Damper:
+        def __call__(self, *arguments: object) -> np.ndarray:
+            return np.zeros(3)
+
+    with pytest.raises(
+        OutOfRange, match=r"controller is the class Damper; .* such as Damper\(...\)"
+    ):
+        simulate(crane(), Damper, duration=0.1)

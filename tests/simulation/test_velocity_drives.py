@@ -147,7 +147,8 @@ def test_a_motion_that_needs_more_effort_than_a_drive_has_is_refused_or_marked()
     jumps = follow(c, ramp(c, hold(c), "x", 1.0, rate=0.5, at=0.1))  # half a metre a second at once
     how: dict[str, Any] = {"duration": 0.5, "drive": "motion"}
     with pytest.raises(
-        RunError, match=r"trolley_joint would need .* N, its drive has -2000 to 2000"
+        RunError,
+        match=r"trolley_joint would need .* N to accelerate as commanded, its drive has -2000 to",
     ):
         simulate(c, jumps, **how)
     marked = simulate(c, jumps, validity="mark", **how)

@@ -19,4 +19,4 @@ def test_the_code_of_the_page_runs_from_its_first_line_to_its_last(
     scope: dict[str, object] = {"__name__": "contributing"}
     for block in blocks:
         exec(compile(block, "CONTRIBUTING.md", "exec", dont_inherit=True), scope)
-    assert len(blocks) == 8
+    assert len(blocks) == 9

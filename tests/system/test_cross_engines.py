@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 from benchmarks.contestants.mujoco import twin
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold, ramp

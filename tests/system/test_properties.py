@@ -19,7 +19,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.disturbances import wind
-from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import Disturbance, Setpoint, State
 from cranedyn.model.crane import Crane

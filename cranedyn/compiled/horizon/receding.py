@@ -30,7 +30,7 @@ from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, converters_of_run
-from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane

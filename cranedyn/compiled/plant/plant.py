@@ -19,10 +19,10 @@ from cranedyn.checks import read_only
 from cranedyn.compiled.plant import rigid_body
 from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.disturbances.wind import drag_force
-from cranedyn.dynamics.bodies import Bodies, blank, bodies, height, numeric_bodies
+from cranedyn.dynamics.bodies import Bodies, blank, bodies_of_crane, bodies_of_model, height
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import DrivenMotion, Response, saturate_acceleration
-from cranedyn.dynamics.joint_forces import JointForces, Stops, tension_from_hoist_force
+from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
 from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
 from cranedyn.dynamics.validity import bounds
 from cranedyn.model.crane import Crane, once_per_crane
@@ -72,7 +72,7 @@ class Topology:
         above_hoist: list[int] = []
         if crane.layout.has("hoist"):
             hoist = crane.layout.role("hoist", "")
-            above_hoist = numeric_bodies(crane).path(hoist)[:-1]
+            above_hoist = bodies_of_crane(crane).path(hoist)[:-1]
         rope = crane.springs.rope
         falls = crane.springs.bifilar
         return Topology(
@@ -459,7 +459,7 @@ class Plant:
         """
         layout = self.topology.layout
         rope = self.joint.rope
-        tension = tension_from_hoist_force(layout, self.joint, q, v, hoist_force)
+        tension = rope_tension(layout, self.joint, q, v, hoist_force)
         payload_height = height(self.tree, q, self.topology.bodies[0], self.levers[0])
         state_bounds = bounds(
             layout,
@@ -468,6 +468,7 @@ class Plant:
             v,
             self.swing_angles(q),
             tension,
+            self.topology.bodies[0],
             payload_height,
             buffers=self.buffers,
             needed=None if self.drive == "effort" else needed,
@@ -582,7 +583,7 @@ def numbers(crane: Crane) -> np.ndarray:
     stops = Stops.of(crane)
     no_numbers = np.zeros(0)
     sections: dict[str, Any] = {
-        "tree": bodies(crane.model).numbers(),
+        "tree": bodies_of_model(crane.model).numbers(),
         "damping": crane.damping,
         "friction_effort": no_numbers if friction is None else friction.effort,
         "friction_width": no_numbers if friction is None else friction.width,

@@ -44,7 +44,8 @@ def regrouped(tree: Bodies) -> Bodies:
     * A prismatic joint does not turn its body against the parent. The parent takes over the inertia
       about the centre of mass.
     * A revolute joint about an axis of its frame on which the centre of mass lies does not move the
-      centre against the parent. The parent takes over the mass, as a point there.
+      centre against the parent. The parent takes over the mass, as a point there. A helical joint
+      moves it along the axis, and keeps its mass.
 
     Source: Gautier and Khalil, IEEE Trans. Robotics and Automation 6 (1990), 368-373.
     """
@@ -54,7 +55,8 @@ def regrouped(tree: Bodies) -> Bodies:
     # From the tips to the base, so that what a body took over can be handed on.
     for i in range(len(tree) - 1, -1, -1):
         parent = tree.parents[i]
-        about = tree.axis[i, 1]
+        along, about = tree.axis[i]
+        slides = not all(is_zero(component) for component in along)
         rotation = tree.rotation[i]
         turned_axes = [k for k, component in enumerate(about) if not is_zero(component)]
         if parent < 0 or len(turned_axes) > 1:
@@ -62,7 +64,7 @@ def regrouped(tree: Bodies) -> Bodies:
         if not turned_axes:
             inertia[parent] = inertia[parent] + rotation @ inertia[i] @ rotation.T
             inertia[i] = 0.0
-        elif all(is_zero(component) for component in np.delete(lever[i], turned_axes)):
+        elif not slides and all(is_zero(x) for x in np.delete(lever[i], turned_axes)):
             place = tree.translation[i] + rotation @ lever[i]
             _add_mass(mass, lever, inertia, parent, mass[i], place)
             mass[i] = 0.0

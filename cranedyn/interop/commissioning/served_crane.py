@@ -12,9 +12,14 @@ import numpy as np
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.converters import ROUNDING, STEPS, converters
+from cranedyn.dynamics.equations_of_motion import (
+    constraint_tension,
+    holding_effort,
+    point_positions,
+    point_velocities,
+)
 from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
-from cranedyn.dynamics.pinocchio import holding_effort, point_positions, point_velocities
+from cranedyn.dynamics.joint_forces import JointForces, rope_tension
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.interop.commissioning import words
@@ -144,7 +149,7 @@ class ServedCrane:
         # Time of the last new heartbeat, or at which no drive was enabled [s].
         self._last_heartbeat = 0.0
         self._impossible: set[str] = set()
-        self._publish(self._last_commands, holding)
+        self._publish(self._last_commands, holding, np.zeros((len(layout.points), 3)))
 
     @property
     def t(self) -> float:
@@ -176,7 +181,7 @@ class ServedCrane:
         if self.cycles % CHECKING == 0:
             self._recorded.judge()
         self.cycles += 1
-        self._publish(commands, self._recorded.actuation.effort)
+        self._publish(commands, self._recorded.actuation.effort, force)
 
     def _column(self, commands: Mapping[str, int], word: str) -> np.ndarray:
         """Return a command of each drive, shape (m,)."""
@@ -253,12 +258,14 @@ class ServedCrane:
             room[end, self._hoist] = min(room[end, self._hoist], height)
         return room
 
-    def _publish(self, commands: Mapping[str, int], effort: np.ndarray) -> None:
+    def _publish(self, commands: Mapping[str, int], effort: np.ndarray, force: np.ndarray) -> None:
         """Read the sensors, stop where they show a fault, and publish their readings.
 
         Args:
             commands: Commands of this cycle.
             effort: Efforts of the drives [N m or N], shape (m,).
+            force: Forces of the wind on the points of the crane in the world [N], shape (points,
+                3).
         """
         speed = self.state.v[self._layout.drives]
         self._read_encoders(self._column(commands, "inject"), speed)
@@ -274,7 +281,7 @@ class ServedCrane:
             "fault": self.fault,
             "wind_speed": commands["wind"],
         }
-        for name, value in self._rope_readings(effort).items():
+        for name, value in self._rope_readings(effort, force).items():
             readings[name] = words.INVALID if rope_sensor_lost else round(value)
         status = self._status(speed)
         for i, symbol in enumerate(self._symbols):
@@ -298,11 +305,13 @@ class ServedCrane:
         self._encoder = encoder
         self._trip_drives(words.ENCODER, is_wrong)
 
-    def _rope_readings(self, effort: np.ndarray) -> dict[str, float]:
+    def _rope_readings(self, effort: np.ndarray, wind_force: np.ndarray) -> dict[str, float]:
         """Return what the sensors of the rope read, by name: angles and load [counts].
 
         Args:
             effort: Efforts of the drives [N m or N], shape (m,).
+            wind_force: Forces of the wind on the points of the crane in the world [N], shape
+                (points, 3).
         """
         q, v = self.state
         layout = self._layout
@@ -311,8 +320,10 @@ class ServedCrane:
         for i, angle in zip(self.crane.swings.tolist(), angles, strict=True):
             readings[f"{layout.symbols[i]}.angle"] = angle
         if self._hoist is not None:
-            force = float(effort[self._hoist])
-            tension = tension_from_hoist_force(layout, JointForces.of(self.crane), q, v, force)
+            hoist_force = float(effort[self._hoist])
+            tension = rope_tension(layout, JointForces.of(self.crane), q, v, hoist_force)
+            if tension is None:  # an inextensible rope
+                tension = constraint_tension(self.crane, self.state, effort, wind_force)
             readings["load"] = tension / self.crane.gravity
         return readings
 

@@ -19,8 +19,8 @@ from cranedyn.checks import finite, number
 from cranedyn.data.time_series import TimeSeries
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
-from cranedyn.dynamics.validity import hoisting
+from cranedyn.dynamics.joint_forces import JointForces, rope_tension
+from cranedyn.dynamics.validity import hoist_force
 from cranedyn.errors import OutOfRange, UnknownColumn
 from cranedyn.lifts.judging.wrench import Moving, Wrench
 from cranedyn.lifts.planning.site import Arm, Base
@@ -266,7 +266,7 @@ def _of_rope(
     weight = hanging_mass(crane) * crane.gravity
     joint = layout.role("hoist", "The rope")
     pull = moving.through(joint).force
-    hoist = hoisting(crane, effort)
+    hoist = hoist_force(crane, effort)
     hoist = hoist + (cable_buffers(crane, moving.q, moving.v) if buffers else 0.0)
     rope_spring = crane.springs.rope
     if rope_spring is not None and rope_spring.inextensible:
@@ -275,7 +275,7 @@ def _of_rope(
         tension = _along(moving.through(stretch).force, moving.axis(stretch))
     else:
         tension = np.broadcast_to(
-            tension_from_hoist_force(layout, JointForces.of(crane), moving.q.T, moving.v.T, hoist),
+            rope_tension(layout, JointForces.of(crane), moving.q.T, moving.v.T, hoist),
             len(hoist),
         )
     columns = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}

@@ -13,8 +13,8 @@ import numpy as np
 from cranedyn.compiled.plant import rigid_body
 from cranedyn.compiled.plant.plant import Topology, numbers, plant
 from cranedyn.compiled.plant.rigid_body import ExternalForce, Frame
-from cranedyn.dynamics.bodies import Bodies, numeric_bodies
-from cranedyn.dynamics.scalars import array, rows
+from cranedyn.dynamics.bodies import Bodies, bodies_of_crane
+from cranedyn.dynamics.scalars import array, column_objects
 from cranedyn.model.crane import Crane
 
 
@@ -74,19 +74,21 @@ class Moving:
         """
         topology = Topology.of(crane)
         crane_plant = plant(topology, numbers(crane).tolist(), "effort", buffers)
-        outside = None if force is None or not np.any(force) else rows(force)
-        caused = crane_plant.answer(rows(q), rows(v), rows(effort), outside)[0]
+        outside = None if force is None or not np.any(force) else column_objects(force)
+        caused = crane_plant.answer(
+            column_objects(q), column_objects(v), column_objects(effort), outside
+        )[0]
         # The tree of the plant counts masses that move together with their parents. What passes
         # through a joint is that of the masses beyond it, so that it needs each where it is.
-        tree = numeric_bodies(crane)
+        tree = bodies_of_crane(crane)
         forces: list[ExternalForce] = []
         if outside is not None:
             points = zip(topology.bodies, crane_plant.levers, outside.reshape(-1, 3), strict=True)
             forces = [
                 ExternalForce(body, lever, point_force) for body, lever, point_force in points
             ]
-        frames = rigid_body.frames(tree, rows(q))
-        transmitted = rigid_body.transmitted(tree, frames, rows(v), caused, forces)
+        frames = rigid_body.frames(tree, column_objects(q))
+        transmitted = rigid_body.transmitted(tree, frames, column_objects(v), caused, forces)
         return cls(tree, q, v, frames, transmitted)
 
     def through(self, joint: int) -> Wrench:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PPoly
 
-from cranedyn.dynamics.pinocchio import prescribed_acceleration
+from cranedyn.dynamics.equations_of_motion import prescribed_acceleration
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning import transcription
 from cranedyn.lifts.planning.move import Move, is_at_rest

@@ -22,8 +22,8 @@ from cranedyn.checks import number, within
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import OFF_LEAD, Ground, Hull, box_corners, standing
+from cranedyn.dynamics.equations_of_motion import body_points, payload_position, point_velocities
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import body_points, payload_position, point_velocities
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.coverage import Pairs, coverage_check, hanging_pairs, slewing_pairs

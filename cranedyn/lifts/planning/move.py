@@ -19,10 +19,10 @@ from scipy.interpolate import BPoly
 
 from cranedyn.checks import number
 from cranedyn.compiled.plant import rigid_body
-from cranedyn.dynamics.bodies import bodies
+from cranedyn.dynamics.bodies import bodies_of_model
+from cranedyn.dynamics.equations_of_motion import holding_effort, payload_position
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.linearisation import free_modes
-from cranedyn.dynamics.pinocchio import holding_effort, payload_position
 from cranedyn.dynamics.scalars import array
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning import transcription
@@ -244,7 +244,7 @@ def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         v: Their rates, shape (n,).
         a: Their accelerations, shape (n,).
     """
-    tree = bodies(model)
+    tree = bodies_of_model(model)
     # The same numbers as Python objects, which symbols can be combined with.
     tree = tree.with_numbers(tree.numbers().tolist())
     angles = _elements(q)
@@ -265,8 +265,8 @@ def hybrid_dynamics(
     """Return accelerations of all joints when those of the drives are given, and the drive efforts
     that this costs.
 
-    The same as `cranedyn.dynamics.pinocchio.prescribed_acceleration`, on symbols: shapes (n,),
-    (n,), (m,) to (n,) and (m,). An elastic rope is taut.
+    The same as `cranedyn.dynamics.equations_of_motion.prescribed_acceleration`, on symbols:
+    shapes (n,), (n,), (m,) to (n,) and (m,). An elastic rope is taut.
     """
     layout = crane.layout
     drives = layout.drives.tolist()
@@ -451,7 +451,7 @@ def _margins(move: Move, symbols: _CraneSymbols, spaces: HalfSpaces | None) -> c
     hoist = layout.drive_of("hoist")
     if hoist is not None:
         # The hoist pulls against the tension, and damping and friction of its joint against the
-        # rate of the cable length, see `cranedyn.dynamics.joint_forces.tension_from_hoist_force`.
+        # rate of the cable length, see `cranedyn.dynamics.joint_forces.rope_tension`.
         cable = int(layout.drives[hoist])
         resistance = JointForces.of(move.crane).resistance_of(cable, symbols.v[cable])
         tension = resistance - symbols.effort[hoist]

@@ -16,7 +16,7 @@ import numpy as np
 
 from cranedyn.checks import number, whole, within
 from cranedyn.clocks import intervals
-from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning import transcription

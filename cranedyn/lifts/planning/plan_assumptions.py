@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cranedyn.assumptions import Assumption, Origin
-from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.lifts.planning.site import DISTANCE, SWING, Site
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits

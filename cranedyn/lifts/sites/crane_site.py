@@ -76,7 +76,7 @@ class Station:
         for x in finite(name := f"foot of {quoted(self.name)}", self.foot, (3,), unit="m"):
             within(name, x, -FARTHEST, FARTHEST, "m")
         number(f"heading of {quoted(self.name)}", self.heading, "rad")
-        self.converters.of(self.crane)
+        self.converters.checked_for(self.crane)
         if len(self.brakes.decelerations) != (m := self.crane.layout.m):
             raise OutOfRange("number of brakes", len(self.brakes.decelerations), f"{m}")
         drives = self.converters

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.dynamics.contact import Ground, box_corners
 from cranedyn.dynamics.converters import converters
-from cranedyn.dynamics.pinocchio import body_points
+from cranedyn.dynamics.equations_of_motion import body_points
 from cranedyn.dynamics.scalars import array
 from cranedyn.model.crane import Crane
 from tests.helpers import crane

@@ -15,8 +15,8 @@ from numpy.testing import assert_allclose
 
 from cranedyn.compiled.plant import rigid_body
 from cranedyn.compiled.plant.rigid_body import ExternalForce, Frame
-from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.dynamics.bodies import Bodies, blank, bodies
+from cranedyn.dynamics import equations_of_motion as dynamics
+from cranedyn.dynamics.bodies import Bodies, blank, bodies_of_model
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
@@ -53,7 +53,7 @@ vectors = st.lists(st.floats(-3.0, 3.0), min_size=7, max_size=7).map(np.array)
 
 
 def _tree(model: pin.Model) -> Bodies:
-    tree = bodies(model)
+    tree = bodies_of_model(model)
     return tree.with_numbers(tree.numbers().tolist())
 
 
@@ -136,12 +136,12 @@ def test_accelerations_of_any_tree_are_those_of_pinocchio(
 def test_a_joint_of_another_kind_is_named(joint: object) -> None:
     model = pin.Model()
     with pytest.raises(ModelError, match="has no joint that moves"):
-        bodies(model)
+        bodies_of_model(model)
     if isinstance(joint, pin.JointModelComposite):
         joint.addJoint(pin.JointModelRX(), pin.SE3.Identity())
     model.addJoint(0, joint, pin.SE3.Identity(), "wrist")
     with pytest.raises(ModelError, match=rf"wrist is a {joint.shortname()}; .* must be revolute"):
-        bodies(model)
+        bodies_of_model(model)
 
 
 @given(states)
@@ -184,7 +184,7 @@ def test_a_payload_that_turns_is_pushed_at_its_centre(state: State) -> None:
 
 
 def test_numbers_go_out_and_come_back_in_one_order() -> None:
-    tree = bodies(ARM)
+    tree = bodies_of_model(ARM)
     again = blank(tree.parents).with_numbers(tree.numbers().tolist())
     assert again.numbers().tolist() == tree.numbers().tolist()
     assert _plain(again.inertia).tolist() == tree.inertia.tolist()
@@ -310,3 +310,16 @@ def test_a_difference_counts_from_its_round_off_on() -> None:
     assert off == pytest.approx(0.5e-6, rel=1e-6)
     near = np.array([[1.0, 1.0 - 1e-8], [1.0 - 1e-8, 1.0]])  # condition 2e8: 4e-5 is lost
     assert rigid_body.disagreement(expected + differs, expected, near) == 0.0
+
+
+def test_a_helical_joint_keeps_a_mass_on_its_axis_which_it_moves_along() -> None:
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(joint, pin.Inertia(3.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    joint = model.addJoint(joint, pin.JointModelHZ(0.3), pin.SE3.Identity(), "screw")
+    nut = pin.Inertia(5.0, np.array([0.0, 0.0, 0.7]), np.eye(3))
+    model.appendBodyToJoint(joint, nut, pin.SE3.Identity())
+    q = np.array([0.1, 0.2])
+    less = rigid_body.regrouped(_tree(model))
+    found = _plain(rigid_body.mass_matrix(less, rigid_body.frames(less, q)))
+    assert_allclose(found, pin.crba(model, model.createData(), q))

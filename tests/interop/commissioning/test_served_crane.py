@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.disturbances.wind import AIR_DENSITY, steady, wind
 from cranedyn.dynamics.converters import STEPS, converters
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interop.commissioning import words as w
 from cranedyn.interop.commissioning.served_crane import AREA, GROUND, PERIOD, ServedCrane
@@ -209,7 +209,7 @@ def test_other_cranes_have_words_too_and_a_moving_start_is_refused() -> None:
 
 def test_where_the_model_ceases_to_hold_the_run_ends_with_what_it_recorded() -> None:
     plant = ServedCrane(CRANE, duration=20.0)
-    with pytest.raises(RunError, match="swing_tangential_joint is at"):
+    with pytest.raises(RunError, match="swing_tangential_joint swings by"):
         go(plant, 10.0, wind=10000)
     assert 1 < len(plant.trajectory()) < 10.0 / PERIOD
 
@@ -252,3 +252,10 @@ def test_a_command_that_is_no_number_of_its_type_leaves_the_last_one(value: obje
     told = [text.split(" is ")[0] for _, text in plant.events]
     assert told == named
     assert not same.events and not plant.fault
+
+
+@pytest.mark.parametrize("rope_stiffness", [0.0, 1e7, math.inf])
+def test_the_load_cell_weighs_the_load_on_any_rope(rope_stiffness: float) -> None:
+    plant = ServedCrane(load_crane(rope_stiffness=rope_stiffness), duration=5.0)
+    go(plant, 0.1)
+    assert plant.image.readings["load"] == pytest.approx(1000, abs=2)

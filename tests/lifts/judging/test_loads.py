@@ -16,8 +16,8 @@ import cranedyn as cd
 from cranedyn import theory
 from cranedyn.controllers import Hold, hold_controller
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.equations_of_motion import over_all_joints, payload_position, pivot_position
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import full, payload_position, pivot_position
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.loads import (
@@ -53,7 +53,7 @@ def pinocchio_wrench(
     for (_, body, lever), one in zip(of.points, force.reshape(-1, 3), strict=True):
         local = data.oMi[body + 1].rotation.T @ one
         outside[body + 1] += pin.Force(local, np.cross(lever, local))
-    tau = full(of, effort) + JointForces.of(of).effort(*state)
+    tau = over_all_joints(of, effort) + JointForces.of(of).effort(*state)
     a = pin.aba(model, data, *state, tau, outside)
     pin.rnea(model, data, *state, a, outside)
     at, held = data.oMi[joint + 1], data.f[joint + 1]

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
 
-from cranedyn.dynamics.pinocchio import payload_position, pivot_position
+from cranedyn.dynamics.equations_of_motion import payload_position, pivot_position
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging import wind_limit as wind_limit_module

@@ -16,8 +16,8 @@ import trimesh
 
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.model.layout import ROLES
 from cranedyn.model.load import load_crane

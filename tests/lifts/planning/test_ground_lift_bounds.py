@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cranedyn.dynamics.contact import Ground, Hull, box_corners
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane

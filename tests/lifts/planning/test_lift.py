@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State

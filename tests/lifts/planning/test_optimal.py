@@ -17,7 +17,7 @@ from scipy.linalg import expm
 from scipy.optimize import linprog
 
 from cranedyn.controllers import lqr
-from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.references import Motion

@@ -16,7 +16,7 @@ from markupsafe import escape
 
 from cranedyn.data.trajectory import read_columns
 from cranedyn.disturbances.wind import steady
-from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import CraneError, DataError
 from cranedyn.lifts.planning.lift import NoWay
 from cranedyn.lifts.planning.solids import Solid, box, prism

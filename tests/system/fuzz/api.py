@@ -130,7 +130,7 @@ CALLS = {
         sampled(crane, start, dt=5e-4, control_period=5e-3)
         feedback_gain(crane, (5e5, 3e5, 3e4), (1e6, 5e4, 2e4))
         free_modes(crane, start)
-        swing_mode(loop, 5e-3, 2)
+        dominant_mode(loop, 5e-3, 2)
         free_swing(crane, law, still, crane.state(phi=0.1), since=1.0, until=3.0)
         fit_swing(t, 0.1 * np.exp(-0.01 * t) * np.cos(t))
         zero_crossings(t, np.cos(t))

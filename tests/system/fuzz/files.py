@@ -33,7 +33,7 @@ from cranedyn.data.external import Source, load_external
 from cranedyn.data.files import parse_json
 from cranedyn.data.logs import open_log
 from cranedyn.data.trajectory import Trajectory, read, read_columns
-from cranedyn.dynamics.pinocchio import acceleration, energy
+from cranedyn.dynamics.equations_of_motion import acceleration, energy
 from cranedyn.errors import CraneError
 from cranedyn.identification import read_twin, twin_of
 from cranedyn.lifts.judging.chart import CHARTS, read_chart

@@ -1,4 +1,5 @@
-"""How the crane moves: functions of a crane and a state, by Pinocchio's algorithms.
+"""The equations of motion of a crane: accelerations, efforts, energy and positions at a state, by
+Pinocchio's algorithms.
 
 The equation of motion of the n joints is
 
@@ -11,7 +12,8 @@ M a + b, ABA solves for a, and CRBA returns M (Featherstone, Rigid Body Dynamics
 chapters 5 to 7).
 
 Where joints follow others, a = G a with the coupling matrix G, and both sides are multiplied by Gᵀ,
-see `cranedyn.model.mimics`.
+see `cranedyn.model.mimics`. A taut inextensible rope is a constraint: its stretch does not
+accelerate, and the equation of that row gives the tension instead.
 
 Efforts are those of the m drives [N m or N]; for the tower crane slew torque, trolley force and
 hoist force (negative holds the load). Positions are in the world frame [m]: Z up, for the tower
@@ -34,20 +36,21 @@ from cranedyn.model.mimics import Coupling
 from cranedyn.model.springs import rest_stiffness
 
 
-def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
-    """Return an array over all joints, shape (n,), from one over the drives, shape (m,), with zeros
-    for the passive joints.
+def over_all_joints(crane: Crane, drive_values: np.ndarray) -> np.ndarray:
+    """Return an array over all joints, shape (n,), from values of the drives, shape (m,), with
+    zeros for passive joints and followers.
     """
-    all_joints = np.zeros(crane.layout.n, np.asarray(drives).dtype)
-    all_joints[crane.layout.drives] = drives
+    all_joints = np.zeros(crane.layout.n, np.asarray(drive_values).dtype)
+    all_joints[crane.layout.drives] = drive_values
     return all_joints
 
 
 def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
     """Return the accelerations of all joints under efforts of the drives.
 
-    Damping, dry friction and springs are included. Where no joint follows another the algorithm is
-    ABA; elsewhere the reduced equation of motion is solved.
+    Damping, dry friction and springs are included. A taut inextensible rope holds its stretch, see
+    `JointForces.phase`. The algorithm is ABA where all joints are free; elsewhere the equation of
+    motion of the free ones is solved.
 
     Args:
         crane: The crane.
@@ -57,19 +60,30 @@ def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
     Returns:
         Accelerations [rad/s² or m/s²], shape (n,).
     """
-    tau = full(crane, effort) + JointForces.of(crane).effort(state.q, state.v)
-    if crane.coupling is None:
+    joint = JointForces.of(crane)
+    tau = over_all_joints(crane, effort) + joint.effort(state.q, state.v)
+    holds_stretch = _holds_stretch(joint, state)
+    if crane.coupling is None and not holds_stretch:
         return pin.aba(crane.model, crane.data, state.q, state.v, tau)
-    return follow_drives(
+    free = crane.layout.independent
+    return solve_accelerations(
         crane.model,
         crane.data,
         state.q,
         state.v,
-        np.zeros(crane.layout.n),
-        tau,
-        crane.layout.independent,
+        given=np.zeros(crane.layout.n),
+        forces=tau,
+        unknown=crane.springs.free(free) if holds_stretch else free,
         coupling=crane.coupling,
     )
+
+
+def _holds_stretch(joint: JointForces, state: State) -> bool:
+    """Return whether an inextensible rope is taut at a state, so that its stretch cannot move."""
+    rope = joint.rope
+    if rope is None or not rope.inextensible:
+        return False
+    return bool(joint.phase(state.q, state.v) == TAUT)
 
 
 def prescribed_acceleration(
@@ -79,7 +93,8 @@ def prescribed_acceleration(
     efforts that this takes.
 
     The passive rows of the equation of motion give the accelerations of the passive joints, its
-    drive rows then the efforts.
+    drive rows then the efforts. A taut inextensible rope holds its stretch, see
+    `JointForces.phase`.
 
     Args:
         crane: The crane.
@@ -98,86 +113,126 @@ def prescribed_acceleration(
     data = crane.data
     coupling = crane.coupling
     layout = crane.layout
-    joint = JointForces.of(crane).effort(q, v)
-    a = full(crane, drive_acceleration)
-    a = follow_drives(model, data, q, v, a, joint, layout.passive, coupling=coupling)
-    needed = inverse_dynamics(model, data, q, v, a, joint, coupling=coupling)
+    joint = JointForces.of(crane)
+    passive = layout.passive
+    if _holds_stretch(joint, state):
+        passive = crane.springs.free(passive)
+    forces = joint.effort(q, v)
+    a = over_all_joints(crane, drive_acceleration)
+    a = solve_accelerations(model, data, q, v, a, forces, passive, coupling=coupling)
+    needed = inverse_dynamics(model, data, q, v, a, forces, coupling=coupling)
     return a, needed[layout.drives]
 
 
-def follow_drives(
+def constraint_tension(
+    crane: Crane, state: State, effort: np.ndarray, force: np.ndarray | None = None
+) -> float:
+    """Return the tension of an inextensible rope that may go slack [N]; 0 where it is slack.
+
+    It is the force that holds the stretch s where it is: T = -(M a + b - τ)_s with the row s of the
+    equation of motion and the accelerations a with which the stretch stands still.
+
+    Args:
+        crane: A crane with such a rope.
+        state: Its state.
+        effort: Efforts of the drives [N m or N], shape (m,).
+        force: Forces from outside on the points of the crane in the world [N], shape (points, 3);
+            None for none.
+    """
+    rope = crane.springs.rope
+    assert rope is not None and rope.inextensible
+    joint = JointForces.of(crane)
+    if not _holds_stretch(joint, state):
+        return 0.0
+    q = state.q
+    v = state.v
+    model = crane.model
+    data = crane.data
+    tau = over_all_joints(crane, effort) + joint.effort(q, v)
+    outside = None
+    if force is not None:
+        outside = outside_effort(crane.points, model, data, q, force)
+    free = crane.springs.free(crane.layout.independent)
+    a = solve_accelerations(model, data, q, v, np.zeros(len(q)), tau, free, outside)
+    needed = inverse_dynamics(model, data, q, v, a, tau, outside)
+    return max(-float(needed[rope.stretch]), 0.0)
+
+
+def solve_accelerations(
     model: pin.Model,
     data: pin.Data,
     q: np.ndarray,
     v: np.ndarray,
-    a: np.ndarray,
-    joint: np.ndarray,
-    passive: np.ndarray,
+    given: np.ndarray,
+    forces: np.ndarray,
+    unknown: np.ndarray,
     outside: np.ndarray | None = None,
     coupling: Coupling | None = None,
 ) -> np.ndarray:
-    """Return the accelerations of all joints, shape (n,), from those of the drives; in any unit of
+    """Return the accelerations of all joints, shape (n,), some of which are given; in any unit of
     time.
 
-    With the accelerations split into those of passive joints p and all others d, the passive rows
-    of the equation of motion are as many equations as there are passive joints:
+    The unknown accelerations u follow from the equation of motion, the others g are given. For
+    drives whose motion is prescribed the unknown ones are those of the passive joints. The rows of
+    the unknown ones are as many equations:
 
-        M_pp a_p = -(M_pd a_d + b_p - τ_joint,p - τ_outside,p).
+        M_uu a_u = -(M_ug a_g + b_u - τ_u - τ_outside,u).
 
-    The bracket is what the inverse dynamics leaves in the passive rows with a_p = 0. Where joints
-    follow others these are the rows of Gᵀ M G and Gᵀ b, see `cranedyn.model.mimics`.
+    The bracket is what the inverse dynamics leaves in these rows with a_u = 0. Where joints follow
+    others these are the rows of Gᵀ M G and Gᵀ b, see `cranedyn.model.mimics`.
 
     Args:
         model: A crane's model.
         data: Its scratch memory.
         q: Coordinates, shape (n,).
         v: Their rates, shape (n,).
-        a: Accelerations of the drives among zeros, shape (n,).
-        joint: Generalized forces of damping and springs, shape (n,).
-        passive: Indices of the passive joints.
+        given: Given accelerations, and zeros for the unknown ones, shape (n,).
+        forces: Generalized forces of damping, dry friction and springs, and the efforts of drives
+            whose accelerations are unknown, shape (n,).
+        unknown: Indices of the joints whose accelerations are unknown.
         outside: Generalized forces from outside, shape (n,); None for none.
         coupling: Joints that follow others; None if there are none.
 
     Raises:
-        OutOfRange: If a passive joint has no inertia, as the swing of a point load on a cable of no
+        OutOfRange: If such a joint has no inertia, as the swing of a point load on a cable of no
             length, or its inertia is not a number.
     """
     if coupling is not None:
-        a = coupling.spread(a)
-    if not len(passive):
-        return a.copy()
-    unbalanced = inverse_dynamics(model, data, q, v, a, joint, outside, coupling)
+        given = coupling.spread(given)
+    if not len(unknown):
+        return given.copy()
+    unbalanced = inverse_dynamics(model, data, q, v, given, forces, outside, coupling)
     mass = pin.crba(model, data, q)
     if coupling is not None:
         mass = coupling.reduce(mass)
-    solved = a.copy()
-    if len(passive) == 2:
+    a = given.copy()
+    if len(unknown) == 2:
         # A tower crane's two swings are solved by determinants, which is quicker than NumPy.
-        _solve_two_passive(mass, unbalanced, passive, solved)
+        _solve_two(mass, unbalanced, unknown, a)
     else:
-        passive_mass = mass[passive[:, None], passive]
-        if not (np.isfinite(passive_mass).all() and np.linalg.eigvalsh(passive_mass)[0] > 0.0):
-            raise _no_inertia(*passive_mass.diagonal().tolist())
-        solved[passive] = -np.linalg.solve(passive_mass, unbalanced[passive])
-    return solved if coupling is None else coupling.spread(solved)
+        unknown_mass = mass[unknown[:, None], unknown]
+        if not (np.isfinite(unknown_mass).all() and np.linalg.eigvalsh(unknown_mass)[0] > 0.0):
+            raise _no_inertia(*unknown_mass.diagonal().tolist())
+        a[unknown] = -np.linalg.solve(unknown_mass, unbalanced[unknown])
+    return a if coupling is None else coupling.spread(a)
 
 
-def _solve_two_passive(
-    mass: np.ndarray, unbalanced: np.ndarray, passive: np.ndarray, a: np.ndarray
+def _solve_two(
+    mass: np.ndarray, unbalanced: np.ndarray, unknown: np.ndarray, a: np.ndarray
 ) -> None:
-    """Write the accelerations of two passive joints by Cramer's rule, see `follow_drives`.
+    """Write two unknown accelerations by Cramer's rule, see `solve_accelerations`.
 
     Args:
         mass: Mass matrix, shape (n, n).
         unbalanced: Generalized forces that are left where the two do not accelerate, shape (n,).
-        passive: Indices of the two joints.
+        unknown: Indices of the two joints.
         a: Accelerations, shape (n,), of which those of the two joints are written.
 
     Raises:
         OutOfRange: If the determinant is not positive.
     """
     # Scalars of Python are several times quicker than arrays with two elements.
-    i, j = passive.tolist()
+    i, j = unknown.tolist()
     m11 = mass.item(i, i)
     m12 = mass.item(i, j)
     m22 = mass.item(j, j)
@@ -192,7 +247,7 @@ def _solve_two_passive(
 
 
 def _no_inertia(*inertias: float) -> OutOfRange:
-    """Return the error for passive joints whose inertias [kg m²] are not all positive."""
+    """Return the error for joints whose inertias [kg m²] are not all positive."""
     values = " and ".join(f"{inertia:g}" for inertia in inertias)
     allowed = "> 0; a load without rotational inertia needs a cable"
     return OutOfRange("inertia against swing", values, allowed, "kg m²")
@@ -204,16 +259,26 @@ def inverse_dynamics(
     q: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
-    joint: np.ndarray,
+    forces: np.ndarray,
     outside: np.ndarray | None = None,
     coupling: Coupling | None = None,
 ) -> np.ndarray:
-    """Return the generalized forces that cause accelerations in addition to given ones, shape (n,):
-    M a + b - τ_joint - τ_outside.
+    """Return the generalized forces that cause accelerations in addition to forces that act
+    already, shape (n,): M a + b - τ - τ_outside.
 
-    Leaders carry the forces of their followers. Arguments are those of `follow_drives`.
+    Leaders carry the forces of their followers.
+
+    Args:
+        model: A crane's model.
+        data: Its scratch memory.
+        q: Coordinates, shape (n,).
+        v: Their rates, shape (n,).
+        a: Accelerations, shape (n,).
+        forces: Generalized forces that act already, shape (n,).
+        outside: Generalized forces from outside, shape (n,); None for none.
+        coupling: Joints that follow others; None if there are none.
     """
-    needed = pin.rnea(model, data, q, v, a) - joint
+    needed = pin.rnea(model, data, q, v, a) - forces
     if outside is not None:
         needed = needed - outside
     return needed if coupling is None else coupling.gather(needed)
@@ -284,7 +349,7 @@ def body_points(
 
 def energy(crane: Crane, state: State) -> float:
     """Return the mechanical energy, including that of springs [J]; potential energy is zero at the
-    height of the ground.
+    height of the origin of the world.
     """
     rigid = float(pin.computeMechanicalEnergy(crane.model, crane.data, state.q, state.v))
     return rigid + float(crane.springs.energy(state.q)) if crane.springs.any else rigid
@@ -309,7 +374,8 @@ def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 def pivot_position(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Return the point above the payload in the world [m], shape (3,): the swing pivot at the
-    trolley, or the payload itself where a crane has no other point.
+    trolley; the hook where no swing carries the payload; the payload itself where a crane has no
+    other point.
     """
     positions = point_positions(crane, q)
     return positions[1] if len(positions) > 1 else positions[0]
@@ -377,7 +443,8 @@ def by_state_and_force(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A as `linearise`, and the inverse of the mass matrix, shape (n, n), in place of B.
 
-    The accelerations are in `crane.data.ddq` afterwards, unless a taut inextensible rope holds.
+    The accelerations are in `crane.data.ddq` afterwards, unless a taut inextensible rope holds its
+    stretch.
 
     Pinocchio differentiates ABA for a fixed τ (Carpentier and Mansard, Analytical derivatives of
     rigid body dynamics algorithms, RSS 2018). The forces of joints depend on the state as well,
@@ -385,11 +452,11 @@ def by_state_and_force(
     """
     joint = JointForces.of(crane)
     rope = crane.springs.rope
-    if rope is not None and rope.inextensible and joint.phase(state.q, state.v) == TAUT:
+    if rope is not None and _holds_stretch(joint, state):
         return _by_state_and_force_when_taut(crane, state, effort, rope.stretch)
     if crane.coupling is not None:
         return _by_state_and_force_when_coupled(crane, crane.coupling, state, effort)
-    tau = full(crane, effort) + joint.effort(state.q, state.v)
+    tau = over_all_joints(crane, effort) + joint.effort(state.q, state.v)
     by_q, by_v, inverse_mass = pin.computeABADerivatives(
         crane.model, crane.data, state.q, state.v, tau
     )
@@ -428,7 +495,7 @@ def _by_state_and_force_when_coupled(
 def _by_state_and_force_when_taut(
     crane: Crane, state: State, effort: np.ndarray, stretch: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return `by_state_and_force` of the joints that a taut inextensible rope lets move.
+    """Return `by_state_and_force` where an inextensible rope is taut.
 
     The rope holds its stretch, so that rows and columns of the stretch are zero. For the free
     joints f the derivatives of the inverse dynamics give
@@ -447,13 +514,14 @@ def _by_state_and_force_when_taut(
     v = state.v
     joint = JointForces.of(crane)
     free = crane.springs.free(np.arange(n))
-    tau = full(crane, effort) + joint.effort(q, v)
-    a = follow_drives(crane.model, data, q, v, np.zeros(n), tau, free)
+    tau = over_all_joints(crane, effort) + joint.effort(q, v)
+    a = solve_accelerations(crane.model, data, q, v, np.zeros(n), tau, free)
     pin.computeRNEADerivatives(crane.model, data, q, v, a)
+    mass = data.M  # which the derivatives of the inverse dynamics contain
     stiffness, damping = joint.tangent(q, v)
     resisting = np.hstack([data.dtau_dq + stiffness, data.dtau_dv + np.diag(damping)])
     inverse_mass = np.zeros((n, n))
-    inverse_mass[np.ix_(free, free)] = np.linalg.inv(data.M[np.ix_(free, free)])
+    inverse_mass[np.ix_(free, free)] = np.linalg.inv(mass[np.ix_(free, free)])
     by_state = -inverse_mass @ resisting
     by_state[:, [stretch, n + stretch]] = 0.0
     return by_state, inverse_mass
