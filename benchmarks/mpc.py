@@ -72,7 +72,7 @@ def optimisations_of(crane: Crane, move: RestToRest, along: bool, stride: int) -
         command = controller(t, state, setpoint)
         seconds_spent = time.thread_time() - began
         if round(t / controller.programme.period) % controller.programme.ratio == 0:
-            iterations = int(controller.marks.iterations)
+            iterations = int(controller.status.iterations)
             bounded += iterations > 0
             keeps = iterations > 0 and bounded % stride == 0
             problem, solution = problem_of(controller) if keeps else (None, np.empty(0))

@@ -19,9 +19,9 @@ import numpy as np
 from cranedyn.checks import check_choice, number, read_only, whole, within, worker_count
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import cuda, inputs
-from cranedyn.compiled.binding import Loop
+from cranedyn.compiled.binding import BoundKernel
 from cranedyn.compiled.horizon.receding import Receding
-from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.kernel import Kernel, KernelOptions
 from cranedyn.compiled.loop_tables import group_lanes, ungroup_lanes
 from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.plant.cranes import Cranes
@@ -221,7 +221,7 @@ def simulate_batch(
         allowed = "cpu where the controller is a predictive one or the load may touch the ground"
         raise OutOfRange("device", device, allowed)
 
-    recipe = Recipe(
+    options = KernelOptions(
         lanes=lanes,
         drive=drive,
         integrator=integrator,
@@ -238,7 +238,7 @@ def simulate_batch(
         threads=on_gpu,
         contacts=models.contacts,
     )
-    compiled = _compile(models, recipe, cranes)
+    compiled = _compile(models, options, cranes)
     needed = used + 2 * cranes * compiled.code.source.varied
     inputs.check_fits_memory("number of cranes", str(cranes), needed)
 
@@ -250,10 +250,10 @@ def simulate_batch(
         memory.horizon, memory.workspace = _horizon(
             predictive, drive, t_start, clock, memory.groups, used
         )
-    if not all(recipe.shared):
+    if not all(options.shared):
         starts = [table.starts[:, None] for table in tables]
         memory.starts = group_lanes(starts, lanes, np.int64)
-    loop = Loop(
+    loop = BoundKernel(
         compiled.code,
         clock,
         tables,
@@ -377,7 +377,7 @@ class _CompiledCranes:
     index: np.ndarray
 
 
-def _compile(models: _Models, recipe: Recipe, cranes: int) -> _CompiledCranes:
+def _compile(models: _Models, options: KernelOptions, cranes: int) -> _CompiledCranes:
     """Compile the code of so many cranes."""
     distinct = models.distinct
     crane_index = models.index
@@ -387,7 +387,7 @@ def _compile(models: _Models, recipe: Recipe, cranes: int) -> _CompiledCranes:
         if not isinstance(distinct, Cranes):
             distinct = [distinct[i] for i in crane_index.tolist()]
         crane_index = np.arange(cranes)
-    code, varied = compile_kernel(distinct, recipe, models.response)
+    code, varied = compile_kernel(distinct, options, models.response)
     return _CompiledCranes(code, distinct, varied, crane_index)
 
 
@@ -396,7 +396,8 @@ def _compile(models: _Models, recipe: Recipe, cranes: int) -> _CompiledCranes:
 
 @dataclass(eq=False)
 class _Memory:
-    """Arrays that the loop of a batch reads and writes, see `Loop`; None for those it has not.
+    """Arrays that the loop of a batch reads and writes, see `BoundKernel`; None for those that it
+    does not have.
 
     Attributes:
         cranes: Number of cranes; the last one fills the last group.
@@ -445,7 +446,7 @@ def _allocate(
         log_rows: Rows to record of each crane.
     """
     sizes = models.sizes
-    lanes = compiled.code.source.recipe.lanes
+    lanes = compiled.code.source.options.lanes
     cranes = len(start.q)
 
     # The sections of `BufferLayout.state`, in their order.
@@ -501,7 +502,7 @@ def _horizon(
 # --- runs and results -----------------------------------------------------------------------------
 
 
-def run_in_threads(loop: Loop, threads: int) -> None:
+def run_in_threads(loop: BoundKernel, threads: int) -> None:
     """Run a loop over all its groups of lanes in so many threads; Ctrl-C is raised as soon as every
     thread has ended its piece.
     """
@@ -578,6 +579,6 @@ def _optimisation_counts(
     failures = []
     refusals = []
     for group in horizon:
-        failures += [marks.failures for marks in predictive.marks_by_lane(group, _LANES)]
+        failures += [status.failures for status in predictive.status_by_lane(group, _LANES)]
         refusals.append(predictive.refusals(group, _LANES))
     return np.array(failures[:cranes], dtype=int), np.concatenate(refusals)[:cranes]

@@ -145,7 +145,7 @@ class _Blocks:
             integral = moving.memory[moving.places["integral"]].copy()
             self._controller.resume(float(times[-1]), integral)
         # The forces of the last row, if the loop goes on instant by instant from here.
-        moving.force[1] = moving.memory[moving.places["pushed"]]
+        moving.force[1] = moving.memory[moving.places["previous_force"]]
         moving.read_state()
         return _Written.WRITTEN
 
@@ -214,7 +214,7 @@ class _Blocks:
             # The code has logged where the integrals take the drives.
             rows[:, : moving.sizes.m] = tables.setpoint
 
-        if moving.memory[moving.places["broken"]] == 0.0:
+        if moving.memory[moving.places["diverged"]] == 0.0:
             return True
         moving.memory[:] = memory_before
         if horizon is not None:

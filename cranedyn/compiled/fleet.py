@@ -14,7 +14,7 @@ import numpy as np
 
 from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, worker_count
 from cranedyn.clocks import clocks
-from cranedyn.compiled.binding import Loop
+from cranedyn.compiled.binding import BoundKernel
 from cranedyn.compiled.inputs import (
     check_fits_memory,
     common_layout,
@@ -22,7 +22,7 @@ from cranedyn.compiled.inputs import (
     converter_response,
     start_states,
 )
-from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.kernel import Kernel, KernelOptions
 from cranedyn.compiled.loop_tables import RowTable, command_tables, single_table
 from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
@@ -111,7 +111,7 @@ class Fleet:
         self.control_period = control_period
         self.drive = kind
         workers = worker_count("threads", threads)
-        self._recipe = Recipe(
+        self._recipe = KernelOptions(
             lanes=_LANES,
             drive=kind,
             integrator=integrator,
@@ -174,7 +174,7 @@ class Fleet:
             starts = np.zeros((groups, 3, _LANES), dtype=np.int64)
             starts[:, 2] = first_rows.reshape(groups, _LANES)
         gain_rows, setpoint_rows = command_tables(self._sizes)
-        loop = Loop(
+        loop = BoundKernel(
             code,
             self._clock,
             (single_table(gain_rows), single_table(setpoint_rows), force_table),
@@ -311,10 +311,10 @@ class Fleet:
         # Commands wait for the delay of the converters, the first in front; without one they act at
         # once.
         state = self._state[first:last]
-        unheard = self._columns.get("unheard", slice(0, 0))
-        waiting = np.concatenate([state[:, unheard], by_group], axis=1)
+        delayed = self._columns.get("delayed_commands", slice(0, 0))
+        waiting = np.concatenate([state[:, delayed], by_group], axis=1)
         state[:, self._columns["last_command"]] = waiting[:, :m]
-        state[:, unheard] = waiting[:, m:]
+        state[:, delayed] = waiting[:, m:]
         self._step_groups(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
 

@@ -71,7 +71,7 @@ def crane_derivatives(
     m = layout.m
     drives = layout.drives
     passive = layout.passive
-    dynamics = plant.answer(q, v, u, None)
+    dynamics = plant.forward_dynamics(q, v, u, None)
     a = dynamics.acceleration
     effort = dynamics.effort
 

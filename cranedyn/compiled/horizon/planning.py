@@ -30,7 +30,7 @@ _MAX_BARRIER_GROWTH = 100.0
 """Largest initial barrier after failures, as a multiple of the usual one."""
 
 
-class Marks(NamedTuple):
+class SolverStatus(NamedTuple):
     """First numbers of the last row of a plan: the outcome of the optimisations so far.
 
     Only the plan passes from one optimisation to the next.
@@ -61,7 +61,7 @@ def emit(
 
     * `work`: the memory of an optimisation;
     * `plan`: the last plan, which it replaces: a row of states and inputs for each stage, and a row
-      of `Marks`;
+      of `SolverStatus`;
     * `query`: the state; 1, or 0 if that is implausible; and the present row of the path, a whole
       number;
     * `path`: rows of coordinates and rates along the path, or those of the goal of each crane.
@@ -97,9 +97,11 @@ class _Plan:
         state = array(query[:states])
         is_plausible = query[states] > 0.5
         self.common.put_row("start", state)
-        is_first = self._mark("begun") < 0.5
+        is_first = self._previous_status("begun") < 0.5
         first_barrier = _BARRIER_GROWTH * work.reported("first")
-        work.put_report("barrier", code.chosen(is_first, first_barrier, self._mark("barrier")))
+        work.put_report(
+            "barrier", code.chosen(is_first, first_barrier, self._previous_status("barrier"))
+        )
         with code.when(code.anywhere(is_first)):
             self._plan_standstill(is_first, state)
         self._shift_plan()
@@ -132,10 +134,10 @@ class _Plan:
         common.put_row("end_gradient", -pull)
         work.call("solve")
 
-    def _mark(self, name: str) -> Value:
-        """Load a number of the row of `Marks` of the last plan."""
+    def _previous_status(self, name: str) -> Value:
+        """Load a number of the row of `SolverStatus` of the last plan."""
         marks = self.shape.stages * self.row_length
-        offset = marks + Marks._fields.index(name) * self.code.lanes
+        offset = marks + SolverStatus._fields.index(name) * self.code.lanes
         return self.code.load(self.code.argument["plan"], offset)
 
     def _plan_standstill(self, is_first: ir.Value, state: np.ndarray) -> None:
@@ -252,8 +254,8 @@ class _Plan:
 
         usual_barrier = work.reported("first")
         barrier = work.reported("barrier")
-        begun = code.chosen(is_plausible, 1.0, self._mark("begun"))
-        failures = self._mark("failures") + code.chosen(is_solved, 0.0, 1.0)
+        begun = code.chosen(is_plausible, 1.0, self._previous_status("begun"))
+        failures = self._previous_status("failures") + code.chosen(is_solved, 0.0, 1.0)
         solved = code.chosen(is_solved, 1.0, 0.0)
         iterations = work.reported("iterations")
         excess = work.reported("excess")
@@ -261,7 +263,7 @@ class _Plan:
             _BARRIER_GROWTH * barrier, _MAX_BARRIER_GROWTH * usual_barrier
         )
         next_barrier = code.chosen(is_solved, usual_barrier, barrier_after_failure)
-        marks = Marks(begun, failures, solved, iterations, excess, next_barrier)
+        marks = SolverStatus(begun, failures, solved, iterations, excess, next_barrier)
         for i, value in enumerate(marks):
             offset = self.shape.stages * self.row_length + i * code.lanes
             code.store(value, plan, offset)

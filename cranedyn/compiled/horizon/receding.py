@@ -25,7 +25,7 @@ from cranedyn.compiled.binding import Instant, aligned_copy
 from cranedyn.compiled.horizon import horizon_model
 from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 from cranedyn.compiled.horizon.memory import REPORT, Programme, lane_memory
-from cranedyn.compiled.horizon.planning import Marks
+from cranedyn.compiled.horizon.planning import SolverStatus
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.controllers.tracking import check_finite
@@ -245,9 +245,9 @@ class Receding(ShortRepr):
         return memory
 
     @property
-    def marks(self) -> Marks:
+    def status(self) -> SolverStatus:
         """Outcome of the optimisations so far."""
-        return self.marks_by_lane(self._memory, 1)[0]
+        return self.status_by_lane(self._memory, 1)[0]
 
     def memory_of_optimisation(self) -> np.ndarray:
         """Return a copy of the memory of the last optimisation, see
@@ -257,7 +257,7 @@ class Receding(ShortRepr):
 
     def notes(self) -> dict[str, object]:
         """Return notes for a run, see `cranedyn.simulation.run_record.controller_notes`."""
-        notes: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
+        notes: dict[str, object] = {"failed_optimisations": int(self.status.failures)}
         refusals = int(self.refusals(self._memory, 1)[0])
         if refusals:
             notes["refused_readings"] = refusals
@@ -277,12 +277,14 @@ class Receding(ShortRepr):
             refused[columns[i]] = float(reading[i])
         return refused
 
-    def marks_by_lane(self, memory: np.ndarray, lanes: int) -> list[Marks]:
+    def status_by_lane(self, memory: np.ndarray, lanes: int) -> list[SolverStatus]:
         """Return the outcome of the optimisations in each lane of a memory."""
         shape = self.programme.shape(lanes)
         first = self.programme.offsets(lanes).plans + shape.stages * shape.lanes * lanes
-        numbers_of_lanes = memory[first : first + len(Marks._fields) * lanes].reshape(-1, lanes)
-        return [Marks(*column) for column in numbers_of_lanes.T.tolist()]
+        numbers_of_lanes = memory[first : first + len(SolverStatus._fields) * lanes].reshape(
+            -1, lanes
+        )
+        return [SolverStatus(*column) for column in numbers_of_lanes.T.tolist()]
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Check the control period, see `cranedyn.clocks.Clocked`.

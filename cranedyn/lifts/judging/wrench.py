@@ -75,7 +75,7 @@ class Moving:
         topology = Topology.of(crane)
         crane_plant = plant(topology, numbers(crane).tolist(), "effort", buffers)
         outside = None if force is None or not np.any(force) else rows(force)
-        caused = crane_plant.answer(rows(q), rows(v), rows(effort), outside)[0]
+        caused = crane_plant.forward_dynamics(rows(q), rows(v), rows(effort), outside)[0]
         # The tree of the plant counts masses that move together with their parents. What passes
         # through a joint is that of the masses beyond it, so that it needs each where it is.
         tree = numeric_bodies(crane)
