@@ -22,7 +22,7 @@ from benchmarks.timing import seconds
 from benchmarks.workload import Case
 from cranedyn.compiled import cuda
 from cranedyn.compiled.batch import Device, simulate_batch
-from cranedyn.compiled.kernel import KernelSource, Recipe
+from cranedyn.compiled.kernel import KernelOptions, KernelSource
 from cranedyn.compiled.plant.plant import Topology, numbers
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
@@ -39,17 +39,17 @@ CHIPS = ("sm_75", "sm_90")
 COUNTS = (1_000, 10_000, 100_000, 1_000_000)
 
 
-def recipe(
+def kernel_options(
     integrator: Integrator = semi_implicit_euler,
     *,
     drive: str = "effort",
     buffers: bool = False,
     everything: bool = False,
-) -> Recipe:
-    """Return a recipe of code for threads; with `everything`, each crane has its own controller,
+) -> KernelOptions:
+    """Return the options of code for threads; with `everything`, each crane has its own controller,
     forces, sensor errors and rows.
     """
-    return Recipe(
+    return KernelOptions(
         WARP,
         drive,
         integrator,
@@ -65,11 +65,11 @@ def recipe(
 
 
 KINDS = {
-    "cranes that are alike": (recipe(), False),
-    "cranes with loads of their own": (recipe(), True),
-    "all that there is": (recipe(buffers=True, everything=True), True),
-    "RK4 with buffers": (recipe(rk4, buffers=True), False),
-    "prescribed motion": (recipe(drive="motion"), False),
+    "cranes that are alike": (kernel_options(), False),
+    "cranes with loads of their own": (kernel_options(), True),
+    "all that there is": (kernel_options(buffers=True, everything=True), True),
+    "RK4 with buffers": (kernel_options(rk4, buffers=True), False),
+    "prescribed motion": (kernel_options(drive="motion"), False),
 }
 """What the code can do, and whether the cranes differ in their loads."""
 

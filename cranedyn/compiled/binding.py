@@ -4,11 +4,19 @@ Compiled code trusts the addresses and counts that it is given, so one wrong sha
 write beside an array. Shapes, types and counts are therefore checked here, once, when a function is
 bound to its arrays. Numbers must be finite, except for the state, which may diverge.
 
-Python handles Ctrl-C only between two calls. Long runs are called in pieces for that reason.
+There is one class for each kind of function:
+
+* `BoundKernel`: the closed loop of `cranedyn.compiled.kernel`, over groups of lanes.
+* `Instant`: a control instant of a predictive controller, for one crane.
+* `RowFunction` and `ColumnFunction`: functions of arrays, see `cranedyn.compiled.rows`.
+
+Python handles Ctrl-C only between two calls of compiled code. A long run is therefore divided into
+pieces of some tenths of a second, a call each, see `BoundKernel._pieces`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
@@ -17,13 +25,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from cranedyn.checks import number, whole
-from cranedyn.compiled.memory_layout import SLOTS, TURNS, BufferLayout, size
+from cranedyn.compiled.memory_layout import ANGLE_REFRESH_STEPS, SLOTS, TABLES, size
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks
     from cranedyn.compiled.horizon.memory import Programme
-    from cranedyn.compiled.kernel import Kernel, Recipe
+    from cranedyn.compiled.kernel import Kernel, KernelOptions
     from cranedyn.compiled.loop_tables import RowTable
     from cranedyn.compiled.machine import Machine
 
@@ -32,11 +40,11 @@ _MAX_STEPS_PER_CALL = 100_000
 for eight cranes at once."""
 
 _INSTANT_COST = 4
-"""Time that control and log take at a control instant, in physics steps."""
+"""Time that control and log take at a control instant, in physics steps; estimated."""
 
 _STAGE_COST = 4
 """Longest time that one stage of an optimisation of one crane takes, in physics steps: some
-microseconds."""
+microseconds; estimated."""
 
 COLUMN_LANES = (8, 1)
 """Columns that a function of columns handles at once: groups of eight, then the rest one by one."""
@@ -44,6 +52,7 @@ COLUMN_LANES = (8, 1)
 _BYTES_PER_DOUBLE = 8
 
 _DOUBLES_PER_CACHE_LINE = 8
+"""Doubles in a line of the cache, which has 64 bytes on the processors of today."""
 
 _WRITTEN_ARRAYS = frozenset(("state", "readings", "summary", "log", "horizon"))
 """Arrays that the code of a loop writes to."""
@@ -52,6 +61,24 @@ _INTEGER_ARRAYS = frozenset(("delay", "starts"))
 """Arrays of a loop that hold whole numbers, all others being of doubles."""
 
 _NO_SHARED_NUMBERS = np.empty(0)
+
+
+def _never() -> bool:
+    """Return False: a run that nothing stops."""
+    return False
+
+
+def _bound_call(
+    function: Callable[..., None], addresses: Iterable[int], kept: object
+) -> Callable[[], None]:
+    """Return a function without arguments that calls machine code with addresses.
+
+    An address keeps no memory alive. The returned function itself holds on to `kept`, what the
+    addresses point to. It is a `partial`, which takes less time to call than a function of Python.
+    """
+    call = partial(function, *addresses)
+    call.kept = kept  # type: ignore[attr-defined]
+    return call
 
 
 def _address(
@@ -153,7 +180,7 @@ class RowFunction:
             self._run(
                 _address("rows", row_chunk, (len(row_chunk), self._width_in)),
                 count.ctypes.data,
-                _address("answers", result_chunk, (len(row_chunk), self._width_out)),
+                _address("results", result_chunk, (len(row_chunk), self._width_out)),
                 shared_address,
             )
         return results
@@ -165,14 +192,15 @@ class RowFunction:
         row = np.zeros(self._width_in)
         results = np.zeros(self._width_out)
         arrays = (row, np.ones(1, dtype=np.int64), results, np.zeros(self._shared_count))
-        run = partial(self._run, *(array.ctypes.data for array in arrays))
-        # An address keeps no array alive: the function itself has to.
-        run.kept = (self._machine, arrays)  # type: ignore[attr-defined]
-        return row, results, run
+        addresses = [array.ctypes.data for array in arrays]
+        return row, results, _bound_call(self._run, addresses, (self._machine, arrays))
 
 
 class ColumnFunction:
-    """Compiled function that maps columns of numbers to columns of results."""
+    """Compiled function that maps columns of numbers to columns of results.
+
+    It handles all columns in one call, which Ctrl-C does not interrupt.
+    """
 
     def __init__(self, machine: Machine, widths: Sequence[int]) -> None:
         """Bind the functions of a module, one for each of `COLUMN_LANES`.
@@ -199,12 +227,15 @@ class ColumnFunction:
             start = _address("columns", array, (width, count))
             for i in range(width):
                 row_addresses.append(start + _BYTES_PER_DOUBLE * count * i)
+        # First the columns in groups of eight, then those that are left.
         done = 0
         for lanes, run in zip(COLUMN_LANES, self._runs, strict=True):
             if done < count:
-                call = np.array([done // lanes, count // lanes, *row_addresses])
+                first_group = done // lanes
+                last_group = count // lanes
+                call = np.array([first_group, last_group, *row_addresses])
                 run(call.__array_interface__["data"][0])
-                done = count // lanes * lanes
+                done = last_group * lanes
         return results
 
 
@@ -221,10 +252,10 @@ def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -
         Accelerations of all joints [rad/s² or m/s²], shape (n, lanes).
     """
     source = code.source
-    lanes = source.recipe.lanes
+    lanes = source.options.lanes
     result = np.empty((source.sizes.n, lanes))
     code.machine.function("answer", 3)(
-        _address("given", query, (size(source.sizes.query), lanes)),
+        _address("query", query, (size(source.sizes.query), lanes)),
         _address("numbers", numbers, (source.varied, lanes)),
         result.ctypes.data,
     )
@@ -318,8 +349,13 @@ _PIECE_SLOTS = [SLOTS[name] for name in _Piece._fields]
 """Slots of a call that differ from piece to piece."""
 
 
-class Loop:
-    """Closed loop bound to its arrays, for some groups of lanes."""
+class BoundKernel:
+    """Closed loop bound to its arrays, for some groups of lanes.
+
+    `run_groups` runs it, from Python or from several threads at once, each for other groups. The
+    other methods serve callers with needs of their own: `bind_calls` a run whose controller is
+    Python, `step_function` a fleet, and `device_calls` a GPU.
+    """
 
     def __init__(
         self,
@@ -352,8 +388,8 @@ class Loop:
         Args:
             code: The code.
             clock: How the run is divided.
-            tables: Gain table, setpoint table, forces, and sensor offsets, as far as the code has
-                them.
+            tables: The tables, in the order of `TABLES`: gains, setpoints, forces, and the offsets
+                of the sensors if they add some.
             last: Control instant after the last.
             end: Instant that no steps follow.
             first: First control instant.
@@ -373,13 +409,14 @@ class Loop:
                 `run_groups` has a copy; for one lane they stand in the memory of the controller.
 
         Raises:
-            OutOfRange: If an array has another type or shape, or a number is not finite.
+            Misshapen: If an array is missing, or has another type or shape.
+            OutOfRange: If a count is out of its range, or a number is not finite.
         """
-        recipe = code.source.recipe
+        options = code.source.options
         self._machine = code.machine
         self._run = code.machine.function("run", 1)
         self._groups = len(state)
-        self._lanes = recipe.lanes
+        self._lanes = options.lanes
         self._workspace = workspace
         self._arrays = dict[str, _BoundArray]()
 
@@ -388,18 +425,18 @@ class Loop:
         self._end = whole("end", end, 0)
         self._steps = whole("steps", clock.steps, 1)
         substeps = whole("small steps", clock.substeps, 1)
-        self._instant_cost = _instant_cost(recipe)
+        self._instant_cost = _instant_cost(options)
         # Where a buffer acts, small steps replace each step of a rule for smooth motions.
-        self._step_cost = substeps if recipe.buffers and recipe.integrator.smooth else 1
+        self._step_cost = substeps if options.buffers and options.integrator.smooth else 1
 
-        # The arguments of the code, eight bytes each, see `cranedyn.compiled.memory_layout.CALL`.
+        # A slot has eight bytes, whatever it holds, see `memory_layout.SLOT_TYPES`.
         self._call = np.zeros(len(SLOTS), dtype=np.int64)
         self._call[SLOTS["end"]] = end
         self._call[SLOTS["substeps"]] = substeps
         self._call[SLOTS["force_interval"]] = whole("force_interval", force_interval, 1)
         self._call[SLOTS["log_interval"]] = whole("log_interval", log_interval, 1)
         self._call[SLOTS["residual_from"]] = whole("residual_from", residual_from, 0)
-        fewest_readings = 1 if recipe.delayed else 0
+        fewest_readings = 1 if options.delayed else 0
         self._call[SLOTS["reading_count"]] = whole("reading_count", reading_count, fewest_readings)
         times = self._call.view(np.float64)
         times[SLOTS["dt"]] = number("dt", clock.dt, "s", "> 0")
@@ -416,16 +453,16 @@ class Loop:
             "starts": starts,
         }
         shapes = self._memory_shapes(code, log_interval, reading_count)
-        self._bind_workspace(recipe)
+        self._bind_workspace(options)
         for name, shape in shapes.items():
             if shape[0]:
                 self._bind(name, memory[name], (self._groups, *shape))
         if numbers is not None and code.source.varied:
             # Among them are the ranges of joints, which may be infinite.
             _check_finite("numbers", numbers, allow_infinite=True)
-        if delay is not None and recipe.delayed:
+        if delay is not None and options.delayed:
             _check_delays(delay, reading_count)
-        self._bind_tables(code.sizes, tables, recipe.shared, starts)
+        self._bind_tables(code, tables, starts)
 
     def _memory_shapes(
         self, code: Kernel, log_interval: int, reading_count: int
@@ -433,17 +470,17 @@ class Loop:
         """Return the shape of the memory of one group by its name; the first number is 0 where the
         code has no such memory.
         """
-        recipe = code.source.recipe
+        options = code.source.options
         sizes = code.sizes
-        lanes = recipe.lanes
-        readings = reading_count * sizes.z if recipe.delayed else 0
-        summary = size(sizes.summary) if recipe.summary else 0
+        lanes = options.lanes
+        readings = reading_count * sizes.z if options.delayed else 0
+        summary = size(sizes.summary) if options.summary else 0
         # A log with an energy ledger has a row at each instant, whatever the interval.
-        row_interval = 1 if recipe.ledger else log_interval
-        row_count = (self._last - 1) // row_interval + 1 if recipe.log else 0
+        row_interval = 1 if options.ledger else log_interval
+        row_count = (self._last - 1) // row_interval + 1 if options.log else 0
         horizon = 0
-        if recipe.programme is not None:
-            offsets = recipe.programme.offsets(lanes)
+        if options.programme is not None:
+            offsets = options.programme.offsets(lanes)
             horizon = offsets.size if lanes == 1 else offsets.path
         return {
             "state": (size(sizes.state), lanes),
@@ -451,16 +488,16 @@ class Loop:
             "readings": (readings, lanes),
             "summary": (summary, lanes),
             "log": (row_count * size(sizes.row), lanes),
-            "delay": (1 if recipe.delayed else 0, lanes),
+            "delay": (1 if options.delayed else 0, lanes),
             "horizon": (horizon,),
-            "starts": (0 if all(recipe.shared) else len(recipe.shared), lanes),
+            "starts": (0 if all(options.shared) else len(options.shared), lanes),
         }
 
-    def _bind_workspace(self, recipe: Recipe) -> None:
+    def _bind_workspace(self, options: KernelOptions) -> None:
         """Bind the workspace of a predictive controller of several lanes."""
-        if recipe.programme is None or recipe.lanes == 1:
+        if options.programme is None or options.lanes == 1:
             return
-        offsets = recipe.programme.offsets(recipe.lanes)
+        offsets = options.programme.offsets(options.lanes)
         shape = (offsets.size - offsets.path,)
         address = _address("workspace", self._workspace, shape, written=True)
         self._call[SLOTS["workspace"]] = address
@@ -473,30 +510,30 @@ class Loop:
         self._arrays[name] = _BoundArray(array, address, array.strides[0], written)
 
     def _bind_tables(
-        self,
-        sizes: BufferLayout,
-        tables: Sequence[RowTable],
-        shared: Sequence[bool],
-        starts: np.ndarray | None,
+        self, code: Kernel, tables: Sequence[RowTable], starts: np.ndarray | None
     ) -> None:
-        """Bind the tables, in the order of `Recipe.shared`.
+        """Bind the tables.
 
         Args:
-            sizes: Layout of the buffers.
-            tables: The tables; the last may be missing.
-            shared: Whether all lanes share each table.
-            starts: First row of each lane's part of each table.
+            code: The code.
+            tables: The tables, in the order of `TABLES`.
+            starts: First row of each lane's part of each table, shape (groups, tables, lanes); None
+                if all lanes share all tables.
+
+        Raises:
+            Misshapen: If there are not as many tables as the code reads.
         """
-        widths = {
-            "gain_table": size(sizes.gain_table),
-            "setpoint_table": size(sizes.setpoint_table),
-            "force": size(sizes.force),
-            "offset": size(sizes.offset),
-        }
-        named_tables = zip(widths, tables, strict=False)
-        for i, ((name, table), is_shared) in enumerate(zip(named_tables, shared, strict=False)):
-            starts_of_table = None if is_shared or starts is None else starts[:, i]
-            self._bind_table(name, table, widths[name], starts_of_table)
+        options = code.source.options
+        # Without offsets, the code reads none of the last table.
+        table_count = len(TABLES) if options.offset else len(TABLES) - 1
+        if not table_count == len(tables) == len(options.shared):
+            given = f"{len(tables)} tables, {len(options.shared)} of them shared or not"
+            raise Misshapen("tables of a loop", given, f"{table_count} tables")
+        for i, table in enumerate(tables):
+            name = TABLES[i]
+            columns = size(getattr(code.sizes, name))
+            starts_of_table = None if options.shared[i] or starts is None else starts[:, i]
+            self._bind_table(name, table, columns, starts_of_table)
 
     def _bind_table(
         self, name: str, table: RowTable, columns: int, starts: np.ndarray | None
@@ -531,26 +568,28 @@ class Loop:
         return self._groups
 
     def _pieces(self, max_steps: int) -> Iterator[_Piece]:
-        """Yield pieces of the run that take about as long as so many physics steps."""
-        periods = max_steps // (self._steps * self._step_cost + self._instant_cost)
+        """Yield pieces of the run, in order, that take about as long as so many physics steps."""
+        period_cost = self._steps * self._step_cost + self._instant_cost
+        periods = max_steps // period_cost
         if periods:
             for first in range(self._first, self._last, periods):
-                yield _Piece(first, min(first + periods, self._last), self._steps, False)
+                last = min(first + periods, self._last)
+                yield _Piece(first, last, self._steps, resumed=False)
             return
 
         # One control period alone takes longer, and is divided. Code computes sines and cosines
-        # afresh after every `TURNS` steps and at the end of a call; a division elsewhere would
-        # change the last bits of the motion.
-        steps_together = TURNS * max(1, max_steps // (TURNS * self._step_cost))
+        # afresh after every `ANGLE_REFRESH_STEPS` steps and at the end of a call: a division
+        # elsewhere would change the last bits of the motion.
+        refreshes = max(1, max_steps // (ANGLE_REFRESH_STEPS * self._step_cost))
+        steps_together = ANGLE_REFRESH_STEPS * refreshes
         for instant in range(self._first, self._last):
-            steps = (
-                self._steps if instant < self._end else 1
-            )  # where none follow, a call all the same
-            for done in range(0, steps, steps_together):
+            # The instant that no steps follow has one piece, too, for its control.
+            has_steps = instant < self._end
+            for done in range(0, self._steps if has_steps else 1, steps_together):
                 count = min(steps_together, self._steps - done)
                 yield _Piece(instant, instant + 1, count, resumed=done > 0)
 
-    def run_groups(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
+    def run_groups(self, groups: Iterable[int], stopped: Callable[[], bool] = _never) -> None:
         """Run some groups, one after another.
 
         Args:
@@ -587,7 +626,8 @@ class Loop:
         self, upload: Callable[[np.ndarray, bool], int], strides: Sequence[str], max_steps: int
     ) -> Iterator[np.ndarray]:
         """Yield the arguments of one call for each piece of the run, for a device with its own
-        memory. The call of a piece runs all groups.
+        memory. The call of a piece runs all groups: it has the addresses of the first one, and
+        behind its slots the distances from group to group, from which the device finds the others.
 
         Args:
             upload: Copies an array to that memory and returns its address there; the second
@@ -614,14 +654,13 @@ class Loop:
         """
         first_piece, *more_pieces = islice(self._pieces(_MAX_STEPS_PER_CALL), 2)
         calls = np.repeat(self._call[None], 2, axis=0)
+        whole_run, first_control = calls
         self._point_to(calls, 0)
         calls[:, _PIECE_SLOTS] = first_piece
-        calls[1, SLOTS["end"]] = self._first  # so that no steps follow the control
-        run = partial(self._run, calls[0].ctypes.data)
-        control = partial(self._run, calls[1].ctypes.data)
-        # An address keeps no array alive: the functions themselves have to.
-        run.kept = (self, calls)  # type: ignore[attr-defined]
-        control.kept = (self, calls)  # type: ignore[attr-defined]
+        first_control[SLOTS["last"]] = self._first + 1
+        first_control[SLOTS["end"]] = self._first  # so that no steps follow the control
+        run = _bound_call(self._run, [whole_run.ctypes.data], (self, calls))
+        control = _bound_call(self._run, [first_control.ctypes.data], (self, calls))
         if more_pieces:
             return partial(self.run_groups, [0]), control
         return run, control
@@ -656,13 +695,14 @@ class Loop:
         return step_groups
 
 
-def _instant_cost(recipe: Recipe) -> int:
+def _instant_cost(options: KernelOptions) -> int:
     """Return the time that a control instant takes on average, in physics steps, rounded up."""
-    programme = recipe.programme
+    programme = options.programme
     if programme is None:
         return _INSTANT_COST
-    optimisation = _STAGE_COST * programme.stages * recipe.lanes
-    return _INSTANT_COST - (-optimisation // programme.ratio)
+    optimisation = _STAGE_COST * programme.stages * options.lanes
+    # The optimisation of every `ratio`-th instant counts at each of them with its share.
+    return _INSTANT_COST + math.ceil(optimisation / programme.ratio)
 
 
 def _check_delays(delay: np.ndarray, reading_count: int) -> None:

@@ -2,11 +2,14 @@
 `cranedyn.compiled.c_text` and `cranedyn.compiled.structured_text` print.
 
 A block is what IEC 61131-3 calls so: inputs, parameters, outputs and memory with names and units,
-and functions that a caller runs in each period. Its code is that of the compiled engine.
+and functions that a caller runs in each period. Its code is that of the compiled engine, but
+without branches: `BlockCode` is a function of a block under construction, which `FunctionBlock`
+keeps once it is complete.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +23,11 @@ from cranedyn.compiled.loop_tables import drop_repeated_rows
 from cranedyn.dynamics.scalars import array
 
 Kind = Literal["input", "parameter", "output", "state"]
+"""Kind of a variable of a block: inputs may change at each call, parameters rarely do, and a state
+is kept in memory from one call to the next."""
+
 KINDS: tuple[Kind, ...] = get_args(Kind)
+"""All kinds of variables."""
 
 LARGEST = 1e12
 """Largest magnitude of an input or a parameter; one beyond it is a fault, as NaN is."""
@@ -46,12 +53,15 @@ _RESERVED = frozenset(
     "dt dword exit exp expt function limit lint ln log lreal lword max min mod move mux not "
     "of on or program repeat resource retain sel sin sint sqrt step string tan task then time "
     "tod to trunc type udint uint ulint until usint var with word xor en eno sd ds sl ld st "
-    "jmp call ret cal eq ge gt le lt ne add sub mul div".split()
+    "jmp call ret cal eq ge gt le lt ne add sub mul div date_and_time time_of_day end_case "
+    "end_for end_function end_function_block end_if end_repeat end_var end_while f_edge r_edge "
+    "function_block var_external var_in_out var_input var_output var_temp".split()
 )
 """Words of C and of Structured Text, and names of the printers, which no variable may have."""
 
-_PRINTERS_NAME = re.compile(r"v\d+|.*_now")
-"""Names that the printers give to local constants, which no variable may have either."""
+_PRINTERS_NAME = re.compile(r"v\d+|.*_now", re.IGNORECASE)
+"""Names that the printers give to local constants, which no variable may have either. Structured
+Text does not tell capital letters from small ones."""
 
 _MAX_NAME_LENGTH = 40
 """Largest number of characters of an identifier before a number that makes it distinct."""
@@ -138,8 +148,9 @@ class FunctionBlock:
         variables: Its variables, in the order of memory.
         arrays: Arrays in its memory, by name, with their values after a reset.
         tables: Constant tables by name, row by row.
-        last: Number of the call after which the count of calls goes on with `first`.
-        first: That number.
+        last: Largest count of calls since the reset; 0 if calls are not counted.
+        first: Count after the largest one. A block that repeats its tables counts in a circle, and
+            one whose last row holds stays at the largest count.
         renamed: Identifiers of the signals whose names are no identifiers, by those names.
         functions: Its functions by name; "step" is one, and `FAULT`.
         routines: Functions with loops that they call, on arrays.
@@ -193,7 +204,7 @@ class FunctionBlock:
         text: Callable[[BlockCode], Mapping[str, Any]],
         copies: Mapping[str, str] | None = None,
     ) -> None:
-        """Add a function.
+        """Make a function and add it.
 
         Outputs are clipped to their ranges. Values are checked before they are clipped, since an
         infinite command means that the block has failed, although a limit would make it finite.
@@ -201,8 +212,8 @@ class FunctionBlock:
         Args:
             name: Name of the function.
             text: Emits its statements, and returns the values of outputs and memory by name.
-            copies: Memory that keeps an output as clipped: name of the output by that of the
-                memory.
+            copies: States that keep an output as it was clipped: the name of the output by that of
+                the state. It is known only here, after the statements.
         """
         code = BlockCode(self, name)
         values = dict(text(code))
@@ -210,10 +221,8 @@ class FunctionBlock:
             for value in values.values():
                 code.demand_finite(value)
         for variable in self.of_kind("output"):
-            is_limited = np.isfinite([variable.lower, variable.upper]).any()
-            if variable.name in values and is_limited:
-                value = code.value(values[variable.name])
-                values[variable.name] = code.clipped(value, variable.lower, variable.upper)
+            if variable.name in values:
+                values[variable.name] = _clipped(code, values[variable.name], variable)
         for memory, output in (copies or {}).items():
             values[memory] = values[output]
         for variable_name, value in values.items():
@@ -223,7 +232,15 @@ class FunctionBlock:
 
 
 class BlockCode(Code):
-    """A function of a block under construction. It has no branches: sines are calls."""
+    """A function of a block under construction.
+
+    It has no branches, so that every language can print it: sine and cosine, which have some in
+    `cranedyn.compiled.angles`, are calls of functions that the language has.
+
+    Attributes:
+        block: The block.
+        place: Index of each variable in the memory of the block, by its name.
+    """
 
     def __init__(self, block: FunctionBlock, name: str) -> None:
         arguments = ["self", "count", *block.arrays, *block.tables]
@@ -232,7 +249,7 @@ class BlockCode(Code):
         self.place = {variable.name: i for i, variable in enumerate(block.variables)}
 
     def get(self, name: str) -> Value:
-        """Return a variable of the block."""
+        """Return a variable of the block as it is at the begin of the call, loaded once."""
         key = ("variable", name)
         if key not in self._results:
             self._results[key] = self.load(self.argument["self"], self.place[name])
@@ -317,6 +334,19 @@ class Tables:
         return array(values)
 
 
+def _clipped(code: BlockCode, value: Any, variable: Variable) -> Any:
+    """Return the value of an output, clipped to the ends of its range that are finite: no language
+    has a literal for infinity.
+    """
+    if math.isfinite(variable.lower):
+        value = code.value(value)
+        value = code.chosen(value < variable.lower, variable.lower, value)
+    if math.isfinite(variable.upper):
+        value = code.value(value)
+        value = code.chosen(value > variable.upper, variable.upper, value)
+    return value
+
+
 def identifiers(names: Sequence[str]) -> dict[str, str]:
     """Return a distinct identifier of C and Structured Text for each name.
 
@@ -341,10 +371,15 @@ def _identifier(name: str) -> str:
     beginning or at the end.
     """
     with_underscores = re.sub(r"[^A-Za-z0-9]", "_", name)
-    plain = re.sub(r"_+", "_", with_underscores).strip("_")[:_MAX_NAME_LENGTH]
+    plain = re.sub(r"_+", "_", with_underscores).strip("_")
+    # The cut may leave an underscore at the end.
+    plain = plain[:_MAX_NAME_LENGTH].rstrip("_")
     if not plain:
         plain = "joint"
     is_reserved = plain.lower() in _RESERVED or _PRINTERS_NAME.fullmatch(plain) is not None
-    if plain[0].isdigit() or is_reserved:
-        return f"the_{plain.removesuffix('_now')}"
-    return plain
+    if not plain[0].isdigit() and not is_reserved:
+        return plain
+    distinct = f"the_{plain}"
+    while _PRINTERS_NAME.fullmatch(distinct):
+        distinct = distinct[: -len("_now")]
+    return distinct

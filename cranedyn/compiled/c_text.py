@@ -13,7 +13,13 @@ import numpy as np
 from cranedyn.compiled.angles import COSINE, HALF_PI, LARGEST_ANGLE, SINE
 from cranedyn.compiled.block import FAULT, KINDS, FunctionBlock, Variable
 from cranedyn.compiled.c_routines import routines
-from cranedyn.compiled.printing import ATOM, CHOICE, Assignment, Expression, Language, Walk
+from cranedyn.compiled.printing import (
+    Assignment,
+    Expression,
+    FunctionPrinter,
+    Language,
+    Precedence,
+)
 from cranedyn.errors import ModelError
 
 Precision = Literal["double", "single"]
@@ -63,15 +69,15 @@ class _C(Language):
         return f"{self.name}_{name}[{index}]" if table else f"self->{name}[{index}]"
 
     def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
-        condition_text = condition.within(CHOICE, right=True)
-        yes_text = yes.within(CHOICE, right=True)
-        no_text = no.within(CHOICE, right=True)
-        return Expression(f"{condition_text} ? {yes_text} : {no_text}", CHOICE)
+        condition_text = condition.as_operand(Precedence.CHOICE, right=True)
+        yes_text = yes.as_operand(Precedence.CHOICE, right=True)
+        no_text = no.as_operand(Precedence.CHOICE, right=True)
+        return Expression(f"{condition_text} ? {yes_text} : {no_text}", Precedence.CHOICE)
 
     def call(self, function: str, operand: Expression) -> Expression:
-        return Expression(f"{self.name}_{function}({operand.text})", ATOM)
+        return Expression(f"{self.name}_{function}({operand.text})")
 
-    def within(self, value: str, low: float, high: float) -> str:
+    def in_range(self, value: str, low: float, high: float) -> str:
         return f"{self.name}_within({value}, {self.signed(low)}, {self.signed(high)})"
 
     def routine(self, name: str, arrays: Sequence[str]) -> str:
@@ -137,13 +143,13 @@ def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
         raise ModelError("Predictive control needs double precision: its optimisation would stop.")
     language = _C(block.name, precision)
     name = block.name
-    walks = {key: Walk(block, function, language) for key, function in block.functions.items()}
-    below = routines(block.routines, language, name)
+    printed = {}
+    for key, function in block.functions.items():
+        printed[key] = FunctionPrinter(block, function, language)
+    printed_routines = routines(block.routines, language, name)
     called: set[str] = set()
-    for walk in walks.values():
-        called |= walk.functions
-    for routine in below:
-        called |= routine.functions
+    for printer in [*printed.values(), *printed_routines]:
+        called |= printer.functions
 
     lines = [f'#include "{name}.h"', "", *_NEEDS_NAN, ""]
     lines += [f"typedef {_type_name(precision)} real;", ""]
@@ -152,12 +158,12 @@ def c_source(block: FunctionBlock, precision: Precision = "double") -> str:
         lines += _rows([language.signed(number) for number in values.ravel().tolist()])
         lines += ["};", ""]
     lines += _helpers(called, language)
-    for routine in below:
+    for routine in printed_routines:
         lines += routine.lines
     lines += _reset_function(block, language)
-    lines += _fault_function(block, walks.get(FAULT))
+    lines += _fault_function(block, printed.get(FAULT))
     for function in block.calls:
-        lines += _called_function(block, function, walks[function], language)
+        lines += _called_function(block, function, printed[function], language)
     return "\n".join(lines)
 
 
@@ -175,27 +181,29 @@ def _reset_function(block: FunctionBlock, language: _C) -> list[str]:
     return [*lines, "  self->count = 0;", "  self->fault = false;", "}", ""]
 
 
-def _fault_function(block: FunctionBlock, walk: Walk | None) -> list[str]:
+def _fault_function(block: FunctionBlock, printed: FunctionPrinter | None) -> list[str]:
     """Return the function that ends a call at fault, with the outputs of `FAULT` if it has one."""
     name = block.name
     lines = [f"/* {block.at_fault} */", f"static bool {name}_at_fault({name} *self) {{"]
     lines.append("  self->fault = true;")
-    if walk is not None:
-        lines += _statements(walk.assignments)
-        lines += _statements(walk.results)
+    if printed is not None:
+        lines += _statements(printed.assignments)
+        lines += _statements(printed.results)
     return [*lines, "  return false;", "}", ""]
 
 
-def _called_function(block: FunctionBlock, function: str, walk: Walk, language: _C) -> list[str]:
+def _called_function(
+    block: FunctionBlock, function: str, printed: FunctionPrinter, language: _C
+) -> list[str]:
     """Return a function that a caller runs.
 
     It checks all inputs before it computes, and all results before it stores one.
     """
     name = block.name
     lines = [f"bool {name}_{function}({name} *self) {{", *_input_check(block, language)]
-    lines += _statements(walk.assignments)
-    lines += _return_if_any_fails(walk.checks, language)
-    lines += _statements(walk.results)
+    lines += _statements(printed.assignments)
+    lines += _return_if_any_fails(printed.checks, language)
+    lines += _statements(printed.results)
     if function == "step" and block.last:
         count = f"self->count < {block.last} ? self->count + 1 : {block.first}"
         lines.append(f"  self->count = {count};")
@@ -224,7 +232,9 @@ def _comment(variable: Variable) -> str:
         notes.append(variable.about)
     if math.isfinite(variable.lower) and math.isinf(variable.upper):
         notes.append(f"at least {variable.lower:.9g}")
-    elif math.isfinite(variable.lower) or math.isfinite(variable.upper):
+    elif math.isinf(variable.lower) and math.isfinite(variable.upper):
+        notes.append(f"at most {variable.upper:.9g}")
+    elif math.isfinite(variable.lower) and math.isfinite(variable.upper):
         notes.append(f"{variable.lower:.9g} to {variable.upper:.9g}")
     return f" /* {', '.join(notes)} */" if notes else ""
 
@@ -243,7 +253,7 @@ def _input_check(block: FunctionBlock, language: _C) -> list[str]:
     """
     checks = ["!self->fault"]
     for variable in block.of_kind("input", "parameter"):
-        checks.append(language.within(f"self->{variable.name}", *variable.allowed))
+        checks.append(language.in_range(f"self->{variable.name}", *variable.allowed))
     return _return_if_any_fails(checks, language)
 
 

@@ -97,8 +97,7 @@ def _share_memory(log: Log, moving: CompiledCrane) -> np.ndarray:
     """Make the arrays of a log views of one memory, whose rows compiled code writes, and return it,
     shape (instants, columns).
 
-    The first number of the section `outside` is not used: the log computes the work of external
-    forces.
+    The section `unused` is always 0: the log computes the work of external forces.
     """
     memory = np.empty((log.spec.instants, size(moving.sizes.row)))
     columns = {name: memory[:, place] for name, place in slices(moving.sizes.row).items()}
@@ -109,9 +108,9 @@ def _share_memory(log: Log, moving: CompiledCrane) -> np.ndarray:
     log.effort = columns["effort"]
     log.effort_before = columns["effort_before"]
     log.force = columns["force"]
-    log.contact_work = columns["outside"][:, 1]
-    log.impact_work = columns["outside"][:, 2]
-    log.cable_buffer_force = columns["outside"][:, 3]
+    log.contact_work = columns["contact_work"][:, 0]
+    log.impact_work = columns["impact_work"][:, 0]
+    log.cable_buffer_force = columns["cable_buffer_force"][:, 0]
     log.saturated = columns["saturated"][:, 0]
     log.valid = columns["valid"][:, 0]
     log.ledger = EnergyLedger(

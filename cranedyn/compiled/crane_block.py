@@ -13,7 +13,7 @@ from llvmlite import ir
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FAULT, BlockCode, FunctionBlock, Variable, identifiers
-from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.kernel import KernelOptions
 from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
@@ -110,8 +110,8 @@ def crane_block(
         # Rows of memory: reference, slope, first rates, and a ring of the commands on their way.
         arrays = {"converters": np.zeros((3 + max(delay, 1)) * crane.layout.m)}
     # The kernel itself is not needed: to compile it compares the code with Pinocchio.
-    recipe = Recipe(1, drive, integrator, forces=True, delay_steps=0 if arrays else None)
-    compile_kernel([crane], recipe, response if arrays else None)
+    options = KernelOptions(1, drive, integrator, forces=True, delay_steps=0 if arrays else None)
+    compile_kernel([crane], options, response if arrays else None)
 
     names = _names(crane, drive)
     block = FunctionBlock(
@@ -409,7 +409,7 @@ def _outputs(crane_code: _CraneCode, names: _Names, delay: int, dt: float) -> di
     q = crane_code.q
     v = crane_code.v
     command = crane_code.followed_command(delay, dt, keep=False)
-    dynamics = crane.answer(q, v, command, crane_code.forces)
+    dynamics = crane.forward_dynamics(q, v, command, crane_code.forces)
     hoist = crane.topology.layout.drive_of("hoist")
     hoist_force = 0.0 if hoist is None else dynamics.effort[hoist]
     conditions = crane.conditions(q, v, hoist_force, dynamics.needed)

@@ -26,7 +26,7 @@ from cranedyn.compiled.verify import verify_cranes
 from cranedyn.errors import CraneError
 
 if TYPE_CHECKING:
-    from cranedyn.compiled.binding import Loop
+    from cranedyn.compiled.binding import BoundKernel
     from cranedyn.compiled.plant.cranes import Cranes
     from cranedyn.model.crane import Crane
 
@@ -48,7 +48,7 @@ _LOADING = threading.Lock()
 
 def ptx(source: KernelSource) -> str:
     """Return PTX with the kernels run and answer, see `cranedyn.compiled.threads.emit_gpu_kernels`;
-    the source's recipe is for threads.
+    the source's options is for threads.
     """
     module = build_module(source)
     emit_gpu_kernels(module)
@@ -65,7 +65,7 @@ def check_available() -> None:
 
 
 def run(
-    loop: Loop,
+    loop: BoundKernel,
     code: Kernel,
     cranes: Sequence[Crane] | Cranes,
     varied: np.ndarray,
@@ -74,7 +74,7 @@ def run(
     """Run a loop over all its groups of lanes on the first GPU.
 
     Args:
-        loop: Loop whose recipe is for threads.
+        loop: BoundKernel whose options is for threads.
         code: Code of the loop.
         cranes: Distinct cranes of the code.
         varied: Their varied numbers, shape (n, m).
@@ -162,7 +162,7 @@ class _Memory:
             _call("cuMemFree", address)
 
     def upload(self, array: np.ndarray, written: bool) -> int:
-        """Copy an array to the GPU and return its address there; see `Loop.device_calls`."""
+        """Copy an array to the GPU and return its address there; see `BoundKernel.device_calls`."""
         address = _call("cuMemAlloc", max(array.nbytes, 1))
         self._kept.append((address, array, written))
         _call("cuMemcpyHtoD", address, array, array.nbytes)

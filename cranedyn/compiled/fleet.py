@@ -14,7 +14,7 @@ import numpy as np
 
 from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, worker_count
 from cranedyn.clocks import clocks
-from cranedyn.compiled.binding import Loop
+from cranedyn.compiled.binding import BoundKernel
 from cranedyn.compiled.inputs import (
     check_fits_memory,
     common_layout,
@@ -22,7 +22,7 @@ from cranedyn.compiled.inputs import (
     converter_response,
     start_states,
 )
-from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.kernel import Kernel, KernelOptions
 from cranedyn.compiled.loop_tables import RowTable, command_tables, single_table
 from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
@@ -42,8 +42,8 @@ _MIN_STEPS_PER_THREAD = 1500
 _MAX_GROUPS_PER_CHUNK = 512
 """Most groups of a chunk, so that its numbers stay in a processor's cache."""
 
-_NUMBERS_BESIDES = 10
-"""Numbers of each crane reckoned with besides its state, its parameters and its force."""
+_OTHER_NUMBERS = 10
+"""Numbers of each crane that are reckoned with besides its state, its parameters and its force."""
 
 
 class Fleet:
@@ -111,7 +111,7 @@ class Fleet:
         self.control_period = control_period
         self.drive = kind
         workers = worker_count("threads", threads)
-        self._recipe = Recipe(
+        self._recipe = KernelOptions(
             lanes=_LANES,
             drive=kind,
             integrator=integrator,
@@ -141,7 +141,7 @@ class Fleet:
         """
         sizes = self._sizes
         groups = -(-self.count // _LANES)
-        numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + _NUMBERS_BESIDES
+        numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + _OTHER_NUMBERS
         needed = groups * _LANES * numbers_of_each
         check_fits_memory("number of cranes", str(self.count), needed)
         self._state = np.zeros((groups, size(sizes.state), _LANES))
@@ -174,7 +174,7 @@ class Fleet:
             starts = np.zeros((groups, 3, _LANES), dtype=np.int64)
             starts[:, 2] = first_rows.reshape(groups, _LANES)
         gain_rows, setpoint_rows = command_tables(self._sizes)
-        loop = Loop(
+        loop = BoundKernel(
             code,
             self._clock,
             (single_table(gain_rows), single_table(setpoint_rows), force_table),
@@ -213,10 +213,10 @@ class Fleet:
         Raises:
             OutOfRange: If a number is not finite, or an index is out of range.
         """
-        rows = _indices("which crane", indices, self.count)
+        rows = _indices("index of a crane", indices, self.count)
         kinds = np.zeros(len(rows), dtype=int)
         if crane is not None:
-            kinds = _indices("crane to choose", crane, len(self.cranes))
+            kinds = _indices("index of a kind of crane", crane, len(self.cranes))
         if len(kinds) != len(rows):
             allowed = f"{len(rows)}, one for each that is placed"
             raise OutOfRange("cranes chosen", len(kinds), allowed)
@@ -237,7 +237,7 @@ class Fleet:
         if not self._forces_act:
             allowed = "none, unless the fleet is made with forces = True"
             raise OutOfRange("forces from outside", short_repr(force), allowed)
-        rows = _indices("which crane", indices, self.count)
+        rows = _indices("index of a crane", indices, self.count)
         self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
 
     def step(self, command: np.ndarray) -> np.ndarray:
@@ -286,8 +286,8 @@ class Fleet:
         Raises:
             OutOfRange: If there is no such chunk, or a command is not finite.
         """
-        if whole("part", chunk, 0) >= len(self.chunks):
-            raise OutOfRange("part", chunk, f"0 to {len(self.chunks) - 1}")
+        if whole("chunk", chunk, 0) >= len(self.chunks):
+            raise OutOfRange("chunk", chunk, f"0 to {len(self.chunks) - 1}")
         columns = self.chunks[chunk]
         shape = self._sizes.m, columns.stop - columns.start
         self._advance(chunk, finite("command", command, shape))
@@ -311,10 +311,10 @@ class Fleet:
         # Commands wait for the delay of the converters, the first in front; without one they act at
         # once.
         state = self._state[first:last]
-        unheard = self._columns.get("unheard", slice(0, 0))
-        waiting = np.concatenate([state[:, unheard], by_group], axis=1)
+        delayed = self._columns.get("delayed_commands", slice(0, 0))
+        waiting = np.concatenate([state[:, delayed], by_group], axis=1)
         state[:, self._columns["last_command"]] = waiting[:, :m]
-        state[:, unheard] = waiting[:, m:]
+        state[:, delayed] = waiting[:, m:]
         self._step_groups(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
 

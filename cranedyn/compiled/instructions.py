@@ -1,7 +1,16 @@
 """Instructions for LLVM: doubles, one for each lane of a vector, and their arithmetic.
 
+A function of Python that runs with a `Value` in place of each number leaves behind the instructions
+that compute it: every sum or product of values adds one to the function under construction. Here
+are the values (`Value`) and the instructions (`Instructions`); loops, conditions, and sines and
+cosines are added by `cranedyn.compiled.code.Code`.
+
 Numbers known while the code is made stay Python floats and are folded: nothing is multiplied by 1,
 added to 0, or computed twice for them.
+
+Two kinds of whole numbers occur: those of Python, which are known while the code is made, and those
+of the code, which are of type `ir.Value`, such as the counters of its loops. The latter are the
+same for all lanes.
 """
 
 from __future__ import annotations
@@ -17,19 +26,26 @@ INTEGER = ir.IntType(64)
 POINTER = ir.PointerType()
 DOUBLE = ir.DoubleType()
 
-_LINE = 64
-"""Bytes in a line of the cache."""
+_CACHE_LINE = 64
+"""Bytes in a line of the cache, and in the widest vector."""
 
 _WITH_ITSELF = {"fsub": 0.0, "fdiv": 1.0}
-"""Results of operations on a number and itself."""
+"""Results of operations on a number and itself, by the name of LLVM's instruction."""
 
 _FAST = ("contract", "reassoc", "nsz", "arcp")
-"""Sums and products may be fused and reordered, the sign of zero is free; infinities and NaN
-stay."""
+"""Flags of LLVM for sums and products, by which it may make them faster at the cost of other
+rounding: fuse a product with a sum, reorder them, ignore the sign of zero, and multiply by a
+reciprocal. Infinities and NaN must stay what they are, since a run that diverges is recognised by
+them: the flags `nnan` and `ninf` are left out."""
 
 
 class Value:
-    """A number that the code computes, in every lane."""
+    """A number that the code computes, in every lane.
+
+    Attributes:
+        code: The function under construction.
+        register: LLVM's name of the result.
+    """
 
     def __init__(self, code: Instructions, register: ir.Value) -> None:
         self.code = code
@@ -37,32 +53,43 @@ class Value:
 
     @property
     def choices(self) -> Instructions:
-        """Builder of choices between such numbers."""
+        """What chooses between such numbers, see `cranedyn.dynamics.scalars.chosen`."""
         return self.code
 
     def __add__(self, operand: Any) -> Any:
-        return self if _is(operand, 0.0) else self._with("fadd", operand)
+        return self if _is_float(operand, 0.0) else self._combined("fadd", operand)
 
     __radd__ = __add__
 
     def __sub__(self, operand: Any) -> Any:
-        return self if _is(operand, 0.0) else self._with("fsub", operand)
+        return self if _is_float(operand, 0.0) else self._combined("fsub", operand)
 
     def __rsub__(self, operand: Any) -> Any:
-        return -self if _is(operand, 0.0) else self.code.value(operand)._with("fsub", self)
+        return (
+            -self if _is_float(operand, 0.0) else self.code.value(operand)._combined("fsub", self)
+        )
 
     def __mul__(self, operand: Any) -> Any:
         if isinstance(operand, float) and operand in (0.0, 1.0, -1.0):
-            return 0.0 if operand == 0.0 else self if operand == 1.0 else -self
-        return self._with("fmul", operand)
+            # Code is for numbers that are finite: only then is the product with zero zero.
+            if operand == 0.0:
+                return 0.0
+            return self if operand == 1.0 else -self
+        return self._combined("fmul", operand)
 
     __rmul__ = __mul__
 
     def __truediv__(self, operand: Any) -> Any:
-        return self * (1.0 / operand) if isinstance(operand, float) else self._with("fdiv", operand)
+        # A product takes a fraction of the time of a quotient, and differs by a rounding error. See
+        # `Instructions.quotient` for where that adds up.
+        return (
+            self * (1.0 / operand)
+            if isinstance(operand, float)
+            else self._combined("fdiv", operand)
+        )
 
     def __rtruediv__(self, operand: Any) -> Any:
-        return 0.0 if _is(operand, 0.0) else self.code.value(operand)._with("fdiv", self)
+        return 0.0 if _is_float(operand, 0.0) else self.code.value(operand)._combined("fdiv", self)
 
     def __neg__(self) -> Value:
         return self.code.result("fneg", self)
@@ -79,22 +106,26 @@ class Value:
         return self.code.sine_and_cosine(self)[1]
 
     def __lt__(self, operand: Any) -> ir.Value:
-        return self._compared("<", operand)
+        return self._compare("<", operand)
 
     def __gt__(self, operand: Any) -> ir.Value:
-        return self._compared(">", operand)
+        return self._compare(">", operand)
 
     def __le__(self, operand: Any) -> ir.Value:
-        return self._compared("<=", operand)
+        return self._compare("<=", operand)
 
     def __ge__(self, operand: Any) -> ir.Value:
-        return self._compared(">=", operand)
+        return self._compare(">=", operand)
 
-    def _compared(self, predicate: str, operand: Any) -> ir.Value:
+    def _compare(self, predicate: str, operand: Any) -> ir.Value:
+        """Return a condition of the code; "ordered" means that it is false for NaN."""
         right = self.code.value(operand).register
         return self.code.builder.fcmp_ordered(predicate, self.register, right)
 
-    def _with(self, operation: str, operand: Any) -> Any:
+    def _combined(self, operation: str, operand: Any) -> Any:
+        """Return the result of an operation, named as LLVM's instruction, on this number and
+        another one.
+        """
         same = isinstance(operand, Value) and operand.register is self.register
         if same and operation in _WITH_ITSELF:
             return _WITH_ITSELF[operation]
@@ -106,7 +137,11 @@ class Instructions:
 
     Attributes:
         lanes: Number of lanes of a value; 1 is a plain double.
-        stride: Distance in memory between the numbers of one crane [doubles].
+        stride: Distance in memory between the numbers of one crane [doubles]. It is the number of
+            lanes, except for a thread of a GPU: that has one lane, but its numbers stand among
+            those of the other threads, see `cranedyn.compiled.threads`.
+        type: Type of a value.
+        function: The function.
         builder: Builder at the position of the next instruction.
         argument: Arguments by name, all of them addresses.
     """
@@ -133,24 +168,35 @@ class Instructions:
         self._clear_caches()
 
     def _clear_caches(self) -> None:
-        """Clear all cached values: results, sines and cosines, and increments of angles."""
+        """Clear all cached values.
+
+        These are results by what they are computed from; sine and cosine by the register of the
+        angle; and for an angle that has been advanced, the angle before and its increment, see
+        `Code.advanced`.
+        """
         self._results: dict[tuple[Any, ...], Value] = {}
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
         self._turns: dict[ir.Value, tuple[Value, Value]] = {}
 
     def _align_stack(self) -> None:
-        """Keep spilled vectors from crossing lines of the cache."""
+        """Keep vectors that the processor stores on the stack from crossing lines of the cache,
+        which takes two accesses instead of one.
+        """
         if self.lanes > 1:
-            self.function.attributes.alignstack = min(8 * self.lanes, _LINE)
-            # llvmlite writes alignstack only beside another attribute.
+            self.function.attributes.alignstack = min(8 * self.lanes, _CACHE_LINE)
+            # llvmlite writes alignstack only beside another attribute. This one is harmless.
             self.function.attributes.add("nounwind")
 
     @contextmanager
     def as_written(self) -> Iterator[None]:
-        """Emit sums and products that are rounded one by one, in the order of the text."""
+        """Emit sums and products that are rounded one by one, in the order in which they are
+        written, as NumPy does.
+        """
         self._flags = ()
-        yield
-        self._flags = _FAST
+        try:
+            yield
+        finally:
+            self._flags = _FAST
 
     def value(self, number: Any) -> Value:
         """Return a number as a value of the code."""
@@ -159,7 +205,15 @@ class Instructions:
         return Value(self, _constant(self.lanes, float(number).hex()))
 
     def result(self, operation: str, *operands: Any) -> Value:
-        """Return a sum, difference, product, quotient or negative, computed once in a block."""
+        """Return a sum, difference, product, quotient or negative.
+
+        Within a basic block of LLVM it is computed once, however often it is asked for. A result of
+        another block may be that of a path that was not taken.
+
+        Args:
+            operation: Name of LLVM's instruction, such as "fadd".
+            operands: Values and floats.
+        """
         terms = (x.register if isinstance(x, Value) else float(x) for x in operands)
         key = self.builder.block, self._flags, operation, *terms
         if key not in self._results:
@@ -169,23 +223,29 @@ class Instructions:
         return self._results[key]
 
     def fused(self, a: Value, b: Value, c: Any) -> Value:
-        """Return a b + c, rounded once where the machine can."""
+        """Return a b + c, rounded once on a processor with an instruction for it, else twice."""
         return self.call("llvm.fmuladd", a, b, c)
 
     def quotient(self, value: Value, by: Any) -> Value:
-        """Return a quotient, rounded once; a product with the reciprocal has a systematic error."""
-        if _is(by, 1.0):
+        """Return a quotient, rounded once.
+
+        A product with the rounded reciprocal is off by the same share each time. Where the same
+        number is divided again and again, such as a rate after every few steps, that adds up.
+        """
+        if _is_float(by, 1.0):
             return value
         return Value(self, self.builder.fdiv(value.register, self.value(by).register))
 
     def call(self, intrinsic: str, *values: Any) -> Value:
-        """Call an intrinsic function of LLVM, such as llvm.maxnum, llvm.sqrt, llvm.fabs."""
+        """Return the result of an intrinsic function of LLVM, such as llvm.maxnum, llvm.sqrt or
+        llvm.fabs.
+        """
         name = f"{intrinsic}.{f'v{self.lanes}' if self.lanes > 1 else ''}f64"
         registers = [self.value(value).register for value in values]
         return Value(self, self._intrinsic(name, self.type, registers))
 
     def chosen(self, condition: ir.Value, yes: Any, no: Any) -> Value:
-        """Return one value where a condition holds and another elsewhere."""
+        """Return one value in the lanes where a condition holds, and another in the others."""
         registers = self.value(yes).register, self.value(no).register
         return Value(self, self.builder.select(condition, *registers))
 
@@ -194,14 +254,21 @@ class Instructions:
         raise NotImplementedError
 
     def join_paths(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
-        """Return the value of the block from which this point was reached."""
+        """Return one of two values, that of the path by which this point of the code is reached.
+
+        Args:
+            a: Value of one path.
+            from_a: Last block of that path.
+            b: Value of the other path.
+            from_b: Last block of that path.
+        """
         phi = self.builder.phi(self.type)
         phi.add_incoming(a.register, from_a)
         phi.add_incoming(b.register, from_b)
         return Value(self, phi)
 
     def clipped(self, value: Value, low: Any, high: Any) -> Value:
-        """Clip a value to a range; NaN stays."""
+        """Clip a value to the range [low, high]. NaN is returned unchanged."""
         value = self.chosen(value < low, low, value)
         return self.chosen(value > high, high, value)
 
@@ -210,6 +277,7 @@ class Instructions:
         return reduce(self.builder.and_, map(self._condition, conditions))
 
     def _condition(self, condition: Any) -> ir.Value:
+        """Return a condition or a Python bool as a condition of the code."""
         if not isinstance(condition, bool):
             return condition
         kind = ir.IntType(1)
@@ -222,56 +290,64 @@ class Instructions:
         return reduce(self.builder.or_, conditions)
 
     def everywhere(self, condition: ir.Value) -> ir.Value:
-        """Return whether a condition holds in all lanes."""
+        """Return whether a condition holds in all lanes, as one truth value."""
         return self._over_lanes("and", condition)
 
     def anywhere(self, condition: ir.Value) -> ir.Value:
-        """Return whether a condition holds in some lane."""
+        """Return whether a condition holds in at least one lane, as one truth value."""
         return self._over_lanes("or", condition)
 
     def _over_lanes(self, operation: str, condition: ir.Value) -> ir.Value:
+        """Combine a condition over its lanes by "and" or "or"."""
         if self.lanes == 1:
             return condition
         name = f"llvm.vector.reduce.{operation}.v{self.lanes}i1"
         return self._intrinsic(name, ir.IntType(1), [condition])
 
     def _intrinsic(self, name: str, result: ir.Type, values: Sequence[ir.Value]) -> ir.Value:
+        """Call an intrinsic function by its whole name; the module declares it at the first call.
+
+        Args:
+            name: The name, with the types of its arguments.
+            result: Type of its result.
+            values: Its arguments.
+        """
         module = self.function.module
         kind = ir.FunctionType(result, [value.type for value in values])
         function = module.globals.get(name) or ir.Function(module, kind, name)
         return self.builder.call(function, values)
 
     def integer(self, number: int) -> ir.Value:
-        """Return a constant whole number."""
+        """Return a whole number of Python as one of the code."""
         return ir.Constant(INTEGER, number)
 
     def least(self, a: ir.Value, b: ir.Value) -> ir.Value:
-        """Return the smaller of two whole numbers."""
+        """Return the smaller of two whole numbers of the code."""
         return self.builder.select(self.builder.icmp_signed("<", a, b), a, b)
 
     def most(self, a: ir.Value, b: ir.Value) -> ir.Value:
-        """Return the larger of two whole numbers."""
+        """Return the larger of two whole numbers of the code."""
         return self.builder.select(self.builder.icmp_signed(">", a, b), a, b)
 
     def product(self, a: ir.Value, number: int) -> ir.Value:
-        """Return a multiple of a whole number."""
+        """Return a whole number of the code times one of Python."""
         return self.builder.mul(a, self.integer(number))
 
     def plus(self, a: ir.Value, number: int) -> ir.Value:
-        """Return the sum of a whole number and a constant."""
+        """Return a whole number of the code plus one of Python."""
         return self.builder.add(a, self.integer(number))
 
     def from_integer(self, number: ir.Value) -> Value:
-        """Return a whole number in every lane."""
+        """Return a whole number of the code as a double in every lane."""
         return self.from_double(self.builder.sitofp(number, DOUBLE))
 
     def from_double(self, double: ir.Value) -> Value:
         """Return one double in every lane."""
         if self.lanes == 1:
             return Value(self, double)
-        undefined, first, everywhere = _spreading(self.lanes)
-        register = self.builder.insert_element(undefined, double, first)
-        return Value(self, self.builder.shuffle_vector(register, undefined, everywhere))
+        undefined, first_lane, first_for_all = _spreading_constants(self.lanes)
+        register = self.builder.insert_element(undefined, double, first_lane)
+        return Value(self, self.builder.shuffle_vector(register, undefined, first_for_all))
 
     def load(self, pointer: ir.Value, first: Any = 0) -> Value:
         """Load the lanes from consecutive doubles of memory, beginning at an index."""
@@ -286,7 +362,12 @@ class Instructions:
         return self.from_double(self.load_one(pointer, index, DOUBLE))
 
     def gather(self, addresses: Sequence[ir.Value], index: int = 0) -> Value:
-        """Load a double at an index behind the address of each lane, or behind one for all."""
+        """Load a double into each lane, from an address of its own or from one for all lanes.
+
+        Args:
+            addresses: The address of each lane, or a single one.
+            index: Which double behind the address.
+        """
         if len(addresses) == 1:
             return self.spread(addresses[0], index)
         register = ir.Constant(self.type, ir.Undefined)
@@ -297,11 +378,11 @@ class Instructions:
         return Value(self, register)
 
     def load_one(self, pointer: ir.Value, index: Any, kind: ir.Type) -> ir.Value:
-        """Load one whole number, double or address."""
+        """Load one whole number, double or address, eight bytes each."""
         return self.builder.load(self.address(pointer, index), align=8, typ=kind)
 
     def address(self, pointer: ir.Value, index: Any) -> ir.Value:
-        """Return the address of a double at an index, whole number of code or of Python."""
+        """Return the address of a double at an index, a whole number of the code or of Python."""
         offset = index if isinstance(index, ir.Value) else self.integer(index)
         return self.builder.gep(pointer, [offset], source_etype=DOUBLE)
 
@@ -314,21 +395,30 @@ def lane_type(lanes: int) -> ir.Type:
 
 @lru_cache(maxsize=4096)
 def _constant(lanes: int, text: str) -> ir.Constant:
-    """Return a number in every lane, cached because its text is made often.
+    """Return a number in every lane.
 
-    The key is the text of `float.hex`, which has a sign also of zero.
+    llvmlite takes long to make the text of a constant, and keeps it with the constant: so equal
+    constants are made once.
+
+    Args:
+        lanes: Number of lanes.
+        text: The number in the format of `float.hex`. It is the key of the cache: by their values,
+            0.0 and -0.0 would be the same.
     """
     number = float.fromhex(text)
     return ir.Constant(lane_type(lanes), [number] * lanes if lanes > 1 else number)
 
 
 @cache
-def _spreading(lanes: int) -> tuple[ir.Constant, ir.Constant, ir.Constant]:
-    """Return an undefined vector, the index of its first lane, and that index for every lane."""
+def _spreading_constants(lanes: int) -> tuple[ir.Constant, ir.Constant, ir.Constant]:
+    """Return what `from_double` needs: an undefined vector, the index of its first lane, and that
+    index for every lane.
+    """
     index = ir.IntType(32)
     zeros = ir.Constant(ir.VectorType(index, lanes), [0] * lanes)
     return ir.Constant(lane_type(lanes), ir.Undefined), ir.Constant(index, 0), zeros
 
 
-def _is(operand: Any, number: float) -> bool:
+def _is_float(operand: Any, number: float) -> bool:
+    """Return whether an operand is known to be this number while the code is made."""
     return isinstance(operand, float) and operand == number

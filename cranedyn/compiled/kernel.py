@@ -1,4 +1,17 @@
-"""Closed loop in code: control, drives, log and steps, for one crane or for one in each lane."""
+"""Closed loop in code: control, drives, log and steps, for one crane or for one in each lane.
+
+`KernelSource` says what the code is made from, `build_module` makes it as a module of LLVM, and
+`kernel` compiles that. The loop itself is emitted by `_Loop`:
+
+    for each control instant from `first` to the one before `last`:
+        the command of the controller, from the (delayed, offset) state and the tables
+        the row of the log and the summary, where they are asked for
+        the physics steps of the control period, except at the instant `end`
+
+The functions of this module run once, while the code is made: their numbers are values that the
+code will compute, see `cranedyn.compiled.instructions`. What they decide by `if` depends on the
+options of the code; what depends on numbers is decided by `Code.when` or chosen lane by lane.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +27,20 @@ from llvmlite import ir
 from cranedyn.compiled.angles import SHORTER, Turn, all_within
 from cranedyn.compiled.code import INTEGER, Code, StackVariable, Value, uses
 from cranedyn.compiled.machine import Machine, translate
-from cranedyn.compiled.memory_layout import SLOTS, TURNS, BufferLayout, Sections, size, slices
+from cranedyn.compiled.memory_layout import (
+    ANGLE_REFRESH_STEPS,
+    SLOT_TYPES,
+    SLOTS,
+    TABLES,
+    BufferLayout,
+    Sections,
+    size,
+    slices,
+)
 from cranedyn.compiled.plant.plant import SI, Plant, Topology, Units, plant
+from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.compiled.step import Step, StepState
-from cranedyn.compiled.threads import KINDS, THREAD, emit_lane_loop
+from cranedyn.compiled.threads import ACCELERATE_THREAD, RUN_THREAD, emit_lane_loop
 from cranedyn.controllers.affine import integrated_command
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
@@ -29,32 +52,33 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Recipe:
+class KernelOptions:
     """Features of the code to generate.
 
     Attributes:
         lanes: Number of cranes that run at once.
-        drive: "effort", "motion" or "velocity".
+        drive: Kind of the commands: "effort", "motion" or "velocity".
         integrator: The stepping rule.
-        buffers: Whether buffers end the ranges of the drives.
+        buffers: Whether buffers act at the ends of the ranges of the drives.
         integral: Whether the controller integrates.
         offset: Whether the sensors add an offset.
         forces: Whether external forces act.
-        shared: Whether all lanes share the gain table, the setpoint table, the forces, and the
-            sensor offsets.
-        log, summary: Whether rows are recorded, and whether a summary is computed.
-        ledger: Whether the rows are those of the log of `simulate`, with its energy ledger.
-        areas: Drag areas of the points [m²] in a wind, whose velocities then stand in place of the
-            forces; empty without wind. It needs the ledger.
+        shared: Whether all lanes share a table, for each of `TABLES` that the code reads.
+        log: Whether rows are recorded.
+        summary: Whether a summary of the run is computed.
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
-        turns: Steps after which sines and cosines are computed afresh; with 1 a motion is the same
-            to the bit for any division into control periods.
+        angle_refresh_steps: Steps after which sines and cosines are computed afresh. With 1 a
+            motion is the same to the bit for any division into control periods.
         programme: Parameters of a predictive controller; None for one that is affine in the state.
         delayed: Whether the sensors have delays.
         threads: Whether each lane is a thread with plain doubles, as on a GPU, instead of a part of
             a vector.
         contacts: Contacts of the load with the ground; None for none.
+        ledger: Whether the rows are those of the log of `simulate`, with its energy ledger.
+        areas: Drag areas of the points of the crane [m²]. Where they are given, the table of forces
+            holds velocities of the air instead, and the code computes the forces; this needs the
+            ledger. Empty without wind.
     """
 
     lanes: int
@@ -68,7 +92,7 @@ class Recipe:
     log: bool = False
     summary: bool = False
     delay_steps: int | None = None
-    turns: int = TURNS
+    angle_refresh_steps: int = ANGLE_REFRESH_STEPS
     programme: Programme | None = None
     delayed: bool = False
     threads: bool = False
@@ -82,20 +106,21 @@ class KernelSource(NamedTuple):
 
     Attributes:
         topology: Topology of the cranes.
-        constants: Their numbers, None where each lane has its own.
-        recipe: Features of the code.
+        constants: Parameters of the cranes, see `cranedyn.compiled.plant.plant.numbers`; None where
+            each lane has its own, which the code then reads from memory.
+        options: Features of the code.
     """
 
     topology: Topology
     constants: tuple[float | None, ...]
-    recipe: Recipe
+    options: KernelOptions
 
     @property
     def sizes(self) -> BufferLayout:
         """Layout of the buffers."""
-        recipe = self.recipe
-        sizes = BufferLayout.of(self.topology.layout, recipe.delay_steps, recipe.contacts)
-        return replace(sizes, ledger=recipe.ledger)
+        options = self.options
+        sizes = BufferLayout.of(self.topology.layout, options.delay_steps, options.contacts)
+        return replace(sizes, ledger=options.ledger)
 
     @property
     def varied(self) -> int:
@@ -103,8 +128,9 @@ class KernelSource(NamedTuple):
         return self.constants.count(None)
 
     def plant(self, code: Code, numbers: ir.Value) -> Plant:
-        """Return the crane whose varied numbers are at an address. Its other numbers are constants
-        of the code, which fold.
+        """Return the crane whose varied numbers are at an address.
+
+        The other numbers are constants of the code: products with 0 and 1 vanish from it.
         """
         values: list[Any] = []
         loaded = 0
@@ -114,18 +140,22 @@ class KernelSource(NamedTuple):
                 loaded += 1
             else:
                 values.append(constant)
-        recipe = self.recipe
-        without_ground = plant(self.topology, values, recipe.drive, recipe.buffers)
-        return replace(without_ground, contacts=recipe.contacts)
+        options = self.options
+        without_ground = plant(self.topology, values, options.drive, options.buffers)
+        return replace(without_ground, contacts=options.contacts)
 
     def in_steps(self, crane: Plant, dt: Any) -> tuple[Plant, Units]:
-        """Return the crane and the units in which it steps, see `Plant.in_steps`.
+        """Return the crane in the units in which it steps, and these units, see `Plant.in_steps`.
 
-        These are SI units for a thread, which has too few registers for constants in other units,
-        and where sines and cosines are computed afresh after every step: rates are then converted
-        as often, with a rounding error each time.
+        They are SI units in two cases. A thread has too few registers for the converted constants.
+        Where sines and cosines are computed afresh after every step, rates would be converted as
+        often, with a rounding error each time.
+
+        Args:
+            crane: The crane in SI units.
+            dt: The step [s].
         """
-        if self.recipe.threads or self.recipe.turns == 1:
+        if self.options.threads or self.options.angle_refresh_steps == 1:
             return crane, SI
         return crane.in_steps(dt)
 
@@ -136,9 +166,11 @@ class Kernel(NamedTuple):
     Attributes:
         source: What it is made from.
         sizes: Layout of its buffers.
-        machine: Its functions: run, the loop; answer, accelerations at one state for each lane;
-            and, for many lanes without a log, several, the loop for each of many groups.
-        verified: Varied numbers of the cranes for which it was compared with Pinocchio.
+        machine: Its functions: `run`, the loop for one group; `answer`, accelerations at one state
+            for each lane; and, for several lanes without a log, `several`, the loop for many
+            groups.
+        verified: Bytes of the varied numbers of the cranes for which it was compared with
+            Pinocchio.
     """
 
     source: KernelSource
@@ -150,41 +182,48 @@ class Kernel(NamedTuple):
 def kernel(source: KernelSource) -> Kernel:
     """Compile the loop."""
     module = build_module(source)
-    if source.recipe.threads:
+    if source.options.threads:
         emit_lane_loop(module)
-    machine = translate(module, inlining=source.recipe.lanes > 1)
+    machine = translate(module, inlining=source.options.lanes > 1)
     return Kernel(source, source.sizes, machine, set())
 
 
 def build_module(source: KernelSource) -> ir.Module:
-    """Return the loop as a module for LLVM; for threads it is the loop of one thread, see
-    `cranedyn.compiled.threads`.
+    """Return the loop as a module for LLVM. For threads it is the loop of one thread, which
+    `cranedyn.compiled.threads` completes.
     """
     module = ir.Module()
-    recipe = source.recipe
-    lanes = 1 if recipe.threads else recipe.lanes
-    if recipe.programme is not None:
+    options = source.options
+    lanes = 1 if options.threads else options.lanes
+    if options.programme is not None:
         # Few runs need it, and the first step of the others should not wait for the import.
         from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 
-        emit_plan(module, recipe.programme, lanes)
-        if recipe.lanes == 1:
-            emit_instant(module, recipe.programme)
-    run, answer = THREAD if recipe.threads else ("run", "answer")
-    _Loop(Code(module, run, ["call"], lanes, recipe.lanes), source).emit()
+        emit_plan(module, options.programme, lanes)
+        if options.lanes == 1:
+            emit_instant(module, options.programme)
+    run_name = RUN_THREAD if options.threads else "run"
+    accelerations_name = ACCELERATE_THREAD if options.threads else "answer"
+    # A thread computes one lane, but the numbers of its crane stand a whole group apart.
+    stride = options.lanes
+    _Loop(Code(module, run_name, ["call"], lanes, stride), source).emit()
     arguments = ["given", "numbers", "accelerations"]
-    _emit_answer(Code(module, answer, arguments, lanes, recipe.lanes), source)
-    if lanes > 1 and not recipe.log:
+    _emit_accelerations(Code(module, accelerations_name, arguments, lanes, stride), source)
+    if lanes > 1 and not options.log:
         _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
     return module
 
 
-def _emit_answer(code: Code, source: KernelSource) -> None:
-    """Emit the function that computes accelerations at one state for each lane, see
-    `BufferLayout.query`.
+def _emit_accelerations(code: Code, source: KernelSource) -> None:
+    """Emit the function that computes accelerations at one state for each lane.
+
+    Its arguments are addresses: of the state and what acts, see `BufferLayout.query`; of the varied
+    numbers of the cranes; and of the accelerations, which it writes. Python calls it to compare the
+    code with Pinocchio. It computes in the units of the steps, of which a step of 1 s leaves the
+    unit of time as it is: so a mistake in the unit of mass is found, too.
     """
-    if not source.recipe.threads:
-        # It is called a few times only, for which LLVM need not optimise it.
+    if not source.options.threads:
+        # It is called a few times only, which is not worth the time to optimise it.
         code.function.attributes.add("noinline")
         code.function.attributes.add("optnone")
     crane, units = source.in_steps(source.plant(code, code.argument["numbers"]), 1.0)
@@ -195,8 +234,8 @@ def _emit_answer(code: Code, source: KernelSource) -> None:
     v = array(query[columns["v"]])
     command = array(query[columns["command"]])
     forces = array(query[columns["force"]])
-    plant_forces = forces * units.force if source.recipe.forces else None
-    dynamics = crane.answer(q, v, command * units.command, plant_forces)
+    plant_forces = forces * units.force if source.options.forces else None
+    dynamics = crane.forward_dynamics(q, v, command * units.command, plant_forces)
     for i, acceleration in enumerate(dynamics.acceleration):
         code.store(acceleration, code.argument["accelerations"], i * code.stride)
     code.end()
@@ -204,7 +243,7 @@ def _emit_answer(code: Code, source: KernelSource) -> None:
 
 def _emit_several(code: Code, run: ir.Function) -> None:
     """Emit the function that runs the loop for each of many groups, whose calls stand one after
-    another in memory.
+    another in memory. One call from Python costs more than the steps of a group.
     """
     calls = code.argument["calls"]
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as group:
@@ -219,12 +258,11 @@ class _InstantValues(NamedTuple):
     Attributes:
         q: Coordinates [rad or m], shape (n,).
         v: Rates [rad/s or m/s], shape (n,).
-        command: What the drives are commanded, shape (m,): efforts as commanded; for other drives
-            the efforts that the command needs, before limits.
+        needed: Efforts that the command asks for, before limits [N m or N], shape (m,).
         effort: Efforts of the drives from this instant on [N m or N], shape (m,).
-        before: Their efforts up to this instant, shape (m,).
+        effort_before: Efforts of the drives up to this instant [N m or N], shape (m,).
         forces: External forces from this instant on [N], shape (3 points,); None without.
-        stop_force: Force of the buffer of the hoist [N].
+        cable_buffer_force: Force of the buffers at the ends of the cable [N].
         saturated: 1 where a command exceeds the largest rate of a converter, else 0; empty without
             converters.
         holds: Whether the model holds.
@@ -232,45 +270,93 @@ class _InstantValues(NamedTuple):
 
     q: np.ndarray
     v: np.ndarray
-    command: np.ndarray
+    needed: np.ndarray
     effort: np.ndarray
-    before: np.ndarray
+    effort_before: np.ndarray
     forces: np.ndarray | None
-    stop_force: Any
+    cable_buffer_force: Any
     saturated: list[Any]
     holds: ir.Value
+
+
+class _Efforts(NamedTuple):
+    """Efforts of the drives about a control instant [N m or N], shape (m,) each.
+
+    Attributes:
+        needed: What the command asks for, before limits.
+        after: Efforts from the instant on.
+        before: Efforts up to the instant.
+    """
+
+    needed: np.ndarray
+    after: np.ndarray
+    before: np.ndarray
+
+
+class _TableRow:
+    """Row of a table for a control instant, one for all lanes or one for each."""
+
+    def __init__(
+        self, code: Code, addresses: Sequence[ir.Value], columns: dict[str, slice], width: int
+    ) -> None:
+        self._code = code
+        self._addresses = addresses
+        self._columns = columns
+        self._width = width
+
+    def section(self, name: str) -> np.ndarray:
+        """Load the numbers of a section."""
+        columns = range(self._width)[self._columns[name]]
+        return array([self._code.gather(self._addresses, i) for i in columns])
 
 
 class _Loop:
     """Loop over control instants under construction.
 
-    The state and the summary are variables while the loop runs, and are stored in memory at its
-    end. So are sine and cosine of the angle of each revolute joint: a step rotates them by the
-    change of the angle, which takes less time than computing them.
+    The state and the summary are variables on the stack while the loop runs, and are stored in
+    memory at its end. Sine and cosine of the angle of each revolute joint are such variables, too:
+    a step rotates them by the change of the angle, which takes less time than to compute them, see
+    `cranedyn.compiled.angles`.
+
+    Attributes:
+        code: The function.
+        options: Features of the code.
+        sizes: Layout of the buffers.
+        call_values: What the slots of the call hold, by name, see `SLOT_TYPES`.
+        dt: Physics step [s].
+        period: Control period [s].
+        plant: The crane in SI units.
+        stepping_plant: The crane in the units in which it steps.
+        units: These units.
+        state: Variables of the state, by section.
+        summary: Variables of the summary, by section; empty without one.
+        angles: Variables of sine and cosine of each revolute joint, by its index; empty for
+            threads, which have few registers and compute them where they are needed.
+        loaded_angles: Values of these variables that the code has loaded so far. What nothing uses
+            of them need not be updated, see `_used_angles`.
     """
 
     def __init__(self, code: Code, source: KernelSource) -> None:
         self.code = code
-        self.recipe = source.recipe
+        self.options = source.options
         self.sizes = source.sizes
         call = code.argument["call"]
-        self.call_values = {name: code.load_one(call, SLOTS[name], KINDS[name]) for name in SLOTS}
+        self.call_values = {}
+        for name, slot in SLOTS.items():
+            self.call_values[name] = code.load_one(call, slot, SLOT_TYPES[name])
         self.dt = code.from_double(self.call_values["dt"])
         self.period = code.from_double(self.call_values["period"])
         self.plant = source.plant(code, self.call_values["numbers"])
-        self.moving, self.units = source.in_steps(self.plant, self.dt)
+        self.stepping_plant, self.units = source.in_steps(self.plant, self.dt)
         self.state = self._variables("state", self.sizes.state)
-        self.summary = self._variables("summary", self.sizes.summary) if self.recipe.summary else {}
+        self.summary: dict[str, list[StackVariable]] = {}
+        if self.options.summary:
+            self.summary = self._variables("summary", self.sizes.summary)
 
-        # Sine and cosine of each revolute joint, by its number. Threads have few registers, and
-        # compute them where they are needed.
         self.angles: dict[int, list[StackVariable]] = {}
         for i, joint in enumerate(source.topology.layout.joints):
-            if joint.kind == "revolute" and not self.recipe.threads:
+            if joint.kind == "revolute" and not self.options.threads:
                 self.angles[i] = code.variables([0.0, 0.0])
-
-        # Values of these variables that the code has loaded so far: sines and cosines that nothing
-        # uses are not updated.
         self.loaded_angles: dict[int, list[Value]] = {i: [] for i in self.angles}
 
     # --- variables and tables ---------------------------------------------------------------------
@@ -289,34 +375,30 @@ class _Loop:
         for i, variable in enumerate(chain.from_iterable(variables.values())):
             self.code.store(variable.get(), self.call_values[name], i * self.code.stride)
 
-    def _row(self, table: int, name: str, instant: ir.Value) -> Callable[[str], np.ndarray]:
-        """Return a function that loads a section of the row of a table for an instant; beyond its
-        end of the last row.
+    def _row(self, table: str, count: ir.Value) -> _TableRow:
+        """Return the row of a table; beyond its end the last row applies.
 
         Args:
-            table: Number of the table, in the order of `Recipe.shared`.
-            name: Its name.
-            instant: Control instant, or another count of rows.
+            table: Name of the table, one of `TABLES`.
+            count: Number of rows before it, such as that of the control instants.
         """
         code = self.code
-        pointer = self.call_values[name]
-        sections = getattr(self.sizes, name)
+        sections = getattr(self.sizes, table)
         width = size(sections)
-        columns = slices(sections)
-        last = code.builder.sub(self.call_values[f"{name}_rows"], code.integer(1))
-        row = code.least(instant, last)
-        rows = [row]
-        if not self.recipe.shared[table]:
-            first = table * code.stride
+        last = code.builder.sub(self.call_values[f"{table}_rows"], code.integer(1))
+        row_of_part = code.least(count, last)
+        rows = [row_of_part]
+        number = TABLES.index(table)
+        if not self.options.shared[number]:
+            # Each lane has a part of the table, whose first rows stand in memory: those of all
+            # lanes for the first table, then for the next.
             starts = self.call_values["starts"]
+            first = number * code.stride
             begins = [code.load_one(starts, first + lane, INTEGER) for lane in range(code.lanes)]
-            rows = [code.builder.add(start, row) for start in begins]
+            rows = [code.builder.add(begin, row_of_part) for begin in begins]
+        pointer = self.call_values[table]
         addresses = [code.address(pointer, code.product(row, width)) for row in rows]
-
-        def load(section: str) -> np.ndarray:
-            return array([code.gather(addresses, i) for i in range(width)[columns[section]]])
-
-        return load
+        return _TableRow(code, addresses, slices(sections), width)
 
     def _get(self, section: str) -> np.ndarray:
         """Return the present numbers of a section of the state."""
@@ -334,7 +416,7 @@ class _Loop:
     # --- sines and cosines ------------------------------------------------------------------------
 
     def _coordinates(self) -> np.ndarray:
-        """Return coordinates, with their sines and cosines cached."""
+        """Return the coordinates, and let the code know their sines and cosines."""
         q = self._get("q")
         for i, (sine_variable, cosine_variable) in self.angles.items():
             sine = sine_variable.get()
@@ -344,7 +426,11 @@ class _Loop:
         return q
 
     def _used_angles(self) -> list[int]:
-        """Return the joints of whose angles the code so far needs sines or cosines."""
+        """Return the joints of whose angles the code so far needs sines or cosines.
+
+        All are loaded with the coordinates, before it is known what depends on them. Without
+        external forces, for instance, nothing depends on the angle of a slew.
+        """
         needed = uses(self.code.function)
         joints = []
         for i in self.angles:
@@ -370,37 +456,40 @@ class _Loop:
         code = self.code
         self._compute_angles(self.angles)
         call = self.call_values
-        compared = code.builder.icmp_signed
+        compare = code.builder.icmp_signed
         with code.loop(call["first"], call["last"]) as instant:
             forces = self._forces(instant)
-            is_first = compared("==", instant, call["first"])
-            begun = code.both(is_first, compared("!=", call["resumed"], code.integer(0)))
-            with code.when(code.builder.not_(begun)):
+            is_first = compare("==", instant, call["first"])
+            is_resumed = compare("!=", call["resumed"], code.integer(0))
+            # A call may continue a control period whose control another call has run.
+            has_control_run = code.both(is_first, is_resumed)
+            with code.when(code.builder.not_(has_control_run)):
                 self._control(instant, forces)
-            with code.when(compared("<", instant, call["end"])):
-                self._period(forces)
+            with code.when(compare("<", instant, call["end"])):
+                self._control_period(forces)
         self._store_variables("state", self.state)
-        if self.recipe.summary:
+        if self.options.summary:
             self._store_variables("summary", self.summary)
         code.end()
 
-    def _period(self, forces: np.ndarray | None) -> None:
+    def _control_period(self, forces: np.ndarray | None) -> None:
         """Emit the steps of a control period.
 
         Sines and cosines are updated step by step, each time with a rounding error. They are
-        computed afresh every `Recipe.turns` steps and at the end of the period. In between, rates
-        are in the units of the steps, see `KernelSource.in_steps`.
+        computed afresh every `KernelOptions.angle_refresh_steps` steps and at the end of the
+        period. In between, rates are in the units of the steps, see `KernelSource.in_steps`.
         """
         code = self.code
         steps = self.call_values["steps"]
-        turns = self.recipe.turns
-        if self.recipe.threads:
+        if self.options.threads:
+            # Threads keep no sines and cosines, and step in SI units.
             self._steps(code.integer(0), steps, forces)
             return
-        pieces = code.builder.sdiv(code.plus(steps, turns - 1), code.integer(turns))
+        together = self.options.angle_refresh_steps
+        pieces = code.builder.sdiv(code.plus(steps, together - 1), code.integer(together))
         with code.loop(0, pieces) as piece:
-            first = code.product(piece, turns)
-            last = code.least(code.plus(first, turns), steps)
+            first = code.product(piece, together)
+            last = code.least(code.plus(first, together), steps)
             self._set("v", self._get("v") * self.units.time)
             self._steps(first, last, forces)
             self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
@@ -412,18 +501,19 @@ class _Loop:
         units = self.units
         with code.fast_loop(first, last) as end:
             q_before = self._coordinates()
-            works = self._get("contacts")
+            works = self._get("contact_and_impact_work")
             v = self._get("v")
-            last_command = self._get("last_command")
-            if self.recipe.delay_steps is not None:
-                reference, slope = self._next_reference(last_command, v * (1.0 / units.time))
+            followed = self._get("last_command")
+            if self.options.delay_steps is not None:
+                # The ramps of the converters move on with each step.
+                reference, slope = self._next_reference(followed, v * (1.0 / units.time))
                 self._set("reference", reference)
-                self._set("rising", slope)
-                last_command = array(reference)
+                self._set("reference_slope", slope)
+                followed = array(reference)
             step = Step(
-                integrator=self.recipe.integrator,
-                plant=self.moving,
-                command=last_command * units.command,
+                integrator=self.options.integrator,
+                plant=self.stepping_plant,
+                command=followed * units.command,
                 forces=None if forces is None else forces * units.force,
                 dt=self.dt / units.time,
                 unit=units.work,
@@ -432,7 +522,7 @@ class _Loop:
             q, v, works, anchors = step.after(StepState(q_before, v, works, self._anchors()))
             self._set("q", q)
             self._set("v", v)
-            self._set("contacts", works)
+            self._set("contact_and_impact_work", works)
             if self.sizes.touching:
                 self._set("anchors", anchors)
             self._rotate_angles(q, end)
@@ -440,8 +530,9 @@ class _Loop:
     def _rotate_angles(self, q: np.ndarray, end: Callable[[ir.Value], None]) -> None:
         """Update sines and cosines after a step to coordinates, and end the loop over steps.
 
-        A short series rotates them by the change of the angle. It is precise for small changes; in
-        the rare case that a joint turned farther, the loop is left for a longer one.
+        A short series rotates them by the change of the angle. It is precise for small changes. In
+        the rare case that a joint has turned farther in some lane, the fast loop is left for a
+        longer series, or for a full evaluation, of the angles of these lanes.
 
         Args:
             q: Coordinates after the step.
@@ -465,52 +556,64 @@ class _Loop:
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         """Return the external forces from an instant on [N], shape (3 points,); None without."""
-        if not self.recipe.forces:
+        if not self.options.forces:
             return None
         since_start = self.code.most(instant, self.code.integer(0))
         row = self.code.builder.sdiv(since_start, self.call_values["force_interval"])
-        forces = self._row(2, "force", row)("force")
-        if not self.recipe.areas:
+        forces = self._row("force", row).section("force")
+        if not self.options.areas:
             return forces
         # The table then holds the velocity of the wind.
-        return self.plant.drag(self._coordinates(), self._get("v"), forces, self.recipe.areas)
+        return self.plant.drag(self._coordinates(), self._get("v"), forces, self.options.areas)
 
     def _forces_before(self, instant: ir.Value) -> np.ndarray | None:
-        """Return the external forces up to an instant. The drag of a wind depends on the state at
-        the instant before, so that it is remembered.
+        """Return the external forces up to an instant.
+
+        Given forces stand in the table. The drag of a wind depends on the state at the instant
+        before, which has passed: it is remembered from there.
         """
-        if self.recipe.areas:
-            return self._get("pushed")
+        if self.options.areas:
+            return self._get("previous_force")
         return self._forces(self.code.builder.sub(instant, self.code.integer(1)))
 
     # --- the control instant ----------------------------------------------------------------------
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
-        """Emit a control instant: the command, and what is recorded of it."""
+        """Emit a control instant: the command, and what is recorded of it.
+
+        Args:
+            instant: The instant.
+            forces: External forces from this instant on [N], shape (3 points,); None without.
+        """
         q = self._coordinates()
         v = self._get("v")
-        before = self._get("last_command")
+        followed_before = self._get("last_command")
         requested = self._controller_command(instant, q, v)
-        followed = self.plant.within(requested)
-        if self.recipe.delay_steps is not None:
+        if self.options.delay_steps is None:
+            followed = self.plant.within(requested)
+        else:
             followed = self._delay_command(requested)
         self._set("last_command", followed)
-        if not (self.recipe.log or self.recipe.summary):
+        if not (self.options.log or self.options.summary):
             return
-        values = self._instant_values(instant, q, v, requested, followed, before, forces)
-        if self.recipe.log:
+        values = self._instant_values(instant, q, v, requested, followed, followed_before, forces)
+        if self.options.log:
             self._log(instant, self._log_row(instant, values))
-        if self.recipe.summary:
+        if self.options.summary:
             self._summarise(instant, values)
 
     def _delay_command(self, requested: np.ndarray) -> np.ndarray:
-        """Return the command that converters hear at this instant, shape (m,), and put the present
-        one at the end of those on their way.
+        """Return the command that reaches the converters at this instant, shape (m,), and put the
+        present one at the end of those on their way.
+
+        Args:
+            requested: Command of the controller, shape (m,).
         """
         assert self.plant.response is not None
-        waiting = [*self._get("unheard"), *self.plant.response.quantize_commands(requested)]
-        self._set("unheard", waiting[self.sizes.m :])
-        return array(waiting[: self.sizes.m])
+        m = self.sizes.m
+        queue = [*self._get("delayed_commands"), *self.plant.response.quantize_commands(requested)]
+        self._set("delayed_commands", queue[m:])
+        return array(queue[:m])
 
     def _instant_values(
         self,
@@ -519,7 +622,7 @@ class _Loop:
         v: np.ndarray,
         requested: np.ndarray,
         followed: np.ndarray,
-        before: np.ndarray,
+        followed_before: np.ndarray,
         forces: np.ndarray | None,
     ) -> _InstantValues:
         """Return the quantities of the crane at an instant.
@@ -530,47 +633,98 @@ class _Loop:
             v: Rates.
             requested: Command of the controller.
             followed: What the drives follow from now on: efforts within the limits, accelerations,
-                or commands that converters hear.
-            before: What they followed up to now.
+                or commands that have reached the converters.
+            followed_before: What they followed up to now.
             forces: External forces from now on.
         """
         code = self.code
-        recipe = self.recipe
-        command = requested
-        effort = followed
         reactions = self.plant.ground_reactions(q, v, self._anchors())[0]
-        if recipe.delay_steps is not None:
-            if recipe.log:
-                forces_before = self._forces_before(instant)
-                reference = self._get("reference")
-                before = self.plant.answer(q, v, reference, forces_before, reactions)[1]
-            next_reference = array(self._next_reference(followed, v)[0])
-            _, effort, command, _ = self.plant.answer(q, v, next_reference, forces, reactions)
-        if recipe.drive == "motion":
-            forces_before = self._forces_before(instant)
-            before = self.plant.answer(q, v, before, forces_before, reactions)[1]
-            command = effort = self.plant.answer(q, v, command, forces, reactions)[1]
-        stop_force = self.plant.stop_force(q, v)
+        if self.options.delay_steps is not None:
+            efforts = self._efforts_of_converters(
+                instant, q, v, followed, followed_before, forces, reactions
+            )
+        elif self.options.drive == "motion":
+            efforts = self._efforts_of_motion(
+                instant, q, v, requested, followed_before, forces, reactions
+            )
+        else:
+            efforts = _Efforts(requested, followed, followed_before)
+        cable_buffer_force = self.plant.stop_force(q, v)
         saturated = self._saturated(requested)
         hoist = self.plant.topology.layout.drive_of("hoist")
-        hoist_force = stop_force if hoist is None else effort[hoist] + stop_force
-        conditions = self.plant.conditions(q, v, hoist_force, command)
+        hoist_force = cable_buffer_force
+        if hoist is not None:
+            hoist_force = efforts.after[hoist] + cable_buffer_force
+        conditions = self.plant.conditions(q, v, hoist_force, efforts.needed)
         holds = code.both(*conditions, *(number < 0.5 for number in saturated))
-        return _InstantValues(q, v, command, effort, before, forces, stop_force, saturated, holds)
+        return _InstantValues(
+            q,
+            v,
+            efforts.needed,
+            efforts.after,
+            efforts.before,
+            forces,
+            cable_buffer_force,
+            saturated,
+            holds,
+        )
 
-    def _next_reference(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
+    def _efforts_of_converters(
+        self,
+        instant: ir.Value,
+        q: np.ndarray,
+        v: np.ndarray,
+        followed: np.ndarray,
+        followed_before: np.ndarray,
+        forces: np.ndarray | None,
+        reactions: Sequence[ExternalForce],
+    ) -> _Efforts:
+        """Return the efforts of drives behind frequency converters, which follow from the reference
+        rates: those of the last step up to the instant, and those of the next step from it on.
+
+        See `_instant_values` for the arguments; `reactions` are the forces of the ground.
+        """
+        before = followed_before
+        if self.options.log:
+            forces_before = self._forces_before(instant)
+            reference = self._get("reference")
+            before = self.plant.forward_dynamics(q, v, reference, forces_before, reactions).effort
+        next_reference = array(self._next_reference(followed, v)[0])
+        dynamics = self.plant.forward_dynamics(q, v, next_reference, forces, reactions)
+        return _Efforts(dynamics.needed, dynamics.effort, before)
+
+    def _efforts_of_motion(
+        self,
+        instant: ir.Value,
+        q: np.ndarray,
+        v: np.ndarray,
+        requested: np.ndarray,
+        followed_before: np.ndarray,
+        forces: np.ndarray | None,
+        reactions: Sequence[ExternalForce],
+    ) -> _Efforts:
+        """Return the efforts of drives that follow accelerations exactly, whatever these take.
+
+        See `_instant_values` for the arguments; `reactions` are the forces of the ground.
+        """
+        forces_before = self._forces_before(instant)
+        before = self.plant.forward_dynamics(q, v, followed_before, forces_before, reactions).effort
+        after = self.plant.forward_dynamics(q, v, requested, forces, reactions).effort
+        return _Efforts(after, after, before)
+
+    def _next_reference(self, followed: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
         """Return the reference rates of converters after the next step, and their rates of change,
         m numbers each.
 
         Args:
-            heard: Commands that the converters follow.
+            followed: Commands that have reached the converters, shape (m,).
             v: Rates of all joints [rad/s or m/s].
         """
         assert self.plant.response is not None
         rate = v[self.plant.topology.layout.drives]
         reference = self._get("reference")
-        slope = self._get("rising")
-        return self.plant.response.ramped(heard, reference, slope, rate, self.dt)
+        slope = self._get("reference_slope")
+        return self.plant.response.ramped(followed, reference, slope, rate, self.dt)
 
     def _saturated(self, command: np.ndarray) -> list[Any]:
         """Return 1 where a command exceeds the largest rate of a converter, else 0; empty without
@@ -585,36 +739,41 @@ class _Loop:
     def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the command of the controller, shape (m,)."""
         sizes = self.sizes
-        gains = self._row(0, "gain_table", instant)
-        setpoints = self._row(1, "setpoint_table", instant)
+        gains = self._row("gain_table", instant)
+        setpoints = self._row("setpoint_table", instant)
         z = np.concatenate([q, v])
-        if self.recipe.offset:
-            z = z + self._row(3, "offset", instant)("reading")
-        if self.recipe.delayed:
+        if self.options.offset:
+            z = z + self._row("offset", instant).section("reading")
+        if self.options.delayed:
             z = self._delay_reading(instant, z)
-        if self.recipe.programme is not None:
-            return self._predictive_command(self.recipe.programme, z, setpoints)
-        gain = gains("gain").reshape(sizes.m, sizes.z)
-        command = gains("feed_forward") - gain @ (z - setpoints("setpoint"))
-        if not self.recipe.integral:
+        if self.options.programme is not None:
+            return self._predictive_command(self.options.programme, z, setpoints)
+        # command = feed-forward - gain (state - setpoint), and integrals of the drives
+        gain = gains.section("gain").reshape(sizes.m, sizes.z)
+        command = gains.section("feed_forward") - gain @ (z - setpoints.section("setpoint"))
+        if not self.options.integral:
             return command
         integrals = self._get("integral")
-        position = setpoints("position")
-        factor = gains("integral_gain")
-        limit = gains("limit")
+        position = setpoints.section("position")
+        integral_gain = gains.section("integral_gain")
+        limit = gains.section("limit")
         for i, drive in enumerate(self.plant.topology.layout.drives):
             error = position[i] - z[drive]
             command[i], integrals[i] = integrated_command(
-                command[i], error, integrals[i], factor[i], limit[i], self.period
+                command[i], error, integrals[i], integral_gain[i], limit[i], self.period
             )
         self._set("integral", integrals)
         return command
 
     def _predictive_command(
-        self, programme: Programme, z: np.ndarray, setpoints: Callable[[str], np.ndarray]
+        self, programme: Programme, z: np.ndarray, setpoints: _TableRow
     ) -> np.ndarray:
-        """Return the command of a predictive controller for coordinates and rates, shape (2 n,),
-        and a row of the setpoint table, see `_row`.
+        """Return the command of a predictive controller, shape (m,).
+
+        Args:
+            programme: Parameters of the controller.
+            z: Coordinates and rates that it reads, shape (2 n,).
+            setpoints: Row of the setpoint table.
         """
         from cranedyn.compiled.horizon.control_instant import PredictiveControl
 
@@ -623,7 +782,7 @@ class _Loop:
         row, due = control.count_instant()
         q = z[: self.sizes.n]
         v = z[self.sizes.n :]
-        position = setpoints("position")
+        position = setpoints.section("position")
         if self.code.lanes == 1:
             return control.call_instant(q, v, position, row, due)
         return control.command(q, v, position, row, due)
@@ -633,12 +792,17 @@ class _Loop:
 
         The readings are a ring: the one of an instant stands in the row of its number modulo the
         number of rows. Before the delay has passed, the first reading is seen.
+
+        Args:
+            instant: The instant.
+            z: Coordinates and rates at this instant, with the offsets of the sensors, shape (2 n,).
         """
         code = self.code
         build = code.builder
         readings = self.call_values["readings"]
 
         def place(count: ir.Value, i: int) -> ir.Value:
+            """Return the index of number i of the reading of an instant, in the first lane."""
             row = build.srem(count, self.call_values["reading_count"])
             return code.plus(code.product(row, self.sizes.z * code.stride), i * code.stride)
 
@@ -657,26 +821,27 @@ class _Loop:
         """Return the row of the log for an instant, in the order of `BufferLayout.row`."""
         q = values.q
         v = values.v
-        acts = [*values.command, *values.effort, *values.before]
+        efforts = [*values.needed, *values.effort, *values.effort_before]
         energy = self.plant.energy(q, v)
-        contacts = [*self._get("contacts"), values.stop_force]
-        if not self.recipe.ledger:
-            return [*q, *v, *acts, energy, *contacts, *values.saturated]
-        setpoint = self._row(1, "setpoint_table", instant)("position")
+        contacts = [*self._get("contact_and_impact_work"), values.cable_buffer_force]
+        if not self.options.ledger:
+            return [*q, *v, *efforts, energy, *contacts, *values.saturated]
+        setpoint = self._row("setpoint_table", instant).section("position")
         forces: Any = values.forces
         if forces is None:
             forces = [0.0] * size(self.sizes.force)
-        outside = [0.0, *contacts, *(values.saturated or [0.0])]
-        row = [*setpoint, *q, *v, *acts, *forces, *outside, energy]
-        self._set("pushed", forces)
-        return self._balanced(row, values)
+        unused = 0.0
+        saturated = values.saturated or [0.0]
+        row = [*setpoint, *q, *v, *efforts, *forces, unused, *contacts, *saturated, energy]
+        self._set("previous_force", forces)
+        return self._with_energy_ledger(row, values)
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
         """Store a row of the log where one is due at an instant."""
         code = self.code
         build = code.builder
         interval = self.call_values["log_interval"]
-        each_instant = self.recipe.ledger
+        each_instant = self.options.ledger
         due = build.icmp_signed("==", build.srem(instant, interval), code.integer(0))
         with nullcontext() if each_instant else code.when(due):
             index = instant if each_instant else build.sdiv(instant, interval)
@@ -685,12 +850,16 @@ class _Loop:
             for i, value in enumerate(row):
                 code.store(value, begin, i * code.stride)
 
-    def _balanced(self, row: list[Any], values: _InstantValues) -> list[Any]:
-        """Return a row of the log of `simulate` with work, dissipation and validity, and note
-        whether the run is broken.
+    def _with_energy_ledger(self, row: list[Any], values: _InstantValues) -> list[Any]:
+        """Return a row of the log of `simulate`, completed by work, dissipation and validity, and
+        note whether the run has diverged.
 
-        Sums are rounded in the order of `cranedyn.simulation.log.Log`, which computes the same, so
-        that both give the same bits.
+        Work and dissipation are sums from row to row by the trapezoidal rule, rounded in the order
+        of `cranedyn.simulation.log.Log`, which computes the same, so that both give the same bits.
+
+        Args:
+            row: The row from the setpoint up to the energy.
+            values: Quantities of the crane at the instant.
         """
         code = self.code
         q = values.q
@@ -698,35 +867,39 @@ class _Loop:
         drives = self.plant.topology.layout.drives
         with code.as_written():
             power = self.plant.joint.dissipation(q, v)
-            reached = q[drives] - v[drives] * (self.recipe.integrator.lead * self.dt)
-            # Trapezoidal rule from row to row; `again` is 0 at the first row, which has none before
-            # it, and 1 after that.
-            again = self._get("again")
-            moved = reached - self._get("reached")
-            work = (self._get("acted") + values.before) / 2.0 * moved * again
-            loss = (self._get("power") + power) / 2.0 * self.period * again
+            # Semi-implicit Euler steps coordinates ahead of the rates, see `Log`.
+            position = q[drives] - v[drives] * (self.options.integrator.lead * self.dt)
+            # 0 at the first row, which adds nothing, and 1 after that.
+            has_previous = self._get("has_previous_row")
+            moved = position - self._get("previous_position")
+            mean_effort = (self._get("previous_effort") + values.effort_before) / 2.0
+            work = mean_effort * moved * has_previous
+            mean_power = (self._get("previous_power") + power) / 2.0
+            loss = mean_power * self.period * has_previous
             self._set("work", self._get("work") + work)
             self._set("dissipated", self._get("dissipated") + loss)
-        self._set("reached", reached)
-        self._set("acted", values.effort)
-        self._set("power", [power])
-        self._set("again", [1.0])
+        self._set("previous_position", position)
+        self._set("previous_effort", values.effort)
+        self._set("previous_power", [power])
+        self._set("has_previous_row", [1.0])
         row = [*row, *self._get("work"), *self._get("dissipated")]
 
         # A sum is finite only if all its terms are: one comparison in place of many. Setpoints are
         # left out, as their table has been checked, and rates, which must be far below infinity.
         checked = [*q, *row[self.sizes.m + self.sizes.z :]]
         numbers_are_finite = abs(_pairwise_sum(checked)) < np.inf
-        is_sound = code.both(numbers_are_finite, v @ v < DIVERGED**2)
-        _keep_largest(code, self.state["broken"][0], code.chosen(is_sound, 0.0, 1.0))
-        # Where the model does not hold, the log finds out why.
+        is_bounded = code.both(numbers_are_finite, v @ v < DIVERGED**2)
+        _keep_largest(code, self.state["diverged"][0], code.chosen(is_bounded, 0.0, 1.0))
+        # NaN asks the log to judge the row, and to find out why the model does not hold.
         return [*row, code.chosen(values.holds, 1.0, np.nan)]
 
     def _summarise(self, instant: ir.Value, values: _InstantValues) -> None:
         """Update the summary of the run, see `BufferLayout.summary`."""
         code = self.code
         summary = self.summary
-        swing, amplitude = (code.value(x) for x in self.plant.swing(values.q, values.v))
+        squared_swing, squared_amplitude = self.plant.swing(values.q, values.v)
+        swing = code.value(squared_swing)
+        amplitude = code.value(squared_amplitude)
         _keep_largest(code, summary["peak"][0], swing)
         is_residual = code.builder.icmp_signed(">=", instant, self.call_values["residual_from"])
         with code.when(is_residual):
@@ -735,6 +908,7 @@ class _Loop:
             _keep_largest(code, variable, code.call("llvm.fabs", effort))
         now = code.from_integer(instant)
         first_invalid = summary["invalid"][0]
+        # As a number, the instant is exact up to 2⁵³.
         unchanged = first_invalid.get()
         earlier = code.call("llvm.minnum", first_invalid.get(), now)
         first_invalid.set(code.chosen(values.holds, unchanged, earlier))

@@ -1,4 +1,8 @@
-"""Compiled load filter: prediction and correction of a control period in one call."""
+"""Compiled load filter: prediction and correction of a control period in one call.
+
+The step of `cranedyn.estimation.load_filter.LoadFilter` runs once with values of the code in place
+of numbers (`_TracedFilter`), and what it computes becomes machine code.
+"""
 
 from __future__ import annotations
 
@@ -122,7 +126,11 @@ def _compile(source: FilterSource) -> RowFunction:
 
 
 class _TracedFilter(LoadFilter):
-    """The filter in numbers of code; the derivatives are those of the inverse dynamics."""
+    """The filter with values of the code as mean and covariance.
+
+    It replaces what `LoadFilter` asks of Pinocchio, which takes numbers only. Derivatives follow
+    from the inverse dynamics in dual numbers.
+    """
 
     def __init__(
         self,
@@ -135,12 +143,12 @@ class _TracedFilter(LoadFilter):
         noise: np.ndarray,
     ) -> None:
         super().__init__(crane, period, sensors, mean, covariance, disturbance, noise)
-        # Code folds Python floats that are 0 or 1, and not those of NumPy.
-        self._identity = _as_python_floats(self._identity)
-        self._added = _as_python_floats(self._added)
-        self._noise = _as_python_floats(self._noise)
+        # The filter writes into copies of the unit matrix, which must be able to hold values of the
+        # code.
+        self._identity = self._identity.astype(object)
 
     def _believe(self) -> None:
+        """Give the crane the mass of the load that is estimated."""
         # The estimate is the inverse of the mass over the planned one, see `LoadFilter`.
         self._tree = self._with_load(self._planned / self.mean[-3])
 
@@ -152,6 +160,7 @@ class _TracedFilter(LoadFilter):
         return replace(tree, mass=masses)
 
     def _acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Return the accelerations that generalized forces `tau` cause, shape (n,)."""
         frames = rigid_body.frames(self._tree, q)
         return rigid_body.tree_forward_dynamics(self._tree, frames, v, tau)
 
@@ -187,8 +196,3 @@ class _TracedFilter(LoadFilter):
         # A rate that no coordinate changes is a plain number, and not a dual one.
         values = array([getattr(rate, "value", rate) for rate in rates])
         return values, slopes(rates, 2 * self._n)
-
-
-def _as_python_floats(matrix: np.ndarray) -> np.ndarray:
-    """Return a matrix of floats as an array of objects."""
-    return array(matrix.ravel().tolist()).reshape(matrix.shape)

@@ -1,10 +1,16 @@
-"""Layout of the memory that compiled loops share with Python."""
+"""Layout of the memory that compiled loops share with Python.
+
+A *buffer* is an array of doubles for each group of lanes, such as the states of its cranes. It has
+*sections* with names: `BufferLayout` says which, and how many numbers each has. A *call* is the
+list of what the loop is told about one run of a group, see `SLOT_TYPES`.
+
+Of a crane with n joints and m drives, z counts coordinates and rates together, 2 n.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
 from cranedyn.dynamics.contact import Contacts
@@ -16,7 +22,7 @@ Sections = dict[str, int]
 
 @dataclass(frozen=True)
 class BufferLayout:
-    """Numbers in each section of a buffer.
+    """Sections of the buffers of a crane.
 
     Attributes:
         n: Number of joints.
@@ -24,7 +30,7 @@ class BufferLayout:
         points: Number of points that external forces act on.
         delay_steps: Control periods by which frequency converters delay commands; None for drives
             without converters.
-        touching: Points of the load that may touch the ground; 0 without ground.
+        touching: Number of points of the load that may touch the ground; 0 without ground.
         ledger: Whether rows of the log are those of `simulate`, with its energy ledger.
     """
 
@@ -39,18 +45,21 @@ class BufferLayout:
     def of(
         cls, layout: Layout, delay_steps: int | None = None, contacts: Contacts | None = None
     ) -> BufferLayout:
-        """Return the layout of the buffers of a crane."""
+        """Return the layout of the buffers of a crane, without an energy ledger."""
         touching = 0 if contacts is None else len(contacts.points)
         return cls(layout.n, layout.m, len(layout.points), delay_steps, touching)
 
     @cached_property
     def converters(self) -> Sections:
-        """Memory of the frequency converters: reference rates, their rates of change, and delayed
-        commands.
-        """
+        """Memory of the frequency converters; empty without them."""
         if self.delay_steps is None:
             return {}
-        return {"reference": self.m, "rising": self.m, "unheard": self.delay_steps * self.m}
+        return {
+            "reference": self.m,  # reference rates
+            "reference_slope": self.m,  # rates of change of the reference rates
+            # Commands on their way to the converters, those of the earliest instant first.
+            "delayed_commands": self.delay_steps * self.m,
+        }
 
     @property
     def z(self) -> int:
@@ -61,30 +70,33 @@ class BufferLayout:
     def state(self) -> Sections:
         """State of a crane at a control instant, in SI units.
 
-        The first sections are those of every crane, and the others follow where they apply. At a
-        fleet's start, the sections of the converters are written up to the end of the state: only
-        those of the ledger, which a fleet has not, may come after them.
+        The first sections are those of every crane, and the others follow where they apply. A fleet
+        writes the sections of the converters up to the end of the state when it places a crane:
+        only those of the ledger, which a fleet does not have, may come after them.
         """
         sections = {
             "q": self.n,  # coordinates
             "v": self.n,  # rates
             "integral": self.m,  # integrals of the controller
-            "last_command": self.m,
-            "contacts": 2,  # work of buffers and ground, and of impacts of the rope
+            "last_command": self.m,  # what the drives follow since the last control instant
+            # Work since the start: that of buffers and ground, and that of impacts of the rope.
+            "contact_and_impact_work": 2,
         }
         if self.touching:
             sections["anchors"] = 3 * self.touching  # of the points that touch the ground
         sections |= self.converters
         if self.ledger:
+            # "Previous" is what the last row of the log had, for sums from row to row.
             sections |= {
-                "work": self.m,  # of the drives so far
-                "dissipated": 1,  # energy so far
-                "reached": self.m,  # positions of the drives at the last row
-                "acted": self.m,  # their efforts from the last row on
-                "power": 1,  # dissipated at the last row
-                "again": 1,  # 1 after the first row, else 0
-                "broken": 1,  # 1 after a row with a number that is not finite or a joint too fast
-                "pushed": 3 * self.points,  # external forces from the last row on
+                "work": self.m,  # of the drives since the start
+                "dissipated": 1,  # energy dissipated since the start
+                "previous_position": self.m,  # positions of the drives
+                "previous_effort": self.m,  # efforts of the drives from that row on
+                "previous_power": 1,  # dissipated power
+                "has_previous_row": 1,  # 1 after the first row, else 0
+                # 1 after a row with a number that is not finite, or a joint that moves too fast
+                "diverged": 1,
+                "previous_force": 3 * self.points,  # external forces from that row on
             }
         return sections
 
@@ -113,34 +125,50 @@ class BufferLayout:
 
     @cached_property
     def row(self) -> Sections:
-        """Row of the log; cut is 1 where the command exceeds the largest rate of a converter."""
-        n, m = self.n, self.m
+        """Row of the log."""
+        n = self.n
+        m = self.m
         if self.ledger:
             return row_sections(n, m, self.points)
-        sections = {"q": n, "v": n, "command": m, "effort": m, "before": m}
-        sections |= {"energy": 1, "contacts": 2, "stop_force": 1}
-        return sections if self.delay_steps is None else sections | {"cut": 1}
+        sections = {
+            "q": n,
+            "v": n,
+            "command": m,  # efforts that the command asks for
+            "effort": m,  # efforts from the instant on
+            "before": m,  # efforts until the instant
+            "energy": 1,
+            "contact_and_impact_work": 2,
+            "cable_buffer_force": 1,  # force of the buffers at the ends of the cable
+        }
+        if self.delay_steps is not None:
+            sections["saturated"] = 1  # 1 where a command exceeds the largest rate of a converter
+        return sections
 
     @cached_property
     def summary(self) -> Sections:
-        """Summary of a run.
-
-        Squares of the largest swing and of the largest amplitude from a row on, the first row at
-        which the model does not hold, and the largest efforts.
-        """
-        return {"peak": 1, "residual": 1, "invalid": 1, "effort": self.m}
+        """Summary of a run."""
+        return {
+            "peak": 1,  # square of the largest swing
+            "residual": 1,  # square of the largest amplitude of the swing, from an instant on
+            "invalid": 1,  # first control instant at which the model does not hold
+            "effort": self.m,  # largest efforts of the drives
+        }
 
     @cached_property
     def query(self) -> Sections:
-        """Arguments of the function for accelerations: coordinates, rates, a command, external
+        """Arguments of the function for accelerations: coordinates, rates, a command, and external
         forces.
         """
         return {"q": self.n, "v": self.n, "command": self.m, "force": 3 * self.points}
 
 
 def row_sections(n: int, m: int, points: int) -> Sections:
-    """Return the sections of a row of the log of `simulate`, for numbers of joints, drives and
-    points of a crane.
+    """Return the sections of a row of the log of `simulate`.
+
+    Args:
+        n: Number of joints.
+        m: Number of drives.
+        points: Number of points that external forces act on.
     """
     return {
         "setpoint": m,  # positions of the setpoint of the drives
@@ -150,15 +178,21 @@ def row_sections(n: int, m: int, points: int) -> Sections:
         "effort": m,  # efforts from the instant on
         "effort_before": m,  # efforts until the instant
         "force": 3 * points,  # external forces
-        # A number that is not used, the work of buffers and ground and that of impacts, and the
-        # force of the buffers at the ends of the cable.
-        "outside": 4,
-        "saturated": 1,  # 1 where a command is beyond the largest rate of a converter
+        "unused": 1,  # the work of external forces, which the log computes after the run
+        "contact_work": 1,  # of buffers and ground since the start
+        "impact_work": 1,  # of impacts of the rope since the start
+        "cable_buffer_force": 1,  # force of the buffers at the ends of the cable
+        "saturated": 1,  # 1 where a command exceeds the largest rate of a converter
         "energy": 1,
-        "work": m,  # of the drives so far
-        "dissipated": 1,  # energy so far
+        "work": m,  # of the drives since the start
+        "dissipated": 1,  # energy dissipated since the start
         "valid": 1,  # 1 where the model holds and the drives can follow
     }
+
+
+TABLES = ("gain_table", "setpoint_table", "force", "offset")
+"""Names of the tables of a loop, whose row for an instant has the sections of that name in
+`BufferLayout`. Wherever tables are listed, they are in this order, and the last may be missing."""
 
 
 def size(sections: Sections) -> int:
@@ -168,58 +202,54 @@ def size(sections: Sections) -> int:
 
 def slices(sections: Sections) -> dict[str, slice]:
     """Return the slice of each section."""
-    ends = zip(sections, accumulate(sections.values()), strict=True)
-    return {name: slice(end - sections[name], end) for name, end in ends}
+    places = {}
+    first = 0
+    for name, length in sections.items():
+        places[name] = slice(first, first + length)
+        first += length
+    return places
 
 
-TURNS = 16
-"""Steps after which sines and cosines are computed afresh; until then each step rotates them, with
-a rounding error each."""
+ANGLE_REFRESH_STEPS = 16
+"""Steps after which sines and cosines are computed afresh. Until then each step rotates them, see
+`cranedyn.compiled.angles`, with a rounding error each."""
 
-CALL = {
-    POINTER: (
-        "state",
-        "numbers",
-        "offset",
-        "gain_table",
-        "setpoint_table",
-        "force",
-        "starts",
-        "delay",
-        "readings",
-        "log",
-        "summary",
-        "horizon",
-        "workspace",
-    ),
-    INTEGER: (
-        "gain_table_rows",
-        "setpoint_table_rows",
-        "force_rows",
-        "offset_rows",
-        "reading_count",
-        "first",
-        "last",
-        "end",
-        "steps",
-        "substeps",
-        "force_interval",
-        "log_interval",
-        "residual_from",
-        "resumed",
-    ),
-    DOUBLE: ("dt", "period"),
+SLOT_TYPES = {
+    # Memory of a group of lanes, and tables.
+    "state": POINTER,  # states of the cranes, see `BufferLayout.state`
+    "numbers": POINTER,  # crane parameters that differ between the lanes
+    "offset": POINTER,  # table of sensor offsets
+    "gain_table": POINTER,
+    "setpoint_table": POINTER,
+    "force": POINTER,  # table of external forces
+    "starts": POINTER,  # first row of each lane's part of each table
+    "delay": POINTER,  # delay of the sensors of each lane [control periods]
+    "readings": POINTER,  # ring of the readings of delayed sensors
+    "log": POINTER,  # rows of the log, see `BufferLayout.row`
+    "summary": POINTER,  # see `BufferLayout.summary`
+    "horizon": POINTER,  # memory of a predictive controller
+    "workspace": POINTER,  # path and memory of its optimisations
+    # Whole numbers.
+    "gain_table_rows": INTEGER,  # rows of the part of a lane, of this and the other tables
+    "setpoint_table_rows": INTEGER,
+    "force_rows": INTEGER,
+    "offset_rows": INTEGER,
+    "reading_count": INTEGER,  # readings stored for delayed sensors
+    "first": INTEGER,  # first control instant
+    "last": INTEGER,  # control instant after the last
+    "end": INTEGER,  # control instant that no steps follow
+    "steps": INTEGER,  # physics steps from one control instant to the next
+    "substeps": INTEGER,  # substeps of a step in which buffers or the ground act
+    "force_interval": INTEGER,  # control instants from one row of the forces to the next
+    "log_interval": INTEGER,  # control instants from one row of the log to the next
+    "residual_from": INTEGER,  # control instant from which swing counts as residual
+    "resumed": INTEGER,  # 1 if the control of the first instant has already run, else 0
+    # Times.
+    "dt": DOUBLE,  # physics step [s]
+    "period": DOUBLE,  # control period [s]
 }
-"""Arguments of the loop by type, eight bytes each.
+"""Type of each slot of a call, in the order of memory: what the loop is told about one run of a
+group. A slot has eight bytes."""
 
-Addresses point to the memory of a group of lanes, to the tables, to the first row [rows] of each
-lane's tables, to the sensor delay [control periods] of each lane and its stored readings, and to
-the memory and the workspace of a predictive controller.
-
-Whole numbers are the rows of the tables, the number of stored readings, the first control instant
-and the one after the last, the instant that no steps follow, steps in a period, substeps of a step
-where buffers act, instants between rows of the forces and of the log, the instant from which swing
-is residual, and resumed: 1 if the control of the first instant has already run, else 0. Times are
-in seconds."""
-
-SLOTS = {name: slot for slot, name in enumerate(name for names in CALL.values() for name in names)}
+SLOTS = {name: slot for slot, name in enumerate(SLOT_TYPES)}
+"""Index of each slot of a call."""

@@ -9,8 +9,8 @@ from weakref import ref
 
 import numpy as np
 
-from cranedyn.compiled.binding import Loop
-from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.binding import BoundKernel
+from cranedyn.compiled.kernel import Kernel, KernelOptions
 from cranedyn.compiled.loop_tables import command_tables, single_table
 from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
@@ -23,8 +23,9 @@ from cranedyn.simulation.run_spec import RunSpec
 if TYPE_CHECKING:
     from cranedyn.compiled.horizon.memory import Programme
 
-# Looked up once: a row of a run takes microseconds.
-_frozen = np.frombuffer
+# `read_state` takes a good part of the time of a control period. Names of the module are found
+# faster than attributes.
+_read_only_array = np.frombuffer
 _new_tuple = tuple.__new__
 
 
@@ -93,8 +94,9 @@ class CompiledCrane:
         if spec.converters is not None:
             driven_rates = start.v[spec.crane.layout.drives]
             self.memory[self.places["reference"]] = driven_rates
-            unheard = self.memory[self.places["unheard"]].reshape(-1, self.sizes.m)
-            unheard[:] = driven_rates
+            # The converters have been commanded the rates of the start for as long as they delay.
+            delayed = self.memory[self.places["delayed_commands"]].reshape(-1, self.sizes.m)
+            delayed[:] = driven_rates
 
     def step(self, command: np.ndarray, force: np.ndarray | None) -> State:
         """Hold a command and external forces for a control period, and return the state at its end,
@@ -124,15 +126,14 @@ class CompiledCrane:
         its arrays change with the next one.
         """
         rows = self._acting_sections
-        outside = rows["outside"]
         return Actuation(
             rows["needed"],
             rows["effort"],
             rows["effort_before"],
             rows["force"] if self.spec.has_forces else None,
-            contact_work=float(outside[1]),
-            impact_work=float(outside[2]),
-            cable_buffer_force=float(outside[3]),
+            contact_work=float(rows["contact_work"][0]),
+            impact_work=float(rows["impact_work"][0]),
+            cable_buffer_force=float(rows["cable_buffer_force"][0]),
             saturated=bool(rows["saturated"][0]),
         )
 
@@ -164,7 +165,7 @@ class CompiledCrane:
             integral: Whether the controller has integrals.
         """
         spec = self.spec
-        recipe = Recipe(
+        options = KernelOptions(
             lanes=1,
             drive=spec.drive,
             integrator=spec.integrator,
@@ -183,7 +184,7 @@ class CompiledCrane:
             # Bytes can be looked up in a cache, and an array cannot.
             response = np.concatenate(spec.converters.response).tobytes()
         # A weak reference, so that the cache of code keeps no crane alive.
-        return crane_kernel(ref(spec.crane), recipe, response)
+        return crane_kernel(ref(spec.crane), options, response)
 
     def loop(
         self,
@@ -194,7 +195,7 @@ class CompiledCrane:
         end: int,
         first: int = 0,
         horizon: np.ndarray | None = None,
-    ) -> Loop:
+    ) -> BoundKernel:
         """Return code bound to the memory of this crane.
 
         Args:
@@ -206,7 +207,7 @@ class CompiledCrane:
             horizon: Memory of a predictive controller that the code computes; None for none.
         """
         # Code computes groups of lanes: here one group of one crane.
-        return Loop(
+        return BoundKernel(
             code,
             self.spec.clocks,
             [single_table(table) for table in tables],
@@ -221,6 +222,6 @@ class CompiledCrane:
     def read_state(self) -> State:
         """Read the state from the memory and return it."""
         # The same as State(q, v) of read-only copies, in half the time.
-        arrays = _frozen(self._position.tobytes()), _frozen(self._rate.tobytes())
+        arrays = _read_only_array(self._position.tobytes()), _read_only_array(self._rate.tobytes())
         self.state = state = _new_tuple(State, arrays)
         return state

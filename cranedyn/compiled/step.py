@@ -192,7 +192,7 @@ class Step:
         pulls = []
 
         def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            dynamics = plant.answer(q, v, self.command, self.forces, self.reactions)
+            dynamics = plant.forward_dynamics(q, v, self.command, self.forces, self.reactions)
             pulls.append(dynamics.pull)
             return dynamics.acceleration
 
@@ -446,7 +446,7 @@ class Step:
         phase_lasts = code.both(False)
         if rope.inextensible:
             plant = self._with_rope(taut)
-            end_pull = plant.answer(
+            end_pull = plant.forward_dynamics(
                 trial.q, trial.v, self.command, self.forces, self.reactions
             ).pull
             phase_lasts = code.both(taut, *(pull > 0.0 for pull in pulls))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from cranedyn.compiled.block import FAULT, FunctionBlock, Variable
-from cranedyn.compiled.printing import ATOM, Assignment, Expression, Language, Walk
+from cranedyn.compiled.printing import Assignment, Expression, FunctionPrinter, Language
 from cranedyn.errors import ModelError
 
 _FUNCTIONS = {"fabs": "ABS", "sqrt": "SQRT", "sin": "SIN", "cos": "COS"}
@@ -46,15 +46,15 @@ class _StructuredText(Language):
         return f"{name}[{index}]"
 
     def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
-        return Expression(f"SEL({condition.text}, {no.text}, {yes.text})", ATOM)
+        return Expression(f"SEL({condition.text}, {no.text}, {yes.text})")
 
-    def within(self, value: str, low: float, high: float) -> str:
+    def in_range(self, value: str, low: float, high: float) -> str:
         return f"({value} >= {self.signed(low)}) AND ({value} <= {self.signed(high)})"
 
     def call(self, function: str, operand: Expression) -> Expression:
         if function not in _FUNCTIONS:
             raise ModelError(f"Structured Text has no function {function} of real numbers.")
-        return Expression(f"{_FUNCTIONS[function]}({operand.text})", ATOM)
+        return Expression(f"{_FUNCTIONS[function]}({operand.text})")
 
 
 @dataclass(frozen=True)
@@ -167,10 +167,10 @@ def plcopen_xml(block: FunctionBlock) -> bytes:
 def _parts(block: FunctionBlock) -> tuple[list[_Declaration], list[str]]:
     """Return the declarations of a block, and the lines of its body."""
     language = _StructuredText()
-    step = Walk(block, block.functions["step"], language)
+    step = FunctionPrinter(block, block.functions["step"], language)
     # The constants of both functions are variables of the block, so their names must differ.
-    named = sum(bool(assignment.kind) for assignment in step.assignments)
-    fault = Walk(block, block.functions[FAULT], language, named)
+    first_number = step.constant_count + 1
+    fault = FunctionPrinter(block, block.functions[FAULT], language, first_number)
     declarations = _declarations(block, [*step.assignments, *fault.assignments], language)
     return [*declarations], [*_body(block, step, fault, language)]
 
@@ -216,7 +216,7 @@ def _declarations(
 
 
 def _body(
-    block: FunctionBlock, step: Walk, fault: Walk, language: _StructuredText
+    block: FunctionBlock, step: FunctionPrinter, fault: FunctionPrinter, language: _StructuredText
 ) -> Iterator[str]:
     """Yield the lines of the body of a block.
 
@@ -233,7 +233,7 @@ def _body(
         yield f"  {variable.name} := {language.signed(variable.start)};"
     yield "END_IF;"
     for variable in block.of_kind("input", "parameter"):
-        yield from _fault_unless(language.within(variable.name, *variable.allowed), "")
+        yield from _fault_unless(language.in_range(variable.name, *variable.allowed), "")
     # Computed only without a fault: some controllers halt at the square root of a negative number.
     yield "IF NOT fault THEN"
     yield from _statements(step.assignments)

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.compiled.binding import kernel_accelerations
-from cranedyn.compiled.kernel import Kernel, KernelSource, Recipe, kernel
+from cranedyn.compiled.kernel import Kernel, KernelOptions, KernelSource, kernel
 from cranedyn.compiled.plant import rigid_body
 from cranedyn.compiled.plant.cranes import Cranes
 from cranedyn.compiled.plant.plant import Topology, numbers
@@ -61,7 +61,7 @@ Accelerations = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
 
 
 def compile_kernel(
-    cranes: Sequence[Crane] | Cranes, recipe: Recipe, converters: np.ndarray | None = None
+    cranes: Sequence[Crane] | Cranes, options: KernelOptions, converters: np.ndarray | None = None
 ) -> tuple[Kernel, np.ndarray]:
     """Return code for cranes that differ in numbers only, and their varied numbers, shape (n, m).
 
@@ -70,7 +70,7 @@ def compile_kernel(
 
     Args:
         cranes: The cranes.
-        recipe: Features of the code.
+        options: Features of the code.
         converters: Parameters of their frequency converters, one row for all or one for each; None
             for drives without converters.
 
@@ -90,7 +90,7 @@ def compile_kernel(
         constants.append(None if is_varied else value)
     varied_numbers = np.ascontiguousarray(rows[:, varied])
     with _COMPILING:
-        code = _cached_kernel(KernelSource(Topology.of(cranes[0]), tuple(constants), recipe))
+        code = _cached_kernel(KernelSource(Topology.of(cranes[0]), tuple(constants), options))
         if len(code.verified) > _MAX_REMEMBERED_CRANES:
             code.verified.clear()
         verify_cranes(cranes, code, varied_numbers, code.verified, converters)
@@ -98,16 +98,16 @@ def compile_kernel(
 
 
 @lru_cache(maxsize=256)
-def crane_kernel(crane: ref[Crane], recipe: Recipe, response: bytes | None) -> Kernel:
+def crane_kernel(crane: ref[Crane], options: KernelOptions, response: bytes | None) -> Kernel:
     """Return code for one crane, as `compile_kernel`; it is cached.
 
     Args:
         crane: The crane.
-        recipe: Features of the code.
+        options: Features of the code.
         response: Bytes of the numbers of its converters; None for drives without converters.
     """
     converters = None if response is None else np.frombuffer(response)
-    return compile_kernel([cast(Crane, crane())], recipe, converters)[0]
+    return compile_kernel([cast(Crane, crane())], options, converters)[0]
 
 
 def verify_cranes(
@@ -151,12 +151,12 @@ def _verify_crane(
     answers: Accelerations,
 ) -> None:
     """Compare accelerations of a crane with Pinocchio's at random states, see `verify_cranes`."""
-    recipe = code.source.recipe
+    options = code.source.options
     rng = random.Random(0)
-    external = ExternalForces(crane, buffers=False) if recipe.forces else None
-    drives = _drives(crane, recipe.drive, external, converters)
+    external = ExternalForces(crane, buffers=False) if options.forces else None
+    drives = _drives(crane, options.drive, external, converters)
     rope = crane.springs.rope
-    lane_numbers = np.repeat(varied[:, None], recipe.lanes, axis=1)
+    lane_numbers = np.repeat(varied[:, None], options.lanes, axis=1)
     for k in range(_CHECKED_STATES):
         # An inextensible rope is taut in every other state.
         state, force = _random_state(crane, rng, taut=k % 2 == 0)
@@ -167,7 +167,7 @@ def _verify_crane(
             drives.free = _free_joints(drives, crane, state)
         expected = drives.acceleration(state.q, state.v)
         numbers_of_query = np.concatenate([state.q, state.v, command, force])
-        query = np.repeat(numbers_of_query[:, None], recipe.lanes, axis=1)
+        query = np.repeat(numbers_of_query[:, None], options.lanes, axis=1)
         computed = answers(code, query, lane_numbers).T
         mass = crane.mass_matrix(state.q)
         if off := rigid_body.disagreement(computed, expected, mass):

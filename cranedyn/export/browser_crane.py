@@ -242,12 +242,12 @@ def kernel_data(
     """Return the code as WebAssembly, with the layout of its memory and what each of `variations`
     changes, but no state at the start.
     """
-    from cranedyn.compiled.kernel import Recipe, build_module
+    from cranedyn.compiled.kernel import KernelOptions, build_module
     from cranedyn.compiled.memory_layout import SLOTS, size, slices
     from cranedyn.compiled.verify import compile_kernel
     from cranedyn.compiled.webassembly import webassembly  # other exporters need no llvmlite
 
-    recipe = Recipe(
+    options = KernelOptions(
         1,
         "velocity",
         semi_implicit_euler,
@@ -262,7 +262,7 @@ def kernel_data(
         cranes.append(changed_crane)
         responses.append(response)
     # A row of numbers for each crane: first the usual one, then one for each slider.
-    kernel, numbers = compile_kernel(cranes, recipe, np.array(responses))
+    kernel, numbers = compile_kernel(cranes, options, np.array(responses))
     source = kernel.source
     buffers = {
         "state": source.sizes.state,
@@ -328,7 +328,7 @@ def _horizon_data(controller: Receding) -> dict[str, Any]:
         "module": _packed(webassembly(module)),
         "memory": _packed(controller.memory(1).tobytes()),
         "ratio": programme.ratio,
-        "accelerations": [first + shape.place(name) + shape.states for name in ("low", "high")],
+        "accelerations": [first + shape.offset(name) + shape.states for name in ("low", "high")],
     }
 
 

@@ -18,7 +18,7 @@ def test_the_programme_of_an_optimisation_has_its_solution() -> None:
     controller = receding(crane(), LIMITS)
     goal = crane().state(gamma=0.6, x=20.0, l=10.0)
     controller(0.0, crane().state(phi=0.05), hold(crane(), goal)(0.0))
-    assert controller.marks.iterations > 0
+    assert controller.status.iterations > 0
     problem, solution = problem_of(controller)
     assert problem.gap(solution) < 1e-9  # rounding
     longer = solution.copy()

@@ -133,3 +133,38 @@ def test_an_infinite_result_is_a_fault_although_its_output_has_limits() -> None:
     assert (y, fault) == (1.0, False)  # 27, cut to the limit
     y, _, fault = call(x=-9e10, gain=1.0)
     assert (y, fault) == (0.5, True)  # -7e32
+
+
+def one_sided(side: str) -> FunctionBlock:
+    """A block whose output is twice its input, and limited at one side alone."""
+    variables = (Variable("x", "input"), Variable("y", "output", **{side: 1.0}))
+    block = FunctionBlock("twice", "Twice.", 0.01, variables)
+    block.emit("step", lambda code: {"y": code.get("x") * 2.0})
+    block.emit(FAULT, lambda code: {"y": 0.0})
+    return block
+
+
+SIDES = {"lower": [1.0, 8.0], "upper": [-8.0, 1.0]}
+"""Outputs for inputs of -4 and 4, by the side that is limited."""
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@pytest.mark.parametrize("side", SIDES)
+def test_an_output_may_be_limited_at_one_side_alone_in_c(side: str, tmp_path: Path) -> None:
+    compiled = CompiledBlock(one_sided(side), tmp_path)
+    found = []
+    for x in (-4.0, 4.0):
+        compiled.memory.x = x
+        assert compiled.call()
+        found.append(compiled.memory.y)
+    assert found == SIDES[side]
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_an_output_may_be_limited_at_one_side_alone_in_structured_text(side: str) -> None:
+    block = InterpretedBlock(structured_text(one_sided(side)))
+    found = []
+    for x in (-4.0, 4.0):
+        block.call(x=x)
+        found.append(block.memory["y"])
+    assert found == SIDES[side]

@@ -25,9 +25,9 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn.clocks import clocks
 from cranedyn.compiled import binding, verify
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.compiled.binding import Loop
+from cranedyn.compiled.binding import BoundKernel
 from cranedyn.compiled.horizon.receding import receding
-from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.kernel import KernelOptions
 from cranedyn.compiled.loop_tables import RowTable, single_table
 from cranedyn.compiled.memory_layout import BufferLayout, size
 from cranedyn.compiled.rows import compile_columns
@@ -222,7 +222,7 @@ _SIZES = BufferLayout.of(crane().layout)
 _GAINS, _SETPOINTS, _FORCE, _OFFSET = map(
     size, (_SIZES.gain_table, _SIZES.setpoint_table, _SIZES.force, _SIZES.offset)
 )
-_RECIPE = Recipe(
+_OPTIONS = KernelOptions(
     _LANES,
     "effort",
     semi_implicit_euler,
@@ -237,9 +237,9 @@ _RECIPE = Recipe(
 )
 
 
-def _loop(**changed: Any) -> Loop:
+def _loop(**changed: Any) -> BoundKernel:
     """A loop over two groups with two gain tables of three rows each."""
-    code, _ = compile_kernel([crane(), crane(payload_mass=700.0)], _RECIPE)
+    code, _ = compile_kernel([crane(), crane(payload_mass=700.0)], _OPTIONS)
     groups = -(-_CRANES // _LANES)
     starts = np.zeros((groups, 4, _LANES), dtype=np.int64)
     starts[:, 0] = 3
@@ -261,7 +261,8 @@ def _loop(**changed: Any) -> Loop:
     tables |= {name: changed.pop(name) for name in tables if name in changed}
     counts = {"last": _PERIODS + 1, "end": _PERIODS, "reading_count": 3}
     given: dict[str, Any] = {**counts, **memory, **changed}
-    return Loop(code, clocks(0.2, 1e-3, 1e-2), tuple(tables.values()), **given)
+    present = [table for table in tables.values() if table is not None]
+    return BoundKernel(code, clocks(0.2, 1e-3, 1e-2), present, **given)
 
 
 def _with(name: str, change: Callable[[np.ndarray], Any]) -> dict[str, Any]:
@@ -298,7 +299,7 @@ _CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
 def test_only_arrays_of_the_right_shape_and_type_are_bound(name: str, change: str) -> None:
     changed = _with(name, _CHANGES[change])
     if change == "a group less" and name == "state":  # which says how many there are
-        changed = {"state": np.zeros((3, 17, _LANES))}
+        changed = {"state": np.zeros((3, size(_SIZES.state), _LANES))}
     with pytest.raises(Misshapen, match="allowed is"):
         _loop(**changed)
 
@@ -336,15 +337,30 @@ def test_only_counts_within_the_arrays_are_bound(changed: dict[str, Any]) -> Non
         _loop(**changed)
 
 
+def test_a_loop_without_a_table_that_its_code_reads_is_refused() -> None:
+    with pytest.raises(Misshapen, match="tables of a loop is 3 tables"):
+        _loop(offset=None)
+
+
+def test_the_control_of_the_first_instant_alone_writes_a_single_row() -> None:
+    rows = np.full((2, (_PERIODS + 1) * size(_SIZES.row), _LANES), np.nan)
+    _, control = _loop(log=rows).bind_calls()
+    control()
+    written = np.isfinite(rows.reshape(2, _PERIODS + 1, -1, _LANES)).all(axis=(2, 3))
+    assert written[0].tolist() == [True] + [False] * _PERIODS and not written[1].any()
+
+
 def test_a_log_with_a_ledger_has_room_for_a_row_at_each_instant() -> None:
-    recipe = Recipe(1, "effort", semi_implicit_euler, log=True, ledger=True)
-    code, _ = compile_kernel([crane()], recipe)
+    options = KernelOptions(1, "effort", semi_implicit_euler, log=True, ledger=True)
+    code, _ = compile_kernel([crane()], options)
     widths = map(size, (code.sizes.gain_table, code.sizes.setpoint_table, code.sizes.force))
     tables = [single_table(np.zeros((1, width))) for width in widths]
     counts = size(code.sizes.state), 11 * size(code.sizes.row)
     memory = {name: np.zeros((1, n, 1)) for name, n in zip(("state", "log"), counts, strict=True)}
     with pytest.raises(Misshapen, match="log is an array"):
-        Loop(code, clocks(0.2, 1e-3, 1e-2), tables, last=21, end=20, log_interval=2, **memory)
+        BoundKernel(
+            code, clocks(0.2, 1e-3, 1e-2), tables, last=21, end=20, log_interval=2, **memory
+        )
 
 
 def test_a_group_out_of_range_is_refused() -> None:
@@ -571,7 +587,7 @@ def test_compiled_columns_have_the_bits_of_numpy_and_are_all_there_are(count: in
 def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     c = load_crane(payload_mass=1023.0)
     made = []
-    recipe = replace(_RECIPE, lanes=1, shared=(True, True, True, True))
+    options = replace(_OPTIONS, lanes=1, shared=(True, True, True, True))
 
     def slowly(*given: Any) -> Any:
         made.append(given)
@@ -581,6 +597,6 @@ def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyP
     honest = verify.kernel
     monkeypatch.setattr(verify, "_cached_kernel", lru_cache(slowly))
     with ThreadPoolExecutor(4) as pool:
-        codes = list(pool.map(lambda _: compile_kernel([c], recipe)[0], range(4)))
+        codes = list(pool.map(lambda _: compile_kernel([c], options)[0], range(4)))
     assert len(made) == 1
     assert all(code is codes[0] for code in codes)

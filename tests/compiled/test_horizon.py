@@ -91,16 +91,16 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
     layout = moved.layout
     shape = made.programme.shape(1)
     length = 0.05
-    n, z, w = layout.n, shape.states, shape.both
+    n, z, w = layout.n, shape.states, shape.variables
     module = ir.Module()
     known = horizon_model.emit(module, shape, made.programme.plant, length)
     work = np.zeros(shape.size)
-    stages = work[shape.first :].reshape(shape.stages, shape.stride)
+    stages = work[shape.first_stage :].reshape(shape.stages, shape.stage_size)
     for name, i, lane, value in known:
-        stages[:, shape.place(name, i) + lane] = value
+        stages[:, shape.offset(name, i) + lane] = value
     rng = np.random.default_rng(1)
     nodes = np.concatenate([moved.start.q, np.zeros(w - n)]) + 0.03 * rng.normal(size=(8, w))
-    stages[:8, shape.place("node") :][:, :w] = nodes
+    stages[:8, shape.offset("node") :][:, :w] = nodes
     machine = translate(module)
     machine.function("linearise", 1)(work.ctypes.data)
 
@@ -116,8 +116,10 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
 
     for k in (0, 5):
         row = {
-            name: stages[k, shape.place(name) :][: rows * shape.lanes].reshape(rows, shape.lanes)
-            for name, rows in shape.stage.items()
+            name: stages[k, shape.offset(name) :][: rows * shape.row_length].reshape(
+                rows, shape.row_length
+            )
+            for name, rows in shape.stage_rows.items()
         }
         ahead = row["forward"][:, :w]
         node = nodes[k]
@@ -200,7 +202,7 @@ def test_from_any_state_the_load_comes_to_rest_at_the_goal(which: str) -> None:
     made = receding(crane(), LIMITS)
     run = to(goal, STARTS[which], made, duration=30.0)
     assert settled(run, goal, crane()) < 24.0
-    assert made.marks.failures == 0
+    assert made.status.failures == 0
     assert np.abs(run.q[-1, crane().swings]).max() < 1e-3
 
 
@@ -324,7 +326,7 @@ def test_along_a_motion_nothing_is_left_at_its_end() -> None:
         crane(), made, motion, start=start, duration=25.0, engine="compiled", validity="mark"
     )
     assert np.abs(run.q[4000:, crane().swings]).max() < 5e-5
-    assert made.marks.failures == 0
+    assert made.status.failures == 0
 
 
 def test_on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_cost() -> None:
@@ -373,7 +375,7 @@ def test_the_compiled_loop_does_what_python_does_to_the_bit(drive: Drive, moving
         for controller in (lambda t, state, setpoint: asked(t, state, setpoint), inside)
     ]
     np.testing.assert_array_equal(runs[0].q, runs[1].q)
-    assert asked.marks == inside.marks
+    assert asked.status == inside.status
 
 
 def test_rates_for_converters_are_those_that_accelerate_the_drives_as_planned() -> None:
@@ -484,7 +486,7 @@ def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
 def failing() -> Receding:
     """A controller with a solver that begins so near its bounds that it does not get away."""
     made = receding(crane(), LIMITS)
-    made.table[made.programme.shape(1).place("report") + REPORT.index("first")] = 1e-7
+    made.table[made.programme.shape(1).offset("report") + REPORT.index("usual_barrier")] = 1e-7
     return Receding(made.programme, made.table, made.path)
 
 
@@ -493,7 +495,7 @@ def test_an_optimisation_that_fails_leaves_the_last_plan_and_a_note_in_the_recor
     made = failing()
     run = to(goal, start, made, duration=5.0)
     failed = run.record["notes"]["failed_optimisations"]
-    assert failed == made.marks.failures > 0
+    assert failed == made.status.failures > 0
     assert np.isfinite(run.q).all()
     assert run.valid.all()
     references = [hold(crane(), goal)] * 2
@@ -576,8 +578,8 @@ def test_after_each_failure_the_next_plan_begins_farther_from_its_bounds() -> No
     for k in range(25):
         made(5e-3 * k, start, setpoint)
         # An optimisation in every tenth call; the first begins at 1e-6.
-        assert made.marks.failures == k // 10 + 1
-        assert made.marks.barrier == pytest.approx(1e-5)
+        assert made.status.failures == k // 10 + 1
+        assert made.status.barrier == pytest.approx(1e-5)
 
 
 def test_sensors_that_fail_at_the_first_instant_or_for_a_second_are_outlived() -> None:

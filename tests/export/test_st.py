@@ -244,8 +244,15 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
 
 
 def test_names_that_are_no_identifiers_are_mapped_one_to_one() -> None:
-    names = ["x", "X", "base yaw", "base_yaw", "IF", "v3", "ü", "x_now"]
+    long_names = [f"{'a' * 39}_b", f"{'a' * 39}_c"]
+    names = ["x", "X", "base yaw", "base_yaw", "IF", "v3", "ü", "x_now", *long_names]
     chosen = identifiers(names)
     assert chosen["x"] == "x" and len({new.lower() for new in chosen.values()}) == len(names)
     assert all(new.isidentifier() and "__" not in new for new in chosen.values())
+    assert not any(new.startswith("_") or new.endswith("_") for new in chosen.values())
     assert chosen["IF"] == "the_IF" and chosen["v3"] == "the_v3"
+
+
+def test_no_variable_has_the_name_of_a_local_constant_in_other_letters() -> None:
+    chosen = identifiers(["V1", "X_NOW", "the_now_now", "End_If"])
+    assert [*chosen.values()] == ["the_V1", "the_X", "the_the", "the_End_If"]

@@ -49,9 +49,9 @@ def emit_plan(
     for name, row, place, number in entries:
         constants[name, row, place] = number
     # Coordinates, rates and inputs have weights of their own, and none between them.
-    kind = [i // n for i in range(shape.both)]
-    for i in range(shape.both):
-        for j in range(shape.both):
+    kind = [i // n for i in range(shape.variables)]
+    for i in range(shape.variables):
+        for j in range(shape.variables):
             if kind[i] != kind[j]:
                 constants["weight", i, j] = 0.0
     riccati.emit(module, shape, constants)
@@ -344,7 +344,7 @@ class PredictiveControl:
 
         # A step of the semi-implicit Euler method: the new rates move the coordinates.
         drive_accelerations = (v[drives] - rates_before) / period
-        dynamics = self.programme.plant.answer(q_before, v, drive_accelerations, None)
+        dynamics = self.programme.plant.forward_dynamics(q_before, v, drive_accelerations, None)
         expected_v = v[passive] + period * dynamics.acceleration[passive]
         expected_q = q_before[passive] + period * expected_v
         estimated = self._corrected(
@@ -397,7 +397,7 @@ class PredictiveControl:
         disturbance = array(updated)
 
         crane = programme.plant
-        needed = crane.answer(q, v, acceleration - disturbance, None).effort
+        needed = crane.forward_dynamics(q, v, acceleration - disturbance, None).effort
         efforts = []
         for effort, limit in zip(needed, crane.effort_limit, strict=True):
             efforts.append(clipped(effort, -limit, limit))
@@ -406,7 +406,7 @@ class PredictiveControl:
             limit = self._largest_hoist_effort(int(drives[hoist]), v)
             efforts[hoist] = code.chosen(efforts[hoist] > limit, limit, efforts[hoist])
 
-        dynamics = programme.driven("effort").answer(q, v, array(efforts), None)
+        dynamics = programme.driven("effort").forward_dynamics(q, v, array(efforts), None)
         caused = dynamics.acceleration[drives]
         self._store("disturbance", disturbance)
         self._store("expected_rates", rates + programme.period * (caused + disturbance))
@@ -441,8 +441,8 @@ class PredictiveControl:
         joint = int(self.layout.drives[hoist])
         faster = acceleration.copy()
         faster[hoist] = acceleration[hoist] + 1.0
-        effort = crane.answer(q, v, acceleration, None).effort[hoist]
-        effort_if_faster = crane.answer(q, v, faster, None).effort[hoist]
+        effort = crane.forward_dynamics(q, v, acceleration, None).effort[hoist]
+        effort_if_faster = crane.forward_dynamics(q, v, faster, None).effort[hoist]
         over = effort - self._largest_hoist_effort(joint, v)
         reduced = acceleration[hoist] - over / (effort_if_faster - effort)
         acceleration[hoist] = self.code.chosen(over > 0.0, reduced, acceleration[hoist])

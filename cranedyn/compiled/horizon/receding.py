@@ -1,4 +1,9 @@
-"""Model predictive control to a setpoint or along a motion, with a compiled optimisation."""
+"""Model predictive control to a setpoint or along a motion, with a compiled optimisation.
+
+`receding` makes a controller, `Receding`. In a plain loop it is called at each control instant. A
+compiled loop runs the same code in the memory of the controller: `resume_memory` hands it out, and
+`advance_to` says how far the loop has come.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +30,7 @@ from cranedyn.compiled.binding import Instant, aligned_copy
 from cranedyn.compiled.horizon import horizon_model
 from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 from cranedyn.compiled.horizon.memory import REPORT, Programme, lane_memory
-from cranedyn.compiled.horizon.planning import Marks
+from cranedyn.compiled.horizon.planning import SolverStatus
 from cranedyn.compiled.machine import Machine, translate
 from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.controllers.tracking import check_finite
@@ -220,7 +225,7 @@ class Receding(ShortRepr):
     def _state_row(self, name: str) -> np.ndarray:
         """Return the numbers of a row of the table that stand for states, shape (2 n,)."""
         shape = self.programme.shape(1)
-        first = shape.place(name)
+        first = shape.offset(name)
         return self.table[first : first + shape.states]
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
@@ -245,9 +250,9 @@ class Receding(ShortRepr):
         return memory
 
     @property
-    def marks(self) -> Marks:
+    def status(self) -> SolverStatus:
         """Outcome of the optimisations so far."""
-        return self.marks_by_lane(self._memory, 1)[0]
+        return self.status_by_lane(self._memory, 1)[0]
 
     def memory_of_optimisation(self) -> np.ndarray:
         """Return a copy of the memory of the last optimisation, see
@@ -257,7 +262,7 @@ class Receding(ShortRepr):
 
     def notes(self) -> dict[str, object]:
         """Return notes for a run, see `cranedyn.simulation.run_record.controller_notes`."""
-        notes: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
+        notes: dict[str, object] = {"failed_optimisations": int(self.status.failures)}
         refusals = int(self.refusals(self._memory, 1)[0])
         if refusals:
             notes["refused_readings"] = refusals
@@ -277,12 +282,14 @@ class Receding(ShortRepr):
             refused[columns[i]] = float(reading[i])
         return refused
 
-    def marks_by_lane(self, memory: np.ndarray, lanes: int) -> list[Marks]:
+    def status_by_lane(self, memory: np.ndarray, lanes: int) -> list[SolverStatus]:
         """Return the outcome of the optimisations in each lane of a memory."""
         shape = self.programme.shape(lanes)
-        first = self.programme.offsets(lanes).plans + shape.stages * shape.lanes * lanes
-        numbers_of_lanes = memory[first : first + len(Marks._fields) * lanes].reshape(-1, lanes)
-        return [Marks(*column) for column in numbers_of_lanes.T.tolist()]
+        first = self.programme.offsets(lanes).plans + shape.stages * shape.row_length * lanes
+        numbers_of_lanes = memory[first : first + len(SolverStatus._fields) * lanes].reshape(
+            -1, lanes
+        )
+        return [SolverStatus(*column) for column in numbers_of_lanes.T.tolist()]
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Check the control period, see `cranedyn.clocks.Clocked`.
@@ -311,7 +318,7 @@ class Receding(ShortRepr):
         instant_number = self._instant_number(t)
         period = instant_number // self.programme.ratio
         if t < self._last_time:
-            self._begin()
+            self._restart()
         due = period != self._last_period
         self._last_period = period
         self._last_time = t
@@ -321,8 +328,8 @@ class Receding(ShortRepr):
         """Return the number of control instants before a time [s], which is the row of the path."""
         return max(0, math.floor(t / self.programme.period + ROW_TOLERANCE))
 
-    def _begin(self) -> None:
-        """Forget the run before."""
+    def _restart(self) -> None:
+        """Return to the state before a run, and forget the run before."""
         self._memory[:] = self.memory(1)
         self._last_period = None
 
@@ -331,11 +338,12 @@ class Receding(ShortRepr):
         (1, doubles).
         """
         if t < self._last_time:
-            self._begin()
+            self._restart()
         counts = self._counts(self._memory, 1)
         instant_number = self._instant_number(t)
         counts[0] = instant_number
-        # The loop optimises at once where the run begins here, and otherwise in its turn.
+        # The loop optimises at every `ratio`-th instant, and at the instant counts[1]: at once
+        # where the run begins here; -1 is the number of no instant.
         counts[1] = instant_number if self._last_period is None else -1
         return self._memory[None]
 
@@ -346,7 +354,12 @@ class Receding(ShortRepr):
 
 
 class _CompiledProgramme(NamedTuple):
-    """Code of a programme, and the numbers that are the same in every stage, see `emit_plan`."""
+    """Code of a programme.
+
+    Attributes:
+        machine: Its functions.
+        constants: Numbers that are the same in every stage, see `emit_plan`.
+    """
 
     machine: Machine
     constants: list[tuple[str, int, int, float]]
@@ -666,8 +679,8 @@ def _table(programme: Programme, weight: np.ndarray, rows: dict[str, np.ndarray]
 
     def row(name: str, i: int = 0) -> np.ndarray:
         """Return a view of a row."""
-        first = shape.place(name, i)
-        return table[first : first + shape.lanes]
+        first = shape.offset(name, i)
+        return table[first : first + shape.row_length]
 
     for i, weights in enumerate(weight):
         row("weight", i)[: len(weight)] = weights
@@ -677,8 +690,8 @@ def _table(programme: Programme, weight: np.ndarray, rows: dict[str, np.ndarray]
     row("price")[:] = EXCESS_PRICE
     for name, values in rows.items():
         row(name)[: len(values)] = values
-    row("report")[REPORT.index("first")] = _BARRIER_SHARE * EXCESS_PRICE
-    stages = table[shape.first :].reshape(shape.stages, shape.stride)
+    row("report")[REPORT.index("usual_barrier")] = _BARRIER_SHARE * EXCESS_PRICE
+    stages = table[shape.first_stage :].reshape(shape.stages, shape.stage_size)
     for name, i, place, value in _compile(programme).constants:
-        stages[:, shape.place(name, i) + place] = value
+        stages[:, shape.offset(name, i) + place] = value
     return table

@@ -190,7 +190,7 @@ class Plant:
         commands = {"effort": force, "motion": dt * dt, "velocity": dt}
         return scaled, Units(dt, commands[self.drive], force, 1.0 / force)
 
-    def answer(
+    def forward_dynamics(
         self,
         q: np.ndarray,
         v: np.ndarray,
@@ -257,7 +257,8 @@ class Plant:
         v: np.ndarray,
         command: np.ndarray,
     ) -> DynamicsResult:
-        """Return `answer` for an inextensible rope, which holds its stretch where it is taut.
+        """Return what `forward_dynamics` does for an inextensible rope, which holds its stretch
+        where it is taut.
 
         A taut rope is a constraint: the stretch s does not accelerate, and the tension is the force
         that this takes, T = -(M a + b)_s, with the row s of the equation of motion. The rope stays
@@ -275,7 +276,7 @@ class Plant:
             resisting: Generalized forces without acceleration, shape (n,).
             q: Coordinates, shape (n,).
             v: Their rates, shape (n,).
-            command: As for `answer`.
+            command: As for `forward_dynamics`.
         """
         taut = self.joint.taut
         pull = None
@@ -316,7 +317,7 @@ class Plant:
             mass: Mass matrix M, shape (n, n).
             resisting: Generalized forces without acceleration, shape (n,).
             v: Rates, shape (n,).
-            command: As for `answer`.
+            command: As for `forward_dynamics`.
             still: A joint that does not accelerate; None for none.
         """
         drives = self.topology.layout.drives

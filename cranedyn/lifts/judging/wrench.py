@@ -75,9 +75,7 @@ class Moving:
         topology = Topology.of(crane)
         crane_plant = plant(topology, numbers(crane).tolist(), "effort", buffers)
         outside = None if force is None or not np.any(force) else column_objects(force)
-        caused = crane_plant.answer(
-            column_objects(q), column_objects(v), column_objects(effort), outside
-        )[0]
+        caused = crane_plant.forward_dynamics(column_objects(q), column_objects(v), column_objects(effort), outside)[0]
         # The tree of the plant counts masses that move together with their parents. What passes
         # through a joint is that of the masses beyond it, so that it needs each where it is.
         tree = bodies_of_crane(crane)

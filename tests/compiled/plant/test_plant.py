@@ -35,9 +35,9 @@ def _answers(c: Crane, drive: str, q: np.ndarray, v: np.ndarray) -> list[list[np
     force = np.tile([300.0, -200.0, 100.0], len(c.points))
     scaled, units = whole.in_steps(DT)
     found: list[list[Any]] = [
-        list(whole.answer(q, v, array(command.tolist()), array(force.tolist()))[:2]),
+        list(whole.forward_dynamics(q, v, array(command.tolist()), array(force.tolist()))[:2]),
         list(
-            scaled.answer(
+            scaled.forward_dynamics(
                 q,
                 v * units.time,
                 array((command * units.command).tolist()),
@@ -189,7 +189,7 @@ def test_the_ground_pushes_where_the_load_touches_and_its_power_is_force_times_s
     assert float(made.power(q, v, reactions)) == pytest.approx(power, rel=1e-9)
     assert power != 0.0
     # What the forces do to the accelerations, by Pinocchio.
-    found = made.answer(q, v, array([0.0] * c.layout.m), None, reactions).acceleration
+    found = made.forward_dynamics(q, v, array([0.0] * c.layout.m), None, reactions).acceleration
     wrenches = pin.StdVec_Force()
     pin.forwardKinematics(c.model, c.data, q)
     rotation = c.data.oMi[contacts.body + 1].rotation
@@ -217,7 +217,7 @@ def test_a_prescribed_motion_costs_what_inverse_dynamics_says() -> None:
     c = crane()
     q, v = _state(c)
     command = np.array([0.02, -0.4, 0.3])
-    solved = _plant_of(c, "motion").answer(q, v, array(command.tolist()), None)
+    solved = _plant_of(c, "motion").forward_dynamics(q, v, array(command.tolist()), None)
     a = solved.acceleration.astype(float)
     assert_allclose(a[c.layout.drives], command)
     needed = pin.rnea(c.model, c.model.createData(), q, v, a) + c.damping * v
@@ -240,7 +240,7 @@ def test_buffers_push_a_drive_back_into_its_range() -> None:
     push[trolley] = -inertia[trolley] * (400.0 * 0.03 + 20.0 * 0.2)
     push[hoist] = inertia[hoist] * (400.0 * 0.02 + 20.0 * 0.1)
     made = _plant_of(c, buffers=True)
-    found = made.answer(q, v, array([0.0] * layout.m), None).acceleration
+    found = made.forward_dynamics(q, v, array([0.0] * layout.m), None).acceleration
     expected = pin.aba(c.model, c.model.createData(), q, v, push - c.damping * v)
     assert_allclose(found.astype(float), expected, rtol=1e-9)
     assert float(made.stop_force(q, v)) == pytest.approx(push[hoist])
@@ -280,7 +280,7 @@ def test_an_inextensible_rope_holds_while_it_pulls_and_falls_free_while_it_does_
             resisting[layout.drives] -= command
         a = np.zeros(layout.n)
         a[free] = np.linalg.solve(mass[np.ix_(free, free)], -resisting[free])
-        solved = made.answer(q, v, array(command.tolist()), None)
+        solved = made.forward_dynamics(q, v, array(command.tolist()), None)
         scale = np.abs(a).max()
         assert_allclose(solved.acceleration.astype(float), a, rtol=1e-8, atol=1e-9 * scale)
         if lifted == 0.0:

@@ -81,7 +81,7 @@ class Kernel {
     this.numbers = buffers.numbers;
     this.numbers.set(data.numbers);
     this._state = buffers.state;
-    this._queued = view("state", "unheard");
+    this._queued = view("state", "delayed_commands");
     /** Rates of the drives after the ramps of their converters. */
     this.reference = view("state", "reference");
     this.drives = data.drives;
