@@ -63,8 +63,11 @@ OBSERVED = (
     "x",
     "l",
 )
-"""Observations in their order, in SI units: the distance of each drive to its goal, the rate of each
-drive, both swings, their rates, trolley radius and cable length."""
+"""Observations in their order, in SI units.
+
+They are the distance of each drive to its goal, the rate of each drive, both swings, their rates,
+the trolley radius and the cable length.
+"""
 
 PENALTY = -50.0
 """Reward of a swing beyond the limit, which ends the episode.
@@ -447,8 +450,10 @@ class SwingTask:
         return _acceleration_code(*self._acceleration_key)(action, z)
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Return the distance of each crane to its goal [m], shape (n,): that of the drives, plus the
-        amplitude with which the load would swing if the drives stopped at once.
+        """Return the distance of each crane to its goal [m], shape (n,).
+
+        It is the distance of the drives, plus the amplitude with which the load would swing if the
+        drives stopped at once.
 
         Args:
             z: Coordinates and rates, a column for each crane.
