@@ -63,12 +63,12 @@ INPUTS = [[k, "sticks", sticks] for k, sticks in ITINERARY]
 def test_a_name_is_data_of_the_page_whatever_it_contains(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(driving_page, "page_data", lambda crane: {"title": name})
+    monkeypatch.setattr(driving_page, "page_data", lambda *_: {"title": name})
     text = driving_page.page_html(load_crane())
     scripts = re.findall(r"<script([^>]*)>(.*?)</script>", text, re.DOTALL)
     (data,) = [body for head, body in scripts if 'id="data"' in head]
     assert json.loads(data) == {"title": name}
-    monkeypatch.setattr(driving_page, "page_data", lambda crane: {"title": "a"})
+    monkeypatch.setattr(driving_page, "page_data", lambda *_: {"title": "a"})
     plain = re.findall(
         r"<script([^>]*)>(.*?)</script>", driving_page.page_html(load_crane()), re.DOTALL
     )
@@ -189,7 +189,7 @@ class Operator:
     def yielding(self, asked: np.ndarray, state: State) -> np.ndarray:
         """Slew and trolley give way."""
         _, x, phi, theta, length = state.q
-        gain = 2.0 * browser_crane.YIELDING * math.sqrt(self.crane.gravity * length)
+        gain = 2.0 * browser_crane.YIELDING_DAMPING_RATIO * math.sqrt(self.crane.gravity * length)
         return self.stoppable(asked - gain * np.array([theta / x, phi, 0.0]), state.q)
 
     def lqr(self, asked: np.ndarray, state: State) -> np.ndarray:
