@@ -528,7 +528,9 @@ def test_the_share_of_the_chart_is_that_of_a_report() -> None:
 @pytest.mark.parametrize("heading", [-math.pi / 2.0, 0.0, 0.7, 2.5])
 def test_a_site_is_turned_so_that_its_heading_is_where_the_jib_points(heading: float) -> None:
     foot = np.array([3.0, -4.0, 1.5])
-    turn, shift = driving_page._frame(replace(read_site("tower"), heading=heading, foot=foot))
+    turn, shift = driving_page._site_to_crane(
+        replace(read_site("tower"), heading=heading, foot=foot)
+    )
     crane = crane_of("tower")
     load = payload_position(crane, crane.start.q)  # at slew 0, 10 m from the axis
     ahead = np.array([10.0 * math.cos(heading), 10.0 * math.sin(heading), load[2]])
