@@ -1,7 +1,7 @@
 """Closed forms to validate the simulation. SI units, radians, gravity positive.
 
 Swing angles are positive when the load lags behind the pivot. Each function raises `OutOfRange`
-where its result is not finite.
+where its result is not finite, or its arguments have no meaning, such as a swing beyond 180°.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ _MIN_AMPLITUDE = 1e-9
 """Smallest amplitude that `adiabatic_amplitude` looks for [rad]."""
 
 _MAX_AMPLITUDE = 3.1
-"""Largest amplitude that it looks for [rad]. At π the pendulum stands upside down, and has no
-period."""
+"""Largest amplitude that `adiabatic_amplitude` looks for [rad]. At π the pendulum stands upside
+down, and has no period."""
 
 
 def _finite(form: _Function) -> _Function:
@@ -53,9 +53,22 @@ def _finite(form: _Function) -> _Function:
         for name, value in named.items():
             arguments.append(f"{name}={short_repr(value)}")
         call = f"{form.__name__}({', '.join(arguments)})"
-        raise OutOfRange(f"the answer of {call}", "not finite", "what has a finite one")
+        raise OutOfRange(f"the result of {call}", "not finite", "arguments with a finite result")
 
     return checked  # type: ignore[return-value]
+
+
+def _check_amplitude(amplitude: float | np.ndarray) -> None:
+    """Check that a swing of this amplitude turns back before the pendulum stands upside down.
+
+    The closed forms take an amplitude A by sin²(A/2), which is the same for 2π - A: beyond π they
+    would give the numbers of another swing.
+
+    Raises:
+        ValueError: If an amplitude is beyond π.
+    """
+    if (np.abs(amplitude) > math.pi).any():
+        raise ValueError
 
 
 @_finite
@@ -79,6 +92,7 @@ def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
 
     Landau & Lifshitz, Mechanics, §11.
     """
+    _check_amplitude(amplitude)
     # SciPy's complete elliptic integral takes the parameter m = k², not the modulus k.
     parameter = np.sin(np.asarray(amplitude) / 2.0) ** 2
     return 2.0 / math.pi * scipy.special.ellipk(parameter)
@@ -282,6 +296,7 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
         """Return how much larger the action is at an amplitude and a length ratio than before."""
         return action(a) * ratio**1.5 - action_before
 
+    _check_amplitude(amplitude)
     action_before = action(amplitude)
     ratios = np.atleast_1d(as_array("lengths", lengths, (), ("n",))) / length
     amplitudes = []

@@ -115,7 +115,7 @@ conditions(crane, rows, rows[:1], rows[:, 2]) => v is an array of shape (1, 5); 
 trajectory.state(21) => row is 21; allowed is a whole number from -21 to 20.
 trajectory.state(0.5) => row is 0.5; allowed is a whole number from -21 to 20.
 grid(x=[1.0, 2.0]).rows(0, 3) => last is 3; allowed is 0 to 2.
-rigid_period(10.0, -9.81, 1000.0, 1.0) => the answer of rigid_period(10.0, -9.81, 1000.0, 1.0) is
+rigid_period(10.0, -9.81, 1000.0, 1.0) => the result of rigid_period(10.0, -9.81, 1000.0, 1.0) is
 small_swing(t, t, length=9.0, gravity=9.8, **quiet) => swing is an array of shape (1200,); allowed
 hold(crane, four) => state is a state of 4 coordinates and 4 rates
 lqr(crane, other) => motion is a motion of 4 coordinates, the drives [0, 1]; allowed is one of 5,

@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 
 from cranedyn import theory
 from cranedyn.dynamics import equations_of_motion as dynamics
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from tests.helpers import G, accelerations, big_crane, pendulum_period, states
 from tests.lagrangian import Lagrangian
@@ -48,6 +49,14 @@ def test_the_period_of_a_rigid_load_is_the_published() -> None:
     assert theory.rigid_period(7.0, G, 3.0, 0.0) == pytest.approx(
         theory.point_period(7.0, G), rel=1e-15
     )
+
+
+@pytest.mark.parametrize("amplitude", [math.pi, -3.2, 4.0, 6.28, math.nan])
+def test_a_swing_beyond_180_degrees_has_no_period_and_no_action(amplitude: float) -> None:
+    with pytest.raises(OutOfRange, match="amplitude_factor"):
+        theory.amplitude_factor(np.array([1.0, amplitude]))
+    with pytest.raises(OutOfRange, match="adiabatic_amplitude"):
+        theory.adiabatic_amplitude(np.array([10.0]), 10.0, amplitude)
 
 
 @given(st.floats(1e-3, 3.0))

@@ -59,11 +59,12 @@ _TIME_TOLERANCE = 1e-9
 """Round-off of a time at which a record begins or ends [s]."""
 
 SPARSE = 0.2
-"""Share of empty cells above which a column belongs to another topic than the others, which reports
-at times of its own."""
+"""Share of empty cells of a column above which it is taken for that of a topic that reports at
+times of its own; below it an empty cell is a missing value."""
 
 _MAX_GAP_RATIO = 5.0
-"""Longest time between values of a swing that is in some rows only, over their usual interval."""
+"""Longest allowed time between two values of a swing that is in some rows only, over the median of
+these times."""
 
 _ARGUMENT = re.compile(
     r"""(?P<column>\w+)=
@@ -74,8 +75,11 @@ _ARGUMENT = re.compile(
 """An argument such as phi_rad=Swing[deg], with the name between quotation marks or not."""
 
 Filling = Literal["hold", "interpolate"]
-"""What stands in rows in which a column has no value, where rows of several topics are mixed: the
-value before, or one on the straight line between those before and after."""
+"""How the rows of a column without a value are filled, where rows of several topics are mixed.
+
+"hold" repeats the value before, "interpolate" takes the straight line between the values before
+and after.
+"""
 
 
 class Source(NamedTuple):
@@ -283,8 +287,8 @@ def _check_unit(log: LoggedTable, column: str, source: Source, index: int) -> st
 
 
 def _known_unit(unit_of_file: str, factors: Mapping[str, float]) -> str:
-    """Return the unit that a file writes by our name of it, whatever its case; as it is written if
-    it is none of ours.
+    """Return our name of the unit that a file writes, whatever its case; the unit as the file
+    writes it if it is none of ours.
     """
     spelled = _SPELLINGS.get(unit_of_file) or _SPELLINGS.get(unit_of_file.lower(), unit_of_file)
     if spelled in factors:
@@ -335,12 +339,13 @@ def _filled(
     filling: Filling,
     remarks: list[str],
 ) -> dict[str, LoggedColumn]:
-    """Return columns without empty cells, of a table in which several topics report at times of
-    their own, as PlotJuggler writes it.
+    """Return the columns of a table without empty cells.
 
-    Rows before the first and after the last value of any column are left out. Where values are
-    held, the few empty cells of the fastest topic lie on straight lines between its values; else
-    rows without a value of it are left out, too.
+    Empty cells are usual where several topics report at times of their own, as PlotJuggler writes
+    them into one table. Rows before the first and after the last value of any column are left out.
+    Where values are held, the few empty cells of the fastest topic are filled by straight lines
+    between its values. Where they are interpolated, rows without a value of the fastest topic are
+    left out, too.
 
     Args:
         path: The file, for error messages.
@@ -382,7 +387,7 @@ def _filled(
         else:
             filled[column] = np.interp(t, t[present], values.values[present])
             decision = "the others lie on straight lines between them"
-            if column not in sparse or column in required:
+            if column in required:
                 decision = "rows without one are left out"
         remarks.append(
             f"{column} has values in {len(present)} of {len(t)} rows, at most {longest:.3g} s "

@@ -100,9 +100,13 @@ class TimeSeries:
         return column in self.keys()
 
     def __iter__(self) -> Iterator[Any]:
-        """Iterate over the rows as named tuples."""
+        """Iterate over the rows as named tuples.
+
+        A column whose name is no identifier of Python, such as "bridge-rail 1_m", is reached by its
+        place only.
+        """
         names = self.keys()
-        row_type = namedtuple("Row", names)  # type: ignore[misc]
+        row_type = namedtuple("Row", names, rename=True)  # type: ignore[misc]
         columns = [self[name].tolist() for name in names]
         return map(row_type._make, zip(*columns, strict=True))
 

@@ -1,4 +1,9 @@
-"""The crane of a page: compiled to WebAssembly, with sliders and assistances for its operator."""
+"""The crane of a page: compiled to WebAssembly, with sliders and assistances for its operator.
+
+`kernel_data` has the code of the crane, `variations` its sliders, and `assist_data` what the
+assistances of the operator need: shaping, drives that yield to the swing, an LQR, and predictive
+control. All of it goes into the JSON of the page, see `driving_page`.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +37,15 @@ PERIOD = 5e-3
 DT = 5e-4
 """Physics step [s], that of `simulate`."""
 
-YIELDING = 0.2
-"""Share of critical damping that drives which yield give the swing."""
+YIELDING_DAMPING_RATIO = 0.2
+"""Damping ratio that drives which yield to the load give its swing."""
 
-SOFTER = 100.0
-"""Weight of efforts over that of `lqr`: stiffer gains ask for more than the ramps of drives give,
-and the loop oscillates."""
+LQR_EFFORT_FACTOR = 100.0
+"""Factor on the weight of efforts of `lqr`.
+
+With the weight of `lqr` itself the gains ask for more than the ramps of the drives give, and the
+loop oscillates.
+"""
 
 _RADII = 6
 """Number of trolley radii in the table of gains."""
@@ -51,8 +59,8 @@ class Slider:
     """A number of the crane that can be changed while it moves.
 
     Attributes:
-        name: Name.
-        label: What it is.
+        name: Name, by which the page refers to it.
+        label: Name for the operator.
         unit: Its unit.
         least: Lower end of its range.
         most: Upper end of its range.
@@ -68,18 +76,21 @@ class Slider:
 
 
 def variations(crane: Crane, drives: Converters) -> list[tuple[Slider, Crane, np.ndarray]]:
-    """Return sliders, each with the crane and the parameters of its converters at one unit more
-    than usual.
+    """Return the sliders of load, damping and ramps, each with a crane and the parameters of its
+    converters where the slider stands one unit above its start.
 
-    The numbers of a crane are affine in each slider, so the page adds as many times the difference
-    as the slider is off its start.
+    The numbers of a crane are affine in each slider, so the page adds their difference per unit,
+    times the distance of the slider from its start.
     """
     usual = np.concatenate(drives.response)
     mass = crane.payload_mass
     damping = float(crane.damping[crane.swings].mean()) if len(crane.swings) else 0.0
+    # The critical damping of a pendulum is 2 m l² √(g/l) = 2 m √g l^1.5. The slider reaches at
+    # least a twentieth of that.
     largest = max(10.0 * damping, 0.1 * math.sqrt(crane.gravity) * mass * _cable(crane) ** 1.5)
     raised = crane.damping.copy()
     raised[crane.swings] += 1.0
+    # The unit of this slider is a percent.
     steeper = replace(drives, accelerations=1.01 * drives.accelerations, jerks=1.01 * drives.jerks)
     load = Slider("payload_mass", "load", "kg", 0.25 * mass, 3.0 * mass, mass)
     swing = Slider("damping", "damping of the swing", "N m s/rad", 0.0, largest, damping)
@@ -92,7 +103,7 @@ def variations(crane: Crane, drives: Converters) -> list[tuple[Slider, Crane, np
 
 
 def _heavier(crane: Crane, factor: float) -> Crane:
-    """Return a crane with a load of the same shape whose mass is a multiple."""
+    """Return a crane whose load has a multiple of its mass and of its moments of inertia."""
     model = crane.model.copy()
     joint = crane.payload.body + 1  # joint 0 of Pinocchio is the world
     load = model.inertias[joint]
@@ -101,7 +112,9 @@ def _heavier(crane: Crane, factor: float) -> Crane:
 
 
 def usual_limits(drives: Converters) -> Limits:
-    """Return the limits at full stick: those of the drives less what rates have in reserve."""
+    """Return the limits at full stick: those of the converters, less the reserve of their rates
+    (`HEADROOM`).
+    """
     return Limits((drives.rates / HEADROOM).tolist(), drives.accelerations.tolist())
 
 
@@ -113,6 +126,7 @@ def _cable(crane: Crane) -> float:
 
 # --- assistances ----------------------------------------------------------------------------------
 
+# Label and explanation for the operator by the name of the assistance, in the order of the buttons.
 _ASSISTANCES = {
     "none": ("Off", "The drives follow the sticks by their ramps."),
     "shaped": ("Shaped", "Half of each command comes half a swing period later (ZV shaper)."),
@@ -124,18 +138,18 @@ _ASSISTANCES = {
 
 def assistances(crane: Crane) -> list[dict[str, str]]:
     """Return the assistances that a crane can have."""
-    assistances = set(_ASSISTANCES)
+    possible = set(_ASSISTANCES)
     if not len(crane.swings):
-        assistances &= {"none"}
+        possible &= {"none"}
     if not is_tower(crane):
-        assistances -= {"yielding"}
+        possible -= {"yielding"}
     if crane.springs.any:
-        assistances -= {"predictive"}
-    return [
-        {"name": name, "label": label, "text": text}
-        for name, (label, text) in _ASSISTANCES.items()
-        if name in assistances
-    ]
+        possible -= {"predictive"}
+    data = []
+    for name, (label, text) in _ASSISTANCES.items():
+        if name in possible:
+            data.append({"name": name, "label": label, "text": text})
+    return data
 
 
 def is_tower(crane: Crane) -> bool:
@@ -147,19 +161,24 @@ def assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     """Return what the assistances need to know of a crane, for JSON."""
     layout = crane.layout
     limits = usual_limits(drives)
-    # Time from a command to the acceleration: lag, delay, and the rounding of the ramp.
+    # Time from a command until the drive has the acceleration of its ramp: the lag, the delay, and
+    # the time in which the jerk builds up the acceleration.
     response = drives.lags + drives.delay + drives.accelerations / drives.jerks
     hoist = layout.drive_of("hoist")
-    lengths = _rows(crane, "hoist", _LENGTHS)
+    lengths = _grid(crane, "hoist", _LENGTHS)
+    periods = []
+    for length in lengths:
+        periods.append(swing_period(crane, _resting_coordinates(crane, hoist=length)))
     data: dict[str, Any] = {
         "rates": list(limits.rates),
         "accelerations": list(limits.accelerations),
-        "reaction": (2.0 * response).tolist(),  # twice, or the end would be overshot
+        # Twice the response: with the response alone a drive overshoots the end of its range.
+        "reaction": (2.0 * response).tolist(),
         "joints": layout.drives.tolist(),
         "hoist": -1 if hoist is None else hoist,
         "swing": {
             "lengths": lengths,
-            "periods": [swing_period(crane, _at(crane, hoist=length)) for length in lengths],
+            "periods": periods,
         },
     }
     if is_tower(crane):
@@ -171,7 +190,7 @@ def assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
             "l": length,
             "slew": layout.drive_of("slew"),
             "trolley": layout.drive_of("trolley"),
-            "ratio": YIELDING,
+            "ratio": YIELDING_DAMPING_RATIO,
             "gravity": crane.gravity,
         }
     if len(crane.swings):
@@ -179,8 +198,14 @@ def assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     return data
 
 
-def _rows(crane: Crane, role: str, count: int) -> list[float]:
-    """Return coordinates over the range of a role's joint; one where there is none."""
+def _grid(crane: Crane, role: str, count: int) -> list[float]:
+    """Return coordinates spread evenly over the range of the joint of a role; [0] if there is none.
+
+    Args:
+        crane: The crane.
+        role: The role.
+        count: Number of coordinates.
+    """
     layout = crane.layout
     if not layout.has(role):
         return [0.0]
@@ -188,8 +213,10 @@ def _rows(crane: Crane, role: str, count: int) -> list[float]:
     return np.linspace(crane.lower[joint], crane.upper[joint], count).tolist()
 
 
-def _at(crane: Crane, **coordinates: float) -> np.ndarray:
-    """Return coordinates at rest, with those of some roles given."""
+def _resting_coordinates(crane: Crane, **coordinates: float) -> np.ndarray:
+    """Return coordinates at which the crane hangs at rest, shape (n,): those of its start but for
+    the given ones, by their roles.
+    """
     q = crane.start.q.copy()
     for role, value in coordinates.items():
         if crane.layout.has(role):
@@ -202,20 +229,23 @@ def swing_period(crane: Crane, q: np.ndarray) -> float:
     if not len(crane.swings):
         return 1.0
     frequencies = natural_frequencies(crane, q, crane.layout.passive)
-    # A joint that nothing brings back has the frequency 0, up to round-off.
+    # A joint without a restoring force has the frequency 0, up to round-off.
     swinging = frequencies[frequencies > 1e-3 * frequencies.max()]
     return float(2.0 * math.pi / swinging.min())
 
 
 def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dict[str, Any]:
-    """Return gains from state to rates over radius and cable length."""
+    """Return gains from the state to the rates of the drives, over trolley radius and cable length.
+
+    Each entry of ``gains`` is a matrix, shape (m, 2 n), row by row; the lengths vary fastest.
+    """
     layout = crane.layout
-    radii = _rows(crane, "trolley", _RADII)
-    weight = SOFTER * effort_weight_of(crane)
+    radii = _grid(crane, "trolley", _RADII)
+    weight = LQR_EFFORT_FACTOR * effort_weight_of(crane)
     gains = []
     for radius in radii:
         for length in lengths:
-            q = _at(crane, trolley=radius, hoist=length)
+            q = _resting_coordinates(crane, trolley=radius, hoist=length)
             still = np.zeros((1, layout.n))
             motion = Motion(PERIOD, q[None], still, still, layout.drives)
             efforts = lqr(crane, motion, effort_weight=weight)
@@ -239,13 +269,16 @@ def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dic
 def kernel_data(
     crane: Crane, drives: Converters, variants: Sequence[tuple[Slider, Crane, np.ndarray]]
 ) -> dict[str, Any]:
-    """Return the code as WebAssembly, with the layout of its memory and what each of `variations`
-    changes, but no state at the start.
+    """Return the code of a crane as WebAssembly, with the layout of its memory and what each of
+    `variations` changes of its numbers.
+
+    The keys are those of `KernelData` in ``kernel.js``, without the state at the start.
     """
+    # Imported here, since other exporters do without llvmlite.
     from cranedyn.compiled.kernel import KernelOptions, build_module
     from cranedyn.compiled.memory_layout import SLOTS, size, slices
     from cranedyn.compiled.verify import compile_kernel
-    from cranedyn.compiled.webassembly import webassembly  # other exporters need no llvmlite
+    from cranedyn.compiled.webassembly import webassembly
 
     options = KernelOptions(
         1,
@@ -296,7 +329,11 @@ def kernel_data(
 
 
 def goal_controller(crane: Crane, drives: Converters) -> Receding:
-    """Return the predictive controller: few and long stages are quick, and as good here."""
+    """Return the predictive controller of a page, which goes to the goal that is clicked.
+
+    Its horizon is two swing periods in 20 stages: few and long stages are quick to optimise, and as
+    good here as more.
+    """
     from cranedyn.compiled.horizon.receding import receding
 
     swing = swing_period(crane, crane.start.q)
@@ -312,7 +349,9 @@ def goal_controller(crane: Crane, drives: Converters) -> Receding:
 
 
 def _horizon_data(controller: Receding) -> dict[str, Any]:
-    """Return code and memory of a predictive controller, and places of its acceleration limits."""
+    """Return code and memory of a predictive controller, and where in its memory the limits of the
+    accelerations stand, which the slider of the ramps changes.
+    """
     from llvmlite import ir
 
     from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
@@ -333,5 +372,5 @@ def _horizon_data(controller: Receding) -> dict[str, Any]:
 
 
 def _packed(data: bytes) -> str:
-    """Return bytes compressed, as text for JSON."""
+    """Return bytes compressed by zlib and encoded in base 64, as text for JSON."""
     return base64.b64encode(zlib.compress(data, 9)).decode()

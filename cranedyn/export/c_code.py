@@ -22,7 +22,7 @@ from cranedyn.compiled.c_text import Precision, c_header, c_source
 from cranedyn.compiled.crane_block import COMMUNICATION, crane_block
 from cranedyn.dynamics.converters import converters_of_run
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.export.controller_block import controller_block, vectors
+from cranedyn.export.controller_block import controller_block, reference_calls
 from cranedyn.export.target import check_free, name_default_rates, new_folder
 from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import Drive, Setpoint, State
@@ -37,29 +37,32 @@ EXAMPLE = "controller_c --controller lqr"
 """Example of a target, for the help of the command line."""
 
 TOLERANCE = {"double": 1e-12, "single": 1e-3, "predictive": 1e-8}
-"""Largest difference between C and Python over the larger of 1 and the largest value: round-off of
-sums in another order; in single precision that of 2,000 physics steps; of predictive control the
-tolerance of an optimisation, whose last iteration round-off may decide."""
+"""Largest difference between C and Python, as a share of the larger of 1 and the largest value.
+
+In double precision it is round-off of sums in another order, in single precision that of 2,000
+physics steps. Predictive control has the tolerance of its optimisation, since round-off may decide
+which of its iterations is the last.
+"""
 
 _TEMPLATES = Path(__file__).with_name("templates")
 """Folder of the texts that do not depend on the crane."""
 
 _TEST_ROWS = 200
-"""Rows of the test of a crane."""
+"""Number of rows of the test of a crane."""
 
 _ROWS_OF_COMMAND = 20
-"""Rows for which a command of that test holds."""
+"""Number of rows for which a command of that test holds."""
 
 
 @dataclass(frozen=True)
 class BlockTest:
-    """Test of a block: in each row it gets inputs and is called, and has expected values then.
+    """Test of a block: for each row it gets inputs, is called, and must then have expected values.
 
     Attributes:
         block: The block.
-        calls: Calls of step for each row.
+        calls: Number of calls of its step for each row.
         inputs: Values of its inputs, shape (rows, inputs).
-        names: Names of the expected values.
+        names: Names of the variables that are compared.
         expected: Values of these after the calls, shape (rows, names).
     """
 
@@ -107,7 +110,7 @@ def export(
         block = controller_block(
             crane, controller, drive=drive, control_period=control_period, duration=duration
         )
-        inputs, outputs = vectors(crane, controller, block)
+        inputs, outputs = reference_calls(crane, controller, block)
         names = [variable.name for variable in block.of_kind("output")]
         tests.append(BlockTest(block, 1, inputs, names, outputs))
     with new_folder(Path(folder)) as draft:
@@ -160,8 +163,10 @@ def crane_test(crane: Crane, drive: Drive, dt: float, integrator: Integrator) ->
 
 
 def _largest_test_commands(crane: Crane, drive: Drive) -> np.ndarray:
-    """Return the largest changes of the commands in the test of a crane, shape (m,): the rates of
-    converters, or what accelerates each drive by half a rad/s² or m/s².
+    """Return the largest changes of the commands in the test of a crane, shape (m,).
+
+    They are the rates of the converters, or what accelerates each drive by half a rad/s² or m/s²:
+    enough to move the crane, and too little to leave its ranges within the test.
     """
     layout = crane.layout
     converters = converters_of_run(crane, drive, None)
@@ -182,14 +187,16 @@ def _test_program(tests: Sequence[BlockTest], precision: Precision) -> str:
     for test in tests:
         lines += _test_function(test, precision)
         tolerance = TOLERANCE["predictive" if test.block.routines else precision]
-        # So written, a difference that is NaN fails.
+        # Written with "not <=", a difference that is NaN fails, too.
         failures.append(f"!(test_{test.block.name}() <= {tolerance!r})")
     any_fails = " || ".join(failures)
     return "\n".join([*lines, "", "int main(void) {", f"  return {any_fails};", "}", ""])
 
 
 def _test_function(test: BlockTest, precision: Precision) -> list[str]:
-    """Return the numbers of a test in C, and the function that returns the largest difference."""
+    """Return the lines of a test in C: its numbers, and the function that returns the largest
+    difference.
+    """
     block = test.block
     number = "double" if precision == "double" else "float"
     lines = []
@@ -220,12 +227,12 @@ def _test_function(test: BlockTest, precision: Precision) -> list[str]:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    """Return numbers in C, exact to the bit."""
+    """Return numbers as a list in C, with as many digits as tell them from all other doubles."""
     return ", ".join(repr(value) for value in values)
 
 
 def _readme(tests: Sequence[BlockTest], precision: Precision) -> str:
-    """Return the page of the folder."""
+    """Return the README of the folder: when to call each block, with its inputs and outputs."""
     lines = []
     for test in tests:
         block = test.block

@@ -2,16 +2,17 @@
 
 The inputs of a block are the measured state and the setpoints, its outputs the commands of the
 drives. A program calls it once in each control period. Tables of a controller, such as gains along
-a motion, are constant tables of the block; their row is the count of calls since the reset.
+a motion, are constant tables of the block; a call takes the row whose number is the count of calls
+since the reset.
 
 `controller_block` is the entry point. There is one class for each family of controllers, a `Part`,
 which knows what the controller keeps in memory and emits its law; `PARTS` lists them. After a
 fault, such as a measurement that is not a number, the block does what is safe for its kind of
 outputs until the program closes the brakes, see `FaultReaction`.
 
-Conventions: n coordinates, m drives, z = (coordinates, rates) of shape (2 n,). While a block is
-emitted, arrays hold values of the code under construction (`Value`) and not numbers. The order in
-which they are made is the order of the statements in the exported files.
+Conventions: n coordinates, m drives, z = (coordinates, rates) of shape (2 n,). To *emit* is to add
+statements to the code under construction. Meanwhile arrays hold values of that code and not
+numbers, and the order in which they are made is the order of the statements in the exported files.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ Emitted = tuple[np.ndarray, dict[str, Any]]
 
 
 class ControlSetting:
-    """Crane, clock and identifiers of a block.
+    """Crane, clock and identifiers of a block, which its parts share.
 
     Attributes:
         crane: The crane.
@@ -99,26 +100,27 @@ class ControlSetting:
 
 
 class Part(ABC):
-    """A controller in code.
+    """A family of controllers, in code.
 
     Attributes:
         about: Sentence that says what the controller does, for the head of the exported files.
-        lowest: Smallest value of a measured input, by its identifier; a smaller one is a fault.
-        braking: Largest accelerations with which the drives brake at a fault [rad/s² or m/s²],
-            shape (m,); None for those of typical frequency converters.
+        input_minimum: Smallest value of a measured input, by its identifier; a smaller one is a
+            fault.
+        braking_accelerations: Largest accelerations with which the drives brake at a fault
+            [rad/s² or m/s²], shape (m,); None for those of typical frequency converters.
         memory: Variables that it keeps from one call to the next.
         arrays: Arrays that it keeps, by name, with their values after a reset.
         tables: Its constant tables, by name.
-        rows: Number of calls that differ by their count alone: from call `rows` - 1 on, counted
-            from 0, nothing depends on the count any more.
-        repeats: Period, in calls, with which the code depends on the count; 0 for a controller
-            whose dependence ends with its last row.
+        rows: Number of rows of its longest table. From call `rows` - 1 on, counted from 0, all
+            calls take the last row.
+        repeats: Period, in calls, with which the code depends on the count of calls; 0 for a
+            controller that depends on it by the rows of its tables only.
         routines: Functions that it calls, see `FunctionBlock`; the last is the entry point.
     """
 
     about: str
-    lowest: Mapping[str, float] = {}
-    braking: np.ndarray | None = None
+    input_minimum: Mapping[str, float] = {}
+    braking_accelerations: np.ndarray | None = None
     memory: Sequence[Variable] = ()
     arrays: Mapping[str, np.ndarray] = {}
     tables: Mapping[str, np.ndarray] = {}
@@ -128,7 +130,7 @@ class Part(ABC):
 
     @abstractmethod
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
-        """Emit the commands of the drives, which need not be cut to their limits yet.
+        """Emit the commands of the drives. The block clips them to their limits afterwards.
 
         Args:
             code: The function under construction.
@@ -137,32 +139,32 @@ class Part(ABC):
 
 
 class _AffinePart(Part):
-    """A controller that is affine in the state, on tables; its setpoint stays an input.
+    """A controller that is affine in the state (`Affine`), with tables of its gains.
 
-    The tables hold the form at a setpoint of zero. The positions of the setpoint, which are inputs
-    of the block, shift the setpoint and the target of the form, see `shifted`.
+    The tables hold the form for drives whose setpoint is 0. The positions of the setpoint are
+    inputs of the block, which shift the setpoint and the target of the form, see `shifted`.
     """
 
     def __init__(self, setting: ControlSetting, controller: Any) -> None:
         layout = setting.crane.layout
-        if isinstance(controller, Clocked):
-            # Of a copy, since the caller may run the controller later.
-            controller = copy.copy(controller)
-            controller.begin_run(0.0, setting.period)
 
         def form_at(positions: np.ndarray) -> Affine:
-            """Return the form with the drives' setpoint at the same positions all the time."""
+            """Return the form for a setpoint of the drives that stays at these positions."""
             rows = np.tile(positions, (len(setting.times), 1))
-            return finite_form(controller, setting.times, rows, 2 * layout.n, "a block")
+            return finite_form(
+                controller, setting.times, rows, 2 * layout.n, setting.period, "a block"
+            )
 
         form = form_at(np.zeros(layout.m))
         form_at_ones = form_at(np.ones(layout.m))
         self._setting = setting
         self._form = form
-        # How far the setpoint and the target of each drive move with one unit of its own position.
+        # How far the setpoint and the target of the form move for each drive if the position of its
+        # setpoint moves by one unit.
         self._setpoint_shift = (form_at_ones.setpoint - form.setpoint)[0, layout.drives]
         self._target_shift = (form_at_ones.target - form.target)[0]
-        # Positions that are all different show whether a drive depends on those of the others.
+        # At positions that all differ, a form in which one drive depends on the position of another
+        # is another one than these shifts say.
         positions = np.random.default_rng(0).uniform(1, 2, layout.m)
         self._check_shift(controller, positions, form_at(positions))
 
@@ -183,7 +185,7 @@ class _AffinePart(Part):
                 self.memory.append(Variable(name, "state", f"{joint.unit}.s", start))
 
     def shifted(self, positions: np.ndarray, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return by how much positions of the drives' setpoint shift the form.
+        """Return by how much the form moves for positions of the setpoint, for floats and in code.
 
         Args:
             positions: Positions of the setpoint [rad or m], shape (m,).
@@ -198,7 +200,7 @@ class _AffinePart(Part):
         return setpoint_shift, target_shift
 
     def _check_shift(self, controller: Any, positions: np.ndarray, form: Affine) -> None:
-        """Check that the setpoint of the drives does nothing but shift the form.
+        """Check that the setpoint of the drives does nothing else than shift the form.
 
         Args:
             controller: The controller, for the error message.
@@ -206,7 +208,7 @@ class _AffinePart(Part):
             form: Form of the controller there.
 
         Raises:
-            DataError: If it does more.
+            DataError: If it does.
         """
         at_zero = self._form
         shifts = self.shifted(positions, self._setting.crane.layout.drives)
@@ -263,10 +265,11 @@ class _YieldingPart(Part):
         _check_period(setting, controller.control_period)
         self._controller = controller
         self._setting = setting
-        self.braking = controller.accelerations
-        # The frequency of the swing is √(g/l): a cable length below zero has no root.
+        self.braking_accelerations = controller.accelerations
+        # The law takes the frequency of the swing, √(g/l), from the measured cable length l, and a
+        # negative number has no root.
         *_, hoist = setting.crane.layout.tower("Drives that yield to the swing")
-        self.lowest = {setting.state[hoist]: 0.0}
+        self.input_minimum = {setting.state[hoist]: 0.0}
 
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
         rates = code.get_all(self._setting.rate)
@@ -289,10 +292,10 @@ class _ObserverPart(Part):
     """A controller behind a Kalman filter, whose gains do not depend on the measurements.
 
     The filter estimates the deviation d = z - setpoint from the motion about which the crane was
-    linearised. From one call to the next it predicts d ← a d + b c, where c is the effort of the
-    drives beyond the feed-forward, and corrects that by the gain times what the measurement of the
-    drives adds. Prediction and correction both come at the beginning of a call, so the block keeps
-    d and c of the call before.
+    linearised. With the efforts c of the drives beyond the feed-forward it predicts
+    d⁻ = a d + b c from one call to the next, and then corrects that by the measurement y of a part
+    of the state, d = d⁻ + K (y - d⁻ at the measured entries). Prediction and correction both stand
+    at the beginning of a call, so the block keeps d and c of the call before.
     """
 
     def __init__(self, setting: ControlSetting, controller: Any) -> None:
@@ -311,18 +314,22 @@ class _ObserverPart(Part):
         self._measured = controller.gains.measured
         self._effort_limit = controller.effort_limit.tolist()
 
-        # All stretches of the motion but the last have the same number of rows.
+        # The motion is linearised once for each stretch of rows. All stretches but the last have as
+        # many rows as each other, so that a division tells the stretch of a row, see `_stretch`.
         new_stretch = np.flatnonzero(np.diff(model.stretch))
         self._rows_of_stretch = int(new_stretch[0]) + 1 if len(new_stretch) else len(model.stretch)
 
-        gains = [controller.gains.correction(0, k)[0].ravel() for k in range(len(setting.times))]
+        gains = []
+        for k in range(len(setting.times)):
+            gain = controller.gains.correction(0, k).gain
+            gains.append(gain.ravel())
         self._tables = Tables(
             kalman=np.array(gains),
             motion=np.hstack([model.setpoint, model.efforts]),
             model=np.dstack([model.a, model.b]).reshape(len(model.a), -1),
         )
         self.tables = {**self._inner.tables, **self._tables.packed}
-        # One row more than the motion: the model of a call is that of the row before.
+        # One row more than the motion, since a call predicts with the model of the row before.
         self.rows = max(self._tables.rows, self._inner.rows, len(model.stretch) + 1)
         self.about = f"A Kalman filter that estimates the swing; behind it: {self._inner.about}"
 
@@ -357,8 +364,8 @@ class _ObserverPart(Part):
         return command, memory
 
     def _predicted_deviation(self, code: BlockCode) -> np.ndarray:
-        """Emit the deviation that the model predicts from the call before, shape (2 n,): in the
-        first call the expected start.
+        """Emit the deviation that the model predicts from the call before, shape (2 n,); in the
+        first call it is that of the expected start.
         """
         size = len(self._deviations)
         model = self._tables.row(code, "model", self._stretch(code)).reshape(size, -1)
@@ -367,7 +374,10 @@ class _ObserverPart(Part):
         start = code.get_all(self._deviations)
         advanced = a @ start + b @ code.get_all(self._corrections)
         is_first = code.builder.icmp_signed("==", code.count, code.integer(0))
-        return array([code.chosen(is_first, x, y) for x, y in zip(start, advanced, strict=True)])
+        predicted = []
+        for at_start, after_step in zip(start, advanced, strict=True):
+            predicted.append(code.chosen(is_first, at_start, after_step))
+        return array(predicted)
 
     def _stretch(self, code: BlockCode) -> Any:
         """Emit the index of the model that leads from the call before to this one."""
@@ -375,7 +385,7 @@ class _ObserverPart(Part):
         last_row = code.integer(len(self._model.stretch) - 1)
         row = code.plus(code.count, -1)
         is_on_motion = build.icmp_signed("<", row, last_row)
-        # In the first call the row is -1, and the prediction is not used.
+        # In the first call the row is -1, and the prediction is not used; 0 is a row of the table.
         from_first = code.most(row, code.integer(0))
         stretch = build.sdiv(from_first, code.integer(self._rows_of_stretch))
         # The last row of a motion has a model of its own, which also stands for all that follows.
@@ -388,10 +398,11 @@ class _PredictivePart(Part):
     about = "Predictive control: an optimisation over a horizon drives the load to the setpoint."
 
     def __init__(self, setting: ControlSetting, controller: Receding) -> None:
-        _check_period(setting, controller.programme.period)
-        programme = replace(controller.programme, vector_width=1)
         from llvmlite import ir
 
+        _check_period(setting, controller.programme.period)
+        # Single numbers instead of vectors, which C99 does not have.
+        programme = replace(controller.programme, vector_width=1)
         if programme.rows:
             raise DataError(
                 "A predictive controller is exported to a setpoint, not along a motion."
@@ -413,7 +424,8 @@ class _PredictivePart(Part):
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
         build = code.builder
         positions = code.get_all(self._setting.setpoint)
-        # The horizon is optimised once in `repeats` calls; in the others the plan goes on.
+        # The motion over the horizon is optimised once in `repeats` calls; the other calls go on
+        # along the last plan.
         calls_since = build.srem(code.count, code.integer(self.repeats))
         is_due = build.icmp_signed("==", calls_since, code.integer(0))
         row_of_path = 0.0
@@ -429,8 +441,9 @@ class _PredictivePart(Part):
 class _ShaperPart(Part):
     """Input shaping of setpoints.
 
-    A shaper adds up past setpoints, each times its amplitude. They lie in a ring of rows in memory,
-    one row for each of the last calls. The row of a call is its count modulo the number of rows.
+    A shaper adds up delayed setpoints s, each times its amplitude: Σ A_i s(t - d_i). The past
+    setpoints lie in a ring of rows in memory, one row for each of the last calls. The row of a call
+    is its count modulo the number of rows.
     """
 
     about = "Input shaping: setpoints in parts, so that the swings they cause cancel."
@@ -440,14 +453,15 @@ class _ShaperPart(Part):
         self._amplitudes = shaped.amplitudes.tolist()
         self._m = setting.crane.layout.m
 
-        # A delay is a whole number of calls and a share of one more; a share that is round-off is
-        # none (`SAME_PERIOD`).
+        # A delay is a whole number of calls and a share of one more. A share within `SAME_PERIOD`
+        # of 0 or of 1 is round-off, and counts as none.
         delays = shaped.delays / setting.period
         whole_calls = np.floor(delays + SAME_PERIOD)
         self._delay_calls = whole_calls.astype(int).tolist()
         self._delay_shares = (delays - whole_calls).tolist()
 
-        # From the present call to the one before the longest delay.
+        # The ring reaches from the present call back to the one before the longest delay: a share
+        # of a call is interpolated between two of them.
         self.repeats = int(whole_calls.max()) + 2
         self.arrays = {"line": np.zeros(self.repeats * self._m)}
         self._first = [f"first_{name}" for name in setting.drive]
@@ -459,7 +473,7 @@ class _ShaperPart(Part):
         ring_rows = code.integer(self.repeats)
         is_first_call = build.icmp_signed("==", count, code.integer(0))
         setpoint = code.get_all(self._setting.setpoint)
-        # Before the first call the setpoint counts as that of the first call.
+        # Before the first call the setpoint is taken to have been that of the first call.
         stored_first = code.get_all(self._first)
         first = []
         for new, stored in zip(setpoint, stored_first, strict=True):
@@ -504,18 +518,18 @@ PARTS: tuple[tuple[type, Callable[..., Part]], ...] = (
     (Receding, _PredictivePart),
     (AffineController, _AffinePart),
 )
-"""Controllers that can be exported, and what emits them; the first that fits is taken."""
+"""Controllers that can be exported, each with its part; the first that fits is taken."""
 
 
 def controller_code(setting: ControlSetting, controller: Any) -> Part:
-    """Return a controller in code.
+    """Return the part that emits a controller.
 
     Raises:
         DataError: If it cannot be exported.
     """
-    for kind, emitter in PARTS:
+    for kind, part in PARTS:
         if isinstance(controller, kind):
-            return emitter(setting, controller)
+            return part(setting, controller)
     raise DataError(
         f"The controller {type(controller).__name__} is neither affine in the state, nor one of "
         "drives that yield, nor an observer, a shaper, or predictive; a block runs no Python."
@@ -523,8 +537,11 @@ def controller_code(setting: ControlSetting, controller: Any) -> Part:
 
 
 EFFORT_RAMP_TIME = 0.25
-"""Time in which an effort goes from its limit to zero at a fault [s]. Brakes of cranes close in
-about a quarter of a second; the drive hands its effort over to them meanwhile."""
+"""Time in which an effort goes from its limit to zero at a fault [s].
+
+Brakes of cranes close in about a quarter of a second; the drive hands its effort over to them
+meanwhile.
+"""
 
 
 class FaultReaction:
@@ -533,14 +550,15 @@ class FaultReaction:
     * Positions hold their last values: a drive that is told another position would go there.
     * Rates ramp to zero at the accelerations of the drives, which stops the crane.
     * Accelerations brake each drive to rest: an acceleration of zero would keep its rate. They
-      begin with the last measured rate, since the present one may be what is not a number.
+      begin with the rate that was measured in the last sound call, since the present one may be
+      what is not a number.
     * Efforts ramp to those that hold the crane at its start: for a hoist the weight of the load,
       for slew and trolley zero. The last effort would go on to accelerate the crane, and none at
       all would drop the load.
 
     Attributes:
-        about: Sentence that says it.
-        memory: Variables that it keeps.
+        about: Sentence that says what the outputs do at a fault.
+        memory: Variables that it keeps from one call to the next.
     """
 
     def __init__(
@@ -588,21 +606,22 @@ class FaultReaction:
         return sentences[self._kind]
 
     @property
-    def copies(self) -> dict[str, str]:
-        """Memory that keeps the last values of outputs: name of each output by that of memory."""
+    def output_of_memory(self) -> dict[str, str]:
+        """Names of the outputs whose last values memory keeps, by the names of that memory."""
         if self._kind == "motion":
             return {}
         return dict(zip(self._held, self._setting.command, strict=True))
 
     def remember(self, rates: np.ndarray) -> dict[str, Any]:
-        """Return the new values of its other memory after a call without a fault.
+        """Return the new values of its memory other than of outputs, after a call without a fault.
 
         Args:
             rates: Measured rates of the drives, shape (m,).
         """
         if self._kind != "motion":
             return {}
-        # No drive is faster than its limit, whatever a sensor says; it would be braked for ever.
+        # No drive is faster than its limit, whatever a sensor says: from a rate without a limit the
+        # drive would be braked long after it stands, and so driven backwards.
         limits = self._setting.crane.rate_limit.tolist()
         memory = {}
         for name, rate, limit in zip(self._braking_rates, rates, limits, strict=True):
@@ -628,7 +647,7 @@ class FaultReaction:
         rates = code.get_all(self._braking_rates)
         braking = []
         for rate, limit in zip(rates, self._accelerations.tolist(), strict=True):
-            # -v/T stops a drive within the period; it takes as many periods as the limit asks for.
+            # -v/T would stop a drive within this period T; the limit stretches it over several.
             braking.append(_within(rate * (-1.0 / period), limit))
         outputs = array(braking)
         return outputs, dict(zip(self._braking_rates, rates + outputs * period, strict=True))
@@ -659,15 +678,15 @@ def controller_block(
     converters: Converters | None = None,
     name: str = "controller",
 ) -> FunctionBlock:
-    """Return a controller or a shaped reference as a block; its function is "step".
+    """Return a controller or a shaped reference as a block, whose function "step" a program calls.
 
     Args:
         crane: The crane.
-        controller: The controller, or a reference of `cranedyn.references.shaped.shaped`, whose
-            base is then the input.
-        drive: What the commands are; efforts and rates are cut to the limits of the drives.
+        controller: The controller; or a reference of `cranedyn.references.shaped.shaped`, whose
+            outputs are shaped positions, and whose setpoint is an input instead of its base.
+        drive: What the commands are; efforts and rates are clipped to the limits of the drives.
         control_period: Time from one call to the next [s].
-        duration: Time that tables cover [s]; after it their last row holds.
+        duration: Time that the tables cover [s]; after it their last row holds.
         converters: Frequency converters of the drives; None for typical ones.
         name: Name of the block.
 
@@ -689,16 +708,21 @@ def controller_block(
     )
     accelerations = drives.accelerations if drives is not None else None
     if outputs.kind == "motion":
-        accelerations = law.braking
+        accelerations = law.braking_accelerations
         if accelerations is None:
             accelerations = typical_converters(crane).accelerations
     reaction = FaultReaction(setting, commands, outputs.kind, accelerations)
     variables = [*_inputs(setting, law), *commands, *law.memory, *reaction.memory]
 
-    # Without repeats the count stays at the last row. With repeats it goes on at `repeats` after
-    # 2 repeats - 1: the remainder by `repeats` runs on, and only the first call has the count 0.
-    first = law.repeats or law.rows - 1
-    last = 2 * law.repeats - 1 if law.repeats else first
+    # The count of calls must not overflow. Where a law depends on it by the rows of tables, it
+    # stays at the last row. Where a law depends on its remainder by `repeats`, it goes 0, 1, ...,
+    # 2 repeats - 1, repeats, ...: the remainder runs on, and only the first call has the count 0.
+    if law.repeats:
+        first = law.repeats
+        last = 2 * law.repeats - 1
+    else:
+        first = law.rows - 1
+        last = first
     block = FunctionBlock(
         name,
         law.about,
@@ -714,6 +738,7 @@ def controller_block(
     )
 
     def step(code: BlockCode) -> Mapping[str, Any]:
+        """Emit a call without a fault, and return the new values of outputs and memory."""
         layout = crane.layout
         z = code.get_all(setting.state)
         command, memory = law.emit(code, z)
@@ -721,20 +746,21 @@ def controller_block(
         return {**dict(zip(setting.command, command, strict=True)), **memory, **remembered}
 
     def fault(code: BlockCode) -> Mapping[str, Any]:
+        """Emit a call at fault, and return the new values of outputs and memory."""
         command, memory = reaction.emit(code)
         return {**dict(zip(setting.command, command, strict=True)), **memory}
 
-    block.emit("step", step, reaction.copies)
+    block.emit("step", step, reaction.output_of_memory)
     block.emit(FAULT, fault)
     return block
 
 
 @dataclass(frozen=True, eq=False)
 class _Outputs:
-    """What the outputs of a block are.
+    """The outputs of a block: their signals, units and ranges.
 
     Attributes:
-        kind: Positions, or what drives of this mode take.
+        kind: "position" for a shaper, else what drives of this mode take.
         signals: Names of the signals, one for each drive.
         units: Units, one for each drive.
         start: Values after a reset, shape (m,).
@@ -785,7 +811,7 @@ def _inputs(setting: ControlSetting, law: Part) -> list[Variable]:
     layout = crane.layout
     state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
     start = np.concatenate(crane.start)
-    lowest = [law.lowest.get(name, -np.inf) for name in setting.state]
+    lowest = [law.input_minimum.get(name, -np.inf) for name in setting.state]
     units = [joint.unit for joint in layout.driven]
     rate_units = [f"{unit}/s" for unit in units]
     positions = start[layout.drives]
@@ -797,20 +823,22 @@ def _inputs(setting: ControlSetting, law: Part) -> list[Variable]:
     ]
 
 
-def vectors(
+def reference_calls(
     crane: Crane, controller: Any, block: FunctionBlock, rows: int = 200
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return inputs of a controller's block in consecutive calls, and the outputs that the
-    controller gives in Python, cut to their ranges, for tests of its code.
+    """Return consecutive calls of a controller, against which the code of its block is tested.
+
+    The inputs are random, near the start of the crane. The outputs are those of the controller in
+    Python, clipped to the ranges of the block.
 
     Args:
         crane: The crane.
-        controller: The controller, new.
+        controller: The controller, which has not run yet.
         block: Its block.
         rows: Number of calls.
 
     Returns:
-        Inputs that the block uses, shape (rows, k), and outputs, shape (rows, m).
+        Inputs that the code of the block uses, shape (rows, k), and outputs, shape (rows, m).
     """
     layout = crane.layout
     rng = np.random.default_rng(0)
@@ -839,7 +867,14 @@ def vectors(
 def _shaped_positions(
     crane: Crane, shaped: Shaped, period: float, positions: np.ndarray
 ) -> np.ndarray:
-    """Return the positions of a shaper, shape (rows, m), whose base are positions of that shape."""
+    """Return the shaped positions in consecutive calls, shape (rows, m).
+
+    Args:
+        crane: The crane.
+        shaped: The shaper; its own base is not used.
+        period: Time from one call to the next [s].
+        positions: Positions of the setpoint [rad or m], shape (rows, m).
+    """
     drives = crane.layout.drives
     q = np.tile(crane.start.q, (len(positions), 1))
     q[:, drives] = positions

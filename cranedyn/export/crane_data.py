@@ -4,6 +4,7 @@ and its URDF as XML.
 
 from __future__ import annotations
 
+import copy
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.clocks import Clocked
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.equations_of_motion import holding_effort, over_all_joints
 from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
@@ -25,19 +27,21 @@ _PACKAGE_FILE = re.compile(r"package://([A-Za-z][A-Za-z0-9_-]*)/")
 """Address of a file in a ROS package."""
 
 _GAZEBO_DYNAMICS = frozenset(
-    "static gravity turnGravityOff kinematic dampingFactor velocity_decay".split()
+    {"static", "gravity", "turnGravityOff", "kinematic", "dampingFactor", "velocity_decay"}
 )
 """Tags in <gazebo> that make a link stand still, weigh nothing or move in a viscous medium."""
 
 GAZEBO_LEAST_MASS = 1e-6
-"""Mass up to which libsdformat, with which Gazebo reads a URDF, drops a link and all that it
-carries without a word [kg]; tried with version 12."""
+"""Mass up to which Gazebo drops a link and all that it carries without a message [kg].
+
+It is what libsdformat, with which Gazebo reads a URDF, does in version 12.
+"""
 
 LIGHT_BODY_MASS = 10.0 * GAZEBO_LEAST_MASS
-"""Mass of a body between two axes in the files of other programs [kg]."""
+"""Mass that is given to a massless body between two axes for other programs [kg]."""
 
 LIGHT_BODY_INERTIA = 1e-9
-"""Its inertia about each axis [kg m²]."""
+"""Moment of inertia about each axis that is given to such a body [kg m²]."""
 
 _MASS_ARGUMENTS = {
     "hook_link": "hook_mass and hook_inertia",
@@ -48,23 +52,26 @@ _MASS_ARGUMENTS = {
     "trolley_link": "trolley_inertia",
     "payload_link": "payload_inertia",
 }
-"""Arguments of the tower crane of this project that give a link mass and inertia."""
+"""Arguments of the cranes of this project that give a link mass and inertia, by the link."""
 
 _ARMATURE_ARGUMENTS = {
     "hoist_joint": "rope_stiffness 0, a rope that does not stretch,",
     "yaw_joint": "tower_twist_stiffness 0, a tower that does not twist,",
 }
-"""Values of the tower crane of this project with which a joint has no armature."""
+"""Values of arguments of the tower crane of this project with which a joint has no armature, by the
+joint."""
 
 
 def state_names(crane: Crane) -> list[str]:
-    """Return the names of coordinates and rates, such as x and x_dot, in the order of z."""
+    """Return the names of the coordinates, such as x, and then of their rates, such as x_dot."""
     return [*crane.layout.symbols, *(f"{name}_dot" for name in crane.layout.symbols)]
 
 
 def input_names(crane: Crane, drive: str) -> list[str]:
-    """Return the names of the commands: torque T or force F of each drive, such as F_x, with
-    "motion" its acceleration, such as x_ddot, or with "velocity" its rate, such as x_dot_command.
+    """Return the names of the commands of the drives in a drive mode.
+
+    With "effort" they are torques T and forces F, such as F_x, with "motion" accelerations, such as
+    x_ddot, and with "velocity" rates, such as x_dot_command.
     """
     driven = crane.layout.driven
     if drive == "effort":
@@ -74,21 +81,32 @@ def input_names(crane: Crane, drive: str) -> list[str]:
 
 
 def finite_form(
-    controller: Controller, times: np.ndarray, positions: np.ndarray, width: int, program: str
+    controller: Controller,
+    times: np.ndarray,
+    positions: np.ndarray,
+    width: int,
+    period: float,
+    program: str,
 ) -> Affine:
     """Return the affine form of a controller for another program, see `affine_form`.
 
     Args:
-        controller: The controller.
+        controller: The controller; it stays as it is.
         times: Control instants [s], shape (rows,).
         positions: Setpoint of the drives at these [rad or m], shape (rows, m).
         width: Number of coordinates and rates, 2 n.
+        period: Control period with which the program runs it [s].
         program: The program, for the error message.
 
     Raises:
-        DataError: If there is none.
-        OutOfRange: If it holds a number that is not finite.
+        DataError: If the controller has no affine form.
+        OutOfRange: If the form holds a number that is not finite, or the controller is for another
+            control period.
     """
+    if isinstance(controller, Clocked):
+        # A copy, since the caller may run the controller itself later.
+        controller = copy.copy(controller)
+        controller.begin_run(0.0, period)
     form = affine_form(controller, times, positions, width)
     if form is None:
         raise DataError(
@@ -111,7 +129,7 @@ class ExportedJoint(Joint):
         upper: Upper end of its range [rad or m].
         effort: Largest effort [N m or N].
         start: Coordinate at the start of a run [rad or m].
-        holding: Effort of the drive that holds the crane at rest there [N m or N], 0 of a joint
+        holding: Effort of its drive that holds the crane at rest there [N m or N]; 0 for a joint
             without a drive.
     """
 
@@ -125,14 +143,18 @@ class ExportedJoint(Joint):
 def urdf_element(crane: Crane, *, keep_package_meshes: bool = False) -> ET.Element:
     """Return the crane's URDF as XML, as other programs take it.
 
-    Comments are left out, and so are meshes and textures, except those of ROS packages on demand.
-    Axes have length one: other programs take a very short axis for none.
+    Comments are left out, and so are meshes and textures, which are files of their own that an
+    export does not carry. Axes have length one: other programs take a very short axis for none.
+
+    Args:
+        crane: The crane.
+        keep_package_meshes: Whether meshes and textures in ROS packages stay, for a program that
+            finds them there.
     """
     robot = parse_urdf(crane.urdf, "the crane")
     for link in robot.iterfind("link"):
         for body in [*link.iterfind("visual"), *link.iterfind("collision")]:
             mesh = body.find("geometry/mesh")
-            # A mesh is a file of its own, which the export does not carry.
             if mesh is not None and not (keep_package_meshes and package_of(mesh)):
                 link.remove(body)
     for material in robot.iter("material"):
@@ -158,10 +180,10 @@ def package_of(element: ET.Element) -> str:
 def remove_control(robot: ET.Element) -> list[str]:
     """Remove from a URDF, in place, what controls or holds the crane in other programs.
 
-    An exported crane is moved by the interfaces that the exporter writes. A second plugin, or the
-    file of the first one's settings, which is on the machine on which the URDF was written, would
-    act beside them. Removed, too, are tags that make a link move otherwise than in this project,
-    such as one without gravity.
+    An exported crane is moved by the interfaces that the exporter writes. A plugin of its own file
+    would act beside them, or fail, since the file of its settings is on the machine on which the
+    URDF was written. Tags that make a link move otherwise than in this project, such as without
+    gravity, are removed, too.
 
     Returns:
         A sentence on each element that was removed, for the reader of the export.
@@ -190,14 +212,14 @@ def remove_control(robot: ET.Element) -> list[str]:
 
 @dataclass(frozen=True)
 class LengthSpring:
-    """A spring whose stiffness changes with the length of the rope, at one length.
+    """A spring whose true stiffness changes with the length of the rope, frozen at one length.
 
     Attributes:
-        joint: Name of its joint.
+        joint: Name of the joint in which it acts.
         stiffness: Stiffness at that length [N/m or N m/rad].
         length: The length [m].
-        pulls_only: Whether it does not push.
-        validity: Where it holds, in whole sentences, for the reader of the export.
+        pulls_only: Whether it pulls and does not push, as a rope.
+        validity: Where this stiffness holds, in whole sentences, for the reader of the export.
     """
 
     joint: str
@@ -208,10 +230,10 @@ class LengthSpring:
 
 
 def freeze_length(crane: Crane, robot: ET.Element, program: str) -> LengthSpring | None:
-    """Take the rope, or the two falls, of a URDF as a spring at the length of the start, in place.
+    """Replace the rope, or the two falls, of a URDF by a spring of the stiffness at the start.
 
-    No format that is exported knows a stiffness that changes with the length. The tag of the rope
-    or of the falls is removed from the URDF; its caller writes the spring.
+    No format that is exported knows a stiffness that changes with the length of the rope. The tag
+    of the rope or of the falls is removed from the URDF, in place; the caller writes the spring.
 
     Args:
         crane: The crane.
@@ -239,32 +261,33 @@ def freeze_length(crane: Crane, robot: ET.Element, program: str) -> LengthSpring
                 "not know; give it a stiffness (rope_stiffness > 0, EA in N) or leave it out "
                 "(rope_stiffness 0)."
             )
+        # A rope of the length l with the tensile stiffness EA is a spring of the stiffness EA/l.
         length = float(crane.start.q[rope.length])
-        return LengthSpring(
-            joint=names[rope.stretch],
-            stiffness=float(rope.stiffness) / length,
-            length=length,
-            pulls_only=True,
-            validity=f"The rope has the stiffness EA/l = {rope.stiffness / length:.9g} N/m of the "
-            f"length l = {length:.9g} m at the start. At another length l the true stiffness is "
-            f"{length:.9g} m/l times that. The force EA (s/l)²/2 of a stretched rope on the hoist, "
-            "with the stretch s, is neglected.",
+        stiffness = float(rope.stiffness) / length
+        joint = names[rope.stretch]
+        law = f"The rope has the stiffness EA/l = {stiffness:.9g} N/m"
+        neglected = (
+            "The force EA (s/l)²/2 of a stretched rope on the hoist, with the stretch s, is "
+            "neglected."
         )
-    if falls is not None:
+    elif falls is not None:
+        # Two falls at the distances a above and below, which carry the weight W, turn a load that
+        # has yawed by ψ back with the torque W a²/l sin ψ.
         length = float(crane.start.q[falls.length])
-        return LengthSpring(
-            joint=names[falls.yaw],
-            stiffness=float(falls.stiffness) / length,
-            length=length,
-            pulls_only=False,
-            validity="The two falls have the yaw stiffness "
-            f"W a²/l = {falls.stiffness / length:.9g} N m/rad of the length "
-            f"l = {length:.9g} m at the start. At another length l the true "
-            f"stiffness is {length:.9g} m/l times that. The torque is linear in the yaw ψ instead "
-            "of proportional to sin ψ, 1 % too large at 14 degrees, and the lift of the load by "
-            "its yaw is neglected.",
+        stiffness = float(falls.stiffness) / length
+        joint = names[falls.yaw]
+        law = f"The two falls have the yaw stiffness W a²/l = {stiffness:.9g} N m/rad"
+        neglected = (
+            "The torque is linear in the yaw ψ instead of proportional to sin ψ, 1 % too large at "
+            "14 degrees, and the lift of the load by its yaw is neglected."
         )
-    return None
+    else:
+        return None
+    validity = (
+        f"{law} of the length l = {length:.9g} m at the start. At another length l the true "
+        f"stiffness is {length:.9g} m/l times that. {neglected}"
+    )
+    return LengthSpring(joint, stiffness, length, pulls_only=rope is not None, validity=validity)
 
 
 def write_length_spring(crane: Crane, robot: ET.Element) -> list[str]:
@@ -356,7 +379,7 @@ def check_inertias(
     merged: frozenset[str] = frozenset(),
     least_mass: float = 0.0,
 ) -> None:
-    """Check that every moving link has mass and inertia of its own; some engines drop a link
+    """Check that every moving link has mass and inertia of its own, since some programs drop a link
     without them and all that it carries.
 
     Args:
@@ -377,14 +400,15 @@ def check_inertias(
         if name not in moving or name in merged:
             continue
         numbers = _mass_and_moments(link)
-        if len(numbers) == 4 and 0.0 < numbers[0] <= least_mass:
+        is_complete = len(numbers) == 4
+        if is_complete and 0.0 < numbers[0] <= least_mass:
             raise OutOfRange(
                 f"mass of the link {quoted(name)}",
                 numbers[0],
                 f"> {least_mass:g}: {program} drops a lighter link and all that it carries",
                 "kg",
             )
-        if len(numbers) != 4 or min(numbers) <= 0.0:
+        if not is_complete or min(numbers) <= 0.0:
             advice = ""
             if "arguments" in crane.record and name in _MASS_ARGUMENTS:
                 advice = f", by {_MASS_ARGUMENTS[name]}"
@@ -395,11 +419,14 @@ def check_inertias(
 
 
 def give_light_bodies(crane: Crane, robot: ET.Element) -> None:
-    """Give mass and inertia to the links of a crane by another hand that stand between two axes of
-    one body and have none, in place: programs that read a URDF would drop all that they carry.
+    """Give a small mass and inertia to links that carry others and have none, in place: programs
+    that read a URDF would drop all that they carry.
+
+    Such links stand between two axes of one body. In a crane of this project, arguments give them
+    a mass, which `check_inertias` asks for; only a crane from elsewhere is changed.
     """
     if "arguments" in crane.record:
-        return  # a crane of this project, whose arguments give its links a mass
+        return
     carrying = {ends(joint)[0] for joint in robot.iterfind("joint")}
     for link in robot.iterfind("link"):
         if link.get("name") in carrying - {"world"} and link.find("inertial") is None:
@@ -408,7 +435,7 @@ def give_light_bodies(crane: Crane, robot: ET.Element) -> None:
 
 
 def massless_links(robot: ET.Element) -> frozenset[str]:
-    """Return the names of the links without any mass, inertia or looks."""
+    """Return the names of the links that have no mass, no inertia and no visual."""
     names = []
     for link in robot.iterfind("link"):
         if not any(_mass_and_moments(link)) and link.find("visual") is None:
@@ -417,7 +444,9 @@ def massless_links(robot: ET.Element) -> frozenset[str]:
 
 
 def _mass_and_moments(link: ET.Element) -> list[float]:
-    """Return mass and moments of inertia about the axes of a link, as far as the URDF says them."""
+    """Return the mass [kg] and the three moments of inertia [kg m²] of a link, as far as the URDF
+    has them: four numbers if it has all.
+    """
     inertial = link.find("inertial")
     if inertial is None:
         return []
@@ -432,11 +461,19 @@ def _mass_and_moments(link: ET.Element) -> list[float]:
 
 
 def anchor_to_world(crane: Crane, robot: ET.Element, program: str) -> ET.Element:
-    """Change a URDF so that Gazebo loads all of it: make the link ``world`` its root, and give
-    every link fixed to that an inertial.
+    """Change a URDF, in place, so that Gazebo loads all of it and the crane stands fast.
 
-    Gazebo silently drops a link without an inertial and all that it carries; the values do not
-    matter for a fixed link.
+    The link ``world`` becomes its root, to which Gazebo fixes a model. Every link that is fixed to
+    it gets an inertial, since Gazebo silently drops a link without one and all that it carries; for
+    a link that does not move any numbers do.
+
+    Args:
+        crane: The crane.
+        robot: Its URDF.
+        program: Program for which it is exported, for the error message.
+
+    Returns:
+        The same URDF.
 
     Raises:
         ModelError: If another link than the root has that name, or a joint has an armature, which

@@ -1,7 +1,12 @@
 """A page in which one drives the crane: compiled to WebAssembly, in one file that needs no network.
 
 The physics is that of `simulate` with frequency converters (``drive="velocity"``), from the same
-trace as the compiled engine. What assists the operator is designed here and evaluated in the page.
+trace as the compiled engine. The assistances of the operator are designed in Python, see
+`browser_crane`, and evaluated in the page.
+
+`page_data` collects all numbers that the page needs, and `page_html` puts them with the scripts of
+``templates/page`` into one HTML file. There ``run.js`` steps the crane in a worker, ``scene.js``
+draws it, and ``page.js`` connects both with the operator; ``types.d.ts`` has the types of the data.
 """
 
 from __future__ import annotations
@@ -68,14 +73,15 @@ UNKNOWN_LOAD = 1.0
 SHORT_ROPE = 5.0
 """Distance from pivot to load below which that cube is smaller in proportion [m]."""
 
-LOAD = (0.95, 0.17, 0.02, 1.0)
-"""Colour of a load whose colour nothing says: that of the crane of this project."""
+LOAD_COLOUR = (0.95, 0.17, 0.02, 1.0)
+"""Colour of a load whose colour nothing says, red, green, blue and alpha: that of the crane of this
+project."""
 
-TRIANGLES = 15_000
-"""Most triangles of all meshes together, so that a page has less than 1 MB."""
+MAX_TRIANGLES = 15_000
+"""Largest number of triangles of all meshes together, so that a page has less than 1 MB."""
 
 FINEST_CELL = 1e-3
-"""Edge of the smallest cells in which corners of meshes are put together [m]."""
+"""Edge of the smallest cells in which corners of meshes are merged [m]."""
 
 UNBOUNDED = 1e9
 """Number that stands for infinity in the data of a page, since JSON has none."""
@@ -89,8 +95,8 @@ class Visual(NamedTuple):
 
     Attributes:
         joint: Index of the joint; -1 for the world.
-        shape: The shape, centred and along the axes.
-        placement: Where it stands in the frame of the joint.
+        shape: The shape, about the origin and along the axes of its own frame.
+        placement: Placement of that frame in the frame of the joint.
     """
 
     joint: int
@@ -129,10 +135,16 @@ def export(
     return file
 
 
-def page_html(crane: Crane, *options: Any) -> str:
-    """Return the page as HTML, see `page_data`."""
-    data = json.dumps(page_data(crane, *options), separators=(",", ":"), allow_nan=False)
-    # JSON in a script element ends at the first "</script", whatever is escaped otherwise.
+def page_html(
+    crane: Crane,
+    site: Site | None = None,
+    chart: Falls | None = None,
+    meshes: str | Path | None = None,
+) -> str:
+    """Return the page as HTML, see `page_data` for the arguments and errors."""
+    content = page_data(crane, site, chart, meshes)
+    data = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    # A script element ends at the first "</script", also where that stands in a text of the JSON.
     return render(
         _TEMPLATES / "page.html",
         page_style=_source("style.css"),
@@ -143,7 +155,7 @@ def page_html(crane: Crane, *options: Any) -> str:
 
 
 def _source(*names: str) -> Markup:
-    """Return files of the page's own style and scripts, which are put into it as they are."""
+    """Return files of the page's own style and scripts one after the other, as they are."""
     return Markup("\n".join((_TEMPLATES / name).read_text("utf-8") for name in names))
 
 
@@ -169,16 +181,22 @@ def page_data(
     if chart is not None:
         layout.role("slew", "A load chart")
     variants = variations(crane, drives)
-    with ThreadPoolExecutor(1) as thread:  # LLVM leaves Python to the planner
+    # Both take many seconds. LLVM releases the lock of the interpreter while it compiles, so the
+    # exercises are planned meanwhile.
+    with ThreadPoolExecutor(1) as thread:
         kernel = thread.submit(kernel_data, crane, drives, variants)
         planned = _exercises(crane, drives, site)
-    if site is not None and planned:
-        crane = replace(crane, start=planned[0].start)
-    rotation, translation = (np.eye(3), np.zeros(3)) if site is None else _frame(site)
-    obstacles = (
-        [] if site is None else [solid.moved(rotation, translation) for solid in site.solids]
-    )
-    load = None if site is None else site.load
+    rotation = np.eye(3)
+    translation = np.zeros(3)
+    obstacles = []
+    load = None
+    if site is not None:
+        # Obstacles and goals are told in the frame of the crane.
+        rotation, translation = _site_to_crane(site)
+        obstacles = [solid.moved(rotation, translation) for solid in site.solids]
+        load = site.load
+        if planned:
+            crane = replace(crane, start=planned[0].start)
     visuals = list(_visuals(crane, load, meshes))
     box = _load_box(crane, load, visuals)
     crane_data = _crane_data(crane, drives)
@@ -210,9 +228,9 @@ def page_data(
 
 
 def _drag_factor(box: np.ndarray) -> float:
-    """Return the drag of a box over the square of the wind [N s²/m²]: ρ C A/2.
+    """Return the drag of a box, divided by the square of the speed of the wind [N s²/m²]: ρ C A/2.
 
-    The load turns on its rope, so its area A is the mean of those of two sides.
+    The load turns on its rope, so the area A is the mean of those of two neighbouring sides.
     """
     wide, deep, tall = np.ptp(box, axis=0).tolist()
     return 0.25 * AIR_DENSITY * DRAG * (wide + deep) * tall
@@ -238,11 +256,13 @@ def _cable_slider(crane: Crane) -> list[Slider]:
 def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     """Return what the page needs to know of the crane itself: joints, limits, points and damping.
 
-    Joints are numbered from 0 as the coordinates are, and -1 is the world.
+    Joints are numbered as the coordinates are, from 0, and -1 stands for the world. The keys are
+    those of `CraneData` in ``run.js``.
     """
     layout = crane.layout
     limits = usual_limits(drives)
-    # The points along the rope from the pivot down; the payload, which is the first point, last.
+    # The page draws the rope through its points from the pivot down. The payload, which is the
+    # first point of a crane, is then the last one.
     order = [*range(1, len(crane.points)), 0]
     rest = np.zeros(layout.n)
     rest[crane.swings] = crane.rest.angle
@@ -301,8 +321,10 @@ def _joints_data(crane: Crane) -> list[dict[str, Any]]:
 
 
 def _rope_data(crane: Crane) -> dict[str, Any] | None:
-    """Return the drive whose effort is the force of the rope, and the sense in which it lowers;
-    None if the page cannot tell that force so.
+    """Return the drive from whose effort the page takes the force of the rope, and the sign of the
+    coordinate in which it lowers the load.
+
+    None if there is no such drive, or if the rope stretches, so that its force is that of a spring.
     """
     hoist = crane.layout.drive_of("hoist")
     if hoist is None:
@@ -325,7 +347,7 @@ def _friction_data(crane: Crane) -> list[dict[str, float] | None]:
 def _lengthening(crane: Crane, hoist: int) -> float:
     """Return 1 if the rope grows longer as the coordinate of its drive grows, else -1."""
     q = crane.resting(crane.start.q)
-    # A millimetre on, or back where the drive stands at its end.
+    # A step of a millimetre, back instead of on where the drive stands at its upper end.
     step = 1e-3 if q[hoist] + 1e-3 <= crane.upper[hoist] else -1e-3
     moved = q.copy()
     moved[hoist] += step
@@ -335,7 +357,7 @@ def _lengthening(crane: Crane, hoist: int) -> float:
 
 
 def _finite(number: float) -> float:
-    """Return a number as JSON can have it."""
+    """Return a number clipped to `UNBOUNDED`."""
     return float(np.clip(number, -UNBOUNDED, UNBOUNDED))
 
 
@@ -344,8 +366,9 @@ def _visuals(crane: Crane, load: np.ndarray | None, meshes: str | Path | None) -
 
     Args:
         crane: The crane.
-        load: Corners of the load about its centre [m], shape (8, 3), of which the largest box of
-            the load gets its size and place; None for that of the URDF.
+        load: Corners of the load of a site about its centre [m], shape (8, 3). The largest box of
+            the payload in the URDF is drawn with its size and place. None draws the payload of the
+            URDF.
         meshes: Folder of its mesh files; None for sticks.
     """
     payload = crane.payload.body
@@ -355,7 +378,7 @@ def _visuals(crane: Crane, load: np.ndarray | None, meshes: str | Path | None) -
         box = _load_box(crane, load, [])
         edges = np.ptp(box, axis=0).tolist()
         placement = pin.SE3(np.eye(3), box.mean(axis=0))
-        yield Visual(payload, Shape("box", tuple(edges), colour=LOAD), placement)
+        yield Visual(payload, Shape("box", tuple(edges), colour=LOAD_COLOUR), placement)
 
     boxes = [v.shape for v in described if v.joint == payload and v.shape.kind == "box"]
     largest_box = max(boxes, key=lambda shape: math.prod(shape.size), default=None)
@@ -370,7 +393,9 @@ def _visuals(crane: Crane, load: np.ndarray | None, meshes: str | Path | None) -
 
 
 def _described_visuals(crane: Crane, meshes: str | Path | None) -> list[Visual]:
-    """Return the visuals that the URDF describes, the placement of each shape taken out of it."""
+    """Return the visuals that the URDF describes. The placement of each shape in its link becomes a
+    part of the placement of the visual.
+    """
     model = crane.model
     described = []
     for link, link_shapes in shapes(crane.urdf, meshes).items():
@@ -379,7 +404,8 @@ def _described_visuals(crane: Crane, meshes: str | Path | None) -> list[Visual]:
             rotation = Rotation.from_euler("xyz", shape.rpy).as_matrix()
             in_link = pin.SE3(rotation, np.array(shape.centre))
             if shape.mesh is not None:
-                # A mesh lies in the frame of the link, and has no turn of its own.
+                # The corners of a mesh are in the frame of the link, along its axes, and the centre
+                # is that of the mesh; so only the translation is taken out of them.
                 shape.mesh.apply_translation(-in_link.translation)
             centred = replace(shape, centre=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0))
             joint = int(frame.parentJoint) - 1
@@ -404,15 +430,17 @@ def _shape_data(crane: Crane, visuals: Sequence[Visual]) -> Iterator[dict[str, A
 
 
 def _surfaces(meshes: Sequence[Any]) -> Iterator[dict[str, list[float]]]:
-    """Yield corners [m] and triangles of meshes: corners are put together in the smallest cells, of
-    1, 2, 4 ... mm, with which all meshes have no more than `TRIANGLES`.
+    """Yield corners [m] and triangles of meshes, with no more than `MAX_TRIANGLES` in all.
+
+    Corners in the same cell of a grid are merged. The cells have the smallest edge of 1, 2, 4, ...
+    mm with which the meshes have few enough triangles.
     """
     original_count = sum(len(mesh.faces) for mesh in meshes)
     cell = FINEST_CELL
     while True:
         surfaces = [_clustered(mesh, cell) for mesh in meshes]
         count = sum(len(triangles) for _, triangles in surfaces)
-        if count <= TRIANGLES:
+        if count <= MAX_TRIANGLES:
             break
         cell *= 2.0
     if cell > FINEST_CELL:
@@ -429,9 +457,10 @@ def _surfaces(meshes: Sequence[Any]) -> Iterator[dict[str, list[float]]]:
 
 
 def _clustered(mesh: Any, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return corners, shape (n, 3), and triangles, shape (m, 3), with one corner in each cell.
+    """Return corners, shape (n, 3), and triangles, shape (m, 3), with one corner in each cell [m].
 
-    Triangles that shrink to a line, and all but the first of those with the same corners, go.
+    Triangles that shrink to a line or a point are left out, and of triangles that come to have the
+    same corners all but the first.
     """
     cells, cell_of_vertex = np.unique(np.rint(mesh.vertices / cell), axis=0, return_inverse=True)
     triangles = cell_of_vertex.ravel()[mesh.faces]
@@ -444,7 +473,8 @@ def _clustered(mesh: Any, cell: float) -> tuple[np.ndarray, np.ndarray]:
 def _load_box(crane: Crane, load: np.ndarray | None, visuals: Sequence[Visual]) -> np.ndarray:
     """Return the corners of the box about the load in the frame of its joint [m], shape (8, 3).
 
-    The first three are the neighbours of the fourth: so the edges are known from the corners.
+    The fourth corner is the lowest along all axes, and the first three are its neighbours along X,
+    Y and Z: the page takes the edges of the box from these four. The eighth is opposite the fourth.
 
     Args:
         crane: The crane.
@@ -467,8 +497,9 @@ def _load_box(crane: Crane, load: np.ndarray | None, visuals: Sequence[Visual]) 
             half = UNKNOWN_LOAD / 2.0 * min(1.0, _rope_length(crane) / SHORT_ROPE)
             low = crane.payload.lever - half
             high = crane.payload.lever + half
-    neighbours = np.vstack([np.eye(3), np.zeros(3)])
-    return low + np.vstack([neighbours, 1.0 - neighbours]) * (high - low)
+    lower_corners = np.vstack([np.eye(3), np.zeros(3)])
+    upper_corners = 1.0 - lower_corners
+    return low + np.vstack([lower_corners, upper_corners]) * (high - low)
 
 
 def _rope_length(crane: Crane) -> float:
@@ -477,10 +508,12 @@ def _rope_length(crane: Crane) -> float:
     return float(np.linalg.norm(load - pivot))
 
 
-def _frame(site: Site) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotation and translation [m] from the frame of a site to that of its crane.
+def _site_to_crane(site: Site) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotation, shape (3, 3), and translation [m], shape (3,), from the frame of a site to
+    that of its crane.
 
-    The jib of a crane points along its own -Y at slew angle 0, and along the heading in the site.
+    At slew angle 0 the jib points along -Y of the crane, and along the heading in the site. So the
+    crane is turned by heading + π/2 in the site.
     """
     rotation = Rotation.from_euler("z", -(site.heading + math.pi / 2.0)).as_matrix()
     return rotation, -rotation @ site.foot
@@ -488,15 +521,17 @@ def _frame(site: Site) -> tuple[np.ndarray, np.ndarray]:
 
 def _solids_data(solids: Sequence[Solid]) -> list[dict[str, Any]]:
     """Return the surfaces of obstacles for JSON, corners rounded to a tenth of a millimetre."""
-    return [
-        {
-            "name": solid.name,
-            "zone": solid.zone,
-            "vertices": solid.vertices.round(4).ravel().tolist(),
-            "triangles": solid.triangles.ravel().tolist(),
-        }
-        for solid in solids
-    ]
+    data = []
+    for solid in solids:
+        data.append(
+            {
+                "name": solid.name,
+                "zone": solid.zone,
+                "vertices": solid.vertices.round(4).ravel().tolist(),
+                "triangles": solid.triangles.ravel().tolist(),
+            }
+        )
+    return data
 
 
 def _exercises(crane: Crane, drives: Converters, site: Site | None) -> list[Exercise]:
@@ -547,14 +582,16 @@ def _parts_of_all(solids: Sequence[Solid]) -> list[dict[str, Any]]:
 
 
 def _parts(solid: Solid) -> Iterator[dict[str, Any]]:
-    """Yield the convex bodies of an obstacle; of a surface of triangles its convex hull.
+    """Yield the convex bodies of an obstacle; that of a mere surface of triangles is its hull.
 
-    The page finds out whether the box of the load hits one by separating axes: normals of faces,
-    and products of the directions of edges. A direction counts once, whichever way it points.
+    The page checks by separating axes whether the box of the load hits one: two convex bodies are
+    apart if their projections are on the normal of a face, or on the cross product of an edge of
+    each. Opposite directions of edges give the same axes, so a direction is listed once.
     """
     for corners in solid.parts or (solid.vertices,):
         hull = ConvexHull(corners)
-        # Triangles of one face share its plane n·x + d = 0; rounded, they are one.
+        # Triangles of one face share its plane n·x + d = 0, up to round-off. The page takes the
+        # offset of a face as n·x = -d.
         planes = np.unique(np.round(hull.equations, 9), axis=0)
         faces = []
         for *normal, offset in planes.tolist():
@@ -568,13 +605,19 @@ def _parts(solid: Solid) -> Iterator[dict[str, Any]]:
 
 
 def _edge_directions(corners: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return the directions of all edges of triangles, each once, shape (k, 3)."""
+    """Return the unit vectors along all edges of triangles, each once, shape (k, 3).
+
+    Args:
+        corners: Corners [m], shape (n, 3).
+        triangles: Indices of the corners, shape (m, 3).
+    """
     edges = []
     for triangle in triangles:
         for a, b in zip(triangle, np.roll(triangle, 1), strict=True):
             edges.append(corners[b] - corners[a])
     directions = np.array([edge / np.linalg.norm(edge) for edge in edges])
-    # Opposite directions become the same: the first component that is not zero is positive.
+    # A direction is turned so that its first component that is not zero is positive: opposite ones
+    # become the same.
     first = (np.abs(directions) > 1e-9).argmax(axis=1)[:, None]
     is_negative = np.take_along_axis(directions, first, axis=1) < 0.0
     directions *= np.where(is_negative, -1.0, 1.0)
@@ -594,9 +637,9 @@ def run(options: argparse.Namespace) -> Path:
     site = None if options.site is None else read_site(options.site)
     has_arguments = options.urdf is None or Path(options.urdf).suffix == ".xacro"
     if site is not None and has_arguments:
-        # What the command line says itself comes last and holds.
-        of_site = [f"{name}:={value}" for name, value in site.crane.items()]
-        options.values = [*of_site, *options.values]
+        # Of two values of one argument the last one holds: that of the command line.
+        values_of_site = [f"{name}:={value}" for name, value in site.crane.items()]
+        options.values = [*values_of_site, *options.values]
     chart = None if options.chart is None else read_chart(options.chart).on()
     crane = crane_from_options(options)
     name_default_rates(crane)

@@ -21,7 +21,6 @@ from cranedyn.references.motion import motion_efforts
 SWING = math.radians(0.5)
 """Swing within which a load counts as still [rad]."""
 
-
 GOAL_SLEW = 1.4
 """Slew angle of the goals [rad]; the start is at 0."""
 
@@ -31,12 +30,12 @@ WALL_THICKNESS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """What the planned motion of an exercise needs.
+    """Score of the planned motion of an exercise, with which an operator compares.
 
     Attributes:
-        time: Time [s].
+        time: Time until the load has arrived [s].
         swing: Largest angle of the rope from plumb [rad].
-        energy: Work that the drives put in [J]; what they take back does not count.
+        energy: Work that the drives do [J]; what they take back while they brake is not subtracted.
     """
 
     time: float
@@ -49,15 +48,16 @@ class Exercise:
     """An exercise with a tower crane.
 
     Attributes:
-        name: Name.
-        title: Title.
-        text: What to do.
+        name: Short name, by which the page and its worker refer to it.
+        title: Title for the operator.
+        text: What the operator has to do.
         start: State at the start.
-        goal: Where the centre of the load is to be [m], shape (3,); None for anywhere.
-        radius: Distance from there that is allowed [m].
-        solids: Obstacles; none where those of the site are the obstacles.
-        blind: Whether it is seen from the cabin only.
-        best: What the planner needs; None if there is no plan.
+        goal: Place at which the centre of the load is to come to rest [m], shape (3,); None for
+            anywhere.
+        radius: Allowed distance from the goal [m].
+        solids: Obstacles of the exercise; empty where those of the site are the obstacles.
+        blind: Whether the operator sees it from the cabin only.
+        best: Score of the planned motion; None if there is no plan.
     """
 
     name: str
@@ -72,8 +72,14 @@ class Exercise:
 
 
 def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
-    """Yield the exercises for a tower crane, within the limits of its drives where a motion is
-    planned.
+    """Yield the exercises for a tower crane.
+
+    Places are shares of the reach of the jib and of the height of the pivot, so that they fit any
+    tower crane.
+
+    Args:
+        crane: The crane.
+        limits: Limits of its drives, within which motions are planned.
     """
     reach = float(crane.upper[crane.layout.role("trolley", "An exercise")])
     height = _height(crane)
@@ -97,11 +103,12 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
     )
     yield _planned(crane, limits, ring)
 
-    # The load may swing by half the width of the gap.
-    aside = height / 8.0
+    # The gap is in the middle of the way, at half of the slew angle of the goal, around the radius
+    # of start and goal.
+    half_width = height / 8.0
     walls = (
-        _wall("inner wall", 0.7, 0.1 * reach, near - aside, 0.8 * height),
-        _wall("outer wall", 0.7, near + aside, 1.1 * reach, 0.8 * height),
+        _wall("inner wall", 0.7, 0.1 * reach, near - half_width, 0.8 * height),
+        _wall("outer wall", 0.7, near + half_width, 1.1 * reach, 0.8 * height),
     )
     gap = Exercise(
         name="gap",
@@ -127,8 +134,10 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
 
 
 def lift_exercise(crane: Crane, limits: Limits, site: Site) -> Exercise | None:
-    """Return the lift of a site as an exercise, its goal in the frame of the site; None if the site
-    has none whose load hangs at the goal.
+    """Return the lift of a site as an exercise, with its goal in the frame of the site.
+
+    None if the site has no start or no goal, or a goal of two coordinates: there the load is set
+    down on the ground, and does not hang.
     """
     if site.start is None or site.goal is None or len(site.goal) == 2:
         return None
@@ -143,21 +152,33 @@ def _height(crane: Crane) -> float:
 
 
 def _point(slew: float, radius: float, height: float) -> np.ndarray:
-    """Return a point below the jib at a slew angle [rad], a radius and a height [m], shape (3,); at
-    0 the jib points along -Y.
+    """Return a point below the jib [m], shape (3,). At slew angle 0 the jib points along -Y.
+
+    Args:
+        slew: Slew angle [rad].
+        radius: Distance from the slew axis [m].
+        height: Height above the ground [m].
     """
     return np.array([radius * math.sin(slew), -radius * math.cos(slew), height])
 
 
 def _hanging(crane: Crane, slew: float, radius: float, height: float) -> State:
     """Return the state at rest with the load at a slew angle [rad], a radius and a height [m]."""
-    above = float(payload_position(crane, crane.start.q)[2]) - height
-    length = float(crane.start.q[crane.layout.role("hoist", "An exercise")]) + above
+    lowered = float(payload_position(crane, crane.start.q)[2]) - height
+    length = float(crane.start.q[crane.layout.role("hoist", "An exercise")]) + lowered
     return crane.state(gamma=slew, x=radius, l=length)
 
 
 def _wall(name: str, slew: float, first: float, last: float, height: float) -> Solid:
-    """Return a wall along the jib at a slew angle, from one radius to another [m]."""
+    """Return a wall that stands along the jib.
+
+    Args:
+        name: Its name.
+        slew: Slew angle at which the jib is above it [rad].
+        first: Radius at which it begins [m].
+        last: Radius at which it ends [m].
+        height: Its height [m].
+    """
     middle = _point(slew, (first + last) / 2.0, 0.0)[:2]
     size = (last - first, WALL_THICKNESS, height)
     return box(name, middle.tolist(), size, 0.0, slew - math.pi / 2.0)
@@ -166,8 +187,13 @@ def _wall(name: str, slew: float, first: float, last: float, height: float) -> S
 def _planned(
     crane: Crane, limits: Limits, exercise: Exercise, site: Site | None = None
 ) -> Exercise:
-    """Return an exercise with its start and what it needs by a planned lift, on a site of its own
-    unless one is given; unchanged if there is no plan.
+    """Return an exercise with the start and the score of a planned lift.
+
+    Args:
+        crane: The crane.
+        limits: Limits of its drives.
+        exercise: The exercise; it is returned unchanged if no lift can be planned.
+        site: Site of the lift; None for one with the obstacles, start and goal of the exercise.
     """
     if site is None:
         start = payload_position(crane, exercise.start.q)

@@ -1,7 +1,12 @@
 """The crane, or a controller, as a unit of FMI 3.0 or 2.0 (an FMU), with its sources in C and
 libraries that need no Python.
 
-``python -m cranedyn export fmu FILE.fmu`` writes one.
+``python -m cranedyn export fmu FILE.fmu`` writes one. A unit is a zip file with
+
+* ``modelDescription.xml``, which lists the variables and what an importer may do with the unit;
+* ``sources``: the block in C99, the interface of FMI (``fmi2.c`` or ``fmi3.c``), and ``unit.h``,
+  which connects the two by a table of the variables;
+* ``binaries``: the same sources as a shared library for each platform.
 """
 
 from __future__ import annotations
@@ -77,7 +82,20 @@ PLATFORMS = {
 """Platforms by their name in FMI 3.0."""
 
 CONTROL_PERIOD = 5e-3
-"""Period of a controller that the command line exports [s]."""
+"""Period of a controller, unless another is asked for [s]."""
+
+PHYSICS_STEP = 5e-4
+"""Physics step of a crane, unless another is asked for [s]."""
+
+_STEPS_OF_COMMUNICATION = 10
+"""Physics steps in the communication step that the description of a crane suggests: those of a
+control period of `simulate`."""
+
+_COMPILER_TIMEOUT = 600
+"""Longest time for which a compiler may run [s]."""
+
+_MAX_COMPILER_MESSAGE = 500
+"""Number of characters of the end of a compiler's output that an error shows."""
 
 _SOURCES = Path(__file__).parent
 """Folder of the sources in C that all units share."""
@@ -89,12 +107,16 @@ _COMPILERS = ("cc", "gcc", "clang")
 """Commands of C compilers, in the order in which they are looked for."""
 
 _DATE = (1980, 1, 1, 0, 0, 0)
-"""Date of the files in a unit, fixed so that equal cranes give equal units."""
+"""Date of the files in a unit, the earliest of a zip file: a fixed one makes units of equal cranes
+equal."""
 
 
 @dataclass(frozen=True)
 class FmiVariable:
     """Variable of the unit.
+
+    The token of a unit is computed from the texts of its variables, so names and order of these
+    fields are part of it.
 
     Attributes:
         name: Name.
@@ -106,7 +128,7 @@ class FmiVariable:
         upper: Largest value.
         about: Description.
         fixed: Whether it is constant once stepping has begun.
-        rate_of: Index of the variable whose derivative it is; None for none.
+        rate_of: Index of the variable whose time derivative it is; None if it is none.
     """
 
     name: str
@@ -126,10 +148,10 @@ def export(
     path: str | Path,
     *,
     drive: Drive = "effort",
-    dt: float = 5e-4,
+    dt: float = PHYSICS_STEP,
     integrator: Integrator = semi_implicit_euler,
     controller: Any = None,
-    control_period: float = 5e-3,
+    control_period: float = CONTROL_PERIOD,
     duration: float = 30.0,
     version: Version = 3,
     platforms: Sequence[str] = (),
@@ -138,14 +160,16 @@ def export(
 
     The inputs of a crane are the commands of the drives and forces from outside, held over a
     communication step, which is a multiple of `dt`; its outputs are the state, the efforts, the
-    energy, and whether the model holds. It moves as in `simulate` with validity = mark and the
-    communication step as control period. Parameters can be changed while it runs. A controller's
-    outputs follow its inputs at once; a step of one control period advances its memory.
+    energy, and whether the model holds. It moves as in `simulate` with validity="mark" and the
+    communication step as control period. Its parameters can be changed while it runs.
+
+    The inputs of a controller are the measured state and the setpoints, its outputs the commands.
+    They follow the inputs at once; a step of one control period advances the memory.
 
     Args:
         crane: The crane.
         path: New file, ending in ``.fmu``.
-        drive: Drive mode, see `simulate`. With "velocity" the unit is for co-simulation alone.
+        drive: Drive mode, see `simulate`. With "velocity" the unit is for co-simulation only.
         dt: Physics step [s].
         integrator: The stepping rule.
         controller: The controller, see `cranedyn.export.controller_block`; None for the crane.
@@ -167,6 +191,7 @@ def export(
     check_free(final)
     if version not in get_args(Version):
         raise OutOfRange("version of FMI", version, "2 or 3")
+    version = 2 if version == 2 else 3  # an integer, also where 2.0 is given
     for name in platforms:
         if name not in PLATFORMS:
             raise UnknownName("platform", name, PLATFORMS)
@@ -177,30 +202,34 @@ def export(
             crane, controller, drive=drive, control_period=control_period, duration=duration
         )
     unit = _Unit(block, version)
-    libraries = {name: unit.library(name) for name in dict.fromkeys(platforms or [_platform()])}
+    entries = {"modelDescription.xml": unit.description()}
+    for name, text in unit.sources.items():
+        entries[f"sources/{name}"] = text.encode()
+    if version == 3:
+        entries["sources/buildDescription.xml"] = unit.build_description()
+    # Each platform once, in the order in which they are named.
+    for name in dict.fromkeys(platforms or [_platform()]):
+        target = PLATFORMS[name]
+        folder = target.fmi2_name if version == 2 else name
+        entries[f"binaries/{folder}/{unit.name}{target.ending}"] = unit.library(name)
     with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
-        entries = {"modelDescription.xml": unit.description()}
-        for name, text in unit.sources.items():
-            entries[f"sources/{name}"] = text.encode()
-        if version == 3:
-            entries["sources/buildDescription.xml"] = unit.build_description()
-        for name, library in libraries.items():
-            folder = PLATFORMS[name].fmi2_name if version == 2 else name
-            entries[f"binaries/{folder}/{unit.name}{PLATFORMS[name].ending}"] = library
         for name, content in entries.items():
             file.writestr(zipfile.ZipInfo(name, _DATE), content, zipfile.ZIP_DEFLATED)
     return final
 
 
 def _is_crane(block: FunctionBlock) -> bool:
-    """Return whether a block is a crane, whose outputs are computed apart from its steps, and not a
-    controller.
+    """Return whether a block is a crane and not a controller: a crane has a function that computes
+    its outputs without a step.
     """
     return "outputs" in block.functions
 
 
 def _variables(block: FunctionBlock) -> list[FmiVariable]:
-    """Return all variables; the value reference of each is its index.
+    """Return all variables of the unit; the value reference of each is its index.
+
+    Their order is that of the state of a unit: time, inputs, parameters, start values, states,
+    outputs, and whether the model holds.
 
     Raises:
         ModelError: If two of them have the same name.
@@ -208,7 +237,9 @@ def _variables(block: FunctionBlock) -> list[FmiVariable]:
     name_of = {identifier: name for name, identifier in block.renamed.items()}
 
     def name(v: Variable) -> str:
-        """Return the name that the crane has for a variable of the block."""
+        """Return the name of a variable of the block as the crane has it, which need not be an
+        identifier of C.
+        """
         return name_of.get(v.name, v.name)
 
     variables = [FmiVariable("time", "time", "s", "independent")]
@@ -239,8 +270,8 @@ def _variables(block: FunctionBlock) -> list[FmiVariable]:
             )
         )
 
-    # The states are coordinates, then rates, and the accelerations are the first outputs. So each
-    # rate is the derivative of the variable `half` before it, and each acceleration, too.
+    # The states are the coordinates and then the rates, and the first outputs the accelerations. So
+    # each rate, and each acceleration, is the derivative of the variable `half` places before.
     first_state = len(variables)
     half = len(states) // 2
     outputs = [v for v in block.of_kind("output") if v.name != "valid"]
@@ -299,14 +330,18 @@ class _Unit:
         for name in (*_HEADERS, self._interface):
             self.sources[name] = (_SOURCES / name).read_text()
 
-        # An importer refuses a library whose token is not that of the description, so that the two
-        # are of one export. Equal units have equal tokens.
+        # An importer refuses a library whose token is not that of the description, which shows that
+        # the two are of different exports. Equal units have equal tokens.
         content = repr((self._variables, block.period, self.sources)).encode()
         self._token = f"{{{hashlib.sha256(content).hexdigest()[:32]}}}"
         self.sources["unit.h"] = self._header()
 
     def _header(self) -> str:
-        """Return unit.h, which `fmi_unit.h` includes."""
+        """Return the text of unit.h, which `fmi_unit.h` includes.
+
+        It has the names of the functions and numbers of the block, the structure `Data` of one
+        instance, and the table of the variables.
+        """
         name = self._block.name
         starts = [i for i, variable in enumerate(self._variables) if variable.fixed]
         definitions = {
@@ -362,8 +397,8 @@ class _Unit:
 
         units = add(root, "UnitDefinitions")
         for unit in sorted({variable.unit for variable in self._variables} - {""}):
-            add(add(units, "Unit", name=unit), "BaseUnit", **_BASE[unit])
-        steps = 10 if self._is_crane else 1
+            add(add(units, "Unit", name=unit), "BaseUnit", **_BASE_UNITS[unit])
+        steps = _STEPS_OF_COMMUNICATION if self._is_crane else 1
         step_size = repr(self._block.period * steps)
         add(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=step_size)
         self._add_variables(root)
@@ -371,36 +406,39 @@ class _Unit:
         return xml_bytes(root)
 
     def _add_interfaces(self, root: ET.Element) -> None:
-        """Add the kinds of simulation that the unit is for, with what it can do there.
+        """Add the kinds of simulation that the unit is for, each with its capabilities.
 
-        Any crane or controller can be stepped. A crane also gives its derivatives for a solver of
-        the importer, unless it keeps arrays, whose contents have none.
+        Any crane or controller can be stepped (CoSimulation). A crane also gives its derivatives to
+        a solver of the importer (ModelExchange), unless it keeps arrays, such as commands on their
+        way to the converters, which have no derivatives.
         """
         state = "FMUState" if self._version == 3 else "FMUstate"
         common = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
-        abilities_of = {}
+        capabilities_of = {}
         if self._is_crane and not self._block.arrays:
-            abilities_of["ModelExchange"] = common
+            capabilities_of["ModelExchange"] = common
         stepping = dict(common)
         if self._version == 3:
             stepping["fixedInternalStepSize"] = repr(self._block.period)
         stepping["canHandleVariableCommunicationStepSize"] = "true"
-        abilities_of["CoSimulation"] = stepping
+        capabilities_of["CoSimulation"] = stepping
 
-        for kind, abilities in abilities_of.items():
-            entry = add(root, kind, modelIdentifier=self.name, **abilities)
+        for kind, capabilities in capabilities_of.items():
+            entry = add(root, kind, modelIdentifier=self.name, **capabilities)
             if self._version == 2:
                 files = add(entry, "SourceFiles")
                 for name in (self._interface, self._block_source):
                     add(files, "File", name=name)
 
     def _add_variables(self, root: ET.Element) -> None:
-        """Add the variables; indices of FMI 2.0 begin at 1, value references of FMI 3.0 at 0."""
+        """Add the variables. FMI 2.0 refers to a variable by its index from 1, FMI 3.0 by its value
+        reference, which begins at 0.
+        """
         is_fmi3 = self._version == 3
         listed = add(root, "ModelVariables")
         for reference, variable in enumerate(self._variables):
-            entries = self._entries(reference, variable)
-            numbers = self._numbers(variable)
+            entries = self._common_attributes(reference, variable)
+            numbers = self._type_attributes(variable)
             if variable.rate_of is not None:
                 numbers["derivative"] = str(variable.rate_of + (0 if is_fmi3 else 1))
             if is_fmi3:
@@ -411,7 +449,9 @@ class _Unit:
                 ET.SubElement(ET.SubElement(listed, "ScalarVariable", entries), kind, numbers)
 
     def _add_structure(self, root: ET.Element) -> None:
-        """Add which variables are outputs, derivatives and unknowns of the initialisation."""
+        """Add the lists of outputs, derivatives and unknowns of the initialisation; the last are
+        the outputs again.
+        """
         is_fmi3 = self._version == 3
         structure = add(root, "ModelStructure")
         outputs = [
@@ -430,8 +470,8 @@ class _Unit:
                     add(group, "Unknown", index=str(i + 1))
 
     @staticmethod
-    def _entries(reference: int, variable: FmiVariable) -> dict[str, str]:
-        """Return the attributes that a variable has in either version and of either type."""
+    def _common_attributes(reference: int, variable: FmiVariable) -> dict[str, str]:
+        """Return the attributes that a variable has in both versions, whatever its type."""
         entries = {
             "name": variable.name,
             "valueReference": str(reference),
@@ -447,8 +487,10 @@ class _Unit:
         return entries
 
     @staticmethod
-    def _numbers(variable: FmiVariable) -> dict[str, str]:
-        """Return the attributes of its type: unit, start and range, as far as they are finite."""
+    def _type_attributes(variable: FmiVariable) -> dict[str, str]:
+        """Return the attributes of the type of a variable: its unit, and start and range as far as
+        they are finite.
+        """
         entries = {"unit": variable.unit} if variable.unit else {}
         numbers = {"start": variable.start, "min": variable.lower, "max": variable.upper}
         for name, value in numbers.items():
@@ -476,8 +518,8 @@ class _Unit:
             workspace = Path(folder)
             for name, text in self.sources.items():
                 (workspace / name).write_text(text)
-            # Products and sums are not fused, so that all platforms give the same numbers. Only the
-            # functions of FMI are visible.
+            # Products and sums are not fused, so that all platforms give the same numbers. Of the
+            # library only the functions of FMI are visible.
             options = ["-std=c99", "-shared", "-O2", "-ffp-contract=off", "-fvisibility=hidden"]
             if not platform_name.endswith("windows"):
                 options.append("-fPIC")
@@ -487,18 +529,20 @@ class _Unit:
                 cwd=workspace,
                 capture_output=True,
                 text=True,
-                timeout=600,
+                timeout=_COMPILER_TIMEOUT,
                 check=False,
             )
             if build.returncode:
-                message = build.stderr.strip()[-500:]
+                message = build.stderr.strip()[-_MAX_COMPILER_MESSAGE:]
                 raise CraneError(f"The C compiler {compiler[0]} could not make the unit: {message}")
             return (workspace / "library").read_bytes()
 
 
 def _compiler(platform_name: str) -> list[str]:
-    """Return the command of a C compiler for a platform: that of this machine for its own kind,
-    else Zig's.
+    """Return the command of a C compiler for a platform.
+
+    For the platform of this machine it is an installed compiler, where there is one; for any other
+    it is that of Zig.
 
     Raises:
         CraneError: If there is none.
@@ -522,7 +566,7 @@ def _compiler(platform_name: str) -> list[str]:
     )
 
 
-_BASE = {
+_BASE_UNITS = {
     "s": {"s": "1"},
     "rad": {"rad": "1"},
     "m": {"m": "1"},
@@ -540,7 +584,7 @@ _BASE = {
     "N.m.s/rad": {"kg": "1", "m": "2", "s": "-1", "rad": "-1"},
     "N.s/m": {"kg": "1", "s": "-1"},
 }
-"""Units in terms of SI base units, as exponents."""
+"""Exponents of the SI base units, and of the radian, in each unit."""
 
 
 def _c(value: float) -> str:
@@ -551,7 +595,9 @@ def _c(value: float) -> str:
 
 
 def _text(name: str) -> str:
-    """Return a name as a string literal of C, in octal escapes, whatever characters it has."""
+    """Return a name as a string literal of C. All its bytes are octal escapes, so that it may have
+    any characters.
+    """
     return '"' + "".join(f"\\{byte:03o}" for byte in name.encode()) + '"'
 
 
@@ -603,10 +649,11 @@ def run(options: argparse.Namespace) -> Path:
             crane,
             options.target,
             drive=options.drive or "effort",
-            dt=5e-4 if options.dt is None else options.dt,
+            dt=PHYSICS_STEP if options.dt is None else options.dt,
             version=options.fmi,
             platforms=platforms,
         )
+    # A controller says itself what its drives take, and has no physics.
     for name in ("drive", "dt"):
         if getattr(options, name) is not None:
             raise DataError(f"--{name} has no effect with --controller; leave it out.")

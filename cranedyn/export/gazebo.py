@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from cranedyn.checks import whole
-from cranedyn.clocks import Clocked, Clocks, clocks
+from cranedyn.clocks import Clocks, clocks
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine
 from cranedyn.errors import DataError, OutOfRange, UnknownName
@@ -44,8 +44,16 @@ _TEMPLATES = Path(__file__).with_name("templates") / "gazebo"
 """Folder of the texts that do not depend on the crane: the plugin, its build and the scripts."""
 
 TARGET = "DIR"
+"""What the command line calls the target of the export."""
 
 EXAMPLE = "gazebo_swing --gravity 9.8"
+"""Example of a target, for the help of the command line."""
+
+ARTICLE_ERP = 0.8
+"""Share of the error of a constraint that ODE removes in a step, as in the article's world.
+
+Gazebo's default is 0.2.
+"""
 
 ANGLE = 0.1
 """Angle from which a load swings, unless another is asked for [rad]."""
@@ -54,7 +62,8 @@ DURATION = 60.0
 """Duration of a swing, unless another is asked for [s]."""
 
 SOLVERS = {"world": {"type": "world"}, "quick": {"type": "quick", "iters": "50"}}
-"""Solvers of ODE: the exact one of the article's world, and Gazebo's default."""
+"""Tags of the solvers of ODE by name: the exact one, of the article's world, and the iterative one,
+Gazebo's default."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +71,8 @@ class Program:
     """Run for Gazebo, with the arguments of `cranedyn.simulation.simulate.simulate`.
 
     Attributes:
-        crane: Crane.
-        controller: Controller, affine in the state.
+        crane: The crane.
+        controller: Controller that is affine in the state.
         reference: Reference of the drives; None holds them at the start.
         start: Initial state.
         duration: Duration [s].
@@ -102,9 +111,7 @@ class Program:
         times = clock.period * np.arange(clock.periods + 1)
         reference = hold(self.crane, self.start) if self.reference is None else self.reference
         positions = tabulated(reference, times, layout.m).position
-        if isinstance(self.controller, Clocked):
-            self.controller.begin_run(0.0, clock.period)
-        return finite_form(self.controller, times, positions, 2 * layout.n, "Gazebo")
+        return finite_form(self.controller, times, positions, 2 * layout.n, clock.period, "Gazebo")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -123,7 +130,7 @@ def add_world(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--solver", default="world", choices=SOLVERS, help="ODE's solver")
     text = "ODE's error reduction in a step"
-    add("--erp", type=float, default=0.8, metavar="SHARE", help=text)
+    add("--erp", type=float, default=ARTICLE_ERP, metavar="SHARE", help=text)
     text = "control instants from one row of the log to the next"
     add("--every", type=int, default=1, metavar="N", help=text)
     text = "set the rates of the passive joints to zero at every step"
@@ -172,7 +179,7 @@ def export(
     program: Program,
     *,
     solver: str = "world",
-    erp: float = 0.8,
+    erp: float = ARTICLE_ERP,
     every: int = 1,
     overwritten: bool = False,
 ) -> Path:
@@ -186,7 +193,7 @@ def export(
         folder: New folder.
         program: Run to export.
         solver: Solver of ODE, one of `SOLVERS`.
-        erp: ODE's error reduction in a step, 0 to 1; 0.8 is the article's, 0.2 Gazebo's default.
+        erp: ODE's error reduction in a step, 0 to 1, see `ARTICLE_ERP`.
         every: Control instants from one row of the log to the next.
         overwritten: Whether the plugin sets the rates of the passive joints to zero at every step,
             as the article's did.
@@ -217,14 +224,16 @@ def export(
         "gain": affine.gain.reshape(len(affine.gain), -1),
         "setpoint": affine.setpoint,
         "target": affine.target,
+        # The largest number stands for no limit.
         "integral": np.stack(
             [affine.integral_gain, np.minimum(affine.limit, np.finfo(float).max), affine.integral]
         ),
     }
     model = anchor_to_world(program.crane, robot, "Gazebo")
     model.append(_plugin(program, moving, every, overwritten))
-    scene = world(program.crane.gravity, program.dt, solver, erp)
-    add(add(scene[0], "include"), "uri", "model://crane")
+    sdf = world(program.crane.gravity, program.dt, solver, erp)
+    (scene,) = sdf.iterfind("world")
+    add(add(scene, "include"), "uri", "model://crane")
     config = ET.Element("model")
     add(config, "name", "crane")
     add(config, "version", "1.0")
@@ -237,7 +246,7 @@ def export(
         (draft / "models" / "crane" / "model.config").write_bytes(xml_bytes(config))
         if notes:
             (draft / "README.md").write_text(readme("crane", notes), encoding="utf-8")
-        (draft / "world.sdf").write_bytes(xml_bytes(scene))
+        (draft / "world.sdf").write_bytes(xml_bytes(sdf))
         for name, rows in tables.items():
             lines = [",".join(repr(number) for number in row) + "\n" for row in rows.tolist()]
             (draft / f"{name}.csv").write_text("".join(lines))
@@ -247,7 +256,14 @@ def export(
 def _plugin(
     program: Program, moving: Sequence[ExportedJoint], interval: int, overwritten: bool
 ) -> ET.Element:
-    """Return the plugin's element with its parameters."""
+    """Return the element of the plugin that drives the crane, with its parameters.
+
+    Args:
+        program: The run.
+        moving: Joints in the order of the coordinates.
+        interval: Control instants from one row of the log to the next.
+        overwritten: Whether the rates of the passive joints are set to zero at every step.
+    """
     clock = program.clock
     tag = ET.Element("gazebo")
     plugin = add(tag, "plugin", name="drives", filename="libcrane_drives.so")
@@ -279,8 +295,13 @@ def _plugin(
 
 
 def world(gravity: float, dt: float, solver: str, erp: float) -> ET.Element:
-    """Return an empty world of Gazebo Classic: gravity [m/s²], physics step [s], one of `SOLVERS`,
-    ODE's error reduction.
+    """Return an empty world of Gazebo Classic, as SDF.
+
+    Args:
+        gravity: Gravity [m/s²].
+        dt: Physics step [s].
+        solver: Solver of ODE, one of `SOLVERS`.
+        erp: Share of the error of a constraint that ODE removes in a step.
     """
     sdf = ET.Element("sdf", version="1.6")
     scene = add(sdf, "world", name="crane")

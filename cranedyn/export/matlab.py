@@ -71,12 +71,12 @@ def linear_system(
         state: State to linearise about, at rest or in a motion; None for the start.
         effort: Efforts of the drives there [N m or N], shape (m,); None for those that balance
             gravity.
-        drive: Inputs: "effort", or with "motion" the accelerations of the drives, or with
-            "velocity" the rates that frequency converters are commanded. Then the drives follow as
-            lags of first order; ramps and rounding are left out, and the delay is in the sampled
-            system only, where commands on their way are states.
+        drive: What the inputs are: with "effort" efforts, with "motion" the accelerations of the
+            drives, with "velocity" the rates that frequency converters are commanded. The drives
+            of "velocity" follow as lags of first order; ramps and rounding are left out, and the
+            delay is in the sampled system only, where commands on their way are states.
         control_period: None for a continuous system. A time [s] for the system that `simulate`
-            steps: the command held over it, and semi-implicit Euler between.
+            steps: the command is held over it, with steps of semi-implicit Euler between.
         dt: Physics step of the sampled system [s].
         outputs: Names of the states that are outputs; None for all of the crane.
         converters: Frequency converters of "velocity"; None for typical ones.
@@ -87,10 +87,12 @@ def linear_system(
     """
     check_choice("drive", drive, Drive)
     state = crane.start if state is None else state
-    # Drives that take velocities are linearised by their accelerations first.
+    # Drives that take rates are linearised with their accelerations as inputs first, from which
+    # `_behind_lags` goes on to the rates.
     kind: Literal["effort", "motion"] = "effort" if drive == "effort" else "motion"
     continuous = linear(crane, state, effort, drive=kind)
     every_name = state_names(crane)
+    # States that are held, such as the stretch of a rope that does not stretch, are left out.
     moving = np.setdiff1d(np.arange(len(every_name)), continuous.held)
     names = [every_name[i] for i in moving]
     selected = names if outputs is None else list(outputs)
@@ -118,8 +120,10 @@ def linear_system(
 
 
 def _behind_lags(crane: Crane, system: Linear, converters: Converters) -> Linear:
-    """Return a system whose inputs are accelerations with rates as inputs instead: a drive with the
-    lag T follows the rate u by T dv/dt = u - v.
+    """Return a system whose inputs are accelerations with rates as inputs instead.
+
+    A drive with the lag T follows the commanded rate u by T dv/dt = u - v, so its acceleration is
+    u/T - v/T.
     """
     a = system.a.copy()
     b = system.b / converters.lags
@@ -128,8 +132,9 @@ def _behind_lags(crane: Crane, system: Linear, converters: Converters) -> Linear
 
 
 def _delayed_by_a_period(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a sampled system whose inputs take effect a period later, with these as further
-    states: z ← a z + b p and p ← u.
+    """Return a sampled system whose inputs take effect a period later.
+
+    The inputs p of the period before are further states: z ← a z + b p, and p ← u.
     """
     m = b.shape[1]
     delayed_a = np.block([[a, b], [np.zeros((m, len(a) + m))]])
@@ -142,18 +147,44 @@ def to_matlab(
     crane: Crane,
     state: State | None = None,
     *,
+    effort: np.ndarray | None = None,
     drive: Drive = "effort",
-    **options: Any,
+    control_period: float | None = None,
+    dt: float = 5e-4,
+    outputs: Sequence[str] | None = None,
+    converters: Converters | None = None,
 ) -> Path:
-    """Write A, B, C, D, Ts, the names and units of states, inputs and outputs, and the state z0 to
-    a new file, ending in .mat, which MATLAB's `load` opens. Arguments as of `linear_system`.
+    """Write the crane linearised about a state to a file that MATLAB's `load` opens.
+
+    It holds the matrices A, B, C and D, the period Ts [s], 0 in continuous time, the names and
+    units of states, inputs and outputs, and the state z0 about which the system is linearised.
+
+    Args:
+        file: New file, ending in .mat.
+        crane: The crane.
+        state: State to linearise about, see `linear_system`.
+        effort: Efforts of the drives there, see `linear_system`.
+        drive: What the inputs are, see `linear_system`.
+        control_period: Period of a sampled system [s]; None for a continuous one.
+        dt: Physics step of the sampled system [s].
+        outputs: Names of the states that are outputs; None for all of the crane.
+        converters: Frequency converters of "velocity"; None for typical ones.
 
     Raises:
         DataError: If the ending is not .mat, or the file exists or cannot be written.
         OutOfRange, UnknownName: As `linear_system`.
     """
     file = with_ending(file, ".mat")
-    system = linear_system(crane, state, drive=drive, **options)
+    system = linear_system(
+        crane,
+        state,
+        effort=effort,
+        drive=drive,
+        control_period=control_period,
+        dt=dt,
+        outputs=outputs,
+        converters=converters,
+    )
     units = _units(crane, drive, system.inputs)
     names = {"state": system.states, "input": system.inputs, "output": system.outputs}
 
@@ -189,8 +220,10 @@ def _units(crane: Crane, drive: Drive, inputs: Sequence[str]) -> dict[str, str]:
 
 
 def _unit_of(name: str, units: dict[str, str]) -> str:
-    """Return the unit of a state or input; that of a command on its way, whose name ends in the
-    number of periods, is that of the input.
+    """Return the unit of a state or an input.
+
+    A command on its way is a state, whose name is that of the input with an underline and a number
+    of periods; its unit is that of the input.
     """
     if name in units:
         return units[name]

@@ -43,7 +43,6 @@ EXAMPLE = "crane.xml"
 SLACK_LENGTH = 1e3
 """Length by which a rope may be slack in MuJoCo [m]: further than any hoist reaches."""
 
-
 _FULL_INERTIA = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
 """Rows and columns of the components of a full inertia in MJCF: xx, yy, zz, xy, xz, yz."""
 
@@ -85,7 +84,16 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
 
 
 def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
-    """Return the crane as MJCF, from its URDF as XML; physics step in s."""
+    """Return the crane as MJCF.
+
+    Args:
+        crane: The crane.
+        robot: Its URDF, see `crane_data.urdf_element`; the tag of a rope is removed from it.
+        dt: Physics step [s].
+
+    Raises:
+        ModelError: As `export`.
+    """
     root = ET.Element("mujoco", model=robot.get("name", "crane"))
     # As in a URDF, roll, pitch and yaw are about fixed axes, and a link without an inertial has no
     # mass, whatever its looks.
@@ -124,11 +132,12 @@ def _add_length_spring(root: ET.Element, spring: LengthSpring | None) -> None:
     custom = add(root, "custom")
     add(custom, "text", name="validity", data=spring.validity)
     if not spring.pulls_only:
-        joint = root.find(f".//joint[@name={_xpath_text(spring.joint)}]")
-        assert joint is not None  # the tree was grown from the same crane
-        joint.attrib |= {"stiffness": repr(spring.stiffness), "springref": "0"}
+        for joint in root.iter("joint"):
+            if joint.get("name") == spring.joint:
+                joint.attrib |= {"stiffness": repr(spring.stiffness), "springref": "0"}
         return
-    # Between the two lengths there is no force: the tendon pulls above 0 and does not push below.
+    # The length of the tendon is the stretch of the rope. Between the two ends of ``springlength``
+    # there is no force: the tendon pulls above 0, and does not push below.
     tendon = add(
         add(root, "tendon"),
         "fixed",
@@ -137,11 +146,6 @@ def _add_length_spring(root: ET.Element, spring: LengthSpring | None) -> None:
         springlength=f"{-SLACK_LENGTH!r} 0",
     )
     add(tendon, "joint", joint=spring.joint, coef="1")
-
-
-def _xpath_text(name: str) -> str:
-    """Return a name between the quotation marks that it does not hold, for a path in XML."""
-    return f"'{name}'" if "'" not in name else f'"{name}"'
 
 
 def _add_rate_limits(root: ET.Element, crane: Crane) -> None:
@@ -155,19 +159,19 @@ def _add_rate_limits(root: ET.Element, crane: Crane) -> None:
 
 
 def _merged_links(crane: Crane, robot: ET.Element) -> frozenset[str]:
-    """Return the links that are written as one body with the next: those that move, have no mass
-    and no looks, and carry exactly one other link.
+    """Return the names of the links that are written as one body with the link that they carry:
+    those that move, have no mass and no visual, and carry exactly one other link.
     """
-    moving = {joint.name for joint in crane.layout.joints}
+    moving_joints = {joint.name for joint in crane.layout.joints}
+    moving_links = set()
     parents = []
-    candidates = massless_links(robot)
-    below = set()
     for joint in robot.iterfind("joint"):
         parent, child = ends(joint)
         parents.append(parent)
-        if joint.get("name") in moving:
-            below.add(child)
-    return frozenset(name for name in candidates & below if parents.count(name) == 1)
+        if joint.get("name") in moving_joints:
+            moving_links.add(child)
+    candidates = massless_links(robot) & moving_links
+    return frozenset(name for name in candidates if parents.count(name) == 1)
 
 
 @dataclass(frozen=True)
@@ -186,7 +190,17 @@ class _PendingJoint:
 
 
 class _Tree:
-    """Links and joints of a URDF as nested bodies."""
+    """Links and joints of a URDF as nested bodies of MJCF.
+
+    Attributes:
+        crane: The crane.
+        links: Links of the URDF by their names.
+        moving: Index of the coordinate of each moving joint, by the name of the joint.
+        colours: Colours of the materials of the URDF by their names.
+        merged: Names of the links that become one body with the link that they carry.
+        children: Links that each link carries, by its name, each with the joint between them.
+        root: Name of the link that no other carries.
+    """
 
     def __init__(self, crane: Crane, robot: ET.Element, colours: Mapping[str, str]) -> None:
         self.links = {link.get("name", ""): link for link in robot.iterfind("link")}
@@ -208,6 +222,7 @@ class _Tree:
         self._fill(body, self.root)
 
     def _fill(self, body: ET.Element, link: str) -> None:
+        """Append the shapes of a link, and the bodies that it carries, to its body."""
         for visual in self.links[link].iterfind("visual"):
             self._geom(body, visual, link)
         for child, joint in self.children.get(link, []):
@@ -216,14 +231,20 @@ class _Tree:
     def _add_body(self, body: ET.Element, child: str, joint: ET.Element) -> None:
         """Append the body of a link to that of its parent.
 
-        MuJoCo takes no moving body without mass. Its joints, which act in their order, are
-        written in the next body instead, in whose frame they stand where they stood.
+        MuJoCo takes no moving body without mass. The joints above such links are written in the
+        next body with a mass instead: the joints of one body act in their order, and position and
+        axis of each are expressed in the frame of that body.
+
+        Args:
+            body: Body of the parent.
+            child: Name of the link.
+            joint: Joint between the two.
         """
         pending: list[_PendingJoint] = []
         placement = pin.SE3.Identity()
         while child in self.merged:
             step = joint_placement(joint)
-            pending = _seen_from(pending, step)
+            pending = _expressed_in(pending, step)
             index = self.moving[joint.get("name", "")]
             pending.append(_PendingJoint(index, np.zeros(3), joint_axis(joint)))
             placement = placement * step
@@ -235,7 +256,7 @@ class _Tree:
             x, y, z, w = pin.Quaternion(placement.rotation).coeffs().tolist()
             inner.set("pos", numbers_text(placement.translation))
             inner.set("quat", f"{w!r} {x!r} {y!r} {z!r}")
-            for above in _seen_from(pending, step):
+            for above in _expressed_in(pending, step):
                 element = _joint(self.crane, above.index, None)
                 element.set("axis", numbers_text(above.direction))
                 element.set("pos", numbers_text(above.anchor))
@@ -269,7 +290,7 @@ class _Tree:
                     "takes no file; allowed are numbers > 0."
                 )
             geom = add(body, "geom", type=shape.tag, size=" ".join(map(repr, size)))
-            # It is seen, and touches nothing.
+            # A shape for display only: it collides with nothing. Group 2 is that of visuals.
             geom.attrib |= {"contype": "0", "conaffinity": "0", "group": "2", **_pose(visual)}
             rgba = self._colour(visual.find("material"))
             if rgba:
@@ -286,23 +307,35 @@ class _Tree:
 
 
 def _pose(element: ET.Element) -> dict[str, str]:
-    """Return the pose of a URDF element's origin."""
+    """Return the origin of a URDF element as attributes of MJCF, as far as it has them."""
     origin = element.find("origin")
-    pose = {} if origin is None else {"pos": origin.get("xyz", ""), "euler": origin.get("rpy", "")}
-    return {name: " ".join(text.split()) for name, text in pose.items() if text}
+    if origin is None:
+        return {}
+    pose = {}
+    for name, key in (("pos", "xyz"), ("euler", "rpy")):
+        text = origin.get(key, "")
+        if text:
+            pose[name] = " ".join(text.split())
+    return pose
 
 
-def _seen_from(pending: Sequence[_PendingJoint], step: pin.SE3) -> list[_PendingJoint]:
-    """Return joints in a frame that is placed in theirs."""
-    seen = []
+def _expressed_in(pending: Sequence[_PendingJoint], step: pin.SE3) -> list[_PendingJoint]:
+    """Return joints with origin and axis in another frame.
+
+    Args:
+        pending: The joints.
+        step: Placement of that frame in the frame of their origins and axes.
+    """
+    expressed = []
     for joint in pending:
+        anchor = step.actInv(joint.anchor)
         direction = step.rotation.T @ joint.direction
-        seen.append(_PendingJoint(joint.index, step.actInv(joint.anchor), direction))
-    return seen
+        expressed.append(_PendingJoint(joint.index, anchor, direction))
+    return expressed
 
 
 def _joint(crane: Crane, i: int, axis: ET.Element | None) -> ET.Element:
-    """Return the joint of a coordinate, about or along an axis of the URDF."""
+    """Return the joint of coordinate i, with its axis in the URDF; None stands for the X axis."""
     joint = crane.layout.joints[i]
     springs = crane.springs
     kind = "hinge" if joint.unit == "rad" else "slide"
@@ -320,8 +353,10 @@ def _joint(crane: Crane, i: int, axis: ET.Element | None) -> ET.Element:
 
 
 def _inertial(inertial: ET.Element) -> ET.Element:
-    """Return mass and inertia; a rotated inertia is expressed in the body's axes, since MJCF takes
-    a full inertia in these only.
+    """Return mass and inertia of a body from those of a URDF link.
+
+    A rotated inertia R I Rᵀ is expressed in the axes of the body, since MJCF takes a full inertia
+    in these only.
     """
     mass = inertial.find("mass")
     inertia = inertial.find("inertia")
@@ -331,8 +366,8 @@ def _inertial(inertial: ET.Element) -> ET.Element:
     tensor = np.array([[float(inertia.get(key, "0")) for key in row] for row in keys])
     rpy = pose.pop("euler", "")
     if rpy:
-        turn = pin.rpy.rpyToMatrix(vector(rpy))
-        tensor = turn @ tensor @ turn.T
+        rotation = pin.rpy.rpyToMatrix(vector(rpy))
+        tensor = rotation @ tensor @ rotation.T
     is_diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
     if is_diagonal:
         name = "diaginertia"

@@ -28,20 +28,26 @@ from cranedyn.export.crane_data import (
     write_length_spring,
     xml_bytes,
 )
-from cranedyn.export.gazebo import world
+from cranedyn.export.gazebo import ARTICLE_ERP, world
 from cranedyn.export.target import new_folder
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
 TARGET = "DIR"
+"""What the command line calls the target of the export."""
+
 EXAMPLE = "crane_description"
+"""Example of a target, for the help of the command line."""
 
 _PACKAGE_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+"""Names that ROS allows for a package (REP 144): words of small letters and digits, joined by
+single underlines."""
 
 RATE = 200
 """Rate of the controllers [Hz], as in the article."""
 
 _TEMPLATES = Path(__file__).with_name("templates") / "ros2"
+"""Folder of the texts that do not depend on the crane: launch files, display, build."""
 
 DEPENDENCIES = (
     "controller_manager",
@@ -67,13 +73,14 @@ _SYSTEMS = {
 def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: float = 5e-4) -> Path:
     """Write a description package.
 
-    Only the drives have command interfaces; the passive joints have states, position and velocity,
-    so that nothing overwrites their swing. Initial values put every joint into its range and let
-    each drive exert, until its first command, the effort that holds the crane there. The URDF has
-    no comments, and of meshes those of ROS packages, on which the package then depends; gravity
-    acts on all links. Plugins and transmissions of the crane's own file are replaced. A load on two
-    falls has the yaw stiffness of the length at the start. The package's README.md says what was
-    left out, and where the stiffness holds.
+    Only the drives have command interfaces. The passive joints have state interfaces, position and
+    velocity, so that nothing overwrites their swing. Initial values put every joint into its range
+    and let each drive exert, until its first command, the effort that holds the crane there.
+
+    The URDF has no comments, and only those meshes that are in ROS packages, on which the package
+    then depends. Gravity acts on all links. Plugins and transmissions of the crane's own file are
+    replaced. A load on two falls has the yaw stiffness of the length at the start. The README.md
+    of the package says what was left out, and where the stiffness holds.
 
     Args:
         folder: New folder.
@@ -116,7 +123,8 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
     plugin = add(
         add(robot, "gazebo"), "plugin", filename="gz_ros2_control-system", name=name_of_plugin
     )
-    add(plugin, "parameters", "CONTROLLERS_YAML")  # the launch file knows where the package is
+    # The launch file, which knows where the package is, puts the path of controllers.yaml there.
+    add(plugin, "parameters", "CONTROLLERS_YAML")
     with new_folder(folder) as draft:
         shutil.copytree(
             _TEMPLATES, draft, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__")
@@ -133,7 +141,7 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
             "package.xml": _package(name, mesh_packages),
             "urdf/crane.urdf": robot,
             "worlds/crane.sdf": _gz_world(crane, dt),
-            "worlds/classic.sdf": world(crane.gravity, dt, "world", 0.8),
+            "worlds/classic.sdf": world(crane.gravity, dt, "world", ARTICLE_ERP),
         }
         for path, tree in trees.items():
             (draft / path).write_bytes(xml_bytes(tree))
@@ -161,6 +169,9 @@ def _control(moving: Sequence[ExportedJoint]) -> ET.Element:
 
 
 def _controllers(drives: Sequence[str]) -> str:
+    """Return the settings of ros2_control in YAML: a broadcaster of the states, and a controller
+    that passes efforts on to these joints.
+    """
     listed = "".join(f"      - {_yaml(name)}\n" for name in drives)
     return f"""controller_manager:
   ros__parameters:
@@ -193,7 +204,12 @@ def _mesh_packages(robot: ET.Element) -> list[str]:
 
 
 def _package(name: str, mesh_packages: Sequence[str]) -> ET.Element:
-    """Return the package.xml of a package that also uses other packages with meshes."""
+    """Return the package.xml of a package.
+
+    Args:
+        name: Name of the package.
+        mesh_packages: Packages in which meshes of the crane are.
+    """
     package = ET.Element("package", format="3")
     add(package, "name", name)
     add(package, "version", "0.1.0")
@@ -212,7 +228,7 @@ def _package(name: str, mesh_packages: Sequence[str]) -> ET.Element:
 
 
 def _gz_world(crane: Crane, dt: float) -> ET.Element:
-    """Return a world of gz sim."""
+    """Return a world of gz sim with the gravity of a crane and a physics step [s], as SDF."""
     sdf = ET.Element("sdf", version="1.7")
     scene = add(sdf, "world", name="crane")
     add(scene, "gravity", f"0 0 {-crane.gravity!r}")

@@ -12,9 +12,11 @@ from typing import Any
 
 from cranedyn.compiled.structured_text import plcopen_xml, structured_text
 from cranedyn.data.files import with_ending
+from cranedyn.dynamics.converters import Converters
 from cranedyn.export.controller_block import controller_block
 from cranedyn.export.target import check_free, name_default_rates, new_file
 from cranedyn.export.usual_controllers import CONTROLLERS
+from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 
@@ -25,14 +27,26 @@ EXAMPLE = "controller.st --controller lqr"
 """Example of a target, for the help of the command line."""
 
 
-def export(crane: Crane, path: str | Path, controller: Any, **options: Any) -> Path:
-    """Write a controller as Structured Text, and as PLCopen XML in a file that ends in .xml.
+def export(
+    crane: Crane,
+    path: str | Path,
+    controller: Any,
+    *,
+    drive: Drive = "effort",
+    control_period: float = 5e-3,
+    duration: float = 30.0,
+    converters: Converters | None = None,
+) -> Path:
+    """Write a controller as Structured Text, and as PLCopen XML in a file beside that ends in .xml.
 
     Args:
         crane: The crane.
         path: New file, ending in ``.st``.
-        controller: The controller.
-        options: As `cranedyn.export.controller_block.controller_block` takes them.
+        controller: The controller, see `cranedyn.export.controller_block.controller_block`.
+        drive: What the commands are.
+        control_period: Cycle of the task that calls the block [s].
+        duration: Time that the tables cover [s].
+        converters: Frequency converters of the drives; None for typical ones.
 
     Raises:
         OutOfRange: If a number is out of range.
@@ -44,7 +58,15 @@ def export(crane: Crane, path: str | Path, controller: Any, **options: Any) -> P
     beside = final.with_suffix(".xml")
     check_free(final)
     check_free(beside)
-    block = controller_block(crane, controller, name="crane_controller", **options)
+    block = controller_block(
+        crane,
+        controller,
+        drive=drive,
+        control_period=control_period,
+        duration=duration,
+        converters=converters,
+        name="crane_controller",
+    )
     with new_file(beside) as draft:
         draft.write_bytes(plcopen_xml(block))
     with new_file(final) as draft:

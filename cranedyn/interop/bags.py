@@ -108,7 +108,8 @@ def read_joint_states(
         path: File or folder to read.
         columns: Coordinates, rates and efforts by their names in a trajectory, and ``t_s``.
         names: Names of joints by the symbols of coordinates, where they differ from `NAMES`.
-        since: Time of the first row [s] from the first message on; earlier ones are not judged.
+        since: Time of the first row [s] from the first message on. Numbers of earlier messages need
+            not be finite, but they must have the joints, too.
         until: Time of the last row [s].
 
     Returns:

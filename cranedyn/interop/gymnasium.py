@@ -1,7 +1,12 @@
-"""The task of moving a load without swing as environments of Gymnasium: many cranes by compiled
-code, or one.
+"""Environments of Gymnasium for the task of moving a load without swing.
+
+`TowerCraneVectorEnv` steps many cranes at once by compiled code, `TowerCraneEnv` one crane, which
+can also be drawn. Both are registered under one name:
 
 ``gymnasium.make_vec("cranedyn.interop.gymnasium:cranedyn/TowerCrane-v0", num_envs=4096)``
+
+What is observed, commanded and rewarded is in `cranedyn.interop.task`. The classes here add what
+Gymnasium asks for: spaces, seeds, the end of an episode and the beginning of the next one.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ from cranedyn.interfaces import Setpoint, State
 from cranedyn.interop.task import DT, INTEGRATOR, EpisodeStart, Rules, SwingTask
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 
 try:
@@ -32,22 +38,24 @@ except ModuleNotFoundError as error:
     ) from error
 
 ID = "cranedyn/TowerCrane-v0"
-"""Name of the environment."""
+"""Name under which Gymnasium finds the environments."""
 
 STEPS = 400
-"""Steps of an episode."""
+"""Number of steps after which an episode is truncated, unless another is asked for."""
 
 _FRAME_PERIOD = 0.02
 """Time between rows of a recording [s]."""
 
-Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+_ROUND_OFF = 1e-6
+"""Round-off of a time divided by the control period."""
+
+VectorStep = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 """What a step of many environments returns by the rules of Gymnasium: observations, rewards,
 terminated, truncated, infos."""
 
 
 class TowerCraneVectorEnv(gym.vector.VectorEnv):
-    """Many cranes at once, stepped by compiled code on all processors; see `cranedyn.interop.task`
-    for the task.
+    """Many cranes at once, stepped by compiled code on all processors.
 
     Attributes:
         task: The cranes and their goals.
@@ -64,7 +72,13 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         render_mode: None = None,
-        **rules: Any,
+        action: str = Rules.action,
+        limits: Limits = Rules.limits,
+        reach: Sequence[float] = Rules.reach,
+        swing: float = Rules.swing,
+        swing_limit: float = Rules.swing_limit,
+        wind: float = Rules.wind,
+        payload_area: float = Rules.payload_area,
     ) -> None:
         """Create the cranes; no episode begins before `reset`.
 
@@ -74,15 +88,21 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
                 `cranes_between`; None for the tower crane of this project.
             control_period: Duration of a step [s].
             dt: Physics step [s].
-            max_episode_steps: Steps after which an episode is truncated.
+            max_episode_steps: Number of steps after which an episode is truncated.
             autoreset_mode: When the next episode follows one that has ended.
-            threads: Number of threads; by default one for each processor.
-            render_mode: None; one crane alone can be recorded.
-            rules: As `Rules`: action, limits, reach, swing, swing_limit, wind, payload_area.
+            threads: Number of threads; None for one on each processor.
+            render_mode: None, since only one crane alone can be drawn.
+            action: Kind of the actions, see `Rules`.
+            limits: Limits of rates and accelerations of the drives.
+            reach: Farthest goal from the start of slew [rad], trolley [m] and hoist [m].
+            swing: Largest amplitude of the swing at the start [rad].
+            swing_limit: Swing that ends an episode [rad].
+            wind: Strongest wind [m/s].
+            payload_area: Drag coefficient times area of the payload [m²].
 
         Raises:
+            MissingRole, ModelError: If a crane is no tower crane of five joints.
             OutOfRange: If a number is out of range.
-            UnknownName: If there is no such rule.
         """
         if render_mode is not None:
             allowed = "None for many cranes; one crane alone takes rrd"
@@ -97,26 +117,35 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         self._mode = mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         self._max_steps = whole("max_episode_steps", max_episode_steps, 1)
-        self.task = _task(crane, self.num_envs, rules, control_period, dt, threads)
+        rules = Rules(action, limits, reach, swing, swing_limit, wind, payload_area)
+        cranes = load_crane() if crane is None else crane
+        self.task = SwingTask(cranes, self.num_envs, rules, control_period, dt, threads)
         self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
+        # Steps of each episode so far, and whether it has ended, or has not begun yet.
         self._steps = np.zeros(self.num_envs, dtype=np.int64)
         self._ended = np.ones(self.num_envs, dtype=bool)
-        self._begun = False
+        self._was_reset = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin episodes, random or by `options`: start (a State), goal (slew, trolley, hoist),
-        reset_mask (cranes to reset).
+        """Begin episodes, and return observations and infos.
+
+        Args:
+            seed: Seed of the random numbers of all cranes; None goes on with the last ones.
+            options: What is not drawn at random: ``start``, a `State` of the crane, and ``goal``,
+                the positions of slew [rad], trolley [m] and hoist [m], the same for all cranes;
+                and ``reset_mask``, whether each crane begins an episode, shape (num_envs,), by
+                default all.
 
         Raises:
             UnknownName: If there is no such option.
             OutOfRange: If the seed or an option is not valid.
         """
-        whole_seed = _seed(seed)
-        checked = _options(options, "start", "goal", "reset_mask")
+        whole_seed = _check_seed(seed)
+        checked = _check_options(options, "start", "goal", "reset_mask")
         all_cranes = np.ones(self.num_envs, dtype=bool)
         mask = np.asarray(checked.get("reset_mask", all_cranes))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
@@ -124,17 +153,24 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         initial = self.task.check_reset(checked.get("start"), checked.get("goal"))
         super().reset(seed=whole_seed)
         self._begin(mask, initial)
-        self._begun = True
+        self._was_reset = True
         return self.task.observe(), {}
 
-    def step(self, actions: np.ndarray) -> Stepped:
-        """Take a step with actions from -1 to 1, shape (num_envs, 3); returns observations,
-        rewards, terminated, truncated, infos.
+    def step(self, actions: np.ndarray) -> VectorStep:
+        """Apply actions for a control period.
+
+        Args:
+            actions: Actions from -1 to 1, shape (num_envs, 3).
+
+        Returns:
+            Observations, rewards, whether each episode is terminated, whether it is truncated, and
+            infos with the ``distance`` of each crane to its goal [m].
 
         Raises:
             OutOfRange: If an action is no number from -1 to 1, or an episode has not begun.
         """
-        if not self._begun or (self._ended.any() and self._mode is not AutoresetMode.NEXT_STEP):
+        begins_by_itself = self._was_reset and self._mode is AutoresetMode.NEXT_STEP
+        if self._ended.any() and not begins_by_itself:
             raise OutOfRange(
                 "crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset"
             )
@@ -142,33 +178,42 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         result = self.task.act(checked.T)
         observations = result.observations
         reward = result.reward
-        terminated = result.over
+        terminated = result.terminated
         self._steps += 1
         truncated = ~terminated & (self._steps >= self._max_steps)
         if self._mode is AutoresetMode.NEXT_STEP and self._ended.any():
             # The step after the end of an episode begins the next one, whatever the action was.
-            fresh = self._ended.copy()
-            self._begin(fresh)
-            reward[fresh] = 0.0
-            terminated[fresh] = False
-            truncated[fresh] = False
-            observations[fresh] = self.task.observe(fresh)
-        infos: dict[str, Any] = {
-            "distance": self.task.goal_distance,
-            # Gymnasium's mark of the environments to which an entry applies.
-            "_distance": np.ones(self.num_envs, dtype=bool),
-        }
+            begun = self._ended.copy()
+            self._begin(begun)
+            reward[begun] = 0.0
+            terminated[begun] = False
+            truncated[begun] = False
+            observations[begun] = self.task.observe(begun)
+        infos = self._infos()
         self._ended = terminated | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
-            # The end is told in the infos, and the observations are those of the next episode.
+            # The step that ends an episode begins the next one: observations and infos are those
+            # of its beginning, and those of the end come beside.
             ended = self._ended.copy()
-            infos["final_info"] = dict(infos)
-            infos["_final_info"] = ended
-            infos["final_obs"] = observations.copy()
-            infos["_final_obs"] = ended
+            final_observations = observations.copy()
             self._begin(ended)
             observations[ended] = self.task.observe(ended)
+            infos = {
+                **self._infos(),
+                "final_info": infos,
+                "_final_info": ended,
+                "final_obs": final_observations,
+                "_final_obs": ended,
+            }
         return observations, reward, terminated, truncated, infos
+
+    def _infos(self) -> dict[str, Any]:
+        """Return the infos of all cranes as they are now."""
+        return {
+            "distance": self.task.goal_distance,
+            # Gymnasium marks in an entry with "_" to which environments another one applies.
+            "_distance": np.ones(self.num_envs, dtype=bool),
+        }
 
     def _begin(self, mask: np.ndarray, initial: EpisodeStart | None = None) -> None:
         """Begin episodes of the cranes of a mask, shape (num_envs,)."""
@@ -178,7 +223,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
 
 
 class TowerCraneEnv(gym.Env):
-    """Single crane with the same task.
+    """One crane with the same task.
 
     Attributes:
         task: The crane and its goal.
@@ -194,7 +239,13 @@ class TowerCraneEnv(gym.Env):
         dt: float = DT,
         render_mode: str | None = None,
         folder: str | Path = "out/episodes",
-        **rules: Any,
+        action: str = Rules.action,
+        limits: Limits = Rules.limits,
+        reach: Sequence[float] = Rules.reach,
+        swing: float = Rules.swing,
+        swing_limit: float = Rules.swing_limit,
+        wind: float = Rules.wind,
+        payload_area: float = Rules.payload_area,
     ) -> None:
         """Create the crane; an episode begins with `reset`.
 
@@ -202,21 +253,30 @@ class TowerCraneEnv(gym.Env):
             crane: As for `TowerCraneVectorEnv`.
             control_period: Duration of a step [s].
             dt: Physics step [s].
-            render_mode: None; "rrd": `render` writes the episode up to then as a recording; or
-                "rgb_array": `render` returns a picture from the side, shape (height, width, 3).
-            folder: Folder of recordings.
-            rules: As `Rules`.
+            render_mode: What `render` does: with None nothing, with "rrd" it writes the episode so
+                far as a recording, with "rgb_array" it returns a picture from the side, shape
+                (height, width, 3).
+            folder: Folder of the recordings.
+            action: Kind of the actions, see `Rules`.
+            limits: Limits of rates and accelerations of the drives.
+            reach: Farthest goal from the start of slew [rad], trolley [m] and hoist [m].
+            swing: Largest amplitude of the swing at the start [rad].
+            swing_limit: Swing that ends an episode [rad].
+            wind: Strongest wind [m/s].
+            payload_area: Drag coefficient times area of the payload [m²].
 
         Raises:
+            MissingRole, ModelError: If a crane is no tower crane of five joints.
             OutOfRange: If a number is out of range.
-            UnknownName: If there is no such rule.
         """
         if render_mode not in (None, "rrd", "rgb_array"):
             raise OutOfRange("render_mode", short_repr(render_mode), "None, rrd or rgb_array")
         self._folder = Path(folder)
         self.render_mode = render_mode
         self._dt = dt
-        self.task = _task(crane, 1, rules, control_period, dt, threads=1)
+        rules = Rules(action, limits, reach, swing, swing_limit, wind, payload_area)
+        cranes = load_crane() if crane is None else crane
+        self.task = SwingTask(cranes, 1, rules, control_period, dt, threads=1)
         self.observation_space, self.action_space = _spaces(self.task)
         self._episode = 0
         self._start = self.task.fleet.cranes[0].start
@@ -226,17 +286,22 @@ class TowerCraneEnv(gym.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode, random or by `options`: start (a State), goal (slew, trolley, hoist).
+        """Begin an episode, and return its first observation and info.
+
+        Args:
+            seed: Seed of the random numbers; None goes on with the last ones.
+            options: What is not drawn at random: ``start``, a `State` of the crane, and ``goal``,
+                the positions of slew [rad], trolley [m] and hoist [m].
 
         Raises:
             UnknownName: If there is no such option.
             OutOfRange: If the seed or an option is not valid.
         """
-        whole_seed = _seed(seed)
-        checked = _options(options, "start", "goal")
+        whole_seed = _check_seed(seed)
+        checked = _check_options(options, "start", "goal")
         initial = self.task.check_reset(checked.get("start"), checked.get("goal"))
         super().reset(seed=whole_seed)
-        only_crane = np.zeros(1)
+        only_crane = np.array([0])
         self.task.begin(self.np_random, only_crane, initial)
         self._start = self._state()
         self._episode += 1
@@ -244,7 +309,14 @@ class TowerCraneEnv(gym.Env):
         return self.task.observe()[0], {"distance": float(self.task.goal_distance[0])}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Take a step with an action from -1 to 1, shape (3,).
+        """Apply an action for a control period.
+
+        Args:
+            action: Action from -1 to 1, shape (3,).
+
+        Returns:
+            Observation, reward, whether the episode is terminated, whether it is truncated, and an
+            info with the ``distance`` of the crane to its goal [m].
 
         Raises:
             OutOfRange: If the action is not three numbers from -1 to 1, or no episode has begun.
@@ -257,8 +329,10 @@ class TowerCraneEnv(gym.Env):
         self._accelerations.append(accelerations)
         info = {"distance": float(self.task.goal_distance[0])}
         reward = float(result.reward[0])
+        terminated = bool(result.terminated[0])
         # The wrapper that `register` asks Gymnasium for truncates episodes.
-        return result.observations[0], reward, bool(result.over[0]), False, info
+        truncated = False
+        return result.observations[0], reward, terminated, truncated, info
 
     def _state(self) -> State:
         """Return a copy of the state of the crane."""
@@ -266,8 +340,11 @@ class TowerCraneEnv(gym.Env):
         return State(q, v)
 
     def render(self) -> str | np.ndarray | None:
-        """Return a picture of now; or write the episode up to now as a recording for the Rerun
-        viewer and return its file, None before the first step.
+        """Draw what the `render_mode` says: the crane as it is now, or the episode so far.
+
+        Returns:
+            With "rgb_array" a picture, shape (height, width, 3); with "rrd" the file of a recording
+            for the Rerun viewer, None before the first step.
 
         Raises:
             DataError: If it cannot be written.
@@ -296,8 +373,8 @@ class TowerCraneEnv(gym.Env):
 
         crane = self.task.crane_of(0)
         figure = sketch(crane, self._state())
-        # The axes of the start, where the jib is seen in its whole length, and as wide on both
-        # sides: so each picture has the same scale.
+        # All pictures have one scale, so that they can be shown one after the other: the axes of
+        # the start, where the jib is seen in its whole length, as wide on the other side.
         side = sketch(crane).axes[0]
         reach = max(abs(end) for end in side.get_xlim())
         figure.axes[0].set(xlim=(-reach, reach), ylim=side.get_ylim())
@@ -317,10 +394,11 @@ class TowerCraneEnv(gym.Env):
         goal = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
 
         def repeat(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-            step = int(t / period + 1e-6)  # times are rounded
+            step = int(t / period + _ROUND_OFF)
             return accelerations[min(step, len(accelerations) - 1)]
 
-        # Rows a frame apart, if frames divide the step and physics steps divide the frame.
+        # Rows are a frame apart where a control period is a whole number of frames, and a frame a
+        # whole number of physics steps; otherwise a control period.
         ratios = np.array([period / _FRAME_PERIOD, _FRAME_PERIOD / self._dt])
         frames_fit = (np.abs(ratios - np.round(ratios)) < 1e-9).all()
         crane = self.task.crane_of(0)
@@ -341,35 +419,6 @@ class TowerCraneEnv(gym.Env):
         )
 
 
-def _task(
-    crane: Crane | Sequence[Crane] | None,
-    count: int,
-    rules: dict[str, Any],
-    period: float,
-    dt: float,
-    threads: int | None,
-) -> SwingTask:
-    """Return the task of some cranes.
-
-    Args:
-        crane: The crane, or several; None for the tower crane of this project.
-        count: Number of cranes at once.
-        rules: Arguments of `Rules` by name.
-        period: Time from one action to the next [s].
-        dt: Physics step [s].
-        threads: Number of threads; None for one on each processor.
-
-    Raises:
-        UnknownName: If there is no rule of a name.
-    """
-    names = tuple(Rules.__dataclass_fields__)
-    for name in rules:
-        if name not in names:
-            raise UnknownName("rule of the task", name, names)
-    cranes = load_crane() if crane is None else crane
-    return SwingTask(cranes, count, Rules(**rules), period, dt, threads)
-
-
 def _spaces(task: SwingTask) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """Return the spaces of observations and actions."""
     low, high = task.bounds()
@@ -377,8 +426,8 @@ def _spaces(task: SwingTask) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     return gym.spaces.Box(low, high, dtype=np.float32), actions
 
 
-def _seed(seed: object) -> int | None:
-    """Check a seed.
+def _check_seed(seed: object) -> int | None:
+    """Return a seed as an integer, or None.
 
     Raises:
         OutOfRange: If it is no whole number, such as a list with a seed for each crane.
@@ -390,8 +439,8 @@ def _seed(seed: object) -> int | None:
     return int(seed)
 
 
-def _options(options: Any, *names: str) -> dict[str, Any]:
-    """Check that options are a dictionary with some of these names, and return a copy.
+def _check_options(options: Any, *names: str) -> dict[str, Any]:
+    """Return a copy of the options of `reset`, which may have these names; None has none.
 
     Raises:
         OutOfRange: If they are no dictionary.

@@ -52,10 +52,11 @@ class Margin(NamedTuple):
     """Margins of a drive, the others unchanged.
 
     Attributes:
-        upper_gain: Gain margin: least factor above one on its effort at which the loop is
-            unstable; inf for none.
-        lower_gain: Largest such factor below one; 0 for none.
-        delay: Delay margin: delay of its commands at which the loop is unstable [s]; inf for none.
+        upper_gain: Gain margin: the smallest factor above one on the drive's effort at which the
+            loop becomes unstable; inf if there is none.
+        lower_gain: The largest factor below one at which it becomes unstable; 0 if there is none.
+        delay: Delay margin: the delay of its commands at which the loop becomes unstable [s]; inf
+            if there is none.
     """
 
     upper_gain: float
@@ -239,14 +240,42 @@ def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
     gains = 1.0 / np.abs(response(zeros(lambda values: np.angle(-values), negative)))
     crossings = zeros(lambda values: np.abs(values) - 1.0)
     delay = np.mod(np.angle(-response(crossings)), 2.0 * math.pi) / crossings
-    # At half of the sampling rate, where z = -1, a loop is real, so it may cross there, too.
-    end = float(transfer_function(np.array([-1.0]))[0].real)
-    gains = np.append(gains, [-1.0 / end] if end < 0.0 else [])
+    # At both ends of the frequencies, zero (z = 1) and half of the sampling rate (z = -1), L is
+    # real, so it may be on the negative axis there without a change of sign between.
+    gains = np.append(gains, _gains_at_ends(a, plant.period, transfer_function))
     return Margin(
         float(min(gains[gains > 1.0], default=math.inf)),
         float(max(gains[gains < 1.0], default=0.0)),
         float(min(delay, default=math.inf)),
     )
+
+
+def _gains_at_ends(
+    a: np.ndarray, period: float, transfer_function: Callable[[np.ndarray], np.ndarray]
+) -> list[float]:
+    """Return the factors -1/L at frequency zero and at half of the sampling rate where L is
+    negative.
+
+    The first is what an unstable crane has: a jib that its weight would let fall is held only by
+    an effort that grows faster with its angle than the moment of the weight does. A loop with an
+    integrator has no finite L at zero, and no limit there: a pole that is slower than the lowest
+    frequency counts as an integrator.
+
+    Args:
+        a: Matrix of the open loop over a period.
+        period: Period of the loop [s].
+        transfer_function: L as a function of complex numbers z, shape (k,).
+    """
+    ends = [-1.0]
+    slowest = np.abs(np.linalg.eigvals(a) - 1.0).min()
+    if slowest > _LOWEST_FREQUENCY * period:
+        ends.insert(0, 1.0)
+    gains = []
+    for z in ends:
+        value = float(transfer_function(np.array([z]))[0].real)
+        if value < 0.0:
+            gains.append(-1.0 / value)
+    return gains
 
 
 def _frequency_grid(a: np.ndarray, period: float) -> np.ndarray:

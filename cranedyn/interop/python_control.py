@@ -33,7 +33,17 @@ except ModuleNotFoundError as error:
     ) from error
 
 
-def to_control(crane: Crane, state: State | None = None, **options: Any) -> ct.StateSpace:
+def to_control(
+    crane: Crane,
+    state: State | None = None,
+    *,
+    effort: np.ndarray | None = None,
+    drive: Drive = "effort",
+    control_period: float | None = None,
+    dt: float = 5e-4,
+    outputs: Sequence[str] | None = None,
+    converters: Converters | None = None,
+) -> ct.StateSpace:
     """Return the crane linearised about a state as a state-space system with named states, inputs
     and outputs.
 
@@ -43,13 +53,26 @@ def to_control(crane: Crane, state: State | None = None, **options: Any) -> ct.S
     Args:
         crane: The crane.
         state: State to linearise about; None for the start.
-        options: As `cranedyn.export.matlab.linear_system` takes them: effort, drive,
-            control_period, dt, outputs, converters.
+        effort: Efforts of the drives there, see `cranedyn.export.matlab.linear_system`.
+        drive: What the inputs are, see `linear_system`.
+        control_period: Period of a sampled system [s]; None for a continuous one.
+        dt: Physics step of the sampled system [s].
+        outputs: Names of the states that are outputs; None for all of the crane.
+        converters: Frequency converters of "velocity"; None for typical ones.
 
     Raises:
         OutOfRange, UnknownName: As `linear_system`.
     """
-    system = linear_system(crane, state, **options)
+    system = linear_system(
+        crane,
+        state,
+        effort=effort,
+        drive=drive,
+        control_period=control_period,
+        dt=dt,
+        outputs=outputs,
+        converters=converters,
+    )
     no_feedthrough = np.zeros((len(system.c), crane.layout.m))
     return ct.ss(
         system.a,
@@ -66,8 +89,9 @@ def to_control(crane: Crane, state: State | None = None, **options: Any) -> ct.S
 
 @dataclass(eq=False)
 class StateSpaceController:
-    """Controller with states x: u = tracking + c x, then x becomes a x + b (z - setpoint). It
-    starts each run at x = 0.
+    """Controller with states x: u = tracking + c x, after which x becomes a x + b (z - setpoint).
+
+    It starts each run at x = 0.
 
     Attributes:
         a: Matrix of its states in their next values, shape (k, k).

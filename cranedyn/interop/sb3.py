@@ -22,10 +22,17 @@ except ModuleNotFoundError as error:
     ) from error
 
 Change = Callable[[np.ndarray], np.ndarray]
+"""Function that maps observations or rewards of all cranes to others."""
 
 
 class _CraneVecEnv(VecEnv):
-    """See `vec_env`."""
+    """Cranes as Stable-Baselines3 asks for them, see `vec_env`.
+
+    Attributes:
+        env: The cranes.
+        returns: Sum of the rewards of each present episode so far, shape (num_envs,).
+        finished: Sums of the rewards of the episodes that have ended, in their order.
+    """
 
     def __init__(self, env: TowerCraneVectorEnv, features: Change, shaping: Change) -> None:
         self.env = env
@@ -38,15 +45,25 @@ class _CraneVecEnv(VecEnv):
         super().__init__(env.num_envs, inputs, env.single_action_space)
 
     def _inputs(self, observation: np.ndarray) -> np.ndarray:
+        """Return the inputs of the network for observations, shape (n, width)."""
         return self._features(observation).astype(np.float32)
 
     def reset(self) -> np.ndarray:
-        return self._inputs(self.env.reset(seed=self._seeds[0])[0])
+        """Begin episodes of all cranes, and return the inputs of the network."""
+        # One seed is for all cranes. It holds for one reset, by the rules of Stable-Baselines3.
+        observation, _ = self.env.reset(seed=self._seeds[0])
+        self._reset_seeds()
+        self._reset_options()
+        # Episodes that were not finished do not count.
+        self.returns = np.zeros(self.num_envs)
+        return self._inputs(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
+        """Take the actions of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Take the step, and return inputs, shaped rewards, which episodes ended, and infos."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         infos: list[dict[str, Any]] = [{} for _ in reward]
         self.returns += reward
@@ -68,30 +85,40 @@ class _CraneVecEnv(VecEnv):
         return self._inputs(observation), shaped, ended, infos
 
     def close(self) -> None:
+        """Close the cranes."""
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return [getattr(self.env, attr_name)] * self.num_envs
+        """Return an attribute of the cranes, once for each index; all cranes share it."""
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the cranes; all of them share it."""
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
-        return [getattr(self.env, method_name)(*args, **named)] * self.num_envs
+        """Call a method of all cranes, and return its result once for each index."""
+        result = getattr(self.env, method_name)(*args, **named)
+        return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        return [False] * self.num_envs
+        """Return False for each index: cranes have no wrappers."""
+        return [False for _ in self._get_indices(indices)]
 
 
 def vec_env(
     env: TowerCraneVectorEnv, *, features: Change = np.asarray, shaping: Change = np.asarray
 ) -> Any:
-    """Return cranes as PPO and its like take them; `finished` lists the returns of their episodes.
+    """Return cranes as the algorithms of Stable-Baselines3 take them, such as PPO.
+
+    The attribute ``finished`` of the result lists the returns of all episodes so far, without
+    shaping.
 
     Args:
         env: The cranes, such as ``gym.make_vec`` makes them, of any ``autoreset_mode``.
-        features: From observations, shape (n, 12), to inputs of the network, shape (n, k).
-        shaping: From rewards to those that are learned from, shape (n,) each.
+        features: Function from observations, shape (n, 12), to the inputs of the network, shape
+            (n, k).
+        shaping: Function from rewards to those from which the network learns, shape (n,) each.
 
     Raises:
         CraneError: If these are other environments than `TowerCraneVectorEnv`.

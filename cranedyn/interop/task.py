@@ -1,7 +1,12 @@
-"""The task of moving a load to a goal and leaving no swing, for learning: actions, observations,
-rewards and starts of many cranes at once.
+"""The task of moving a load to a goal and leaving no swing, for reinforcement learning.
 
-Arrays have a column for each of n cranes. Angles [rad], lengths [m], times [s].
+`SwingTask` holds many tower cranes at once. It draws the starts and goals of episodes (`begin`),
+turns actions into accelerations of the drives and steps the cranes (`act`), and observes and
+rewards them. `cranedyn.interop.gymnasium` makes environments of it.
+
+Arrays have a column for each of n cranes. Angles are in rad, lengths in m, times in s. A state z is
+the coordinates and then their rates, shape (2 coordinates, n): slew, trolley, radial swing,
+tangential swing and hoist, of which the swings are the passive joints.
 """
 
 from __future__ import annotations
@@ -28,17 +33,18 @@ from cranedyn.model.load import load_crane
 from cranedyn.references.limits import LARGE_CRANE, Limits
 
 INTEGRATOR = rk4
-"""Stepping rule, exact to order 4 while accelerations and wind are constant."""
+"""Stepping rule: of order 4, since accelerations and wind are constant during a control period."""
 
 DT = 1e-2
-"""Its step [s]."""
+"""Physics step [s]."""
 
 _MAX_UNDIVIDED_COUNT = 4096
-"""Largest number of cranes for which threads share the steps only.
+"""Largest number of cranes for which the threads share only the physics steps.
 
-The rest of the work on so few is so short that threads would wait for the lock of the interpreter.
-With more cranes each thread does all the work on some of them, since the arrays of all would not
-stay in the cache."""
+The rest of the work on so few cranes is so short that the threads would wait for the lock of the
+interpreter. With more cranes each thread does all the work on some of them, since the arrays of all
+cranes would not stay in the cache.
+"""
 
 ACTIONS = ("velocity", "acceleration")
 """Kinds of actions, see `Rules`."""
@@ -57,12 +63,18 @@ OBSERVED = (
     "x",
     "l",
 )
-"""Observations: distance of each drive to its goal and its rate, both swings and their rates,
-trolley radius, cable length; SI units."""
+"""Observations in their order, in SI units.
+
+They are the distance of each drive to its goal, the rate of each drive, both swings, their rates,
+the trolley radius and the cable length.
+"""
 
 PENALTY = -50.0
-"""Reward of a swing beyond the limit, which ends the episode; at a discount of 0.99 a longer one
-cannot cost more."""
+"""Reward of a swing beyond the limit, which ends the episode.
+
+A policy must not gain by ending an episode early. A step costs at most about 0.4 at distances of
+100 m, so at a discount of 0.99 all steps to come cost less than 0.4/(1 - 0.99) = 40.
+"""
 
 _MAX_WIND = 1e3
 """Largest speed of the wind that may be asked for [m/s]."""
@@ -71,16 +83,16 @@ _MAX_AREA = 1e6
 """Largest drag area of the payload that may be asked for [m²]."""
 
 _REWARD_SCALE = 0.01
-"""Scale of distances in the reward [m]: closer to the goal than that, little more is gained."""
+"""Distance to the goal below which coming closer is hardly rewarded any more [m]."""
 
 _MAX_SWING_RATE = 20.0
 """Bound of swing rates [rad/s]: more than a load on a cable of 10 cm reaches in a fall from 90°."""
 
 _RANGE_MARGIN = 0.05
-"""Margin of drives to the ends of their ranges [rad, m], against round-off."""
+"""Distance that drives keep from the ends of their ranges [rad or m], against round-off."""
 
 _PURPOSE = "The task of moving a load without swing"
-"""What needs the joints of a tower crane, for error messages."""
+"""Beginning of the error message for a crane that is no tower crane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,14 +100,15 @@ class Rules:
     """Rules of the task.
 
     Attributes:
-        action: "velocity": shares of the rate limits, approached as fast as the acceleration limits
-            allow. "acceleration": shares of the acceleration limits. Either
-            way drives keep their rate limits and brake before the ends of their ranges.
-        limits: Limits of rates and accelerations.
-        reach: Farthest goal from the start of slew [rad], trolley [m], hoist [m].
-        swing: Largest amplitude of swing at the start [rad].
-        swing_limit: Swing that ends an episode [rad]; up to 45° the rope stays taut under
-            accelerations of less than half of gravity.
+        action: What an action is: with "velocity" a share of the rate limit of each drive, which
+            the drive approaches as fast as its acceleration limit allows, with "acceleration" a
+            share of the acceleration limit. Either way the drives keep their rate limits and brake
+            before the ends of their ranges.
+        limits: Limits of rates and accelerations of the drives.
+        reach: Farthest goal from the start of slew [rad], trolley [m] and hoist [m].
+        swing: Largest amplitude of the swing at the start [rad].
+        swing_limit: Swing that ends an episode [rad], at most 45°: up to there the rope stays taut
+            under accelerations of less than half of gravity.
         wind: Strongest wind [m/s]; each episode has a steady wind from a random direction.
         payload_area: Drag coefficient times area of the payload [m²].
     """
@@ -118,12 +131,19 @@ class Rules:
 
 
 def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> list[Crane]:
-    """Return cranes with some numbers drawn uniformly between two bounds, such as
-    ``payload_mass=(500, 3000)``; a tenth of a second for each.
+    """Return tower cranes of this project with some of their numbers drawn at random.
+
+    Loading takes a tenth of a second for each crane.
+
+    Args:
+        count: Number of cranes.
+        seed: Seed of the random numbers.
+        ranges: Bounds between which an argument of `load_crane` is drawn uniformly, by its name,
+            such as ``payload_mass=(500, 3000)``.
 
     Raises:
-        UnknownName: If there is no such number.
-        OutOfRange: If a range is none, or a crane cannot have a number of it.
+        UnknownName: If there is no such argument.
+        OutOfRange: If a range is not two numbers, or a crane cannot have a number of it.
     """
     bounds = {}
     for name, values in ranges.items():
@@ -156,7 +176,7 @@ class EpisodeStart:
 
 
 class SwingTask:
-    """Cranes and their goals.
+    """Many cranes, each with its goal.
 
     Attributes:
         rules: The rules.
@@ -188,7 +208,8 @@ class SwingTask:
 
         Raises:
             MissingRole, ModelError: If the cranes are no tower cranes of five joints.
-            OutOfRange: If a rule has not one number for each drive, or as `Fleet`.
+            OutOfRange: If a rule has not one number for each drive, the cranes stand in different
+                gravities or have no range of a drive in common, or as `Fleet`.
         """
         self.rules = rules
         self.fleet = Fleet(
@@ -204,7 +225,7 @@ class SwingTask:
         self.tower = np.array(self.layout.tower(_PURPOSE))
         _, self._trolley, *_, self._hoist = self.tower.tolist()
         first = self.fleet.cranes[0]
-        self._gravity = first.gravity
+        self._gravity = _common_gravity(self.fleet.cranes)
         self.goal = np.tile(first.start.q[self.layout.drives][:, None], count)
         self._reach = self.layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
 
@@ -217,8 +238,9 @@ class SwingTask:
         self._observed_rows = np.concatenate(
             [n + self.layout.drives, passive, n + passive, radius_and_length]
         ).tolist()
-        # Index of the crane of each episode, among the different cranes.
-        self._kind = np.zeros(count, dtype=int)
+        # Which of `fleet.cranes` each episode has.
+        self._crane_index = np.zeros(count, dtype=int)
+        # Forces of the wind on the points of each crane, of which the payload is the first [N].
         self._force = np.zeros((count, 3 * len(self.layout.points)))
         self.goal_distance = self.distance(self.fleet.z, self.goal)
 
@@ -243,7 +265,8 @@ class SwingTask:
             )
 
     def _set_limits(self, period: float) -> None:
-        """Set the limits of the drives: the smallest rates of all cranes.
+        """Set the limits of the drives: the smallest rates of all cranes, since one compiled
+        function serves them all. Their accelerations are those of the rules.
 
         Args:
             period: Time from one action to the next [s].
@@ -260,8 +283,8 @@ class SwingTask:
                     self._upper[i, 0],
                 )
             )
-        # The compiled code itself is found by these arguments: so a task can be copied, which code
-        # cannot.
+        # These arguments are kept instead of the compiled function, which cannot be copied, so that
+        # a task can be; `_acceleration_code` caches the function.
         self._acceleration_key = (
             self.layout,
             period,
@@ -272,15 +295,15 @@ class SwingTask:
     def check_reset(
         self, start: State | None = None, goal: Sequence[float] | None = None
     ) -> EpisodeStart:
-        """Return how an episode begins, for `begin`.
+        """Check how an episode shall begin, and return that for `begin`.
 
         Args:
             start: State of the crane; None for a random one.
             goal: Goals of slew [rad], trolley [m] and hoist [m]; None for random ones.
 
         Raises:
-            OutOfRange: If a goal is not in the ranges of the drives, or a start is no state of the
-                crane.
+            OutOfRange: If a goal is not in the ranges of the drives, or the start is no state of
+                the crane.
         """
         if start is not None:
             start = self.layout.as_state("start", start)
@@ -299,8 +322,8 @@ class SwingTask:
     ) -> None:
         """Begin an episode of some cranes.
 
-        The numbers of an episode are drawn even where they are given, so that what follows depends
-        on the seed alone.
+        Start and goal are drawn even where they are given, so that the random numbers of later
+        episodes depend on the seed alone.
 
         Args:
             rng: Source of the random numbers.
@@ -317,19 +340,20 @@ class SwingTask:
             state = State(np.repeat(q[:, None], n, axis=1), np.repeat(v[:, None], n, axis=1))
         if initial.goal is not None:
             self.goal[:, rows] = np.array(initial.goal)[:, None]
-        self._kind[rows] = rng.integers(len(self.fleet.cranes), size=n)
-        self.fleet.place(rows, State(state.q.T, state.v.T), self._kind[rows])
+        self._crane_index[rows] = rng.integers(len(self.fleet.cranes), size=n)
+        self.fleet.place(rows, State(state.q.T, state.v.T), self._crane_index[rows])
         if self.rules.wind:
             self._draw_wind(rng, rows)
-        # A new array, since infos of earlier steps hold the old one.
+        # A new array, since the infos of earlier steps hold the old one.
         self.goal_distance = self.goal_distance.copy()
         self.goal_distance[rows] = self.distance(self.fleet.z[:, rows], self.goal[:, rows])
 
     def _draw_state_and_goal(self, rng: np.random.Generator, rows: np.ndarray) -> State:
-        """Draw goals of some cranes, and return states that are drawn, shape (coordinates, k) each.
+        """Draw goals of some cranes and set them, and draw and return their states, shape
+        (coordinates, k) each.
 
-        The load swings by an amplitude A in a random direction and phase: as the swing of a
-        pendulum A cos(ω t), its rate has the amplitude ω A with ω = √(g/l).
+        The load swings with an amplitude A in a random direction and phase. The swing of a pendulum
+        is A cos(ω t), so its rate has the amplitude ω A with ω = √(g/l).
         """
         n = len(rows)
         drives = rng.uniform(self._lower, self._upper, (self.layout.m, n))
@@ -340,7 +364,7 @@ class SwingTask:
         q = np.zeros((self.layout.n, n))
         v = np.zeros((self.layout.n, n))
         q[self.layout.drives] = drives
-        # A rule of -0.0 would be less than 0.0.
+        # Adding 0.0 makes 0.0 of -0.0, which NumPy refuses as an upper end below the lower one.
         amplitude = rng.uniform(0.0, self.rules.swing + 0.0, n)
         direction, phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))
         swing = np.stack([np.cos(direction), np.sin(direction)]) * amplitude
@@ -359,17 +383,17 @@ class SwingTask:
         self.fleet.push(rows, self._force[rows])
 
     def crane_of(self, index: int) -> Crane:
-        """Return the crane of this episode, by its index."""
-        return self.fleet.cranes[self._kind[index]]
+        """Return which crane the present episode of a column has."""
+        return self.fleet.cranes[self._crane_index[index]]
 
     def force_on(self, index: int) -> list[float]:
-        """Return the wind's force on the payload of a crane in this episode, in the world [N],
-        three numbers.
+        """Return the force of the wind on the payload of a column in the present episode [N]: three
+        numbers, in the axes of the world.
         """
         return self._force[index, :3].tolist()
 
     def act(self, action: np.ndarray) -> ActResult:
-        """Apply actions for a period.
+        """Apply actions for a control period.
 
         Args:
             action: Actions from -1 to 1, shape (3, n).
@@ -388,7 +412,9 @@ class SwingTask:
         self.goal_distance = np.empty(n)
 
         def step(columns: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
-            """Move the cranes of some columns by `advance`, and judge where they come."""
+            """Move the cranes of some columns by `advance`, which takes the accelerations of their
+            drives and returns their states, and judge these.
+            """
             accelerations = self.accelerations(action[:, columns], self.fleet.z[:, columns])
             self._judge(columns, advance(accelerations), result)
 
@@ -405,29 +431,42 @@ class SwingTask:
         """Fill in rewards, ends and observations of the cranes of some columns at states z."""
         goal = self.goal[:, columns]
         distance, swing_squared = _distance_code(self.layout, self._gravity)(z, goal)
-        # So written, a swing that is not a number is beyond the limit, too.
-        is_over = ~(swing_squared < self.rules.swing_limit**2)
+        # Written with "not smaller", a swing that is not a number is beyond the limit, too.
+        is_too_large = ~(swing_squared < self.rules.swing_limit**2)
         # The logarithm rewards the last centimetres as much as the first metres.
         reward = -self.fleet.control_period * np.log10(1.0 + distance / _REWARD_SCALE)
-        result.over[columns] = is_over
-        result.reward[columns] = np.where(is_over, PENALTY, reward)
+        result.terminated[columns] = is_too_large
+        result.reward[columns] = np.where(is_too_large, PENALTY, reward)
         self.goal_distance[columns] = distance
         self.observation(z, goal, result.observations[columns])
 
     def accelerations(self, action: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Return the accelerations of the drives for actions from -1 to 1 at states, shape (3,
-        n).
+        """Return the accelerations of the drives [rad/s² or m/s²], shape (3, n).
+
+        Args:
+            action: Actions from -1 to 1, shape (3, n).
+            z: Coordinates and rates, a column for each crane.
         """
         return _acceleration_code(*self._acceleration_key)(action, z)
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Return how far from its goal each load would come if its drives stopped at once [m]:
-        distance of the drives to the goal and amplitude of swing.
+        """Return the distance of each crane to its goal [m], shape (n,).
+
+        It is the distance of the drives, plus the amplitude with which the load would swing if the
+        drives stopped at once.
+
+        Args:
+            z: Coordinates and rates, a column for each crane.
+            goal: Goals of the drives, a column for each crane.
         """
         return _distance_code(self.layout, self._gravity)(z, goal)[0]
 
     def observe(self, which: Any = slice(None)) -> np.ndarray:
-        """Return observations of some cranes or of all now, see `OBSERVED`, in single precision."""
+        """Return the present observations, see `OBSERVED`, in single precision.
+
+        Args:
+            which: Index, mask or slice of the cranes; by default all.
+        """
         return self.observation(self.fleet.z[:, which], self.goal[:, which])
 
     def observation(self, z: np.ndarray, goal: np.ndarray, out: Any = None) -> np.ndarray:
@@ -447,13 +486,17 @@ class SwingTask:
         return out
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and largest observations, in single precision, shape (12,) each; a swing
-        may be observed once beyond its limit.
+        """Return the smallest and the largest possible observations, in single precision, shape
+        (12,) each.
+
+        Swings are bounded by 180° and not by the limit of the rules, since the last observation of
+        an episode may be beyond that.
         """
         first = self.fleet.cranes[0]
         radius_and_length = [self._trolley, self._hoist]
         distances = (first.upper - first.lower)[self.layout.drives]
-        rates = 1.01 * self._rates  # round-off, also that of single precision
+        # Rates may exceed their limits by round-off, also that of single precision.
+        rates = 1.01 * self._rates
         swings = np.full(2, np.pi)
         swing_rates = np.full(2, _MAX_SWING_RATE)
         symmetric = np.concatenate([distances, rates, swings, swing_rates])
@@ -468,12 +511,12 @@ class ActResult:
 
     Attributes:
         reward: Rewards, shape (n,).
-        over: Whether the swing went beyond the limit, which ends an episode, shape (n,).
+        terminated: Whether the swing went beyond the limit, which ends an episode, shape (n,).
         observations: Observations, see `OBSERVED`, in single precision, shape (n, 12).
     """
 
     reward: np.ndarray
-    over: np.ndarray
+    terminated: np.ndarray
     observations: np.ndarray
 
 
@@ -491,6 +534,19 @@ class DriveLimits(NamedTuple):
     acceleration: float
     lower: float
     upper: float
+
+
+def _common_gravity(cranes: Sequence[Crane]) -> float:
+    """Return the gravity in which all cranes stand [m/s²]: distances and starts take it for that of
+    every crane.
+
+    Raises:
+        OutOfRange: If they stand in different gravities.
+    """
+    gravities = sorted({crane.gravity for crane in cranes})
+    if len(gravities) > 1:
+        raise OutOfRange("gravity of the cranes", gravities, "the same for all", "m/s²")
+    return gravities[0]
 
 
 @cache
@@ -520,12 +576,12 @@ def _acceleration_code(
 def _next_rate(
     action: Any, position: Any, rate: Any, limit: DriveLimits, period: float, is_velocity: bool
 ) -> Any:
-    """Return the rate of a drive after a period, within its limits; for code and for numbers.
+    """Return the rate of a drive after a period, within its limits, for floats and compiled code.
 
-    The drive must be able to stop before the end of its range. In a period t it goes from rate v to
-    w, and then brakes with the acceleration a. Up to the end at a distance d that takes
-    w²/(2 a) + (w + v) t/2 <= d, of which the largest w is √((a t/2)² + 2 a d - a t v) - a t/2.
-    For the other end all signs are reversed.
+    The drive must be able to stop before the end of its range. In a period T it goes from the rate
+    v to w, which takes it by (v + w) T/2, and then it brakes with the acceleration a, which takes
+    it by w²/(2 a). Both must fit into the distance d to the end: w²/(2 a) + (v + w) T/2 <= d. The
+    largest such w is √((a T/2)² + 2 a d - a T v) - a T/2. For the other end all signs are reversed.
     """
     max_change = limit.acceleration * period
     if is_velocity:
@@ -535,9 +591,11 @@ def _next_rate(
     wanted = rate + smaller(larger(change, -max_change), max_change)
 
     half = 0.5 * max_change
-    used = 2.0 * limit.acceleration * position + max_change * rate
-    radicand_up = half * half + 2.0 * limit.acceleration * limit.upper - used
-    radicand_down = half * half - 2.0 * limit.acceleration * limit.lower + used
+    # With d = upper - position up, and d = position - lower down, both radicands have this part of
+    # the position and of the rate.
+    moving_part = 2.0 * limit.acceleration * position + max_change * rate
+    radicand_up = half * half + 2.0 * limit.acceleration * limit.upper - moving_part
+    radicand_down = half * half - 2.0 * limit.acceleration * limit.lower + moving_part
     max_up = smaller(square_root(larger(radicand_up, 0.0)) - half, limit.rate)
     max_down = smaller(square_root(larger(radicand_down, 0.0)) - half, limit.rate)
     return smaller(larger(wanted, -max_down), max_up)
@@ -545,11 +603,12 @@ def _next_rate(
 
 @cache
 def _distance_code(layout: Layout, gravity: float) -> ColumnFunction:
-    """Return the function from states and goals to distances, see `SwingTask.distance`, and squares
-    of the swing [rad²], compiled.
+    """Return the compiled function from states and goals to the distances of `SwingTask.distance`
+    [m] and the squares of the swings [rad²].
 
-    A swing with the angle φ and the rate φ' has the amplitude √(φ² + φ'² l/g), which takes the load
-    l times as far from plumb. The way of the slew counts at the radius of the trolley.
+    A swing with the angle φ and the rate φ' has the amplitude A = √(φ² + φ'² l/g): its energy per
+    mass is g l φ²/2 + (l φ')²/2 = g l A²/2. It takes the load l A from plumb. The way of the slew
+    counts as the arc at the radius of the trolley.
     """
     slew, trolley, *_, hoist = layout.tower(_PURPOSE)
 
@@ -557,6 +616,7 @@ def _distance_code(layout: Layout, gravity: float) -> ColumnFunction:
         z, goal = np.split(numbers, [2 * layout.n])
         length = z[hoist]
         to_go = goal - z[layout.drives]
+        # The slew is the first joint and the first drive of a tower crane, see `Layout.tower`.
         to_go[slew] = to_go[slew] * z[trolley]
         angles = z[layout.passive]
         rates = z[layout.n + layout.passive]

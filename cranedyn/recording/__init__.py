@@ -1,6 +1,6 @@
 """Rerun recordings: a crane in 3D beside plots of all its numbers, in one ``.rrd`` file.
 
-Nothing outside of this room imports Rerun. Begin with `record`:
+Nothing outside of this package imports Rerun. Begin with `record`:
 
     from cranedyn.recording import Run, open_viewer, record
 
@@ -16,9 +16,9 @@ Nothing outside of this room imports Rerun. Begin with `record`:
 - `cranedyn.recording.snapshot`: pictures and GIFs without a display.
 - `cranedyn.recording.sketch`: a crane from the side, as a matplotlib figure.
 
-To read: `record` (what is written), `scene` (what moves in 3D; `shapes` reads the looks from the
-URDF), `series` (tables and plots), `dashboard` (layout and eyes), `viewer` and `process` (windows,
-pages and their processes).
+Modules, in the order to read them: `contents` (runs and their surroundings), `recorder` (what is
+written), `scene` (what moves in 3D; `shapes` reads the looks from the URDF), `series` (tables and
+plots), `dashboard` (layout and eyes), `viewer` and `process` (windows, pages and their processes).
 """
 
 from cranedyn.recording.contents import Obstacle, Run, Scenery

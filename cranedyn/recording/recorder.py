@@ -163,11 +163,14 @@ class Live:
         """Add the rows since the last piece.
 
         Args:
-            piece: The rows.
+            piece: The rows, one at least.
 
         Raises:
+            OutOfRange: If there is no row.
             DataError: If they cannot be written within ten seconds.
         """
+        if not len(piece):
+            raise OutOfRange("number of rows of a piece", 0, ">= 1")
         t_start = float(piece.t[0])
         # The path of the payload reaches back into earlier pieces; no plot does.
         recent = piece if self._past is None else join([self._past, piece])

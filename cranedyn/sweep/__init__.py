@@ -20,8 +20,9 @@ A case that raises, returns a number that is not finite, kills its process or ta
 the reason in the column `error`; the other cases keep their results. Chunk files carry checksums;
 the folder records the design and the source files, and refuses to mix them with others.
 
-Modules, in the order to read them: `design`; `run`, the sweep; `study`, the computation of a chunk;
-`pool`, chunks under way; `workers` and `cluster`, who computes them; `folder`, the files.
+Modules, in the order to read them: `design`; `running`, the sweep; `study`, the computation of a
+chunk; `pool`, the chunks that are being computed; `workers` and `cluster`, the processes that
+compute them; `folder`, the files.
 """
 
 from cranedyn.sweep.design import Design, cross, grid, sample

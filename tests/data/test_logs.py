@@ -170,6 +170,8 @@ def test_a_topic_holds_its_value_until_its_next_one(tmp_path: Path) -> None:
     np.testing.assert_array_equal(table.columns["phi_rad"], np.interp(t, T, PHI))
     np.testing.assert_allclose(rope, 15.0 + np.floor((t - 0.01) / 0.1 + 1e-9), rtol=1e-15)
     assert any("l_m has values in 10 of 60 rows" in remark for remark in table.remarks)
+    (about_swing,) = (remark for remark in table.remarks if remark.startswith("phi_rad"))
+    assert about_swing.endswith("the others lie on straight lines between them")
 
 
 def test_or_lies_on_straight_lines(tmp_path: Path) -> None:

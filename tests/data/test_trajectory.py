@@ -99,6 +99,17 @@ def test_parquet_keeps_the_parameters(made: Trajectory, tmp_path: Path) -> None:
     assert read(made.write(tmp_path / "a.csv")).parameters == {}
 
 
+def test_rows_are_iterated_whatever_the_joints_are_called(made: Trajectory) -> None:
+    columns = {
+        quantity: tuple(name.replace("gamma", "ring-gear 1") for name in names)
+        for quantity, names in COLUMNS.items()
+    }
+    renamed = replace(made, columns=columns)
+    row = next(iter(renamed))
+    assert row.x_m == renamed["x_m"][0]
+    assert row[renamed.keys().index("ring-gear 1_rad")] == renamed["ring-gear 1_rad"][0]
+
+
 def test_every_column_is_found_by_its_name(made: Trajectory) -> None:
     for name, columns in COLUMNS.items():
         for i, column in enumerate(columns):

@@ -24,7 +24,7 @@ from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.estimation import with_observer, with_sensor_model
 from cranedyn.export import c_code
-from cranedyn.export.controller_block import controller_block, vectors
+from cranedyn.export.controller_block import controller_block, reference_calls
 from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references import hold
@@ -88,7 +88,9 @@ def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_pa
     drive, make = MADE[name]
     block = controller_block(CRANE, make(), drive=drive, duration=20.0)
     compiled = CompiledBlock(block, tmp_path)
-    inputs, expected = vectors(CRANE, make(), block, rows=200 if "predictive" in name else 900)
+    inputs, expected = reference_calls(
+        CRANE, make(), block, rows=200 if "predictive" in name else 900
+    )
     names = [variable.name for variable in block.of_kind("output")]
     given = block.of_kind("input")
     found = []

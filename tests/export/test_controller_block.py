@@ -20,7 +20,7 @@ from cranedyn.compiled.structured_text import structured_text
 from cranedyn.controllers import follow, lqr
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import converters
-from cranedyn.export.controller_block import controller_block, vectors
+from cranedyn.export.controller_block import controller_block, reference_calls
 from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.references.flat import flat
 from tests.export.c_tools import CompiledBlock, output, tool
@@ -243,7 +243,7 @@ def test_an_observer_believes_in_the_effort_that_acts_not_in_the_one_it_asks_for
     make = CONTROLLERS["observer"][1]
     block = controller_block(weak, make(weak, PERIOD))
     call = in_structured_text(block)
-    inputs, expected = vectors(weak, make(weak, PERIOD), block, rows=100)
+    inputs, expected = reference_calls(weak, make(weak, PERIOD), block, rows=100)
     found = np.array([call(row, k == 0)[0] for k, row in enumerate(inputs)])
     cut = np.abs(expected[:, 1]) == 2e4
     assert 10 < cut.sum() < 95

@@ -706,6 +706,12 @@ def test_a_unit_is_a_hundred_times_as_quick_as_the_real_crane(unit: Unit) -> Non
     assert 2000 * PERIOD / (time.process_time() - began) > 100.0
 
 
+def test_a_version_may_be_any_number_that_equals_it(tmp_path: Path) -> None:
+    path = fmi.export(damped(), tmp_path / "u.fmu", version=2.0)  # type: ignore[arg-type]
+    with zipfile.ZipFile(path) as unit:
+        assert b'fmiVersion="2.0"' in unit.read("modelDescription.xml")
+
+
 def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

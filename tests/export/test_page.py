@@ -63,12 +63,12 @@ INPUTS = [[k, "sticks", sticks] for k, sticks in ITINERARY]
 def test_a_name_is_data_of_the_page_whatever_it_contains(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(driving_page, "page_data", lambda crane: {"title": name})
+    monkeypatch.setattr(driving_page, "page_data", lambda *_: {"title": name})
     text = driving_page.page_html(load_crane())
     scripts = re.findall(r"<script([^>]*)>(.*?)</script>", text, re.DOTALL)
     (data,) = [body for head, body in scripts if 'id="data"' in head]
     assert json.loads(data) == {"title": name}
-    monkeypatch.setattr(driving_page, "page_data", lambda crane: {"title": "a"})
+    monkeypatch.setattr(driving_page, "page_data", lambda *_: {"title": "a"})
     plain = re.findall(
         r"<script([^>]*)>(.*?)</script>", driving_page.page_html(load_crane()), re.DOTALL
     )
@@ -189,7 +189,7 @@ class Operator:
     def yielding(self, asked: np.ndarray, state: State) -> np.ndarray:
         """Slew and trolley give way."""
         _, x, phi, theta, length = state.q
-        gain = 2.0 * browser_crane.YIELDING * math.sqrt(self.crane.gravity * length)
+        gain = 2.0 * browser_crane.YIELDING_DAMPING_RATIO * math.sqrt(self.crane.gravity * length)
         return self.stoppable(asked - gain * np.array([theta / x, phi, 0.0]), state.q)
 
     def lqr(self, asked: np.ndarray, state: State) -> np.ndarray:
@@ -528,7 +528,9 @@ def test_the_share_of_the_chart_is_that_of_a_report() -> None:
 @pytest.mark.parametrize("heading", [-math.pi / 2.0, 0.0, 0.7, 2.5])
 def test_a_site_is_turned_so_that_its_heading_is_where_the_jib_points(heading: float) -> None:
     foot = np.array([3.0, -4.0, 1.5])
-    turn, shift = driving_page._frame(replace(read_site("tower"), heading=heading, foot=foot))
+    turn, shift = driving_page._site_to_crane(
+        replace(read_site("tower"), heading=heading, foot=foot)
+    )
     crane = crane_of("tower")
     load = payload_position(crane, crane.start.q)  # at slew 0, 10 m from the axis
     ahead = np.array([10.0 * math.cos(heading), 10.0 * math.sin(heading), load[2]])

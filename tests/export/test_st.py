@@ -17,7 +17,7 @@ from cranedyn.compiled.block import FunctionBlock, identifiers
 from cranedyn.compiled.structured_text import structured_text
 from cranedyn.errors import DataError
 from cranedyn.export import st
-from cranedyn.export.controller_block import controller_block, vectors
+from cranedyn.export.controller_block import controller_block, reference_calls
 from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.simulation.simulate import simulate
@@ -149,7 +149,7 @@ def test_a_controller_in_structured_text_commands_what_it_commands_in_python(
     _, make = CONTROLLERS[name]
     plc = make_plc(plc_name, name)
     # The shaper's line of 777 calls runs around twice.
-    inputs, expected = vectors(CRANE, make(CRANE, 5e-3), block_of(name), rows=2000)
+    inputs, expected = reference_calls(CRANE, make(CRANE, 5e-3), block_of(name), rows=2000)
     found = np.array([plc(row)[0] for row in inputs])
     plc.end()
     off = np.abs(found - expected).max(axis=0)

@@ -17,6 +17,7 @@ from cranedyn.disturbances.wind import AIR_DENSITY, constant_force
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
+from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import HOOK
@@ -236,6 +237,21 @@ def test_next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_s
     assert (after < 0.0).all()
     modes = [one.metadata["autoreset_mode"] for one in (env, same)]
     assert modes == [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
+
+
+def test_the_step_that_begins_an_episode_tells_the_distance_of_its_beginning() -> None:
+    env = many(3, max_episode_steps=2, autoreset_mode=AutoresetMode.SAME_STEP)
+    env.reset(seed=4)
+    env.step(np.zeros((3, 3)))
+    *_, infos = env.step(np.zeros((3, 3)))
+    assert np.array_equal(infos["distance"], env.task.distance(env.task.fleet.z, env.task.goal))
+    assert not np.array_equal(infos["distance"], infos["final_info"]["distance"])
+
+
+def test_cranes_in_different_gravities_are_refused() -> None:
+    on_the_moon = load_crane(gravity=1.62)
+    with pytest.raises(OutOfRange, match="gravity of the cranes"):
+        many(2, crane=[crane(), on_the_moon])
 
 
 def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:

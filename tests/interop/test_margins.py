@@ -14,8 +14,9 @@ from cranedyn.dynamics.linearisation import Sampled, sampled
 from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.interop.margins import Margins, Regulator, behind_observer, margins, regulator
+from cranedyn.model.load import load_crane
 from cranedyn.references import Motion
-from tests.helpers import crane
+from tests.helpers import ROOT, crane
 
 PERIOD = 5e-3
 REST = crane().state(x=10.0, l=15.0)
@@ -134,6 +135,23 @@ def test_margins_of_one_pole_are_those_of_the_closed_form() -> None:
     turning = 2.0 * math.asin(0.05)
     late = (math.pi / 2.0 - turning / 2.0) / turning * PERIOD
     assert found.drives[0].delay == pytest.approx(late, rel=1e-3)
+
+
+def test_an_unstable_plant_has_a_lower_gain_margin_also_where_it_does_not_oscillate() -> None:
+    # |1.1 - g/2| = 1 at g = 0.2 and 4.2: at z = 1 and z = -1
+    found = of_one(1.1, 0.5)
+    assert found.drives[0].lower_gain == pytest.approx(0.2, rel=1e-12)
+    assert found.drives[0].upper_gain == pytest.approx(4.2, rel=1e-12)
+
+
+def test_a_luffing_jib_falls_just_below_its_lower_gain_margin() -> None:
+    luffing = load_crane(urdf=ROOT / "urdf" / "luffing_crane.urdf.xacro")
+    plant = sampled(luffing, luffing.start)
+    law = regulator(luffing, hold_controller(luffing), luffing.start, period=PERIOD)
+    jib = luffing.layout.drives.tolist().index(luffing.layout.symbols.index("luff"))
+    lower = margins(plant, law).drives[jib].lower_gain
+    assert radius(plant, law, jib, factor=0.99 * lower) > 1.0
+    assert radius(plant, law, jib, factor=1.01 * lower) < 1.0
 
 
 def test_an_unstable_loop_has_no_margins_and_negative_damping() -> None:

@@ -46,6 +46,25 @@ def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards(mode:
             assert_allclose(env.finished, returns, rtol=1e-12)
 
 
+def test_a_seed_holds_for_one_reset_which_drops_the_returns_of_unfinished_episodes() -> None:
+    env = vec_env(cranes("SameStep"))
+    env.seed(3)
+    seeded = env.reset()
+    env.step(np.zeros((4, 3), np.float32))
+    drawn = env.reset()
+    assert not np.array_equal(drawn, seeded)
+    rewards = np.zeros(4)
+    for _ in range(5):
+        rewards += env.step(np.zeros((4, 3), np.float32))[1]
+    assert_allclose(env.finished, rewards, rtol=1e-6)  # single precision
+
+
+def test_attributes_are_returned_for_the_cranes_that_are_asked_for() -> None:
+    env = vec_env(cranes("SameStep"))
+    assert env.get_attr("num_envs", [0, 2]) == [4, 4] and len(env.get_attr("num_envs")) == 4
+    assert env.env_is_wrapped(gym.Wrapper, 1) == [False]
+
+
 def test_the_cranes_of_the_how_to_are_taken_beyond_the_end_of_an_episode() -> None:
     name = "cranedyn.interop.gymnasium:cranedyn/TowerCrane-v0"
     env = vec_env(gym.make_vec(name, num_envs=2, max_episode_steps=5))

@@ -423,6 +423,16 @@ def rows_of(run: Trajectory, first: int, last: int) -> Trajectory:
     return replace(run, **tables)
 
 
+def test_a_piece_without_rows_is_refused_in_a_sentence(
+    crane: Crane, moving: Trajectory, tmp_path: Path
+) -> None:
+    with (
+        Live(crane, "one", title="Live", file=tmp_path / "live.rrd") as live,
+        pytest.raises(OutOfRange, match="number of rows of a piece is 0"),
+    ):
+        live.append(moving.since(1e9))
+
+
 @pytest.mark.slow
 def test_pieces_of_a_run_are_the_numbers_and_the_path_of_the_whole(
     crane: Crane, moving: Trajectory, tmp_path: Path

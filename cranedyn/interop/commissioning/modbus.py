@@ -42,13 +42,13 @@ async def serve_modbus(image: ProcessImage, host: str, port: int) -> ModbusTcpSe
         a read.
         """
         if isinstance(values, list):
-            _take(image, commands[address : address + count], values)
+            _write_commands(image, commands[address : address + count], values)
         elif code == READ_INPUT_REGISTERS:
             registers[:] = _registers(readings, image.readings)
         else:
             registers[:] = _registers(commands, image.commands.copy())
 
-    # pymodbus wants blocks of bits, too, of which a crane has none.
+    # pymodbus asks for blocks of coils and discrete inputs, too, of which a crane has none.
     bits = [SimData(0, values=False, datatype=DataType.BITS)]
     device = SimDevice(0, simdata=(bits, bits, _block(commands), _block(readings)), action=access)
     server = ModbusTcpServer(device, address=(host, port))
@@ -65,21 +65,27 @@ def _block(words: Sequence[Word]) -> list[SimData]:
     return [SimData(0, count=count, datatype=DataType.REGISTERS)]
 
 
-def _take(image: ProcessImage, words: Sequence[Word], values: Sequence[int]) -> None:
+def _write_commands(image: ProcessImage, words: Sequence[Word], values: Sequence[int]) -> None:
     """Write the values of registers, 0 to 65535, into commands of an image, all at once.
 
     Each command takes one register. A signed one has its negative numbers in the upper half.
     """
     commands = {}
     for word, value in zip(words, values, strict=True):
-        # Moved up by half of the range and down again, the upper half comes out negative.
+        # Two's complement: with the range shifted by its half, the remainder makes the values of
+        # the upper half negative.
         half = _REGISTER_VALUES // 2 if word.kind == "INT16" else 0
         commands[word.name] = (value + half) % _REGISTER_VALUES - half
     image.commands.update(commands)
 
 
 def _registers(words: Sequence[Word], numbers: Mapping[str, int]) -> list[int]:
-    """Return the registers of words, the high one of a long word first."""
+    """Return the registers of words, the high one of a word of 32 bits first.
+
+    Args:
+        words: The words.
+        numbers: Their numbers by name.
+    """
     registers = []
     for word in words:
         number = numbers[word.name]

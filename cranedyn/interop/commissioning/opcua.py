@@ -28,14 +28,14 @@ except ModuleNotFoundError as error:
 
 _logger = logging.getLogger("asyncua.cranedyn")
 
-PUBLISHING = 0.05
-"""Time between reports of readings to subscriptions [s]; a read gets the latest cycle."""
+PUBLISH_PERIOD = 0.05
+"""Time between reports of readings to subscriptions [s]; a read gets those of the latest cycle."""
 
 MAX_CHUNK = 65_535
-"""Most bytes of a chunk, which is what travels between two headers; before and after the hello."""
+"""Largest size of a chunk, the piece of a message that has a header of its own [byte]."""
 
 MAX_CHUNKS_OF_MESSAGE = 16
-"""Most chunks that make up one message."""
+"""Largest number of chunks of a message."""
 
 _HEADER = 8
 """Bytes of the header of a chunk: three letters of its type, its kind, and its size as UInt32
@@ -57,7 +57,7 @@ _KINDS = {
 
 
 class _OneUser(UserManager):
-    """Lets in one user, with a password and, if there are any, one of the trusted certificates."""
+    """Lets in one user, with a password and, if certificates are asked for, a trusted one."""
 
     def __init__(self, user: str, password: str, trusted: set[bytes] | None) -> None:
         self._login = f"{user}\n{password}".encode()
@@ -75,11 +75,11 @@ class _OneUser(UserManager):
 
 
 class _BoundedProtocol(OPCUAProtocol):
-    """A connection that keeps no more than one chunk of what has not been understood yet.
+    """A connection that keeps no more than one incomplete chunk.
 
     asyncua collects whatever a header announces, up to 4 GB, before it looks at certificate and
-    user. Here a chunk larger than `MAX_CHUNK` closes the connection. Each chunk is handed on alone,
-    because asyncua copies all that it has received for each chunk that it takes from it.
+    user. Here a chunk larger than `MAX_CHUNK` closes the connection. Chunks are handed on one by
+    one, because asyncua copies all that it has received for each chunk that it takes from it.
     """
 
     def __init__(self, *args: Any, **arguments: Any) -> None:
@@ -107,7 +107,8 @@ class _BoundedProtocol(OPCUAProtocol):
                 self._received.clear()
                 return
             if self._buffer:
-                # asyncua has not understood the header, and would keep what follows.
+                # asyncua did not take the chunk: its header is none of OPC UA. It would keep all
+                # that follows.
                 self._refuse("a header that is none of OPC UA")
                 return
         self._pause(chunks / _CHUNKS_PER_SECOND)
@@ -232,7 +233,9 @@ async def _load_trusted(paths: Sequence[Path]) -> set[bytes]:
 
 
 async def _add_word(server: Server, crane: Any, image: ProcessImage, word: Word) -> None:
-    """Add a node that reads and writes the image: no number is kept in two places."""
+    """Add the node of a word, which reads and writes the image itself, so that no number is kept in
+    two places.
+    """
     kind = _KINDS[word.kind]
     node = await crane.add_variable(f"ns=2;s={word.name}", f"2:{word.name}", 0, kind)
     # Bits, codes and counters have neither a scale nor a unit.
@@ -272,4 +275,4 @@ async def publish(server: Server, image: ProcessImage) -> None:
             data = ua.Variant(value, kinds[name])
             await server.write_attribute_value(node, ua.DataValue(data))
         last = readings
-        await asyncio.sleep(PUBLISHING)
+        await asyncio.sleep(PUBLISH_PERIOD)

@@ -32,11 +32,11 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 from cranedyn.recording import Run, record
 
-PASSWORD = "CRANEDYN_PASSWORD"
+PASSWORD_VARIABLE = "CRANEDYN_PASSWORD"
 """Environment variable of the password for OPC UA."""
 
-LOCAL = ("127.0.0.1", "localhost", "::1")
-"""Hosts that this machine alone reaches."""
+LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
+"""Hosts that only programs on this machine reach."""
 
 _LIBRARY_LOGGERS = ("asyncua", "pymodbus", "pymodbus.logging", "asyncio")
 """Loggers to which the servers of the libraries report what a client did wrong."""
@@ -77,28 +77,28 @@ def address(text: str) -> Address:
 
 
 def check_exposure(options: argparse.Namespace) -> Security | None:
-    """Return what protects the OPC UA server of a command line; None for no protection.
+    """Return what protects the OPC UA server that a command line asks for; None for no protection.
 
     Args:
         options: The options of `add_arguments`.
 
     Raises:
-        CraneError: If other machines would reach a server without what protects it, or a part of
-            that is missing.
+        CraneError: If other machines would reach an OPC UA server without protection, or a Modbus
+            server that was not allowed in so many words, or if a part of the protection is missing.
     """
-    password = os.environ.get(PASSWORD)
+    password = os.environ.get(PASSWORD_VARIABLE)
     has_login = all((options.certificate, options.key, options.user, password))
-    is_exposed = bool(options.opcua) and options.opcua[0] not in LOCAL
-    # The password alone asks for nothing: it may be set for other runs.
+    is_exposed = bool(options.opcua) and options.opcua[0] not in LOCAL_HOSTS
+    # A password alone does not ask for protection: the variable may be set for other runs.
     is_asked_for = any((options.certificate, options.key, options.user, options.trust))
     is_complete = has_login and (options.trust or not is_exposed)
     if options.opcua and (is_exposed or is_asked_for) and not is_complete:
         raise CraneError(
             f"OPC UA at {options.opcua[0]} needs --certificate, --key, --user, --trust, and a "
-            f"password in the environment variable {PASSWORD}; a server for this machine alone "
-            "goes without, or without --trust."
+            f"password in the environment variable {PASSWORD_VARIABLE}; a server for this machine "
+            "alone goes without, or without --trust."
         )
-    if options.modbus and options.modbus[0] not in LOCAL and not options.insecure_modbus:
+    if options.modbus and options.modbus[0] not in LOCAL_HOSTS and not options.insecure_modbus:
         raise CraneError(
             f"Modbus has no security, so whoever reaches {options.modbus[0]} drives the crane; "
             "--insecure-modbus serves it there all the same."
@@ -109,10 +109,10 @@ def check_exposure(options: argparse.Namespace) -> Security | None:
 
 
 class _ClientErrors(logging.Handler):
-    """Counts what the libraries of the servers report, instead of their tracebacks.
+    """Counts what the libraries of the servers report, instead of printing their tracebacks.
 
-    Python prints reports that no handler takes. A handler that somebody has set on the root logger
-    still gets all of them.
+    Python prints a report for which there is no handler, and this is one. A handler that somebody
+    has set on the root logger still gets all reports.
     """
 
     def __init__(self) -> None:
@@ -142,7 +142,8 @@ def servers(
 ) -> Iterator[None]:
     """Serve a plant in a thread of its own while the context lasts, and print its events.
 
-    At the end it prints how many errors of clients the servers have reported, if there were any.
+    At the end the number of errors of clients that the servers have reported is printed, if there
+    were any.
 
     Args:
         plant: The plant.
@@ -171,14 +172,14 @@ def servers(
         loop.stop()
 
     def close(work: Coroutine[Any, Any, Any]) -> None:
-        """Wait for the end of a server, but not long."""
-        # A client that never takes its answers must not keep the run from being recorded.
+        """Wait for the end of a server, `_CLOSING_TIME` at most."""
+        # A client that never reads its answers must not keep the run from being recorded.
         with contextlib.suppress(TimeoutError):
             start(work).result(_CLOSING_TIME)
 
     with contextlib.ExitStack() as stack:
-        # Callbacks run in the opposite order: servers close, all tasks end, the thread ends, and
-        # the loop is closed.
+        # An exit stack calls back in the opposite order: the servers close, all tasks end, the
+        # thread ends, and then the loop is closed.
         errors = stack.enter_context(_ClientErrors())
         stack.callback(loop.close)
         stack.callback(thread.join)
@@ -222,9 +223,10 @@ def keep_time(
     speed: float = 1.0,
     stopped: Callable[[], bool] = lambda: False,
 ) -> str:
-    """Run a plant by the clock of this machine, and return how the clock was kept.
+    """Run a plant by the clock of this machine, and return a sentence on how the clock was kept.
 
-    A late cycle is followed by the next without a pause; a second or more is not made up for.
+    A late cycle is followed by the next one without a pause, until the plant has caught up. A delay
+    of a second or more is not made up for.
 
     Args:
         plant: The plant.
@@ -236,14 +238,15 @@ def keep_time(
         RunError: If the model ceases to hold; it carries what was recorded.
     """
     period = PERIOD / speed
-    # How late each cycle began, and when it was done after it was due [s]. Arrays of C doubles hold
-    # an hour of cycles in 12 MB, and have no objects to collect.
+    # For each cycle the time from when it was due until it began, and until it was done [s]. Arrays
+    # of C doubles hold an hour of cycles in 12 MB, and have no objects to collect.
     late = array("d")
     done = array("d")
     interval = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_INTERVAL)
     gc.collect()
-    # From now on collections look only at what the servers make.
+    # Garbage collections, which would delay cycles, then look only at what the servers make from
+    # now on.
     gc.freeze()
     due = time.perf_counter()
     try:
@@ -255,7 +258,7 @@ def keep_time(
             if stopped():
                 break
             if wait < -_MAX_DELAY:
-                due -= wait
+                due -= wait  # now
             late.append(-wait)
             plant.cycle()
             done.append(time.perf_counter() - due)
@@ -277,8 +280,8 @@ def _describe_timing(period: float, late: np.ndarray, done: np.ndarray, cycles: 
 
     Args:
         period: Time between two cycles [s].
-        late: How late cycles began [s], shape (n,).
-        done: Time after they were due at which they were done [s], shape (n,).
+        late: Time from when each cycle was due until it began [s], shape (n,).
+        done: Time from when each cycle was due until it was done [s], shape (n,).
         cycles: Number of cycles.
     """
     in_time = 100.0 * np.mean(done <= period)
@@ -305,7 +308,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--key", type=Path, metavar="FILE", help="private key of the certificate")
     text = "certificates of clients, or folders of them; only these get in"
     add("--trust", type=Path, nargs="+", metavar="PATH", help=text)
-    add("--user", metavar="NAME", help=f"who may drive; the password is in {PASSWORD}")
+    add("--user", metavar="NAME", help=f"who may drive; the password is in {PASSWORD_VARIABLE}")
     text = "serve Modbus beyond this machine, where whoever reaches it drives the crane"
     add("--insecure-modbus", action="store_true", help=text)
 
@@ -329,8 +332,8 @@ def run(options: argparse.Namespace) -> int:
     if options.realtime:
         _ask_for_priority()
     cycles = round(options.duration / PERIOD)
-    # At its end Python looks through all objects for cycles, for a second or more, although the
-    # system takes back the memory anyway.
+    # At its end Python searches all objects for cyclic garbage, which takes a second or more and
+    # serves nothing, since the system takes back the memory anyway.
     atexit.register(gc.freeze)
     try:
         # Ctrl-C is the usual end of a run. It raises nothing here, so that a second one, while
@@ -344,7 +347,7 @@ def run(options: argparse.Namespace) -> int:
                 if plant.cycles:
                     _save(folder, plant)
     except KeyboardInterrupt:
-        # One that came while the servers were started: nothing was run.
+        # Ctrl-C came while the servers were started, and nothing was run.
         if not plant.cycles:
             raise
     return 0
@@ -366,8 +369,8 @@ def _ask_for_priority() -> None:
 def _try_recording(crane: Crane) -> None:
     """Record one cycle of a crane into a temporary folder, before anything is served.
 
-    An error is seen now instead of after an hour, and what Python loads for it, the expanded
-    description of the crane among it, is there when Ctrl-C comes.
+    So an error of recording is seen now instead of after an hour. And all that Python loads for it,
+    such as the expanded description of the crane, is loaded when Ctrl-C ends the run.
     """
     trial = ServedCrane(crane, duration=PERIOD)
     trial.cycle()

@@ -1,5 +1,8 @@
 """Words of the drives and sensors of a crane: one table, from which OPC UA nodes, Modbus registers
 and the companion CSV follow.
+
+A *word* is a whole number of 16 or 32 bits that a program and a plant exchange. Commands are
+written by the program, readings by the plant. A *count* is one unit of such a number.
 """
 
 from __future__ import annotations
@@ -14,84 +17,123 @@ from cranedyn.dynamics.converters import STEPS, Converters
 from cranedyn.export.target import new_file
 from cranedyn.model.crane import Crane
 
-COUNT = {"rad": 1e-5, "m": 1e-4}
-"""Resolution of encoders, by the unit of the drive [rad or m]."""
+ENCODER_RESOLUTION = {"rad": 1e-5, "m": 1e-4}
+"""Value of a count of an encoder [rad or m], by the unit of the drive."""
 
-ANGLE = 1e-4
-"""Resolution of rope angles [rad]."""
+ANGLE_RESOLUTION = 1e-4
+"""Value of a count of a rope angle [rad]."""
 
-WIND = 1e-2
-"""Resolution of wind speeds [m/s]."""
+WIND_RESOLUTION = 1e-2
+"""Value of a count of a wind speed [m/s]."""
 
-TIMEOUT = 0.5
+HEARTBEAT_TIMEOUT = 0.5
 """Time without a new heartbeat after which an enabled crane stops [s]."""
 
-INVALID = -32768
+LOST_READING = -32768
 """Reading of a lost sensor."""
 
-ENABLE = 1
+ENABLE_BIT = 1
 """Bit of the control word of a drive that enables it."""
 
-RESET = 2
+RESET_BIT = 2
 """Bit of the control word of a drive that resets a fault."""
 
-ROPE_SENSOR_LOST = 1
+ROPE_SENSOR_LOST_BIT = 1
 """Bit of the inject word of the crane that makes load cell and rope angles fail."""
 
-MESSAGES_LOST = 2
+MESSAGES_LOST_BIT = 2
 """Bit of the inject word of the crane that keeps all other commands from arriving."""
 
-ENCODER_JUMP = 1
+ENCODER_JUMP_BIT = 1
 """Bit of the inject word of a drive that makes its encoder jump."""
 
-BRAKE_SLIP = 2
+BRAKE_SLIP_BIT = 2
 """Bit of the inject word of a drive that makes its closed brake slip."""
 
-STATUS = ("ready", "running", "fault", "at speed", "brake closed", "lower end", "upper end")
+STATUS_BITS = ("ready", "running", "fault", "at speed", "brake closed", "lower end", "upper end")
 """Bits of the status word of a drive, from bit 0."""
 
 FAULTS = (
     "no fault",
-    f"watchdog: no new heartbeat for {TIMEOUT:g} s",
+    f"watchdog: no new heartbeat for {HEARTBEAT_TIMEOUT:g} s",
     "encoder: its counts do not fit the speed of the drive",
     "rope sensor: its reading is not valid",
     "brake: the drive moves with its brake closed",
 )
 """Faults of the crane, by their code."""
 
-WATCHDOG = 1
+WATCHDOG_FAULT = 1
 """Code of the fault of a crane without heartbeat."""
 
-ENCODER = 2
+ENCODER_FAULT = 2
 """Code of the fault of an encoder."""
 
-ROPE_SENSOR = 3
+ROPE_SENSOR_FAULT = 3
 """Code of the fault of load cell and rope angles."""
 
-BRAKE = 4
+BRAKE_FAULT = 4
 """Code of the fault of a brake."""
 
-TABLE = f"""
-crane heartbeat    command UINT16 1      -    changes every {TIMEOUT:g} s if a drive is enabled
-crane wind         command UINT16 {WIND} m/s  wind to blow along +X of the world
-crane inject       command UINT16 1      -    bit 0 rope sensor lost, bit 1 messages lost
-drive control      command UINT16 1      -    bit 0 enable, bit 1 reset of faults
-drive speed        command INT16  rate   rate speed command
-drive ramp         command UINT16 0.001  s    time to full speed; 0 for the converter's own
-drive inject       command UINT16 1      -    bit 0 encoder jump, bit 1 brake slip
-crane cycle        reading UINT16 1      -    cycles of the plant, modulo 65536
-crane fault        reading UINT16 1      -    {"; ".join(f"{i} {f}" for i, f in enumerate(FAULTS))}
-crane wind_speed   reading UINT16 {WIND} m/s  anemometer
-hoist load         reading INT32  1      kg   load cell in the rope; {INVALID} if lost
-swing angle        reading INT16  {ANGLE} rad angle of the rope; {INVALID} if lost
-drive status       reading UINT16 1      -    bits from 0: {", ".join(STATUS)}
-drive actual_speed reading INT16  rate   rate speed
-drive encoder      reading INT32  count  unit position
-"""
-"""Owner, name, direction, type, scale, unit and meaning; `word_map` reads it for a crane."""
 
-NO_JOINT = -1
-"""Index that stands for the crane itself among those of its joints."""
+class _Row(NamedTuple):
+    """Row of the table of words, which may stand for several words.
+
+    Attributes:
+        owner: Whose word it is: the "crane" has one, each "drive" and each joint that swings
+            ("swing") has one of its own, and the "hoist" has one if there is a hoist.
+        name: Name of the word.
+        direction: "command" or "reading".
+        kind: Type of the word, see `Word`.
+        scale: Value of a count; "rate" for the largest rate of the drive over 16384 counts,
+            "resolution" for `ENCODER_RESOLUTION`.
+        unit: Unit; "rate" and "position" for those of the drive, empty for none.
+        meaning: Meaning of the word.
+    """
+
+    owner: str
+    name: str
+    direction: str
+    kind: str
+    scale: float | str
+    unit: str
+    meaning: str
+
+
+_HEARTBEAT_MEANING = f"changes every {HEARTBEAT_TIMEOUT:g} s if a drive is enabled"
+_FAULT_MEANING = "; ".join(f"{code} {fault}" for code, fault in enumerate(FAULTS))
+_LOAD_MEANING = f"load cell in the rope; {LOST_READING} if lost"
+_ANGLE_MEANING = f"angle of the rope; {LOST_READING} if lost"
+_STATUS_MEANING = f"bits from 0: {', '.join(STATUS_BITS)}"
+_CRANE_INJECT_MEANING = "bit 0 rope sensor lost, bit 1 messages lost"
+_DRIVE_INJECT_MEANING = "bit 0 encoder jump, bit 1 brake slip"
+_RAMP_MEANING = "time to full speed; 0 for the converter's own"
+
+_TABLE = (
+    _Row("crane", "heartbeat", "command", "UINT16", 1.0, "", _HEARTBEAT_MEANING),
+    _Row(
+        "crane",
+        "wind",
+        "command",
+        "UINT16",
+        WIND_RESOLUTION,
+        "m/s",
+        "wind to blow along +X of the world",
+    ),
+    _Row("crane", "inject", "command", "UINT16", 1.0, "", _CRANE_INJECT_MEANING),
+    _Row("drive", "control", "command", "UINT16", 1.0, "", "bit 0 enable, bit 1 reset of faults"),
+    _Row("drive", "speed", "command", "INT16", "rate", "rate", "speed command"),
+    _Row("drive", "ramp", "command", "UINT16", 0.001, "s", _RAMP_MEANING),
+    _Row("drive", "inject", "command", "UINT16", 1.0, "", _DRIVE_INJECT_MEANING),
+    _Row("crane", "cycle", "reading", "UINT16", 1.0, "", "cycles of the plant, modulo 65536"),
+    _Row("crane", "fault", "reading", "UINT16", 1.0, "", _FAULT_MEANING),
+    _Row("crane", "wind_speed", "reading", "UINT16", WIND_RESOLUTION, "m/s", "anemometer"),
+    _Row("hoist", "load", "reading", "INT32", 1.0, "kg", _LOAD_MEANING),
+    _Row("swing", "angle", "reading", "INT16", ANGLE_RESOLUTION, "rad", _ANGLE_MEANING),
+    _Row("drive", "status", "reading", "UINT16", 1.0, "", _STATUS_MEANING),
+    _Row("drive", "actual_speed", "reading", "INT16", "rate", "rate", "speed"),
+    _Row("drive", "encoder", "reading", "INT32", "resolution", "position", "position"),
+)
+"""Words of any crane, in the order of their addresses; `word_map` reads them for a crane."""
 
 _HEADING = (
     "name",
@@ -111,7 +153,7 @@ _RANGES = {"UINT16": (0, 2**16 - 1), "INT16": (-(2**15), 2**15 - 1), "INT32": (-
 
 
 class Word(NamedTuple):
-    """A number that both protocols carry.
+    """A whole number that both protocols carry.
 
     Attributes:
         name: Name, also of the OPC UA node.
@@ -137,7 +179,7 @@ class Word(NamedTuple):
         return 2 if self.kind == "INT32" else 1
 
     def holds(self, value: object) -> bool:
-        """Return whether a value is a whole number that this word can carry. NaN is none."""
+        """Return whether a value is a whole number that this word can carry."""
         low, high = _RANGES[self.kind]
         # True and False are integers for Python.
         return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
@@ -146,46 +188,52 @@ class Word(NamedTuple):
 def word_map(crane: Crane, converters: Converters) -> tuple[Word, ...]:
     """Return the words of a crane.
 
-    Rows of `TABLE` that follow each other and have one owner repeat for each joint that is such an
-    owner: for each drive, or for each joint that swings. Addresses count up in this order, commands
-    and readings each from 0. 16384 counts are the largest rate of a drive.
+    Rows of the table that follow each other and have one owner repeat for each such owner, such as
+    all words of the first drive, then all of the second. Addresses count up in this order, those of
+    commands and those of readings each from 0.
+
+    Args:
+        crane: The crane.
+        converters: Frequency converters of its drives, whose largest rates are 16384 counts.
     """
     layout = crane.layout
     drives = layout.drives.tolist()
-    rate_counts = (converters.rates / STEPS).tolist()
-    rate_count_of = dict(zip(drives, rate_counts, strict=True))
-    the_crane = [NO_JOINT]
-    joints_of = {
-        "crane": the_crane,
+    whole_crane: list[int | None] = [None]
+    # The joints of each owner; None stands for the crane itself.
+    joints_of: dict[str, list[int | None]] = {
+        "crane": whole_crane,
         "drive": drives,
         "swing": crane.swings.tolist(),
-        "hoist": the_crane if layout.drive_of("hoist") is not None else [],
+        "hoist": whole_crane if layout.drive_of("hoist") is not None else [],
     }
-    # The meaning is the seventh entry of a row, with all its words.
-    rows = [row.split(None, 6) for row in TABLE.strip().splitlines()]
+    rate_counts = (converters.rates / STEPS).tolist()
     words: list[Word] = []
     next_address = {"command": 0, "reading": 0}
-    for owner, group in groupby(rows, key=lambda row: row[0]):
-        entries = list(group)
+    for owner, group in groupby(_TABLE, key=lambda row: row.owner):
+        rows = list(group)
         for joint in joints_of[owner]:
-            prefix = "" if joint == NO_JOINT else f"{layout.symbols[joint]}."
-            # Scales and units of a drive stand in the table by these names.
-            unit_of_joint = layout.units[joint]
-            # A joint that swings has no rate, and no row with one.
-            scales = {"rate": rate_count_of.get(joint), "count": COUNT[unit_of_joint]}
-            units = {"rate": f"{unit_of_joint}/s", "unit": unit_of_joint, "-": ""}
-            for _, name, direction, kind, scale, unit, meaning in entries:
+            prefix = ""
+            scales: dict[str | float, float] = {}
+            units: dict[str, str] = {}
+            if joint is not None:
+                prefix = f"{layout.symbols[joint]}."
+                unit = layout.units[joint]
+                scales["resolution"] = ENCODER_RESOLUTION[unit]
+                units = {"position": unit, "rate": f"{unit}/s"}
+            if owner == "drive":
+                scales["rate"] = rate_counts[drives.index(joint)]
+            for row in rows:
                 word = Word(
-                    name=prefix + name,
-                    command=direction == "command",
-                    kind=kind,
-                    address=next_address[direction],
-                    scale=float(scales.get(scale) or scale),
-                    unit=units.get(unit, unit),
-                    meaning=meaning,
+                    name=prefix + row.name,
+                    command=row.direction == "command",
+                    kind=row.kind,
+                    address=next_address[row.direction],
+                    scale=float(scales.get(row.scale, row.scale)),
+                    unit=units.get(row.unit, row.unit),
+                    meaning=row.meaning,
                 )
                 words.append(word)
-                next_address[direction] += word.size
+                next_address[row.direction] += word.size
     return tuple(words)
 
 
@@ -233,11 +281,12 @@ class ProcessImage:
         self.commands = {word.name: 0 for word in words if word.command}
         self.readings = {word.name: 0 for word in words if not word.command}
 
-    def accepted(self, last: Mapping[str, int]) -> tuple[dict[str, int], list[str]]:
+    def valid_commands(self, last: Mapping[str, int]) -> tuple[dict[str, int], list[str]]:
         """Return the commands, and the names of those that are no number of their type.
 
-        Of these, the last command holds. No client writes any: OPC UA refuses them, and Modbus has
-        no place for them. A program that holds the image itself may.
+        In place of such a command its last valid one is returned. Clients cannot write any: OPC UA
+        refuses it, and a Modbus register has no room for it. A program that writes into `commands`
+        itself can.
 
         Args:
             last: Commands of the last cycle.

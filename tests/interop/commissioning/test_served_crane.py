@@ -13,7 +13,12 @@ from cranedyn.dynamics.converters import STEPS, converters
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interop.commissioning import words as w
-from cranedyn.interop.commissioning.served_crane import AREA, GROUND, PERIOD, ServedCrane
+from cranedyn.interop.commissioning.served_crane import (
+    DRAG_AREA,
+    MIN_LOAD_HEIGHT,
+    PERIOD,
+    ServedCrane,
+)
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import long_after
@@ -22,7 +27,7 @@ pytestmark = pytest.mark.slow
 CRANE = load_crane()
 RATES = converters(CRANE).rates
 DRIVES = CRANE.layout.drives
-STATUS = {name: 1 << i for i, name in enumerate(w.STATUS)}
+STATUS = {name: 1 << i for i, name in enumerate(w.STATUS_BITS)}
 
 
 def go(plant: ServedCrane, seconds: float, *, beating: bool = True, **commands: int) -> None:
@@ -101,7 +106,9 @@ def test_lowering_ends_above_the_ground() -> None:
     crane = load_crane(hoist_max=60.0, pivot_height=30.0)
     plant = ServedCrane(crane, start=crane.state(l=25.0), duration=20.0)
     go(plant, 12.0, l__control=1, l__speed=STEPS)
-    assert GROUND < float(payload_position(crane, plant.state.q)[2]) < GROUND + 0.2
+    assert (
+        MIN_LOAD_HEIGHT < float(payload_position(crane, plant.state.q)[2]) < MIN_LOAD_HEIGHT + 0.2
+    )
     assert has(plant, "l", "upper end") == [True]
 
 
@@ -109,7 +116,7 @@ def test_without_a_heartbeat_an_enabled_crane_stops_after_half_a_second_and_says
     plant = driving()
     go(plant, 4.0, beating=False)
     # the last beat was heard in the first of these cycles, when the word became 0
-    assert plant.events == [(pytest.approx(2.5 + PERIOD, abs=1e-9), w.FAULTS[w.WATCHDOG])]
+    assert plant.events == [(pytest.approx(2.5 + PERIOD, abs=1e-9), w.FAULTS[w.WATCHDOG_FAULT])]
     assert np.abs(plant.state.v[DRIVES]).max() < 1e-3
     assert has(plant, "x", "fault", "brake closed", "ready") == [True, True, False]
     standing = ServedCrane(CRANE, duration=5.0)
@@ -120,9 +127,13 @@ def test_without_a_heartbeat_an_enabled_crane_stops_after_half_a_second_and_says
 @pytest.mark.parametrize(
     ("command", "fault", "text"),
     [
-        ({"inject": w.ROPE_SENSOR_LOST}, w.ROPE_SENSOR, "rope sensor: its reading is not valid"),
-        ({"inject": w.MESSAGES_LOST}, w.WATCHDOG, "watchdog: no new heartbeat for 0.5 s"),
-        ({"x__inject": w.ENCODER_JUMP}, w.ENCODER, "x encoder: its counts do not fit"),
+        (
+            {"inject": w.ROPE_SENSOR_LOST_BIT},
+            w.ROPE_SENSOR_FAULT,
+            "rope sensor: its reading is not valid",
+        ),
+        ({"inject": w.MESSAGES_LOST_BIT}, w.WATCHDOG_FAULT, "watchdog: no new heartbeat for 0.5 s"),
+        ({"x__inject": w.ENCODER_JUMP_BIT}, w.ENCODER_FAULT, "x encoder: its counts do not fit"),
     ],
     ids=["rope sensor lost", "messages lost", "encoder jump"],
 )
@@ -139,13 +150,13 @@ def test_under_an_injected_fault_the_crane_stops_and_says_why(
     # 0.5 s of the watchdog, then delay, lag and rounding, and half of the ramp's time
     way = np.abs(plant.state.q[DRIVES] - before)
     assert (way[1:] < RATES[1:] / 2 * (0.5 + 0.35 + 1.5)).all()
-    if fault == w.ROPE_SENSOR:
-        assert plant.image.readings["load"] == plant.image.readings["phi.angle"] == w.INVALID
+    if fault == w.ROPE_SENSOR_FAULT:
+        assert plant.image.readings["load"] == plant.image.readings["phi.angle"] == w.LOST_READING
 
 
 def test_a_slipping_brake_lets_the_load_down_until_the_converter_holds_it() -> None:
     plant = ServedCrane(CRANE, duration=20.0)
-    go(plant, 3.0, l__inject=w.BRAKE_SLIP, x__inject=w.BRAKE_SLIP)
+    go(plant, 3.0, l__inject=w.BRAKE_SLIP_BIT, x__inject=w.BRAKE_SLIP_BIT)
     ((t, text),) = plant.events
     assert text == "l brake: the drive moves with its brake closed"
     sunk = plant.state.q - CRANE.start.q
@@ -155,15 +166,15 @@ def test_a_slipping_brake_lets_the_load_down_until_the_converter_holds_it() -> N
 
 def test_a_fault_stays_until_a_reset_rises_while_no_drive_is_enabled() -> None:
     plant = driving()
-    go(plant, 3.0, inject=w.ROPE_SENSOR_LOST)
-    go(plant, 1.0, inject=0, x__control=w.ENABLE | w.RESET)
-    assert plant.fault == w.ROPE_SENSOR  # a drive is enabled
-    go(plant, 0.1, x__control=w.RESET, l__control=0)
-    assert plant.fault == w.ROPE_SENSOR  # the bit has not risen
+    go(plant, 3.0, inject=w.ROPE_SENSOR_LOST_BIT)
+    go(plant, 1.0, inject=0, x__control=w.ENABLE_BIT | w.RESET_BIT)
+    assert plant.fault == w.ROPE_SENSOR_FAULT  # a drive is enabled
+    go(plant, 0.1, x__control=w.RESET_BIT, l__control=0)
+    assert plant.fault == w.ROPE_SENSOR_FAULT  # the bit has not risen
     go(plant, 0.1, x__control=0)
-    go(plant, 0.1, x__control=w.RESET)
+    go(plant, 0.1, x__control=w.RESET_BIT)
     assert plant.fault == 0 and plant.events[-1][1] == "fault reset"
-    go(plant, 3.0, x__control=w.ENABLE)
+    go(plant, 3.0, x__control=w.ENABLE_BIT)
     assert plant.state.v[DRIVES[1]] == pytest.approx(RATES[1] / 2, rel=1e-3)
 
 
@@ -174,16 +185,16 @@ def test_a_wind_turned_on_swings_the_load_to_twice_its_rest_angle() -> None:
     for _ in range(8):
         go(plant, 1.0, wind=800)
         largest = max(largest, *(abs(plant.image.readings[f"{s}.angle"]) for s in ("phi", "theta")))
-    rest = math.atan(0.5 * AIR_DENSITY * AREA * 8.0**2 / (1000.0 * crane.gravity))
+    rest = math.atan(0.5 * AIR_DENSITY * DRAG_AREA * 8.0**2 / (1000.0 * crane.gravity))
     # less by the drag of the moving load, and by what a look a second misses
-    assert 1.7 * rest < largest * w.ANGLE < 2.0 * rest
+    assert 1.7 * rest < largest * w.ANGLE_RESOLUTION < 2.0 * rest
 
 
 def test_a_run_is_that_of_simulate_under_the_same_rates_and_carries_its_events() -> None:
     plant = driving()
-    go(plant, 2.0, inject=w.MESSAGES_LOST)
+    go(plant, 2.0, inject=w.MESSAGES_LOST_BIT)
     run = plant.trajectory()
-    assert run.record["notes"] == {"events": [[2.5, w.FAULTS[w.WATCHDOG]]]}
+    assert run.record["notes"] == {"events": [[2.5, w.FAULTS[w.WATCHDOG_FAULT]]]}
     rates = np.diff(run.setpoint, axis=0) / PERIOD
     first = (run.setpoint[0] - CRANE.start.q[DRIVES]) / PERIOD
     table = np.vstack([first, rates])
@@ -193,7 +204,7 @@ def test_a_run_is_that_of_simulate_under_the_same_rates_and_carries_its_events()
         duration=(len(run) - 1) * PERIOD,
         drive="velocity",
         engine="compiled",
-        disturbance=wind(CRANE, steady(0.0), direction=0.0, payload_area=AREA),
+        disturbance=wind(CRANE, steady(0.0), direction=0.0, payload_area=DRAG_AREA),
     )
     assert_allclose(run.q, same.q, rtol=0.0, atol=1e-9)  # rates from differences of positions
 

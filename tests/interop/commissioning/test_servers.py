@@ -344,14 +344,14 @@ def test_a_client_that_is_killed_or_falls_silent_stops_the_crane(way: str, serve
             process.send_signal(19)  # stopped: its connection stays open and silent
         served.run(4.0)
         ((_, text),) = served.plant.events
-        assert text == w.FAULTS[w.WATCHDOG]
+        assert text == w.FAULTS[w.WATCHDOG_FAULT]
         assert abs(served.plant.state.v[1]) < 1e-3
     finally:
         process.kill()
         process.wait()
     served.plant.image.commands["x.control"] = 0
     served.run(0.1)
-    served.plant.image.commands["x.control"] = w.RESET
+    served.plant.image.commands["x.control"] = w.RESET_BIT
     served.run(0.1)
     served.plant.image.commands["x.control"] = 0
     assert not served.plant.fault
@@ -366,7 +366,7 @@ def options(*words: str) -> argparse.Namespace:
 def test_beyond_this_machine_opc_ua_needs_a_certificate_and_a_user_and_modbus_a_word(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.delenv(serve.PASSWORD, raising=False)
+    monkeypatch.delenv(serve.PASSWORD_VARIABLE, raising=False)
     with pytest.raises(CraneError, match="--certificate, --key, --user, --trust, and a"):
         serve.check_exposure(options("--opcua", "0.0.0.0:4840"))
     with pytest.raises(CraneError, match="--certificate"):
@@ -375,7 +375,7 @@ def test_beyond_this_machine_opc_ua_needs_a_certificate_and_a_user_and_modbus_a_
         serve.check_exposure(options("--modbus", "192.168.0.7:5020"))
     assert serve.check_exposure(options("--modbus", "0.0.0.0:502", "--insecure-modbus")) is None
     assert serve.check_exposure(options("--opcua", "localhost:4840", "--modbus", "::1:5")) is None
-    monkeypatch.setenv(serve.PASSWORD, "hoist")
+    monkeypatch.setenv(serve.PASSWORD_VARIABLE, "hoist")
     words = ("--certificate", "c", "--key", "k", "--user", "anna")
     assert serve.check_exposure(options("--opcua", "localhost:4840", *words)).trusted is None
     with pytest.raises(CraneError, match="--trust"):
@@ -444,17 +444,17 @@ def test_the_command_keeps_the_clock_records_the_run_and_replaces_nothing(
 
     def keep_time_when_driven(*arguments: Any) -> str:
         with ModbusTcpClient(HOST, port=port, timeout=60.0) as client:
-            client.write_registers(7, [w.ENABLE, 16384])
+            client.write_registers(7, [w.ENABLE_BIT, 16384])
         return keep_time(*arguments)
 
     monkeypatch.setattr(serve, "keep_time", keep_time_when_driven)
     assert main(command) == 0
     assert time.perf_counter() - began > 1.49
     printed = capsys.readouterr().out
-    assert "1200 cycles of 1.25 ms" in printed and w.FAULTS[w.WATCHDOG] in printed
+    assert "1200 cycles of 1.25 ms" in printed and w.FAULTS[w.WATCHDOG_FAULT] in printed
     run = read(out / "serve.parquet")
     assert len(run) == 1200 and (out / "serve.rrd").stat().st_size > 10_000
-    assert run.record["notes"]["events"][0][1] == w.FAULTS[w.WATCHDOG]
+    assert run.record["notes"]["events"][0][1] == w.FAULTS[w.WATCHDOG_FAULT]
     assert np.ptp(run["x_m"]) > 0.001
     assert main(command) == 2
     assert "it is there already" in capsys.readouterr().err
