@@ -25,7 +25,12 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.lifts.planning.crane_bodies import CollisionBodies, collision_bodies, corners_of
+from cranedyn.lifts.planning.crane_bodies import (
+    CollisionBodies,
+    collision_bodies,
+    corners_of,
+    refuse_other_kinematics,
+)
 from cranedyn.lifts.planning.fields import Body, Field, Placed
 from cranedyn.lifts.planning.site import GROUND, MAST, OWN_BASE, OWN_UPPER, Site
 from cranedyn.lifts.planning.solids import Solid, hull
@@ -177,9 +182,10 @@ class Clearance:
 
         Raises:
             MissingRole: If it is not a tower crane.
-            ModelError: If it moves in other joints, too.
+            ModelError: If it moves in other joints, too, or its joints are elsewhere than those of
+                the tower crane of this project.
         """
-        _ = self.joints
+        refuse_other_kinematics(self.crane)
         if known_bodies is not None:
             object.__setattr__(self, "bodies", known_bodies)
 
@@ -562,14 +568,6 @@ class Clearance:
         return hanging
 
     @cached_property
-    def _above(self) -> float:
-        """Height of the swing pivot above the load where the hoist is at zero [m]."""
-        start = self.crane.start.q
-        pivot, load = self._frames(start, self.joints.radial_swing, self.joints.hoist)
-        distance = math.dist(pivot.getTranslation(), load.getTranslation())
-        return distance - float(start[self.joints.hoist])
-
-    @cached_property
     def _upper(self) -> list[Body]:
         """All that slews with the jib, inflated by the required distance."""
         bodies = []
@@ -629,7 +627,7 @@ class Clearance:
         """Return a lower bound of the margin of load and hook to what slews below the trolley [m]:
         that of their heights alone, which needs no kinematics.
         """
-        length = float(q[self.joints.hoist]) + self._above
+        length = float(q[self.joints.hoist])
         radial = q[self.joints.radial_swing]
         tangential = q[self.joints.tangential_swing]
         below_pivot = length * math.cos(radial) * math.cos(tangential)
@@ -676,7 +674,7 @@ class Clearance:
         its place until it is placed again.
         """
         trolley, load = self._frames(q, self.joints.trolley, self.joints.hoist)
-        length = float(q[self.joints.hoist]) + self._above
+        length = float(q[self.joints.hoist])
         for name, body, fields in self._hanging:
             if name == "rope":
                 body.stretch(length)

@@ -616,6 +616,7 @@ def _small_load_passes(
     clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray
 ) -> bool:
     """Return whether there is a way on the grid for a load of a hundredth of the size."""
-    site = replace(clearance.site, load=0.01 * clearance.bodies.load)
+    bodies = clearance.bodies
+    site = replace(clearance.site, load=0.01 * bodies.load @ bodies.hook_turn.T)
     small = Clearance(clearance.crane, site)
     return best_on_grid(small, ends, bounds, rates, cell_limit=CELLS).points is not None
