@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import pathlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.checks import finite
-from cranedyn.errors import CraneError, DataError
+from cranedyn.errors import CraneError, DataError, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.curve import (
@@ -37,6 +38,7 @@ from cranedyn.lifts.planning.site import DRIVES, Site
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.timing import TimedMotion, timed
 from cranedyn.model.crane import Crane
+from cranedyn.model.description import arguments
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 from cranedyn.verdict import Verdict
@@ -297,37 +299,67 @@ def refuse_contradictions(site: Site, crane: Crane) -> None:
 
     Raises:
         DataError: If a value of the site is another for the crane.
+        UnknownName: If the tower crane of this project has no argument of that name.
     """
-    arguments = crane.record.get("arguments")
-    if isinstance(arguments, dict):
-        for name, value in site.crane.items():
-            if name in arguments and float(arguments[name]) != float(value):
-                raise DataError(
-                    f"The site enters {name} {value:g}; the crane has {arguments[name]}. Load the "
-                    "crane with the value of the site, or change it there."
-                )
-        return
-    # Any other description has no values by name. What it says itself is compared.
-    for name, (actual, unit) in _numbers_by_argument(crane).items():
-        entered = site.crane.get(name)
-        if entered is not None and not math.isclose(float(entered), actual, rel_tol=1e-9):
+    for name, entered in site.crane.items():
+        known = _value_of(crane, name)
+        if known is not None and not math.isclose(float(entered), known.value, rel_tol=1e-9):
             raise DataError(
-                f"The site enters {float(entered):,.6g} {unit} as {name}; the description of the "
-                f"crane has {actual:,.6g} {unit}. Change one of them."
+                f"The site enters {float(entered):,.6g} {known.unit} as {name}; the crane has "
+                f"{known.value:,.6g} {known.unit}. Load the crane with the value of the site, or "
+                "change one of them."
             )
 
 
-def _numbers_by_argument(crane: Crane) -> dict[str, tuple[float, str]]:
-    """Return the numbers of a crane, with units, that a site may enter as arguments of the tower
-    crane of this project.
+class _Quantity(NamedTuple):
+    """A number of a crane with its unit."""
+
+    value: float
+    unit: str
+
+
+def _value_of(crane: Crane, name: str) -> _Quantity | None:
+    """Return what a crane has for an argument of the tower crane of this project: what its model
+    says, else what it was loaded with, else the default of the argument. None for a crane of
+    another description, whose model does not say it either.
+
+    Raises:
+        UnknownName: If the tower crane of this project has no such argument.
+    """
+    of_model = _numbers_by_argument(crane)
+    if name in of_model:
+        return of_model[name]
+    loaded_with = crane.record.get("arguments")
+    if not isinstance(loaded_with, dict):
+        return None
+    declared = arguments()
+    if name not in declared:
+        raise UnknownName("argument", name, declared)
+    if name in loaded_with:
+        return _Quantity(float(loaded_with[name]), declared[name].unit)
+    default = declared[name].default
+    # The default of an argument may be another argument, as that of payload_ixx.
+    other = _ARGUMENT_AS_DEFAULT.fullmatch(default)
+    if other is not None:
+        return _value_of(crane, other["name"])
+    return _Quantity(float(default), declared[name].unit)
+
+
+_ARGUMENT_AS_DEFAULT = re.compile(r"\$\(arg (?P<name>\w+)\)")
+"""A reference to another argument in a xacro file."""
+
+
+def _numbers_by_argument(crane: Crane) -> dict[str, _Quantity]:
+    """Return the numbers of a model that a site may enter as arguments of the tower crane of this
+    project, whatever description the crane was loaded from.
     """
     layout = crane.layout
-    numbers = {"payload_mass": (crane.payload_mass, "kg")}
+    numbers = {"payload_mass": _Quantity(crane.payload_mass, "kg")}
     for role in DRIVES:
         drive = layout.drive_of(role)
         if drive is not None:
             unit = layout.driven[drive].effort_unit
-            numbers[f"{role}_effort"] = (float(crane.effort_limit[drive]), unit)
+            numbers[f"{role}_effort"] = _Quantity(float(crane.effort_limit[drive]), unit)
     return numbers
 
 

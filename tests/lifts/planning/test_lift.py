@@ -103,10 +103,25 @@ def test_a_load_beyond_the_hoist_is_refused_with_both_masses() -> None:
         plan_lift(site(), LIMITS, crane=heavy)
 
 
-def test_a_crane_that_is_not_the_one_that_its_site_enters_is_refused() -> None:
-    light = load_crane(payload_mass=1200.0)
-    with pytest.raises(CraneError, match="site enters payload_mass 9000; the crane has 1200"):
-        plan_lift(site(crane={"payload_mass": 9000.0}), LIMITS, crane=light)
+@pytest.mark.parametrize(
+    ("entered", "loaded", "sentence"),
+    [
+        ({"payload_mass": 9000.0}, {"payload_mass": 1200.0}, "9,000 kg .* the crane has 1,200 kg"),
+        ({"payload_mass": 9000.0}, {}, "9,000 kg as payload_mass; the crane has 1,000 kg"),
+        ({"counter_jib": 12.0}, {}, "12 m as counter_jib; the crane has 0 m"),
+        ({"counter_jib": 12.0}, {"counter_jib": 9.0}, "12 m as counter_jib; the crane has 9 m"),
+        ({"payload_ixx": 7.0}, {}, r"7 kg m\^2 as payload_ixx; the crane has 400 kg m\^2"),
+        ({"payload_ixx": 7.0}, {"payload_inertia": 9.0}, r"7 kg .* the crane has 9 kg m\^2"),
+        ({"counterjib": 12.0}, {}, "There is no argument 'counterjib'"),
+    ],
+)
+def test_a_crane_that_is_not_the_one_that_its_site_enters_is_refused(
+    entered: dict[str, float], loaded: dict[str, float], sentence: str
+) -> None:
+    """Also where it was loaded with the defaults, which its record does not list."""
+    other = load_crane(values=loaded)
+    with pytest.raises(CraneError, match=sentence):
+        plan_lift(site(crane=entered), LIMITS, crane=other)
 
 
 @pytest.mark.parametrize(
