@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.lifts.planning import path_search
+from cranedyn.lifts.planning import curve, path_search
 from cranedyn.lifts.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.crane_bodies import neighbour
@@ -31,7 +32,12 @@ from cranedyn.lifts.planning.lift import (
     crane_of,
     plan_lift,
 )
-from cranedyn.lifts.planning.motion_proof import Line, unproven_parameter, unproven_row
+from cranedyn.lifts.planning.motion_proof import (
+    Line,
+    slew_range,
+    unproven_parameter,
+    unproven_row,
+)
 from cranedyn.lifts.planning.perturbed import (
     Perturbed,
     Spread,
@@ -193,6 +199,41 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
     assert long.timed.motion.arrival > 1.4 * long.least
 
 
+def test_the_least_time_of_a_lift_of_centimetres_is_less_than_its_motion_takes() -> None:
+    near = np.array([6.05, -12.0, 4.0])
+    made = plan_lift(site(goal=near), LIMITS, crane=crane())
+    assert made.way < 0.1  # less than a cell of half a second
+    assert 0.0 < made.least <= made.timed.motion.arrival
+
+
+@pytest.mark.parametrize("limits", [(50, 50), (50, 400_000)])
+def test_a_way_round_whose_grid_is_too_large_takes_at_least_the_time_of_its_drives(
+    limits: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of both ways round the shorter one is searched first."""
+    each_limit = iter(limits)
+
+    def hurried(*args: Any, **options: Any) -> path_search.GridSearch:
+        return path_search.best_on_grid(*args, cell_limit=next(each_limit), **options)
+
+    monkeypatch.setattr("cranedyn.lifts.planning.lift.best_on_grid", hurried)
+    made = replace(lift())
+    assert made.least == straight_time(made.ends, LIMITS)
+
+
+def test_a_search_that_gives_up_may_have_missed_the_best_way() -> None:
+    made = lift()
+    bounds = np.array([[-3.0, 2.0, made.clearance.shortest_cable], [3.0, 22.0, 26.0]])
+    best, hurried = (
+        path_search.best_on_grid(
+            made.clearance, made.ends, bounds, np.array(LIMITS.rates), cell_limit=limit
+        )
+        for limit in (400_000, 40)
+    )
+    assert best.points is not None and not best.gave_up
+    assert hurried.gave_up and hurried.reached == 40
+
+
 def test_a_lift_planned_after_another_is_the_same_to_the_last_bit() -> None:
     before = lift()
     plan_lift(site(start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
@@ -243,7 +284,9 @@ def test_the_least_distance_of_a_certificate_is_that_of_the_whole_run_beside_a_z
 
 
 def test_a_start_too_near_to_a_zone_names_the_zone() -> None:
-    with pytest.raises(NoWay, match=r"At the start the hook is 0\.\d\d m from road; kept out of"):
+    with pytest.raises(
+        NoWay, match=r"At the start the hook is 0\.\d\d m from road; it must keep out"
+    ):
         plan_lift(site(WALL, ROAD), LIMITS, crane=crane())
 
 
@@ -266,10 +309,13 @@ def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certifi
     [
         (
             {"start": (6.0, -12.0, 1.7)},
-            r"At the start the load is 1\.20 m from ground; required are 0\.5 m, and 0\.\d\d m for "
-            r"a swing of .*°\. Raise the start from z = 1\.70 m to 2\.0 m\.",
+            r"At the start the load is 1\.20 m from ground; it must keep 0\.5 m, and 0\.\d\d m for "
+            r"a swing of .*° more\. Raise the start from z = 1\.70 m to 2\.0 m\.",
         ),
-        ({"goal": (14.0, 0.5, 4.0)}, "At the goal the (load|hook) is 0.00 m from wall; required"),
+        (
+            {"goal": (14.0, 0.5, 4.0)},
+            "At the goal the (load|hook) is 0.00 m from wall; it must keep",
+        ),
         (
             {"goal": (30.0, 0.0, 4.0)},
             r"reaches from 2 to 22 m from the slew axis, the goal .* is 30\.00 m from it; move it",
@@ -327,7 +373,7 @@ def shaft() -> Site:
 
 
 def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(path_search, "EDGES", (1.0,))
+    monkeypatch.setattr(path_search, "CELL_EDGES", (1.0,))
     with pytest.raises(
         NoWay,
         match=r"the start is enclosed by .*gate.* cells of 1 s can be reached from it\. The hook "
@@ -339,12 +385,60 @@ def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch)
 def test_a_search_that_gave_up_does_not_say_that_there_is_no_way(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(path_search, "EDGES", (1.0,))
-    monkeypatch.setattr("cranedyn.lifts.planning.lift.CELLS", 3)
+    monkeypatch.setattr(path_search, "CELL_EDGES", (1.0,))
+    monkeypatch.setattr("cranedyn.lifts.planning.lift.MAX_CELLS", 3)
     with pytest.raises(
         NoWay, match=r"among \d+ cells of 1 s from the start.* Whether there is one is not known\."
     ):
         plan_lift(shaft(), LIMITS, crane=crane())
+
+
+def test_a_direction_that_takes_too_long_is_no_reason_to_refuse_the_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Round the mast the lift takes more than the hours that a motion may, and the lift that was
+    found takes longer than that as well, since its load must not swing.
+    """
+    made = lift()
+    longer = made.ends - np.array([[0.0, 0.0, 0.0], [2.0 * math.pi, 0.0, 0.0]])
+    between = 0.5 * (straight_time(made.ends, LIMITS) + straight_time(longer, LIMITS))
+    monkeypatch.setattr(curve, "LONGEST_LIFT", between)
+    gentle = site(WALL, swing=1e-3)
+    found = plan_lift(gentle, LIMITS, crane=crane())
+    assert found.timed.motion.arrival > straight_time(longer, LIMITS)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_jib_that_starts_too_near_to_something_at_an_end_of_its_range_names_it(
+    side: float,
+) -> None:
+    start = np.array([6.0 * side, -12.0, 4.0])
+    ends = load_crane(slew_limit=math.atan2(6.0, 12.0))
+    beam = box("beam", (9.0 * side, -18.0), (1.0, 1.0, 60.0), 0.0)
+    with pytest.raises(NoWay, match="At the start the jib is nearer to beam than"):
+        plan_lift(site(beam, start=start, goal=np.array([0.0, -12.0, 4.0])), LIMITS, crane=ends)
+
+
+def test_a_goal_close_to_where_the_jib_is_stopped_is_told_so() -> None:
+    """The jib can turn to 0.06 rad beyond the goal, where the tower is; it must stay 0.1 rad away,
+    for the swing of the load.
+    """
+    tower = box("tower", (25.0, 0.0), (12.0, 20.0, 40.0), 0.0)
+    free = slew_range(Clearance(crane(), site(tower)), 0.0, -math.pi, math.pi)
+    angle = free.high - 0.06
+    goal = np.array([10.0 * math.sin(angle), -10.0 * math.cos(angle), 4.0])
+    with pytest.raises(NoWay, match=r"At the goal the slew is .*°; a lift needs it below .* tower"):
+        plan_lift(site(tower, start=np.array([0.0, -12.0, 4.0]), goal=goal), LIMITS, crane=crane())
+
+
+def test_an_end_beyond_the_range_of_the_slew_is_told_so() -> None:
+    half = load_crane(slew_limit=1.0)
+    with pytest.raises(NoWay, match=r"At the start the slew is -\d+\.\d°; .* where its range ends"):
+        plan_lift(
+            site(start=np.array([-12.0, 0.0, 4.0]), goal=np.array([0.0, -12.0, 4.0])),
+            LIMITS,
+            crane=half,
+        )
 
 
 def test_a_goal_behind_the_neighbours_jib_names_it() -> None:
