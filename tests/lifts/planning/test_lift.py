@@ -19,7 +19,7 @@ from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.lifts.planning import curve, path_search
+from cranedyn.lifts.planning import curve, path_search, timing
 from cranedyn.lifts.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.crane_bodies import neighbour
@@ -550,6 +550,35 @@ def test_rows_beside_a_measured_one_are_bounded_by_the_way_to_them() -> None:
     (bound,) = _least_distances(asked, q, np.full(len(q), -9.0), batch)  # type: ignore[arg-type]
     assert least < 0.0
     assert bound == pytest.approx(least + asked.site.distance, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "last_legs",
+    [(0.0017, 5e-4), (0.3, 1.1e-4), (5e-5, 5e-5)],
+    ids=["close points before the last", "a last leg of a tenth of a millimetre", "both so short"],
+)
+def test_no_two_points_of_the_grid_of_a_path_are_too_close(last_legs: tuple[float, float]) -> None:
+    outward, down = last_legs
+    points = np.array([[0.0, 10.0, 15.0]] * 4)
+    points[1:, 0] = 0.1
+    points[2:, 1] += outward
+    points[3:, 2] += down
+    rates = np.array(LIMITS.rates)
+    legs = curve.leg_durations(points, rates)
+    widths = np.minimum([0.98, 0.49] * legs[:-1], [0.49, 0.98] * legs[1:])
+    path = curve.Path(points, rates, widths)
+    s = timing._grid(path).s
+    assert np.diff(s).min() > timing._MIN_GRID_DISTANCE
+    assert s[0] == 0.0
+    assert s[-1] == path.duration
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-5])
+def test_a_lift_of_a_hundredth_of_a_millimetre_has_a_grid_as_any_other(distance: float) -> None:
+    points = np.array([[0.0, 10.0, 15.0], [0.0, 10.0 + distance, 15.0]])
+    path = curve.Path(points, np.array(LIMITS.rates), np.zeros(0))
+    s = timing._grid(path).s
+    assert_allclose(s, np.linspace(0.0, path.duration, 60), rtol=1e-12)
 
 
 def test_a_way_that_takes_longer_than_another_is_given_up() -> None:

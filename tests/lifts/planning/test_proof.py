@@ -28,7 +28,7 @@ from cranedyn.lifts.planning.motion_proof import (
 )
 from cranedyn.lifts.planning.path_search import best_on_grid
 from cranedyn.lifts.planning.solids import box
-from cranedyn.lifts.planning.timing import STEP, load_motion
+from cranedyn.lifts.planning.timing import STEP, motion_of_load
 from cranedyn.references.flat import smoothstep
 from tests.lifts.planning.sites import (
     LIMITS,
@@ -144,7 +144,7 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     asked = Clearance(crane(), site(load=corners(20.0, 0.4, 1.0)))
     share = smoothstep(np.linspace(0.0, 1.0, round(14.2 / STEP)))
     places = np.column_stack([1.6 * share, np.full_like(share, 4.2), np.full_like(share, 25.0)])
-    motion = load_motion(asked, places, STEP)
+    motion = motion_of_load(asked, places, STEP)
     assert asked.tilt(motion.q).max() <= asked.site.swing
 
     moved, planned = (
