@@ -30,7 +30,7 @@ from cranedyn.lifts.planning.curve import (
     rounded_path,
     straight_time,
 )
-from cranedyn.lifts.planning.motion_proof import CLOSE, SlewRange, slew_range, unproven_row
+from cranedyn.lifts.planning.motion_proof import PROOF_MARGIN, SlewRange, slew_range, unproven_row
 from cranedyn.lifts.planning.path_search import MAX_CELLS, best_on_grid, search
 from cranedyn.lifts.planning.plan_assumptions import held_mass
 from cranedyn.lifts.planning.plausibility import findings, refuse
@@ -465,7 +465,7 @@ def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarra
             raise NoWay(
                 f"At the {name} the load is inside of {solid.name}; move the {name} out of it."
             )
-    if not clearance.swing_margin(drive_position) >= CLOSE:
+    if not clearance.swing_margin(drive_position) >= PROOF_MARGIN:
         raise NoWay(_too_close(clearance, name, drive_position))
     return drive_position
 
@@ -475,7 +475,7 @@ def _too_close(clearance: Clearance, name: str, drive_position: np.ndarray) -> s
     do.
     """
     site = clearance.site
-    nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
+    nearest = clearance.nearest(clearance.q(drive_position), count_zones=True)
     zones = [solid.name for solid in clearance.solids if solid.zone]
     envelope = (
         f"{clearance.envelope(float(drive_position[2])):.2f} m for a swing of "
@@ -499,7 +499,7 @@ def _advice(clearance: Clearance, name: str, drive_position: np.ndarray) -> str:
     lengths = np.arange(drive_position[2], clearance.shortest_cable, -_RAISING_STEP)
     for length in lengths[1:]:
         higher = np.array([*drive_position[:2], length])
-        if clearance.swing_margin(higher) >= CLOSE:
+        if clearance.swing_margin(higher) >= PROOF_MARGIN:
             now = foot + clearance.height - float(drive_position[2])
             then = foot + clearance.height - length
             # Rounded up: a height that is rounded down would be too low again.
@@ -516,12 +516,12 @@ def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
     """Return the place down to which the load can hang with its swing and the margins of `EXTRA`,
     above a point [m], shape (2,).
     """
-    top = float(clearance.site.foot[2]) + clearance.height - clearance.shortest_cable - CLOSE
+    top = float(clearance.site.foot[2]) + clearance.height - clearance.shortest_cable - PROOF_MARGIN
     place = clearance.place(np.array([*point, top]), name)
     longest = float(clearance.crane.upper[clearance.joints.hoist])
     for length in np.arange(place[2], longest, _LOWERING_STEP):
         lower = np.array([*place[:2], length])
-        if not clearance.swing_margin(lower) >= max(EXTRA) + CLOSE:
+        if not clearance.swing_margin(lower) >= max(EXTRA) + PROOF_MARGIN:
             break
         place = lower
     return place
@@ -606,7 +606,7 @@ def _candidates(
     end_margin = min(clearance.swing_margin(end) for end in ends)
     tried_straight = False
     for extra in EXTRA:
-        if extra and end_margin < extra + CLOSE:
+        if extra and end_margin < extra + PROOF_MARGIN:
             continue
         farther = clearance.with_more_distance(extra) if extra else clearance
         for points in search(farther, ends, bounds, rates):

@@ -389,7 +389,7 @@ def _obstacles_at(clearance: Clearance, places: list[np.ndarray]) -> list[str]:
     """Return the names of the obstacles nearest to places, the most frequent first."""
     names: Counter[str] = Counter()
     for drive_position in places:
-        nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
+        nearest = clearance.nearest(clearance.q(drive_position), count_zones=True)
         names[nearest.obstacle] += 1
     return [name for name, _ in names.most_common()]
 
@@ -480,7 +480,7 @@ class _Grid:
         # Let L be a bound of the change of the margin along the line. At the share t of the line
         # the margin is at least that of the start less t L, and at least that of the end less
         # (1 - t) L. If both margins together exceed L, one of the two bounds is positive for each
-        # t: so this proves a margin above zero, and not one of `CLOSE`.
+        # t: so this proves a margin above zero, and not one of `PROOF_MARGIN`.
         line = Line(self.place(start), self.place(end))
         change = self._clearance.travel(line.at(0.5), np.abs(line.end - line.start))
         if change < margin_at_start + margin_at_end:

@@ -65,7 +65,7 @@ def test_the_broad_phase_gives_the_distances_of_brute_force_for_inflated_bodies(
     touching = 0
     for _ in range(300):
         put = moving.put(coal.Transform3s(rng.uniform(-18, 18, 3)))
-        brute = min(field.each(put).values())
+        brute = min(field.distances(put).values())
         least = field.least(put)
         touching += brute <= 0.0
         assert (least <= 0.0) == (brute <= 0.0)

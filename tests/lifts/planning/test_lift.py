@@ -318,11 +318,13 @@ def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certifi
         ),
         (
             {"goal": (30.0, 0.0, 4.0)},
-            r"reaches from 2 to 22 m from the slew axis, the goal .* is 30\.00 m from it; move it",
+            r"reaches from 2 to 22 m from the slew axis; the goal at .* is 30\.00 m from it\. Move "
+            r"the goal nearer to the axis",
         ),
         (
             {"goal": (10.0, 10.0, 27.0)},
-            r"The hook reaches at most 24\.60 m .*, the goal .* is at 27\.00 m; lower it, or take",
+            r"The centre of this load gets up to 24\.60 m above the ground; the goal at .* is "
+            r"27\.00 m above it\. Lower the goal, or take",
         ),
         ({"start": None}, "does not say where the start of the lift is"),
         (  # the hook, on top of the load, would be in the trolley
@@ -331,7 +333,7 @@ def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certifi
                 "goal": (6.0, 12.0, 20.0),
                 "start": (6.0, -12.0, 14.0),
             },
-            r"The hook reaches at most 1\d\.\d\d m above .* this load, the goal .* is at 20\.00 m",
+            r"centre of this load gets up to 1\d\.\d\d m above .* the goal .* is 20\.00 m above it",
         ),
     ],
 )
