@@ -607,9 +607,9 @@ class Clearance:
     def _slewing_bodies(self) -> list[Body]:
         """All that slews with the jib, inflated by the required distance."""
         bodies = []
-        for shape, rotation, translation in self.bodies.upper:
-            within = coal.Transform3s(rotation, translation)
-            bodies.append(Body(shape, self.site.distance, within))
+        for shape in self.bodies.upper:
+            within = coal.Transform3s(shape.rotation, shape.translation)
+            bodies.append(Body(shape.geometry, self.site.distance, within))
         return bodies
 
     @cached_property

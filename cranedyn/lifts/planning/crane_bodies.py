@@ -25,9 +25,6 @@ from cranedyn.lifts.planning.solids import Solid, convex_hull, rotation_z
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 
-Shape = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
-"""A shape with its rotation and translation in the frame of the joint that carries it."""
-
 _POSITION_TOLERANCE = 1e-4
 """Largest distance of a joint from where a tower crane has it [m]. The deduction from margins,
 `cranedyn.lifts.planning.clearance.ROUNDING`, is as large.
@@ -36,6 +33,20 @@ _POSITION_TOLERANCE = 1e-4
 _ROTATION_TOLERANCE = 1e-5
 """Largest entry of the difference of two rotation matrices that count as one: a right angle that a
 URDF rounds to 1.5708 is off by 4e-6."""
+
+
+class DrawnShape(NamedTuple):
+    """A shape of a URDF.
+
+    Attributes:
+        geometry: The shape, about its own origin.
+        rotation: Its rotation in the frame of the joint that carries it, shape (3, 3).
+        translation: Its origin in that frame [m], shape (3,).
+    """
+
+    geometry: coal.CollisionGeometry
+    rotation: np.ndarray
+    translation: np.ndarray
 
 
 class BoundingBox(NamedTuple):
@@ -79,7 +90,7 @@ class CollisionBodies:
     """
 
     mast: list[np.ndarray]
-    upper: list[Shape]
+    upper: list[DrawnShape]
     trolley: BoundingBox
     hook: BoundingBox
     load: np.ndarray
@@ -132,7 +143,7 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
         "payload": [hoist + 1],
     }
     shapes = _shapes(crane)
-    groups: dict[str, list[Shape]] = {}
+    groups: dict[str, list[DrawnShape]] = {}
     for name, joints in carriers.items():
         groups[name] = []
         for joint in joints:
@@ -154,8 +165,8 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
     return CollisionBodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
-        trolley=_box(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
-        hook=_box(np.concatenate(drawn.hook) + np.array([0.0, 0.0, hook_rise])),
+        trolley=_box_around(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
+        hook=_box_around(np.concatenate(drawn.hook) + np.array([0.0, 0.0, hook_rise])),
         load=carried,
         falls=float(np.ptp(drawn.block[:, :2], axis=0).max()) / 2.0,
         hook_turn=turn,
@@ -179,7 +190,7 @@ class _DrawnPayload(NamedTuple):
     block: np.ndarray
 
 
-def _drawn_payload(shapes: list[Shape]) -> _DrawnPayload:
+def _drawn_payload(shapes: list[DrawnShape]) -> _DrawnPayload:
     """Tell load and hook apart among the shapes of a link.
 
     Raises:
@@ -202,7 +213,7 @@ def _drawn_payload(shapes: list[Shape]) -> _DrawnPayload:
             "not known."
         )
     if len(load) > 1:
-        load = [_box(np.concatenate(load)).corners]
+        load = [_box_around(np.concatenate(load)).corners]
     return _DrawnPayload(load[0], top, hook, max(hook, key=highest))
 
 
@@ -289,15 +300,15 @@ def _expected_frames(
     ]
 
 
-def _mast(shapes: list[Shape]) -> list[np.ndarray]:
-    """Return the corners of two hulls instead of a hundred bars: one around all bars that reach
-    above a quarter of the height, one around the foot; shape (n, 3) each.
+def _mast(shapes: list[DrawnShape]) -> list[np.ndarray]:
+    """Return the corners of two groups of bars, whose hulls stand for a hundred bars: all bars that
+    reach above a quarter of the height, and those of the foot; shape (n, 3) each.
     """
     corners = [corners_of(shape) for shape in shapes]
     quarter = max((float(points[:, 2].max()) for points in corners), default=0.0) / 4.0
     high = [points for points in corners if points[:, 2].max() > quarter]
     low = [points for points in corners if not points[:, 2].max() > quarter]
-    return [np.concatenate(half) for half in (high, low) if half]
+    return [np.concatenate(group) for group in (high, low) if group]
 
 
 def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
@@ -311,8 +322,8 @@ def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     return corners
 
 
-def _shapes(crane: Crane) -> dict[int, list[Shape]]:
-    """Return all shapes in a URDF, those to look at and those for collisions, by the joint that
+def _shapes(crane: Crane) -> dict[int, list[DrawnShape]]:
+    """Return all shapes in a URDF, those of ``<visual>`` and of ``<collision>``, by the joint that
     carries them; 0 is the world.
 
     Raises:
@@ -323,28 +334,28 @@ def _shapes(crane: Crane) -> dict[int, list[Shape]]:
         raise ModelError(
             "The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres."
         )
-    shapes: dict[int, list[Shape]] = {}
+    shapes: dict[int, list[DrawnShape]] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
         for shape in pin.buildGeomFromUrdfString(crane.model, urdf, kind).geometryObjects:
-            placed = (shape.geometry, shape.placement.rotation, shape.placement.translation)
-            shapes.setdefault(int(shape.parentJoint), []).append(placed)
+            placement = shape.placement
+            drawn = DrawnShape(shape.geometry, placement.rotation, placement.translation)
+            shapes.setdefault(int(shape.parentJoint), []).append(drawn)
     return shapes
 
 
-def corners_of(shape: Shape) -> np.ndarray:
-    """Return the corners of the box around a shape, aligned with it, in the frame of the joint [m],
-    shape (8, 3).
+def corners_of(shape: DrawnShape) -> np.ndarray:
+    """Return the corners of the box around a shape along its own axes, in the frame of the joint
+    [m], shape (8, 3).
     """
-    geometry, rotation, translation = shape
-    geometry.computeLocalAABB()
-    low = geometry.aabb_local.min_
-    high = geometry.aabb_local.max_
+    shape.geometry.computeLocalAABB()
+    low = shape.geometry.aabb_local.min_
+    high = shape.geometry.aabb_local.max_
     xs, ys, zs = zip(low, high, strict=True)
     box = np.array(list(itertools.product(xs, ys, zs)))
-    return box @ rotation.T + translation
+    return box @ shape.rotation.T + shape.translation
 
 
-def _box(points: np.ndarray) -> BoundingBox:
+def _box_around(points: np.ndarray) -> BoundingBox:
     """Return the box around points [m], shape (n, 3)."""
     low = points.min(axis=0)
     high = points.max(axis=0)
@@ -358,14 +369,15 @@ def neighbour(
     drive_position: Mapping[str, float],
     values: Mapping[str, float],
 ) -> list[Solid]:
-    """Return a parked crane with its rope and hook as an obstacle.
+    """Return a parked tower crane of this project as an obstacle: all that its URDF draws, with
+    hook and load, and its rope.
 
     Args:
         name: Its name.
         position: Foot of its mast [m], shape (3,).
         heading: Direction of its jib at zero slew, from X towards Y [rad].
         drive_position: Its slew [°], trolley radius [m] and cable length [m], by "slew", "trolley",
-            "cable"; 0 is where its URDF has them.
+            "cable"; 0 leaves a drive where the crane starts.
         values: Values of the crane that differ from its defaults, by name.
 
     Raises:
@@ -378,7 +390,7 @@ def neighbour(
         "x": drive_position["trolley"],
         "l": drive_position["cable"],
     }
-    # What is 0 stays at the start of the crane, as 0 need not be in the range of the drive.
+    # 0 means the start of the crane, since 0 need not be in the range of a drive.
     given = {name: value for name, value in coordinates.items() if value}
     q = crane.state(**given).q
 
@@ -392,15 +404,15 @@ def neighbour(
         hull_corners, hull_triangles = convex_hull(placed)
         parts.append(placed)
         corners.append(hull_corners)
-        # Each hull counts its corners from zero; in the solid they follow those before.
+        # Each hull counts its corners from zero. In the solid they follow those before.
         triangles.append(hull_triangles + corner_count)
         corner_count += len(hull_corners)
     return [Solid(name, tuple(parts), np.vstack(corners), np.vstack(triangles))]
 
 
 def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
-    """Return the corners of all shapes of a crane and of its rope, in its own frame [m], shape
-    (n, 3) each.
+    """Return the corners of all shapes of a crane and of its rope at coordinates of all joints, in
+    the crane's own frame [m], shape (n, 3) each.
     """
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, q)
@@ -410,7 +422,7 @@ def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
         placed = frame.rotation @ corners.T + frame.translation[:, None]
         shapes.append(placed.T)
 
-    # The rope, plumb, as a square column around its falls.
+    # The rope hangs plumb: a square column around its falls, from the pivot to the load.
     _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
     falls = collision_bodies(crane).falls
     square = np.array([[x, y, 0.0] for x, y in itertools.product((-falls, falls), repeat=2)])

@@ -461,7 +461,7 @@ def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarra
     centre = clearance.point(drive_position)
     # Surfaces of triangles are hollow: a load inside of one has a distance from it.
     for solid in clearance.solids:
-        if solid.holds(centre):
+        if solid.surface_encloses(centre):
             raise NoWay(
                 f"At the {name} the load is inside of {solid.name}; move the {name} out of it."
             )

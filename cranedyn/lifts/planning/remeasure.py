@@ -109,7 +109,7 @@ def _are_inside(points: np.ndarray, solid: Solid) -> np.ndarray:
         high = solid.vertices.max(axis=0)
         in_box = ((low < points) & (points < high)).all(axis=1)
         for i in np.flatnonzero(in_box):
-            inside[i] = solid.holds(points[i])
+            inside[i] = solid.surface_encloses(points[i])
     return inside
 
 
