@@ -1,13 +1,22 @@
 """Distances between crane, load and obstacles.
 
-A *place* is slew [rad], trolley radius [m] and cable length [m] with the load plumb, shape (3,). A
-*margin* is a distance beyond the required one. The shapes are inflated by the required distance, so
-that their distances are margins, and the swing of the load is an *envelope* about them: how far a
-point that hangs may be from where it is with the load plumb.
+A *place* is slew [rad], trolley radius [m] and cable length [m] with the load plumb, shape (3,);
+arguments that are places are called `drive_position`. A *margin* is a distance beyond the required
+one. The shapes are inflated by the required distance, so that their distances are margins. The
+swing of the load is an *envelope* about them: how far a point that hangs may be from where it is
+with the load plumb.
 
-What hangs is load, hook and rope, and with them the trolley. They keep from all solids, from the
-ground and from the crane's own mast, base and upper structure. What slews with the jib keeps from
-the solids.
+What hangs is load, hook and rope; the trolley counts with them. Each of these is compared with what
+it can meet:
+
+* Load, hook and rope with all solids, with the crane's own mast and base, and with zones. A zone is
+  only kept out of, at any distance.
+* The trolley with the solids that are tall enough for it, since it rolls at a constant height.
+* The load with the ground, since it hangs lowest.
+* Load and hook with what slews below the trolley, since the rope begins at the trolley.
+
+What slews with the jib is compared with the solids. `cranedyn.lifts.planning.coverage` checks that
+no pair of a body and an obstacle is left out.
 """
 
 from __future__ import annotations
@@ -25,14 +34,20 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.lifts.planning.crane_bodies import CollisionBodies, collision_bodies, corners_of
+from cranedyn.lifts.planning.crane_bodies import (
+    CollisionBodies,
+    collision_bodies,
+    corners_of,
+    refuse_other_kinematics,
+)
 from cranedyn.lifts.planning.fields import Body, Field, Placed
 from cranedyn.lifts.planning.site import GROUND, MAST, OWN_BASE, OWN_UPPER, Site
 from cranedyn.lifts.planning.solids import Solid, hull
 from cranedyn.model.crane import Crane
 
 ROUNDING = 1e-4
-"""Deduction from every margin [m]: a hundred times the tolerance of coal's algorithm."""
+"""Deduction from every margin [m]: a hundred times the tolerance of coal's algorithm. Distances, as
+of `Clearance.distances`, are not reduced."""
 
 _KINEMATICS = threading.Lock()
 """Held while Pinocchio's data is written and read, which all threads share. A `Body` needs no lock,
@@ -46,19 +61,20 @@ Length = TypeVar("Length", float, np.ndarray)
 class OutOfReach(OutOfRange):
     """A place that the load of a crane does not reach."""
 
-    def __init__(self, sentence: str, limit: tuple[str, float, str]) -> None:
+    def __init__(self, sentence: str, *, name: str, value: float, allowed: str) -> None:
         """Set the attributes and the error message.
 
         Args:
             sentence: The message.
-            limit: What is out of its range, how much it is [m], and the range in words.
+            name: What is out of its range.
+            value: How much it is [m].
+            allowed: The range in words [m].
         """
-        name, value, allowed = limit
         self.name = name
         self.value = value
         self.allowed = allowed
         self.unit = "m"
-        CraneError.__init__(self, sentence)
+        CraneError.__init__(self, sentence)  # OutOfRange would phrase a sentence of its own
 
 
 class Joints(NamedTuple):
@@ -89,7 +105,8 @@ class Nearest(NamedTuple):
     Attributes:
         distance: Distance between them [m]; zero or less where they touch.
         body: "load", "hook", "rope", "trolley", or "jib" for all that slews with it.
-        obstacle: Name of the solid, or "ground" or a part of the crane itself, as "own mast".
+        obstacle: Name of the solid, or one of `cranedyn.lifts.planning.site.RESERVED_NAMES`: the
+            ground, or a part of the crane itself.
     """
 
     distance: float
@@ -97,7 +114,7 @@ class Nearest(NamedTuple):
     obstacle: str
 
 
-class Touch(NamedTuple):
+class NearestPoints(NamedTuple):
     """Nearest points of a body and an obstacle.
 
     Attributes:
@@ -124,7 +141,7 @@ class _HangingBody(NamedTuple):
         name: "load", "hook", "rope" or "trolley".
         body: Its shape, inflated by the required distance; not inflated where it keeps out of
             zones.
-        fields: The obstacles.
+        fields: The obstacles, in groups.
     """
 
     name: str
@@ -137,11 +154,11 @@ class _Fields:
     """Obstacles of a site in the frame of the crane, by what keeps from them.
 
     Attributes:
-        solids: All solids.
+        solids: All solids but zones.
         tall_solids: Solids that reach up to where the trolley may come close to them.
-        solids_and_mast: All solids, and the crane's own mast and base.
+        solids_and_mast: All solids but zones, and the crane's own mast and base.
         zones: Zones to keep out of.
-        ground: The ground; empty where the load stands on it.
+        ground: The ground; empty where the load stands on it, see `Clearance.contacts`.
     """
 
     solids: Field
@@ -158,9 +175,9 @@ class Clearance:
     Attributes:
         crane: The crane.
         site: The site.
-        contacts: Parts of obstacles that the load stands on, which do not count here. Who leaves
-            them out must show otherwise that nothing enters them:
-                `cranedyn.lifts.planning.support`.
+        contacts: Parts of obstacles that the load stands on, which do not count here. Whoever
+            leaves them out must show in another way that nothing sinks into them, see
+            `cranedyn.lifts.planning.support`.
     """
 
     crane: Crane
@@ -169,7 +186,7 @@ class Clearance:
     known_bodies: InitVar[CollisionBodies | None] = None
 
     def __post_init__(self, known_bodies: CollisionBodies | None) -> None:
-        """Check that a place determines the crane.
+        """Check that a place determines where the crane is.
 
         Args:
             known_bodies: The bodies of the crane with the load of the site where they are known,
@@ -177,15 +194,16 @@ class Clearance:
 
         Raises:
             MissingRole: If it is not a tower crane.
-            ModelError: If it moves in other joints, too.
+            ModelError: If it moves in other joints, too, or its joints are elsewhere than those of
+                the tower crane of this project.
         """
-        _ = self.joints
+        refuse_other_kinematics(self.crane)
         if known_bodies is not None:
             object.__setattr__(self, "bodies", known_bodies)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return crane, site and contacts alone: coal's bodies cannot be pickled, and what is
-        computed from these three is computed again where it is needed.
+        """Return crane, site and contacts alone. Coal's bodies cannot be pickled, and what follows
+        from these three is computed again where it is needed.
         """
         return {"crane": self.crane, "site": self.site, "contacts": self.contacts}
 
@@ -228,8 +246,10 @@ class Clearance:
         """
         hook = self.bodies.hook
         trolley = self.bodies.trolley
-        hook_above_trolley = hook.top - trolley.centre[2] + trolley.size[2] / 2.0
-        return max(float(self.crane.lower[self.joints.hoist]), float(hook_above_trolley))
+        # How far the top of the hook would be above the underside of the trolley on a cable of no
+        # length: a cable of that length brings them together.
+        overlap_at_zero = hook.top - trolley.centre[2] + trolley.size[2] / 2.0
+        return max(float(self.crane.lower[self.joints.hoist]), float(overlap_at_zero))
 
     def with_more_distance(self, extra: float) -> Clearance:
         """Return the clearance for a required distance that is larger by an extra [m]."""
@@ -244,7 +264,7 @@ class Clearance:
 
     def place(self, point: np.ndarray, label: str = "point") -> np.ndarray:
         """Return the place, its slew from -π to π, at which the centre of the load is at a point of
-        the site [m], shape (3,), that errors call by a label.
+        the site [m], shape (3,). Errors call the point by a label.
 
         Raises:
             OutOfReach: If the crane does not reach it: how far or how high the load comes.
@@ -252,45 +272,50 @@ class Clearance:
         x, y, z = self.site.to_crane(point)
         radius = math.hypot(x, y)
         length = self.height - z
-        name = f"the {label} {np.round(point, 3).tolist()}"
-        self._refuse_radius(radius, name)
-        self._refuse_length(length, float(point[2]) - self.site.ground, name)
+        self._refuse_radius(radius, point, label)
+        self._refuse_length(length, point, label)
         return np.array([math.atan2(x, -y), radius, length])
 
-    def _refuse_radius(self, radius: float, name: str) -> None:
-        """Refuse a distance from the slew axis [m] of a place of a name, if the trolley does not
-        reach it.
+    def _refuse_radius(self, radius: float, point: np.ndarray, label: str) -> None:
+        """Refuse a point of the site [m], shape (3,), if the trolley does not reach its distance
+        from the slew axis [m]. The label names the point.
         """
         inner = float(self.crane.lower[self.joints.trolley])
         outer = float(self.crane.upper[self.joints.trolley])
         if inner <= radius <= outer:
             return
-        direction = "farther out" if radius < inner else "nearer to it"
+        direction = "away from the axis" if radius < inner else "nearer to the axis"
         raise OutOfReach(
-            f"The trolley reaches from {inner:g} to {outer:g} m from the slew axis, {name} is "
-            f"{radius:.2f} m from it; move it {direction}, or take a crane with another jib.",
-            ("distance from the slew axis", radius, f"{inner:g} to {outer:g}"),
+            f"The trolley reaches from {inner:g} to {outer:g} m from the slew axis; the {label} at "
+            f"{_text(point)} is {radius:.2f} m from it. Move the {label} {direction}, or take a "
+            "crane with another jib.",
+            name="distance from the slew axis",
+            value=radius,
+            allowed=f"{inner:g} to {outer:g}",
         )
 
-    def _refuse_length(self, length: float, above: float, name: str) -> None:
-        """Refuse a cable length [m] of a place of a name and its height above the ground [m], if
-        the hook does not reach it.
+    def _refuse_length(self, length: float, point: np.ndarray, label: str) -> None:
+        """Refuse a point of the site [m], shape (3,), if the hook does not reach it with the cable
+        length that it needs [m]. The label names the point.
         """
         longest = float(self.crane.upper[self.joints.hoist])
         if self.shortest_cable <= length <= longest:
             return
+        above = float(point[2]) - self.site.ground
         highest = above + length - self.shortest_cable
         lowest = above + length - longest
         if above > highest:
-            reach = f"at most {highest:.2f}"
-            change = "lower it, or take a taller crane"
+            reach = f"up to {highest:.2f}"
+            change = f"Lower the {label}, or take a taller crane"
         else:
-            reach = f"no lower than {lowest:.2f}"
-            change = "raise it, or take a crane with a longer rope"
+            reach = f"down to {lowest:.2f}"
+            change = f"Raise the {label}, or take a crane with a longer rope"
         raise OutOfReach(
-            f"The hook reaches {reach} m above the ground with the centre of this load, {name} is "
-            f"at {above:.2f} m; {change}.",
-            ("height of the centre of the load", above, f"{lowest:.2f} to {highest:.2f}"),
+            f"The centre of this load gets {reach} m above the ground; the {label} at "
+            f"{_text(point)} is {above:.2f} m above it. {change}.",
+            name="height of the centre of the load",
+            value=above,
+            allowed=f"{lowest:.2f} to {highest:.2f}",
         )
 
     def point(self, drive_position: np.ndarray) -> np.ndarray:
@@ -307,11 +332,12 @@ class Clearance:
         return q
 
     def tilt(self, q: np.ndarray) -> np.ndarray:
-        """Return the angle of the rope from plumb [rad], shape (...), at coordinates of shape (...,
-        n); of differences of coordinates, its change.
+        """Return an upper bound of the angle of the rope from plumb [rad], shape (...), at
+        coordinates of shape (..., n). Of differences of coordinates it is an upper bound of the
+        angle by which the rope turns.
 
-        It is the angle of small swings. The angle acos(cos φ cos θ) of any swing is never larger,
-        so that this one is an upper bound.
+        The bound is √(φ² + θ²). The angle itself, acos(cos φ cos θ), is never larger and is the
+        same to second order.
         """
         radial = self.joints.radial_swing
         tangential = self.joints.tangential_swing
@@ -320,20 +346,20 @@ class Clearance:
     # --- what hangs -------------------------------------------------------------------------------
 
     def envelope(self, length: Length) -> Length:
-        """Return the largest displacement of a point of load, hook or rope from its place with the
-        load plumb [m], by the swing of the site on a cable of a length [m].
+        """Return how far a point of load, hook or rope may be from where it is with the load plumb
+        [m], by the swing of the site on a cable of a length [m].
         """
         # A point at the distance r from the pivot moves by the chord 2 r sin(angle/2), and none is
         # farther from it than the end of the cable and what hangs below.
         return 2.0 * (length + self.bodies.below) * math.sin(self.site.swing / 2.0)
 
     def swing_margin(self, drive_position: np.ndarray) -> float:
-        """Return the margin of all that hangs with its envelope of swing at a place [m]."""
+        """Return the margin of all that hangs, with the envelope of its swing, at a place [m]."""
         return self.margin(self.q(drive_position)) - self.envelope(float(drive_position[2]))
 
     def travel(self, drive_position: np.ndarray, reach: np.ndarray) -> float:
-        """Return an upper bound of the change of `swing_margin` between a place and one that is no
-        farther from it than a reach in each coordinate [rad, m, m]; the bound is a length [m].
+        """Return an upper bound of the change of `swing_margin` [m] between a place and any that is
+        no farther from it than a reach in each coordinate [rad, m, m], shape (3,).
 
         A point at the radius r from the slew axis moves by r |Δγ| + |Δx| across and by |Δl| down at
         most; the envelope grows with l.
@@ -351,23 +377,24 @@ class Clearance:
         return min(self._margins(q))
 
     def least_distance(self, q: np.ndarray) -> float:
-        """Return the least distance of all that hangs [m], at coordinates of all joints, shape
-        (n,); zones count where something is in them.
+        """Return the distance of all that hangs from the nearest obstacle, less `ROUNDING` [m], at
+        coordinates of all joints, shape (n,). Zones count where something is in them.
         """
         margin, zone_distance = self._margins(q)
         distance = margin + self.site.distance
         return min(distance, zone_distance) if zone_distance <= 0.0 else distance
 
     def nearest_row(self, q: np.ndarray) -> int:
-        """Return the row of a motion, shape (rows, n), in which the least distance is least: of
-        every fourth row, then of those beside the best.
+        """Return the row of a motion, shape (rows, n), in which `least_distance` is smallest, or
+        nearly: of every fourth row, to save time, and then of those beside the best. A dip of less
+        than four rows may be missed; no proof rests on this.
         """
 
-        def least(rows: range) -> int:
+        def nearest_of(rows: range) -> int:
             return min(rows, key=lambda row: self.least_distance(q[row]))
 
-        coarse = least(range(0, len(q), 4))
-        return least(range(max(coarse - 3, 0), min(coarse + 4, len(q))))
+        coarse = nearest_of(range(0, len(q), 4))
+        return nearest_of(range(max(coarse - 3, 0), min(coarse + 4, len(q))))
 
     def displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
         """Return an upper bound of the displacement of any point that hangs between coordinates,
@@ -377,7 +404,7 @@ class Clearance:
         leans and so takes it across, too.
         """
         largest_tilt = np.maximum(self.tilt(q), self.tilt(q_end))
-        aside = np.minimum(largest_tilt, 1.0)  # sin(x) is less
+        aside = np.minimum(largest_tilt, 1.0)  # the sine of the tilt is no larger
         change = np.abs(q_end - q)
         slewed = change[..., self.joints.slew]
         outward = change[..., self.joints.trolley]
@@ -386,9 +413,9 @@ class Clearance:
         cable = np.maximum(q[..., self.joints.hoist], q_end[..., self.joints.hoist])
         length = cable + self.bodies.below
 
-        # Slew and trolley move a point by `across`, horizontally. The hoist moves it along the
-        # rope, whose horizontal part is `aside`: the cosine of the angle between both ways is
-        # `aside` at most, and the law of cosines gives their sum. Last, the change of the swing
+        # Slew and trolley move a point horizontally, by `across`. The hoist moves it along the
+        # rope, whose horizontal part is `aside`: the cosine of the angle between both displacements
+        # is `aside` at most, and the law of cosines bounds their sum. Last, the change of the swing
         # turns the rope.
         across = (radius + self.bodies.spread + length * aside) * slewed + outward
         driven = np.sqrt(across**2 + hoisted**2 + 2.0 * aside * across * hoisted)
@@ -406,10 +433,20 @@ class Clearance:
         solids = self._fields.solids
         return min(solids.least(moving) for moving in self._slewing(gamma)) - ROUNDING
 
+    def nearest_to_jib(self, gamma: float) -> str:
+        """Return the name of the solid that is nearest to all that slews with the jib, at a slew
+        angle [rad]; empty if there is none.
+        """
+        nearest = (math.inf, "")
+        for moving in self._slewing(gamma):
+            for name, distance in self._fields.solids.distances(moving).items():
+                nearest = min(nearest, (distance, name))
+        return nearest[1]
+
     @cached_property
     def slewing_radius(self) -> float:
         """Upper bound of the distance from the slew axis of all that slews with the jib [m]."""
-        return max(body.radius for body in self._upper)
+        return max(body.radius for body in self._slewing_bodies)
 
     # --- by name ----------------------------------------------------------------------------------
 
@@ -420,22 +457,26 @@ class Clearance:
         nearest: dict[str, Nearest] = {}
 
         def compare(body: str, field: Field, moving: Placed) -> None:
-            for name, distance in field.each(moving).items():
+            for name, distance in field.distances(moving).items():
                 pair = Nearest(distance + moving.inflated, body, name)
                 nearest[name] = min(nearest.get(name, pair), pair)
 
-        # Each body stays at its place only until the next one is asked for.
-        for body, field, moving in itertools.chain(self._placed(q), self._beside_upper(q)):
+        # A body stays at its place only until the next one is asked for.
+        for body, field, moving in itertools.chain(self._placed(q), self._placed_below_upper(q)):
             compare(body, field, moving)
         if jib:
             for moving in self._slewing(float(q[self.joints.slew])):
                 compare("jib", self._fields.solids, moving)
         return nearest
 
-    def nearest(self, q: np.ndarray, *, beside_zones: bool = False) -> Nearest:
+    def nearest(self, q: np.ndarray, *, count_zones: bool = False) -> Nearest:
         """Return the pair of body and obstacle with the least margin at coordinates of all joints,
-        shape (n,). Zones count where something is in them; with ``beside_zones`` they count as well
-        where nothing is, with their distance as the margin.
+        shape (n,), the jib left out.
+
+        Args:
+            q: The coordinates.
+            count_zones: Whether zones count with their distance as the margin. Otherwise a zone
+                counts only if something is in it.
         """
         zones = {solid.name for solid in self.solids if solid.zone}
 
@@ -446,19 +487,22 @@ class Clearance:
 
         pairs = []
         for pair in self.distances(q, jib=False).values():
-            if beside_zones or pair.obstacle not in zones or pair.distance <= 0.0:
+            if count_zones or pair.obstacle not in zones or pair.distance <= 0.0:
                 pairs.append(pair)
         return min(pairs, key=margin)
 
-    def touches(self, q: np.ndarray, margin_limit: float) -> Iterator[Touch]:
-        """Yield the nearest points of each body that hangs and each obstacle at coordinates of all
-        joints, shape (n,), but for those with a margin from a limit on [m].
+    def nearest_points(self, q: np.ndarray, margin_limit: float) -> Iterator[NearestPoints]:
+        """Yield the nearest points of each body that hangs and each shape that it is compared with,
+        but for the own upper structure, at coordinates of all joints, shape (n,): those whose
+        margin is below a limit [m].
         """
         for body, field, moving in self._placed(q):
-            for distance, on_body, on_obstacle, normal in field.witnesses(moving):
-                margin = distance - moving.inflated
+            for pair in field.nearest_points(moving):
+                margin = pair.distance - moving.inflated
                 if margin < margin_limit:
-                    yield Touch(margin, moving.inflated, body, on_body, on_obstacle, normal)
+                    yield NearestPoints(
+                        margin, moving.inflated, body, pair.on_body, pair.on_shape, pair.normal
+                    )
 
     # --- what is compared with what, see `cranedyn.lifts.planning.coverage` -----------------------
 
@@ -469,8 +513,8 @@ class Clearance:
         for hanging in self._hanging:
             for field in hanging.fields:
                 yield hanging.name, field
-        for name, _ in self._below_upper:
-            yield name, self._upper_field
+        for name, _ in self._load_and_hook:
+            yield name, self._low_upper_field
 
     @property
     def own_shape_counts(self) -> dict[str, int]:
@@ -478,7 +522,7 @@ class Clearance:
         return {
             MAST: len(self.bodies.mast),
             OWN_BASE: int(self.site.base is not None),
-            OWN_UPPER: len(self._upper_parts),
+            OWN_UPPER: len(self._low_upper_parts),
         }
 
     @property
@@ -501,7 +545,7 @@ class Clearance:
         zones = self._shapes_of([solid for solid in self.solids if solid.zone])
 
         # The trolley is at a constant height: solids that end far enough below it never come close
-        # to it. The envelope is deducted, too, since margins count with it.
+        # to it. Margins count with the envelope of the longest cable, so that it is deducted, too.
         longest = float(self.crane.upper[self.joints.hoist])
         low = self.trolley_bottom - self.site.distance - self.envelope(longest)
         tall = set()
@@ -532,10 +576,8 @@ class Clearance:
 
     @cached_property
     def _hanging(self) -> list[_HangingBody]:
-        """Bodies that hang and the trolley, with what they keep from.
-
-        The load hangs lowest, so that the ground is for it alone. Zones are entered by what hangs,
-        and need no distance: bodies that are not inflated keep out of them.
+        """Bodies that hang and the trolley, with what they keep from. Bodies that are not inflated
+        keep out of zones, which need no distance. A body that keeps from nothing is left out.
         """
         fields = self._fields
         distance = self.site.distance
@@ -562,29 +604,22 @@ class Clearance:
         return hanging
 
     @cached_property
-    def _above(self) -> float:
-        """Height of the swing pivot above the load where the hoist is at zero [m]."""
-        start = self.crane.start.q
-        pivot, load = self._frames(start, self.joints.radial_swing, self.joints.hoist)
-        distance = math.dist(pivot.getTranslation(), load.getTranslation())
-        return distance - float(start[self.joints.hoist])
-
-    @cached_property
-    def _upper(self) -> list[Body]:
+    def _slewing_bodies(self) -> list[Body]:
         """All that slews with the jib, inflated by the required distance."""
         bodies = []
-        for shape, rotation, translation in self.bodies.upper:
-            within = coal.Transform3s(rotation, translation)
-            bodies.append(Body(shape, self.site.distance, within))
+        for shape in self.bodies.upper:
+            within = coal.Transform3s(shape.rotation, shape.translation)
+            bodies.append(Body(shape.geometry, self.site.distance, within))
         return bodies
 
     @cached_property
-    def _upper_parts(self) -> list[np.ndarray]:
-        """Corners of each shape that slews with the jib and reaches below the trolley, in the frame
-        of the slew joint [m], shape (n, 3) each.
+    def _low_upper_parts(self) -> list[np.ndarray]:
+        """Corners of each shape that slews with the jib and reaches below the trolley, such as a
+        slewing column or a cab, in the frame of the slew joint [m], shape (n, 3) each.
 
-        Shapes that reach out to the middle of the trolley's way are the jib itself, under which the
-        load hangs by construction.
+        A shape that reaches out to the middle of the trolley's way is taken for the jib itself,
+        below which the load hangs, and left out. Of a jib of many bars, those that end before count
+        as obstacles if they reach below the trolley.
         """
         (frame,) = self._frames(self.crane.start.q, self.joints.slew)
         bottom = self.trolley_bottom - float(frame.getTranslation()[2])
@@ -599,23 +634,23 @@ class Clearance:
         return parts
 
     @cached_property
-    def _upper_bottom(self) -> float:
-        """Height of the lowest corner of `_upper_parts` above the crane's foot [m]; infinite where
-        there is none.
+    def _low_upper_bottom(self) -> float:
+        """Height of the lowest corner of `_low_upper_parts` above the crane's foot [m]; infinite
+        where there is none.
         """
         (frame,) = self._frames(self.crane.start.q, self.joints.slew)
-        lowest = min((float(part[:, 2].min()) for part in self._upper_parts), default=math.inf)
+        lowest = min((float(part[:, 2].min()) for part in self._low_upper_parts), default=math.inf)
         return float(frame.getTranslation()[2]) + lowest
 
     @cached_property
-    def _upper_field(self) -> Field:
-        """The hulls of `_upper_parts`, in the frame of the slew joint."""
-        return Field((OWN_UPPER, hull(corners)) for corners in self._upper_parts)
+    def _low_upper_field(self) -> Field:
+        """The hulls of `_low_upper_parts` as obstacles, in the frame of the slew joint."""
+        return Field((OWN_UPPER, hull(corners)) for corners in self._low_upper_parts)
 
     @cached_property
-    def _below_upper(self) -> list[tuple[str, Body]]:
-        """Load and hook, for distances from what slews above them. The rope hangs from the trolley,
-        and so is beside them wherever that can be.
+    def _load_and_hook(self) -> list[tuple[str, Body]]:
+        """Load and hook, for distances from `_low_upper_parts`. The rope needs none: it begins at
+        the trolley, which is never where these parts are, and ends at the hook.
         """
         distance = self.site.distance
         hook = self.bodies.hook
@@ -625,35 +660,39 @@ class Clearance:
             ("hook", Body(coal.Box(hook.size), distance, hook_place)),
         ]
 
-    def _upper_gap(self, q: np.ndarray) -> float:
-        """Return a lower bound of the margin of load and hook to what slews below the trolley [m]:
-        that of their heights alone, which needs no kinematics.
+    def _gap_by_height(self, q: np.ndarray) -> float:
+        """Return a lower bound of the margin of load and hook to `_low_upper_parts` [m]: that of
+        their heights alone, which needs no kinematics.
         """
-        length = float(q[self.joints.hoist]) + self._above
+        length = float(q[self.joints.hoist])
         radial = q[self.joints.radial_swing]
         tangential = q[self.joints.tangential_swing]
         below_pivot = length * math.cos(radial) * math.cos(tangential)
-        top = self.height - below_pivot + self._reach_above
-        return self._upper_bottom - top - self.site.distance
+        top = self.height - below_pivot + self._reach_up
+        return self._low_upper_bottom - top - self.site.distance
 
     @cached_property
-    def _reach_above(self) -> float:
-        """Largest distance of a point of load or hook from the end of the cable [m]."""
+    def _reach_up(self) -> float:
+        """Largest distance of a point of load or hook from the end of the cable [m], by which it
+        may be above that.
+        """
         hook_top = math.hypot(float(self.bodies.hook.top), self.bodies.spread)
         return max(self.bodies.below, hook_top)
 
-    def _beside_upper(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
-        """Yield load and hook in the frame of the slew joint, with what slews with it."""
-        if not self._upper_parts:
+    def _placed_below_upper(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        """Yield load and hook, each with `_low_upper_field` and placed in the frame of the slew
+        joint, in which that stays at rest.
+        """
+        if not self._low_upper_parts:
             return
         slew, load = self._frames(q, self.joints.slew, self.joints.hoist)
         relative = slew.inverse() * load
-        for name, body in self._below_upper:
-            yield name, self._upper_field, body.put(relative)
+        for name, body in self._load_and_hook:
+            yield name, self._low_upper_field, body.put(relative)
 
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
-        """Return the margins of all that hangs to everything but zones, and to zones [m]; minus
-        infinity, which nothing is proven from, at coordinates that are not finite.
+        """Return two margins of all that hangs [m]: to everything but zones, and to zones. Both are
+        minus infinity, from which nothing is proven, where a coordinate is not finite.
         """
         if not np.isfinite(q).all():
             return -math.inf, -math.inf
@@ -664,19 +703,19 @@ class Clearance:
                 zone_margin = min(zone_margin, field.least(moving))
             else:
                 margin = min(margin, field.least(moving))
-        # Its own upper structure is far above the load nearly always, and then needs no query: a
-        # bound that is no less than the other margins leaves the least of all as it is.
-        if self._upper_gap(q) < margin:
-            for _, field, moving in self._beside_upper(q):
+        # The own upper structure nearly always is far above the load, and then needs no query: if
+        # the bound of its margin is not below the other margins, the least of all stays the same.
+        if self._gap_by_height(q) < margin:
+            for _, field, moving in self._placed_below_upper(q):
                 margin = min(margin, field.least(moving))
         return margin - ROUNDING, zone_margin - ROUNDING
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
-        """Yield each body that hangs with the obstacles that it must keep away from. It stays at
-        its place until it is placed again.
+        """Yield the name of each body that hangs, and of the trolley, with obstacles that it is
+        compared with, and the body at its place, where it stays until it is placed again.
         """
         trolley, load = self._frames(q, self.joints.trolley, self.joints.hoist)
-        length = float(q[self.joints.hoist]) + self._above
+        length = float(q[self.joints.hoist])
         for name, body, fields in self._hanging:
             if name == "rope":
                 body.stretch(length)
@@ -687,12 +726,12 @@ class Clearance:
     def _slewing(self, gamma: float) -> Iterator[Placed]:
         """Yield all that slews with the jib, at a slew angle [rad]."""
         (frame,) = self._frames(self.q(np.array([gamma, 0.0, 0.0])), self.joints.slew)
-        for body in self._upper:
+        for body in self._slewing_bodies:
             yield body.put(frame)
 
     @cached_property
     def _data(self) -> tuple[pin.Data, list[pin.SE3]]:
-        """Memory of Pinocchio, and the frames of the joints in it, which it overwrites."""
+        """Pinocchio's data, and the frames of the joints in it, which it overwrites."""
         data = self.crane.model.createData()
         return data, [*data.oMi]
 
@@ -702,3 +741,8 @@ class Clearance:
         with _KINEMATICS:
             pin.forwardKinematics(self.crane.model, data, q)
             return [coal.Transform3s(frames[joint + 1]) for joint in joints]
+
+
+def _text(point: np.ndarray) -> str:
+    """Return the coordinates of a point [m], to the millimetre."""
+    return str(np.round(point, 3).tolist())

@@ -1,5 +1,9 @@
 """Bodies of a crane from the shapes in its URDF: mast, upper structure, trolley, rope, hook and
 load; and all of a crane that is parked on a site, as an obstacle.
+
+The frame of a crane has its origin at the foot of the mast, Z up, and the jib along -Y at zero
+slew. `refuse_other_kinematics` makes sure that its joints stand and move in that frame as those of
+the tower crane of this project do, on which the distances of a lift rest.
 """
 
 from __future__ import annotations
@@ -21,8 +25,28 @@ from cranedyn.lifts.planning.solids import Solid, convex_hull, rotation_z
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 
-Shape = tuple[coal.CollisionGeometry, np.ndarray, np.ndarray]
-"""A shape with its rotation and translation in the frame of the joint that carries it."""
+_POSITION_TOLERANCE = 1e-4
+"""Largest distance of a joint from where a tower crane has it [m]. The deduction from margins,
+`cranedyn.lifts.planning.clearance.ROUNDING`, is as large.
+"""
+
+_ROTATION_TOLERANCE = 1e-5
+"""Largest entry of the difference of two rotation matrices that count as one: a right angle that a
+URDF rounds to 1.5708 is off by 4e-6."""
+
+
+class DrawnShape(NamedTuple):
+    """A shape of a URDF.
+
+    Attributes:
+        geometry: The shape, about its own origin.
+        rotation: Its rotation in the frame of the joint that carries it, shape (3, 3).
+        translation: Its origin in that frame [m], shape (3,).
+    """
+
+    geometry: coal.CollisionGeometry
+    rotation: np.ndarray
+    translation: np.ndarray
 
 
 class BoundingBox(NamedTuple):
@@ -41,6 +65,12 @@ class BoundingBox(NamedTuple):
         """Height of its top [m]."""
         return self.centre[2] + self.size[2] / 2.0
 
+    @property
+    def corners(self) -> np.ndarray:
+        """Its corners [m], shape (8, 3)."""
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        return self.centre + signs * self.size / 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class CollisionBodies:
@@ -51,17 +81,21 @@ class CollisionBodies:
         upper: Shapes that slew, jib and counter-jib among them.
         trolley: The box around the trolley.
         hook: The box around the hook, above the load.
-        load: Corners of the load about the end of the cable [m], shape (n, 3).
+        load: Corners of the load about the end of the cable [m], shape (n, 3), in the frame of the
+            hoist joint. The load is their convex hull.
         falls: Radius about the cable's axis within which the falls of the rope run [m]: half the
             width of the hook's block.
+        hook_turn: Rotation from the frame of the hoist joint to that of the crane at zero slew,
+            about Z, shape (3, 3).
     """
 
     mast: list[np.ndarray]
-    upper: list[Shape]
+    upper: list[DrawnShape]
     trolley: BoundingBox
     hook: BoundingBox
     load: np.ndarray
     falls: float
+    hook_turn: np.ndarray
 
     @cached_property
     def spread(self) -> float:
@@ -84,21 +118,24 @@ class CollisionBodies:
 def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionBodies:
     """Return the bodies of a crane from the boxes, cylinders and spheres in its URDF.
 
-    The largest shape of the link at the hook is the load, those above it are the hook.
+    Of the link at the hook, shapes whose middle is above the largest shape are the hook; all others
+    are the load, and several of them count as the box around them.
 
     Args:
         crane: The crane.
-        load: Corners of another load about the end of the cable [m], shape (n, 3); the hook then
-            stands on top of it.
+        load: Corners of another load about the end of the cable [m], shape (n, 3), X across the jib
+            and Y against it; the hook then stands on top of it. None for the load that is drawn.
 
     Raises:
         MissingRole: If it is not a tower crane.
-        ModelError: If it moves in other joints, too, or the URDF shows a mesh, or no shapes where
-            one is needed.
+        ModelError: If it moves in other joints, too, or otherwise than a tower crane, see
+            `refuse_other_kinematics`; or the URDF shows a mesh, or no shapes where one is needed.
     """
+    refuse_other_kinematics(crane)
     slew, trolley, radial, tangential, hoist = crane.layout.tower("Clearance")
-    # Pinocchio counts joints from 1; 0 is the world, in which the mast stands. Links between the
-    # swing joints hang at the trolley and move with it.
+    # Pinocchio counts joints from 1; 0 is the world, in which the mast stands. The links between
+    # the swing joints hang at the pivot. What they draw counts as part of the trolley, as if it did
+    # not turn with the swing: it is taken to be small beside the trolley.
     carriers = {
         "mast": [0],
         "upper structure": [slew + 1],
@@ -106,7 +143,7 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
         "payload": [hoist + 1],
     }
     shapes = _shapes(crane)
-    groups: dict[str, list[Shape]] = {}
+    groups: dict[str, list[DrawnShape]] = {}
     for name, joints in carriers.items():
         groups[name] = []
         for joint in joints:
@@ -118,15 +155,21 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
                 "cylinders or spheres."
             )
     drawn = _drawn_payload(groups["payload"])
-    carried = drawn.load if load is None else load
-    rise = float(carried[:, 2].max()) - float(drawn.load[:, 2].max())
+    turn = hook_turn(crane)
+    carried = drawn.load
+    hook_rise = 0.0
+    if load is not None:
+        carried = load @ turn  # rows are turned back into the frame of the joint
+        # The hook is as far above the load that is carried as it is drawn above the largest shape.
+        hook_rise = float(load[:, 2].max()) - drawn.top
     return CollisionBodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
-        trolley=_box(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
-        hook=_box(np.concatenate(drawn.hook) + np.array([0.0, 0.0, rise])),
+        trolley=_box_around(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
+        hook=_box_around(np.concatenate(drawn.hook) + np.array([0.0, 0.0, hook_rise])),
         load=carried,
         falls=float(np.ptp(drawn.block[:, :2], axis=0).max()) / 2.0,
+        hook_turn=turn,
     )
 
 
@@ -135,17 +178,19 @@ class _DrawnPayload(NamedTuple):
     (n, 3) each.
 
     Attributes:
-        load: Its largest shape, the load.
-        hook: The shapes above that, the hook with its block and slings.
+        load: Corners of the load.
+        top: Height of the top of its largest shape [m].
+        hook: Corners of each shape of the hook with its block and slings.
         block: The highest of them, from which the falls of the rope go up.
     """
 
     load: np.ndarray
+    top: float
     hook: list[np.ndarray]
     block: np.ndarray
 
 
-def _drawn_payload(shapes: list[Shape]) -> _DrawnPayload:
+def _drawn_payload(shapes: list[DrawnShape]) -> _DrawnPayload:
     """Tell load and hook apart among the shapes of a link.
 
     Raises:
@@ -159,25 +204,111 @@ def _drawn_payload(shapes: list[Shape]) -> _DrawnPayload:
         return float(points[:, 2].max())
 
     corners = [corners_of(shape) for shape in shapes]
-    load = max(corners, key=volume)
-    hook = [points for points in corners if points[:, 2].mean() > highest(load)]
+    top = highest(max(corners, key=volume))
+    hook = [points for points in corners if points[:, 2].mean() > top]
+    load = [points for points in corners if not points[:, 2].mean() > top]
     if not hook:
         raise ModelError(
             "The URDF of the crane shows no hook above its load, so that the width of the rope is "
             "not known."
         )
-    return _DrawnPayload(load, hook, max(hook, key=highest))
+    if len(load) > 1:
+        load = [_box_around(np.concatenate(load)).corners]
+    return _DrawnPayload(load[0], top, hook, max(hook, key=highest))
 
 
-def _mast(shapes: list[Shape]) -> list[np.ndarray]:
-    """Return the corners of two hulls instead of a hundred bars: one around all bars that reach
-    above a quarter of the height, one around the foot; shape (n, 3) each.
+def hook_turn(crane: Crane) -> np.ndarray:
+    """Return the rotation from the frame of the hoist joint of a tower crane to that of the crane,
+    with all coordinates at zero, shape (3, 3).
+    """
+    hoist = crane.layout.tower("The attitude of a hook")[4]
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
+    return data.oMi[hoist + 1].rotation.copy()
+
+
+def refuse_other_kinematics(crane: Crane) -> None:
+    """Refuse a tower crane whose joints are not where the formulas of a planned lift have them.
+
+    Joints with the axes of a tower crane may stand anywhere: the hoist may have another coordinate
+    than the cable length, the swing joints may be apart from each other, and the trolley may have
+    its zero beside the slew axis. A planned lift rests on the frames of `_expected_frames`.
+
+    Raises:
+        MissingRole: If it is not a tower crane.
+        ModelError: If it moves in other joints, too, or a joint is elsewhere; with its name.
+    """
+    layout = crane.layout
+    joints = layout.tower("A planned lift")
+    data = crane.model.createData()
+    turn = hook_turn(crane)
+    # Positions are affine in radius and cable length. One posture shows the origins of the joints,
+    # and another one, in which no coordinate is zero, their axes.
+    for coordinates in ([0.0, 0.0, 0.0, 0.0, 0.0], [0.7, 11.0, 0.2, -0.3, 13.0]):
+        q = np.zeros(layout.n)
+        q[list(joints)] = coordinates
+        pin.forwardKinematics(crane.model, data, q)
+        frames = [data.oMi[joint + 1] for joint in joints]
+        for joint, frame, expected in zip(
+            joints, frames, _expected_frames(coordinates, frames, turn), strict=True
+        ):
+            off = float(np.linalg.norm(frame.translation - expected.translation))
+            turned = float(np.abs(frame.rotation - expected.rotation).max())
+            if not (off <= _POSITION_TOLERANCE and turned <= _ROTATION_TOLERANCE):
+                raise ModelError(
+                    "A planned lift needs the joints of a tower crane where this project's crane "
+                    f"has them. At {layout.coordinates_text(q)} the frame of "
+                    f"{layout.joints[joint].name} is {off:.4g} m from there, and entries of its "
+                    f"rotation differ by up to {turned:.4g}. In the URDF the frames of slew, "
+                    "trolley and swings need Z up and the jib along -Y, both swing joints the "
+                    "origin of the trolley, which at zero is on the slew axis, and the hoist the "
+                    "cable length as its coordinate."
+                )
+    if not abs(turn[2, 2] - 1.0) <= _ROTATION_TOLERANCE:
+        raise ModelError(
+            f"A planned lift needs the frame of {layout.joints[joints[4]].name} with its Z axis up "
+            "along the rope; turn the origin of the joint in the URDF."
+        )
+
+
+def _expected_frames(
+    coordinates: list[float], frames: list[pin.SE3], turn: np.ndarray
+) -> list[pin.SE3]:
+    """Return where a planned lift has the frames of slew, trolley, radial swing, tangential swing
+    and hoist.
+
+    The pivot is at (x sin γ, -x cos γ, height), and the load l below it along the rope. The frames
+    up to the trolley are turned by Rz(γ), the rope by Rz(γ) Rx(φ) Ry(θ).
+
+    Args:
+        coordinates: γ [rad], x [m], φ, θ [rad] and l [m].
+        frames: The frames of the crane itself, whose heights of slew and trolley are taken.
+        turn: See `CollisionBodies.hook_turn`.
+    """
+    gamma, x, phi, theta, length = coordinates
+    slewed = rotation_z(gamma)
+    leaning = slewed @ pin.rpy.rpyToMatrix(phi, 0.0, 0.0)
+    along_rope = leaning @ pin.rpy.rpyToMatrix(0.0, theta, 0.0)
+    ring = np.array([0.0, 0.0, float(frames[0].translation[2])])
+    pivot = np.array([x * math.sin(gamma), -x * math.cos(gamma), float(frames[1].translation[2])])
+    return [
+        pin.SE3(slewed, ring),
+        pin.SE3(slewed, pivot),
+        pin.SE3(leaning, pivot),
+        pin.SE3(along_rope, pivot),
+        pin.SE3(along_rope @ turn, pivot - length * along_rope[:, 2]),
+    ]
+
+
+def _mast(shapes: list[DrawnShape]) -> list[np.ndarray]:
+    """Return the corners of two groups of bars, whose hulls stand for a hundred bars: all bars that
+    reach above a quarter of the height, and those of the foot; shape (n, 3) each.
     """
     corners = [corners_of(shape) for shape in shapes]
     quarter = max((float(points[:, 2].max()) for points in corners), default=0.0) / 4.0
     high = [points for points in corners if points[:, 2].max() > quarter]
     low = [points for points in corners if not points[:, 2].max() > quarter]
-    return [np.concatenate(half) for half in (high, low) if half]
+    return [np.concatenate(group) for group in (high, low) if group]
 
 
 def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
@@ -191,8 +322,8 @@ def shape_corners(crane: Crane) -> list[tuple[int, np.ndarray]]:
     return corners
 
 
-def _shapes(crane: Crane) -> dict[int, list[Shape]]:
-    """Return all shapes in a URDF, those to look at and those for collisions, by the joint that
+def _shapes(crane: Crane) -> dict[int, list[DrawnShape]]:
+    """Return all shapes in a URDF, those of ``<visual>`` and of ``<collision>``, by the joint that
     carries them; 0 is the world.
 
     Raises:
@@ -203,28 +334,28 @@ def _shapes(crane: Crane) -> dict[int, list[Shape]]:
         raise ModelError(
             "The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres."
         )
-    shapes: dict[int, list[Shape]] = {}
+    shapes: dict[int, list[DrawnShape]] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
         for shape in pin.buildGeomFromUrdfString(crane.model, urdf, kind).geometryObjects:
-            placed = (shape.geometry, shape.placement.rotation, shape.placement.translation)
-            shapes.setdefault(int(shape.parentJoint), []).append(placed)
+            placement = shape.placement
+            drawn = DrawnShape(shape.geometry, placement.rotation, placement.translation)
+            shapes.setdefault(int(shape.parentJoint), []).append(drawn)
     return shapes
 
 
-def corners_of(shape: Shape) -> np.ndarray:
-    """Return the corners of the box around a shape, aligned with it, in the frame of the joint [m],
-    shape (8, 3).
+def corners_of(shape: DrawnShape) -> np.ndarray:
+    """Return the corners of the box around a shape along its own axes, in the frame of the joint
+    [m], shape (8, 3).
     """
-    geometry, rotation, translation = shape
-    geometry.computeLocalAABB()
-    low = geometry.aabb_local.min_
-    high = geometry.aabb_local.max_
+    shape.geometry.computeLocalAABB()
+    low = shape.geometry.aabb_local.min_
+    high = shape.geometry.aabb_local.max_
     xs, ys, zs = zip(low, high, strict=True)
     box = np.array(list(itertools.product(xs, ys, zs)))
-    return box @ rotation.T + translation
+    return box @ shape.rotation.T + shape.translation
 
 
-def _box(points: np.ndarray) -> BoundingBox:
+def _box_around(points: np.ndarray) -> BoundingBox:
     """Return the box around points [m], shape (n, 3)."""
     low = points.min(axis=0)
     high = points.max(axis=0)
@@ -238,14 +369,15 @@ def neighbour(
     drive_position: Mapping[str, float],
     values: Mapping[str, float],
 ) -> list[Solid]:
-    """Return a parked crane with its rope and hook as an obstacle.
+    """Return a parked tower crane of this project as an obstacle: all that its URDF draws, with
+    hook and load, and its rope.
 
     Args:
         name: Its name.
         position: Foot of its mast [m], shape (3,).
         heading: Direction of its jib at zero slew, from X towards Y [rad].
         drive_position: Its slew [°], trolley radius [m] and cable length [m], by "slew", "trolley",
-            "cable"; 0 is where its URDF has them.
+            "cable"; 0 leaves a drive where the crane starts.
         values: Values of the crane that differ from its defaults, by name.
 
     Raises:
@@ -258,7 +390,7 @@ def neighbour(
         "x": drive_position["trolley"],
         "l": drive_position["cable"],
     }
-    # What is 0 stays at the start of the crane, as 0 need not be in the range of the drive.
+    # 0 means the start of the crane, since 0 need not be in the range of a drive.
     given = {name: value for name, value in coordinates.items() if value}
     q = crane.state(**given).q
 
@@ -272,15 +404,15 @@ def neighbour(
         hull_corners, hull_triangles = convex_hull(placed)
         parts.append(placed)
         corners.append(hull_corners)
-        # Each hull counts its corners from zero; in the solid they follow those before.
+        # Each hull counts its corners from zero. In the solid they follow those before.
         triangles.append(hull_triangles + corner_count)
         corner_count += len(hull_corners)
     return [Solid(name, tuple(parts), np.vstack(corners), np.vstack(triangles))]
 
 
 def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
-    """Return the corners of all shapes of a crane and of its rope, in its own frame [m], shape
-    (n, 3) each.
+    """Return the corners of all shapes of a crane and of its rope at coordinates of all joints, in
+    the crane's own frame [m], shape (n, 3) each.
     """
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, q)
@@ -290,7 +422,7 @@ def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
         placed = frame.rotation @ corners.T + frame.translation[:, None]
         shapes.append(placed.T)
 
-    # The rope, plumb, as a square column around its falls.
+    # The rope hangs plumb: a square column around its falls, from the pivot to the load.
     _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
     falls = collision_bodies(crane).falls
     square = np.array([[x, y, 0.0] for x, y in itertools.product((-falls, falls), repeat=2)])

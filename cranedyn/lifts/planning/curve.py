@@ -1,7 +1,8 @@
 """The path of a load as a smooth curve: straight lines between places, with rounded corners.
 
-Its parameter is time at full speed: the drive that has the longest way goes at its rate, so that
-the length of a path is a duration.
+Its parameter is *time at full speed*: on each straight line the drive that takes longest goes at
+its full rate, so that the length of a path is a duration. A path says where the load goes, and not
+yet when; see `cranedyn.lifts.planning.timing` for that.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.motion_proof import unproven_parameter
 from cranedyn.references.limits import Limits
 
-# About a corner the direction of a path is averaged with a weight w(u) on -1 to 1 whose integral is
-# 1. As w and its first two derivatives are zero at both ends, paths have four continuous
+# About a corner the derivative of a path is averaged with a weight w(u) on -1 to 1 whose integral
+# is 1. As w and its first two derivatives are zero at both ends, paths have four continuous
 # derivatives.
 _KERNEL = Polynomial([35.0 / 32.0]) * Polynomial([1.0, 0.0, -1.0]) ** 3
 """The weight w(u) = 35/32 (1 - u²)³."""
@@ -31,31 +32,44 @@ _RAMP = _STEP.integ(lbnd=-1)
 """Integral of that step from -1."""
 
 _MIN_WIDTH = 1e-3
-"""Smallest width to which a corner is rounded [s]; a sharper one is no curve to drive along."""
+"""Smallest width to which a corner is rounded [s]; about a sharper one accelerations are too large
+for the timing."""
 
 _MAX_TRIES = 9
 """Number of widths, each half of the one before, that are tried at a corner."""
 
 _LEG_SHARE = 0.49
-"""Largest share of a leg that the rounding of a corner at one of its ends takes: nearly half."""
+"""Largest share of a leg over which a corner at one of its ends is rounded: nearly half, since
+there is another corner at the other end."""
 
 _END_LEG_SHARE = 0.98
-"""Largest share of the first and last leg, which have one corner only."""
+"""Largest share of the first and last leg over which their only corner is rounded."""
 
 LONGEST_LIFT = 2.0 * 3600.0
-"""Longest motion that is planned [s]. With a row for each 5 ms longer ones fill some GB."""
+"""Longest motion that is planned [s]. Longer ones would fill gigabytes with a row for each 5 ms."""
 
 
 def interpolate_columns(t: np.ndarray, rows: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Interpolate each column of a table, shape (n, k), linearly from its rows at increasing times,
-    shape (n,), to other times, shape (m,); before and after its rows it is constant.
+    """Interpolate each column of a table linearly to other times; before and after its rows it is
+    constant.
+
+    Args:
+        t: Times to interpolate to, shape (m,).
+        rows: Increasing times of the rows of the table, shape (n,).
+        table: The table, shape (n, k).
+
+    Returns:
+        The table at the other times, shape (m, k).
     """
     return np.column_stack([np.interp(t, rows, column) for column in table.T])
 
 
 def leg_durations(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return the time at full speed from each place to the next [s], shape (n - 1,): of places of
-    shape (n, 3) at rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
+    """Return the time at full speed from each place to the next [s], shape (n - 1,).
+
+    Args:
+        points: Places, shape (n, 3).
+        rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
     """
     return (np.abs(np.diff(points, axis=0)) / rates).max(axis=1)
 
@@ -67,13 +81,13 @@ def rest_to_rest_time(
     shape (m,).
 
     Args:
-        distances: Distances [rad or m], shape (m,).
+        distances: Distances d [rad or m], shape (m,).
         rates: Largest rates, shape (m,).
-        accelerations: Largest accelerations, shape (m,).
+        accelerations: Largest accelerations a, shape (m,).
     """
-    # A rate that rises to the peak p and falls again takes the distance p²/a. Where that would be
-    # more than there is, the rate never reaches its limit. The time is d/p at the peak rate, and
-    # p/a more for speeding up and braking.
+    # Speeding up to the peak rate p and braking takes the distance p²/a. Where d is less, the rate
+    # never reaches its limit: p = √(d a). The time is d/p at the peak rate, and p/a more for
+    # speeding up and braking.
     peak = np.minimum(rates, np.sqrt(distances * accelerations))
     cruise = np.divide(distances, peak, out=np.zeros_like(distances), where=distances > 0.0)
     return cruise + peak / accelerations
@@ -114,13 +128,14 @@ def straight_time(ends: np.ndarray, limits: Limits) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A curve through places with rounded corners; it meets its first and last place, and the
-    middles of its legs.
+    """A curve along straight legs between places, with rounded corners. It begins at the first
+    place, ends at the last one, and leaves the legs only where a corner is rounded.
 
     Attributes:
-        points: Places, no two following ones equal, shape (n, 3).
+        points: Places, no two consecutive ones equal, shape (n, 3).
         rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
-        widths: Before and after each corner, how long it is rounded [s], shape (n - 2,).
+        widths: Over which time at full speed each corner is rounded before it, and the same after
+            it [s], shape (n - 2,).
     """
 
     points: np.ndarray
@@ -139,7 +154,7 @@ class Path:
 
     @cached_property
     def _speeds(self) -> np.ndarray:
-        """Derivative of the place by the parameter on each leg, shape (n - 1, 3)."""
+        """Derivative of the place with respect to the parameter on each leg, shape (n - 1, 3)."""
         return np.diff(self.points, axis=0) / np.diff(self.knots)[:, None]
 
     def derivatives(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -151,8 +166,8 @@ class Path:
         first = self._speeds[leg].copy()
         second = np.zeros_like(position)
 
-        # Near a corner the smooth step replaces the jump from the speed of one leg to that of the
-        # next, and its integral replaces the sharp bend of the place.
+        # Near a corner a smooth step replaces the jump from the speed of one leg to that of the
+        # next, and its integral replaces the kink of the place.
         for k, width in enumerate(self.widths):
             from_corner = (s - self.knots[k + 1]) / width
             inside = np.abs(from_corner) < 1.0
@@ -170,20 +185,25 @@ class Path:
     def reach(self, first: float, last: float) -> np.ndarray:
         """See `cranedyn.lifts.planning.motion_proof.DriveCurve`.
 
-        Within a corner the speed is a mean of the speeds before and after it.
+        Within a corner the speed is a mean of the speeds before and after it, so that a leg counts
+        as far as the corners at its ends are rounded.
         """
         begins = self.knots[:-1] - np.append(0.0, self.widths)
         ends = self.knots[1:] + np.append(self.widths, 0.0)
-        legs = (begins <= last) & (ends >= first)  # those whose speeds count between both
+        legs = (begins <= last) & (ends >= first)
         return np.abs(self._speeds[legs]).max(axis=0) * ((last - first) / 2.0)
 
 
 def rounded_path(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
-    """Return a proven curve along proven straight lines between places, shape (n, 3), each corner
-    rounded as widely as can be proven; None if a corner cannot be rounded.
+    """Return a curve along straight lines between places, each corner rounded as widely as can be
+    proven; None if a corner cannot be rounded.
+
+    Args:
+        clearance: Crane and site.
+        points: Places, shape (n, 3); the straight lines between them are proven free.
+        rates: Rates of the drives, shape (3,).
     """
     legs = leg_durations(points, rates)
-    # An end of the way needs no part of its leg for another corner.
     shares = np.full(len(legs), _LEG_SHARE)
     shares[0] = _END_LEG_SHARE
     shares[-1] = _END_LEG_SHARE

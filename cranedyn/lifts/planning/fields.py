@@ -13,6 +13,10 @@ from typing import NamedTuple
 import coal
 import numpy as np
 
+_TOUCHING = 1e-6
+"""Distance of two shapes below which their nearest points give no direction [m]: that of coal's
+tolerance."""
+
 
 class Placed(NamedTuple):
     """A body at its place.
@@ -20,7 +24,8 @@ class Placed(NamedTuple):
     Attributes:
         moving: The inflated shape at its place.
         inflated: Distance by which it is inflated [m].
-        query, result: Memory of a query of its distance.
+        query: Question for its distance to the broad phase, used again and again.
+        result: Where coal puts the answer to it.
     """
 
     moving: coal.CollisionObject
@@ -29,15 +34,36 @@ class Placed(NamedTuple):
     result: coal.DistanceResult
 
     @property
-    def bare(self) -> coal.CollisionObject:
-        """The shape without inflation: coal ignores that beside a surface of triangles."""
+    def without_inflation(self) -> coal.CollisionObject:
+        """The shape at its place, not inflated, for distances from surfaces of triangles: there
+        coal ignores the inflation.
+        """
         shape = self.moving.collisionGeometry().clone()
         shape.setSweptSphereRadius(0.0)
         return coal.CollisionObject(shape, self.moving.getTransform())
 
 
+class PointPair(NamedTuple):
+    """Nearest points of a body and a shape.
+
+    Attributes:
+        distance: Their distance [m], the body not inflated.
+        on_body: The point of the body [m], shape (3,).
+        on_shape: The point of the shape [m], shape (3,).
+        normal: Unit vector from the shape to the body, shape (3,).
+    """
+
+    distance: float
+    on_body: np.ndarray
+    on_shape: np.ndarray
+    normal: np.ndarray
+
+
 class Body(threading.local):
-    """A shape that moves, inflated by a distance on all sides; each thread has one of its own.
+    """A shape that moves, inflated by a distance on all sides.
+
+    Each thread has a copy of its own: Python calls `__init__` again, with the same arguments, where
+    a thread first uses the body.
 
     Inflation is by coal's swept-sphere radius, which both its bounding boxes and its distances
     respect; its broad phase ignores the `security_margin` of a request.
@@ -50,7 +76,13 @@ class Body(threading.local):
     def __init__(
         self, shape: coal.CollisionGeometry, inflated: float, within: coal.Transform3s | None = None
     ) -> None:
-        """Inflate a shape by a distance [m], at a place within the frame that it moves with."""
+        """Copy and inflate a shape.
+
+        Args:
+            shape: The shape.
+            inflated: Distance by which it is inflated [m].
+            within: Its place in the frame that it moves with; None for the origin.
+        """
         self.inflated = inflated
         self.shape = shape.clone()
         self.shape.setSweptSphereRadius(inflated)
@@ -60,12 +92,14 @@ class Body(threading.local):
 
     @property
     def radius(self) -> float:
-        """Farthest point from the Z axis of the frame that it moves with [m], at most."""
+        """Upper bound of the distance of its points from the Z axis of the frame that it moves with
+        [m], not inflated.
+        """
         centre = self._within.transform(self.shape.aabb_center)
         return float(np.linalg.norm(centre[:2])) + float(self.shape.aabb_radius)
 
     def put(self, frame: coal.Transform3s) -> Placed:
-        """Return the body, moved with the frame that it moves with to a place."""
+        """Return the body where it is if the frame that it moves with is at a place."""
         self._placed.moving.setTransform(frame * self._within)
         self._placed.moving.computeAABB()
         return self._placed
@@ -78,12 +112,12 @@ class Body(threading.local):
 
 
 class Field:
-    """Obstacles at rest, by name: convex shapes in one broad phase, surfaces of triangles in
-    another, since coal inflates bodies beside the former only.
+    """Obstacles at rest, by name. Convex shapes are in one broad phase and surfaces of triangles in
+    another, since coal measures inflated bodies only against the former.
     """
 
     def __init__(self, named: Iterable[tuple[str, coal.CollisionGeometry]]) -> None:
-        """Take obstacles where their corners are.
+        """Take obstacles, at rest where their corners are.
 
         Args:
             named: Shapes, each with the name of its obstacle.
@@ -110,8 +144,8 @@ class Field:
         return len(self._shapes) + len(self._surfaces)
 
     def least(self, body: Placed) -> float:
-        """Return the distance of an inflated body from the nearest obstacle [m], inf where there is
-        none; zero or less where they touch.
+        """Return the distance of an inflated body from the nearest obstacle [m]: zero or less where
+        they touch, and infinite if there is no obstacle.
         """
         nearest = math.inf
         if self._shape_manager is not None:
@@ -120,38 +154,39 @@ class Field:
             nearest = min(nearest, float(body.result.min_distance))
         if self._surface_manager is not None:
             body.query.init()
-            self._surface_manager.distance(body.bare, body.query)
+            self._surface_manager.distance(body.without_inflation, body.query)
             nearest = min(nearest, float(body.result.min_distance) - body.inflated)
         return nearest
 
-    def each(self, body: Placed) -> dict[str, float]:
-        """Return the distance of an inflated body from each obstacle, by name [m]."""
+    def distances(self, body: Placed) -> dict[str, float]:
+        """Return the distance of an inflated body from each obstacle [m], by name."""
         request = coal.DistanceRequest()
         distances: dict[str, float] = {}
         for name, shape in self._shapes:
             distance = float(coal.distance(body.moving, shape, request, coal.DistanceResult()))
             distances[name] = min(distances.get(name, math.inf), distance)
-        bare = body.bare
+        not_inflated = body.without_inflation
         for name, surface in self._surfaces:
-            from_bare = float(coal.distance(bare, surface, request, coal.DistanceResult()))
-            distance = from_bare - body.inflated
+            plain = float(coal.distance(not_inflated, surface, request, coal.DistanceResult()))
+            distance = plain - body.inflated
             distances[name] = min(distances.get(name, math.inf), distance)
         return distances
 
-    def witnesses(self, body: Placed) -> Iterator[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield the distance of a body, not inflated, from each shape [m], the nearest points of
-        both, and the unit vector from the shape to the body, shape (3,) each.
-        """
+    def nearest_points(self, body: Placed) -> Iterator[PointPair]:
+        """Yield the nearest points of a body, not inflated, and each shape."""
         request = coal.DistanceRequest()
         for _, shape in (*self._shapes, *self._surfaces):
             result = coal.DistanceResult()
-            distance = float(coal.distance(body.bare, shape, request, result))
+            distance = float(coal.distance(body.without_inflation, shape, request, result))
             on_body = result.getNearestPoint1()
             on_shape = result.getNearestPoint2()
             # Where they touch, the two points are one and give no direction; coal's normal points
             # from the first of both to the second.
-            normal = (on_body - on_shape) / distance if distance > 1e-6 else -result.normal
-            yield distance, on_body, on_shape, normal
+            if distance > _TOUCHING:
+                normal = (on_body - on_shape) / distance
+            else:
+                normal = -result.normal
+            yield PointPair(distance, on_body, on_shape, normal)
 
 
 def _broad_phase(

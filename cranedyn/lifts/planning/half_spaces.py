@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.lifts.planning.clearance import Clearance
-from cranedyn.lifts.planning.motion_proof import CLOSE
+from cranedyn.lifts.planning.motion_proof import PROOF_MARGIN
 from cranedyn.lifts.planning.solids import rotation_z
 from cranedyn.lifts.planning.transcription import ca
 
@@ -114,7 +114,7 @@ class HalfSpaces:
         # `Clearance.envelope` of symbols.
         below = self.clearance.bodies.below
         envelope = 2.0 * (length + below) * math.sin(self.clearance.site.swing / 2.0)
-        return (distance - envelope - CLOSE - self.margin).T
+        return (distance - envelope - PROOF_MARGIN - self.margin).T
 
 
 def half_spaces(clearance: Clearance, drive_positions: np.ndarray, margin: float) -> HalfSpaces:
@@ -146,7 +146,7 @@ def _at(clearance: Clearance, drive_position: np.ndarray) -> list[_HalfSpace]:
         _HANGS: rotation @ [0.0, -x, -length],
     }
     found = []
-    for touch in clearance.touches(clearance.q(drive_position), _MAX_MARGIN):
+    for touch in clearance.nearest_points(clearance.q(drive_position), _MAX_MARGIN):
         if touch.body == "rope":
             # A rope ends at both carriers. The end that is nearer to the plane keeps all of it on
             # its side: the lower one where the normal points up.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import pathlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.checks import finite
-from cranedyn.errors import CraneError, DataError
+from cranedyn.errors import CraneError, DataError, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.curve import (
@@ -29,53 +30,58 @@ from cranedyn.lifts.planning.curve import (
     rounded_path,
     straight_time,
 )
-from cranedyn.lifts.planning.motion_proof import CLOSE, SlewRange, slew_range, unproven_row
-from cranedyn.lifts.planning.path_search import CELLS, best_on_grid, search
+from cranedyn.lifts.planning.motion_proof import PROOF_MARGIN, SlewRange, slew_range, unproven_row
+from cranedyn.lifts.planning.path_search import MAX_CELLS, best_on_grid, search
 from cranedyn.lifts.planning.plan_assumptions import held_mass
 from cranedyn.lifts.planning.plausibility import findings, refuse
 from cranedyn.lifts.planning.site import DRIVES, Site
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.timing import TimedMotion, timed
 from cranedyn.model.crane import Crane
+from cranedyn.model.description import arguments
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 from cranedyn.verdict import Verdict
 
 EXTRA = (0.1, 0.2, 0.0)
-"""Margins to plan a path with, where there is a way [m], one after the other: averaging takes a
-motion off its curve, and what the curve keeps in addition is left for that."""
+"""Distances that a path keeps beyond the required one [m], tried one after the other. A motion
+leaves its path a little, since it is averaged over time, and has this distance left for that."""
 
 RESERVE = 1.1
-"""Rate of a drive over the largest rate of a plan: the controller needs the rest for corrections.
-"""
+"""Ratio of the rate of a drive to the largest rate of a plan. The controller needs the difference
+for corrections."""
 
 _LOWERING_STEP = 0.1
-"""Step in which the lowest place of a load is looked for [m]."""
+"""Step by which a load is lowered in the search for its lowest place [m]."""
 
 _RAISING_STEP = 0.05
-"""Step in which a height is looked for at which a load is far enough from everything [m]."""
+"""Step by which a load is raised in the search for a height that is far enough from everything [m].
+"""
 
 _FAST_ENOUGH = 1.15
-"""A motion that lasts no more than so many times what the drives alone need from start to goal
-without obstacles is fast enough: nothing else is tried."""
+"""Ratio of the duration of a motion to the time that the drives alone need from start to goal
+without obstacles. A motion below it is fast enough, and no other one is tried."""
 
 _FINE_CELL = 0.5
-"""Edge of the cells of the grid that gives the least time of a lift [s]."""
+"""Edge of the cells of the grid on which the least time of a lift is estimated [s]."""
 
 _TURN = 2.0 * math.pi
 """A full turn [rad]."""
 
 _MAX_SLEW_RESERVE = 0.1
-"""Largest angle by which a way stays away from the ends of the slew range where an obstacle ends it
-[rad]."""
+"""Largest angle by which a way stays away from an end of the slew range at which an obstacle stops
+the jib [rad]."""
+
+_SMALL_LOAD_SCALE = 0.01
+"""Ratio of the size of a load that nearly is a point to that of the load of a site."""
 
 
 class NoWay(CraneError):
     """There is no way for a lift, or none was found."""
 
 
-class _Reference(NamedTuple):
-    """What a lift is measured by; see the properties of the same names of `Lift`."""
+class _Yardstick(NamedTuple):
+    """Times that a lift is compared with; see the properties of the same names of `Lift`."""
 
     on_grid: float
     least: float
@@ -119,37 +125,49 @@ class Lift:
     @property
     def on_grid(self) -> float:
         """Length of the best way on a grid of cells of half a second with the required distance,
-        whichever way round, as time at full speed [s].
+        the shorter one of both directions round the mast, as time at full speed [s]. It is infinite
+        if the search finds none.
         """
-        return self._reference.on_grid
+        return self._yardstick.on_grid
 
     @property
     def least(self) -> float:
-        """Lower bound of the time of a motion [s], whichever way round: each drive needs it from
-        start to goal, and the quickest to full speed needs it along the best way on the grid, less
-        a cell by which that may be too long.
+        """Estimate of the time that no motion falls below [s], in whichever direction round the
+        mast.
+
+        Each drive needs its time from start to goal, which is a bound. Obstacles make it longer:
+        the drive that is first at full speed needs its time along the best way on the grid, less a
+        cell. That no way between the cells is shorter than this is assumed and not proven. A
+        direction whose grid is too large to be searched counts with the time of the drives.
         """
-        return self._reference.least
+        return self._yardstick.least
 
     @cached_property
-    def _reference(self) -> _Reference:
+    def _yardstick(self) -> _Yardstick:
+        """Lengths of the best ways on a grid and the estimate of the least time that follows."""
         rates = np.array(self.limits.rates)
-        # Time to full speed of the drive that reaches it first. In the time at full speed a way is
-        # gone along at the rate 1, which is reached with the acceleration 1/ramp.
+        # The drive that is first at full speed takes this time to it. A way is measured in seconds
+        # at full speed: the rate is 1, and the acceleration to it 1/ramp.
         ramp = (rates / np.array(self.limits.accelerations)).min()
         on_grid = math.inf
         least = math.inf
-        for ends in _turns(self.ends[0], self.ends[1], self.slews):
+        both_ways = _ends_both_ways(self.ends[0], self.ends[1], self.slews)
+        for ends in both_ways:
             straight = straight_time(ends, self.limits)
             if straight >= least:
                 continue  # no way in this direction is faster
             bounds = _bounds(self.clearance, ends, self.slews)
             grid = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE_CELL)
-            shortest_way = np.array(grid.duration - _FINE_CELL)
-            along = rest_to_rest_time(shortest_way, np.array(1.0), 1.0 / ramp)
             on_grid = min(on_grid, grid.duration)
-            least = min(least, max(float(along), straight))
-        return _Reference(on_grid, least)
+            if grid.gave_up:
+                least = min(least, straight)
+                continue
+            shortest_way = np.array(max(grid.duration - _FINE_CELL, 0.0))
+            along_way = rest_to_rest_time(shortest_way, np.array(1.0), 1.0 / ramp)
+            least = min(least, max(float(along_way), straight))
+        if least == math.inf:  # this lift goes between the cells
+            least = min(straight_time(ends, self.limits) for ends in both_ways)
+        return _Yardstick(on_grid, least)
 
     def states(self) -> tuple[State, State]:
         """Return start and goal, at rest with the load plumb."""
@@ -226,17 +244,19 @@ def plan_lift(
         period: Time between rows of the motion [s].
 
     Raises:
-        NoWay: If there is no way, with the reason: the crane stands in an obstacle, the load is too
-            heavy for the hoist, start or goal too close to an obstacle, an obstacle in the way of
-            the jib, an end that is enclosed, or none found.
+        NoWay: If there is no way, or none was found, with the reason: the crane stands in an
+            obstacle, the load is too heavy for the hoist, start or goal are too close to an
+            obstacle, an obstacle is in the way of the jib, or an end is enclosed.
         OutOfRange: If the crane does not reach start or goal, or its drives are so slow that the
             lift would take longer than `cranedyn.lifts.planning.curve.LONGEST_LIFT`.
         DataError: If a value of the site, the start or the goal cannot be meant, see
             `cranedyn.lifts.planning.plausibility`.
         MissingRole: If it is not a tower crane.
+        ModelError: If its joints are not where a planned lift needs them, see
+            `cranedyn.lifts.planning.crane_bodies.refuse_other_kinematics`.
         Misshapen: If start or goal is no array of two or three numbers.
-        CraneError: If there is no start or goal, the crane is none, or the extra `planning` is not
-            installed.
+        CraneError: If there is no start or goal, the values of the site make no crane, or the extra
+            `planning` is not installed.
     """
     if crane is None:
         crane = crane_of(site)
@@ -255,9 +275,11 @@ def plan_lift(
         raise NoWay(f"Start and goal of the lift are the same place, {place}; give another goal.")
     slews = _free_slews(clearance, float(first[0]))
     lifts: list[Lift] = []
-    for ends in _turns(first, last, slews):
+    for ends in _ends_both_ways(first, last, slews):
         straight = straight_time(ends, limits)
-        refuse_endless(straight, limits)
+        if not lifts:
+            # Once there is a lift, a direction that takes too long is no reason to refuse it.
+            refuse_endless(straight, limits)
         shortest = min((lift.timed.motion.arrival for lift in lifts), default=math.inf)
         if straight < shortest:
             lifts += _candidates(clearance, ends, slews, limits, period, shortest)
@@ -285,8 +307,10 @@ def _free_slews(clearance: Clearance, gamma: float) -> SlewRange:
     slew = clearance.joints.slew
     slews = slew_range(clearance, gamma, float(crane.lower[slew]), float(crane.upper[slew]))
     if slews.low == slews.high:
+        # Where the start is at an end of the joint's range, only the other end names an obstacle.
+        obstacle = slews.below or slews.above
         raise NoWay(
-            f"At the start the jib is nearer to {slews.below} than {clearance.site.distance:g} m, "
+            f"At the start the jib is nearer to {obstacle} than {clearance.site.distance:g} m, "
             "the distance to keep; move the start round the mast, or the crane away from it."
         )
     return slews
@@ -297,37 +321,67 @@ def refuse_contradictions(site: Site, crane: Crane) -> None:
 
     Raises:
         DataError: If a value of the site is another for the crane.
+        UnknownName: If the tower crane of this project has no argument of that name.
     """
-    arguments = crane.record.get("arguments")
-    if isinstance(arguments, dict):
-        for name, value in site.crane.items():
-            if name in arguments and float(arguments[name]) != float(value):
-                raise DataError(
-                    f"The site enters {name} {value:g}; the crane has {arguments[name]}. Load the "
-                    "crane with the value of the site, or change it there."
-                )
-        return
-    # Any other description has no values by name. What it says itself is compared.
-    for name, (actual, unit) in _numbers_by_argument(crane).items():
-        entered = site.crane.get(name)
-        if entered is not None and not math.isclose(float(entered), actual, rel_tol=1e-9):
+    for name, entered in site.crane.items():
+        known = _value_of(crane, name)
+        if known is not None and not math.isclose(float(entered), known.value, rel_tol=1e-9):
             raise DataError(
-                f"The site enters {float(entered):,.6g} {unit} as {name}; the description of the "
-                f"crane has {actual:,.6g} {unit}. Change one of them."
+                f"The site enters {float(entered):,.6g} {known.unit} as {name}; the crane has "
+                f"{known.value:,.6g} {known.unit}. Load the crane with the value of the site, or "
+                "change one of them."
             )
 
 
-def _numbers_by_argument(crane: Crane) -> dict[str, tuple[float, str]]:
-    """Return the numbers of a crane, with units, that a site may enter as arguments of the tower
-    crane of this project.
+class _Quantity(NamedTuple):
+    """A number of a crane with its unit."""
+
+    value: float
+    unit: str
+
+
+def _value_of(crane: Crane, name: str) -> _Quantity | None:
+    """Return what a crane has for an argument of the tower crane of this project: what its model
+    says, else what it was loaded with, else the default of the argument. None for a crane of
+    another description, whose model does not say it either.
+
+    Raises:
+        UnknownName: If the tower crane of this project has no such argument.
+    """
+    of_model = _numbers_by_argument(crane)
+    if name in of_model:
+        return of_model[name]
+    loaded_with = crane.record.get("arguments")
+    if not isinstance(loaded_with, dict):
+        return None
+    declared = arguments()
+    if name not in declared:
+        raise UnknownName("argument", name, declared)
+    if name in loaded_with:
+        return _Quantity(float(loaded_with[name]), declared[name].unit)
+    default = declared[name].default
+    # The default of an argument may be another argument, as that of payload_ixx.
+    other = _ARGUMENT_AS_DEFAULT.fullmatch(default)
+    if other is not None:
+        return _value_of(crane, other["name"])
+    return _Quantity(float(default), declared[name].unit)
+
+
+_ARGUMENT_AS_DEFAULT = re.compile(r"\$\(arg (?P<name>\w+)\)")
+"""A reference to another argument in a xacro file."""
+
+
+def _numbers_by_argument(crane: Crane) -> dict[str, _Quantity]:
+    """Return the numbers of a model that a site may enter as arguments of the tower crane of this
+    project, whatever description the crane was loaded from.
     """
     layout = crane.layout
-    numbers = {"payload_mass": (crane.payload_mass, "kg")}
+    numbers = {"payload_mass": _Quantity(crane.payload_mass, "kg")}
     for role in DRIVES:
         drive = layout.drive_of(role)
         if drive is not None:
             unit = layout.driven[drive].effort_unit
-            numbers[f"{role}_effort"] = (float(crane.effort_limit[drive]), unit)
+            numbers[f"{role}_effort"] = _Quantity(float(crane.effort_limit[drive]), unit)
     return numbers
 
 
@@ -340,11 +394,11 @@ def _refuse_implausible(
         DataError: With the value and the mistake that is likely.
     """
 
-    def judged(point: np.ndarray | None) -> np.ndarray | None:
-        # What has another shape is refused with its shape, see `_end`.
-        return None if point is None or np.shape(point) not in ((2,), (3,)) else point
+    def only_if_point(end: np.ndarray | None) -> np.ndarray | None:
+        # An array of another shape is refused by `_end`, which names its shape.
+        return end if end is not None and np.shape(end) in ((2,), (3,)) else None
 
-    site = replace(clearance.site, start=judged(start), goal=judged(goal))
+    site = replace(clearance.site, start=only_if_point(start), goal=only_if_point(goal))
     trolley = clearance.joints.trolley
     reach = float(clearance.crane.lower[trolley]), float(clearance.crane.upper[trolley])
     refuse(findings(site, reach))
@@ -368,12 +422,13 @@ def _refuse_unless_it_holds(crane: Crane) -> None:
         NoWay: With both masses.
     """
     hoist = crane.layout.drive("l")
-    held = float(crane.effort_limit[hoist]) / crane.gravity
+    largest_mass = float(crane.effort_limit[hoist]) / crane.gravity
     load = held_mass(crane)
-    if not load <= held:
+    if not load <= largest_mass:
         raise NoWay(
-            f"The hoist holds {held:,.0f} kg; the load with rigging is {load:,.0f} kg. Take a "
-            "lighter load, or enter the force of the hoist as the last of efforts in [drives]."
+            f"The hoist holds {largest_mass:,.0f} kg; the load with rigging is {load:,.0f} kg. "
+            "Take a lighter load, or enter the force of the hoist as the last of efforts in "
+            "[drives]."
         )
 
 
@@ -406,11 +461,11 @@ def _end(clearance: Clearance, name: str, point: np.ndarray | None) -> np.ndarra
     centre = clearance.point(drive_position)
     # Surfaces of triangles are hollow: a load inside of one has a distance from it.
     for solid in clearance.solids:
-        if solid.holds(centre):
+        if solid.surface_encloses(centre):
             raise NoWay(
                 f"At the {name} the load is inside of {solid.name}; move the {name} out of it."
             )
-    if not clearance.swing_margin(drive_position) >= CLOSE:
+    if not clearance.swing_margin(drive_position) >= PROOF_MARGIN:
         raise NoWay(_too_close(clearance, name, drive_position))
     return drive_position
 
@@ -420,14 +475,19 @@ def _too_close(clearance: Clearance, name: str, drive_position: np.ndarray) -> s
     do.
     """
     site = clearance.site
-    nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
+    nearest = clearance.nearest(clearance.q(drive_position), count_zones=True)
     zones = [solid.name for solid in clearance.solids if solid.zone]
-    rule = "kept out of" if nearest.obstacle in zones else f"required are {site.distance:g} m"
-    envelope = clearance.envelope(float(drive_position[2]))
+    envelope = (
+        f"{clearance.envelope(float(drive_position[2])):.2f} m for a swing of "
+        f"{math.degrees(site.swing):.2g}°"
+    )
+    if nearest.obstacle in zones:
+        rule = f"it must keep out of it, with {envelope}"
+    else:
+        rule = f"it must keep {site.distance:g} m, and {envelope} more"
     return (
         f"At the {name} the {nearest.body} is {max(nearest.distance, 0.0):.2f} m from "
-        f"{nearest.obstacle}; {rule}, and {envelope:.2f} m for a swing of "
-        f"{math.degrees(site.swing):.2g}°. {_advice(clearance, name, drive_position)}"
+        f"{nearest.obstacle}; {rule}. {_advice(clearance, name, drive_position)}"
     )
 
 
@@ -439,7 +499,7 @@ def _advice(clearance: Clearance, name: str, drive_position: np.ndarray) -> str:
     lengths = np.arange(drive_position[2], clearance.shortest_cable, -_RAISING_STEP)
     for length in lengths[1:]:
         higher = np.array([*drive_position[:2], length])
-        if clearance.swing_margin(higher) >= CLOSE:
+        if clearance.swing_margin(higher) >= PROOF_MARGIN:
             now = foot + clearance.height - float(drive_position[2])
             then = foot + clearance.height - length
             # Rounded up: a height that is rounded down would be too low again.
@@ -456,21 +516,23 @@ def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
     """Return the place down to which the load can hang with its swing and the margins of `EXTRA`,
     above a point [m], shape (2,).
     """
-    top = float(clearance.site.foot[2]) + clearance.height - clearance.shortest_cable - CLOSE
+    top = float(clearance.site.foot[2]) + clearance.height - clearance.shortest_cable - PROOF_MARGIN
     place = clearance.place(np.array([*point, top]), name)
     longest = float(clearance.crane.upper[clearance.joints.hoist])
     for length in np.arange(place[2], longest, _LOWERING_STEP):
         lower = np.array([*place[:2], length])
-        if not clearance.swing_margin(lower) >= max(EXTRA) + CLOSE:
+        if not clearance.swing_margin(lower) >= max(EXTRA) + PROOF_MARGIN:
             break
         place = lower
     return place
 
 
-def _turns(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
-    """Return start and goal, shape (2, 3), by the two nearest slew angles that reach the goal: the
-    ways to it in both directions round the mast, as far as the jib can turn. No way is longer than
-    a full turn.
+def _ends_both_ways(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
+    """Return start and goal, shape (2, 3), in both directions round the mast as far as the jib can
+    turn, the nearer one first.
+
+    Angles of slew a full turn apart are one direction of the jib. The two nearest of those that
+    point to the goal are the ends of both ways; no way is longer than a full turn.
     """
     start_angle = first[0]
     goal_angle = last[0]
@@ -486,23 +548,31 @@ def _turns(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.nda
 
 
 def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndarray:
-    """Return the least and largest place of the search: a quarter turn beyond the ends, and the
-    ranges of trolley and hoist.
+    """Return the least and largest place of the search, shape (2, 3): up to a quarter turn beyond
+    the ends within the free slew angles, and the ranges of trolley and hoist.
     """
     lower = clearance.crane.lower[clearance.drive_joints]
     upper = clearance.crane.upper[clearance.drive_joints]
     _, inner, _ = lower.tolist()
     _, outer, longest = upper.tolist()
 
-    # Where the jib is stopped by an obstacle, the way stays away from the end of the slew range:
-    # the pivot of a load that swings is beside it by the swing times the cable length, which is the
-    # larger an angle the nearer the trolley is to the mast.
-    away = min(clearance.site.swing * longest / max(inner, 1e-3), _MAX_SLEW_RESERVE)
-    lowest_slew = slews.low + away if slews.below else slews.low
-    highest_slew = slews.high - away if slews.above else slews.high
+    # Where an obstacle stops the jib, the way stays away from the end of the slew range, since the
+    # jib has to go ahead of a load that swings across it. A swing s on the cable length l moves the
+    # load by s l, which is the angle s l / r seen from the mast: the largest one at the least
+    # radius r.
+    reserve = min(clearance.site.swing * longest / max(inner, 1e-3), _MAX_SLEW_RESERVE)
+    lowest_slew = slews.low + reserve if slews.below else slews.low
+    highest_slew = slews.high - reserve if slews.above else slews.high
     low = max(lowest_slew, ends[:, 0].min() - math.pi / 2.0)
     high = min(highest_slew, ends[:, 0].max() + math.pi / 2.0)
     return np.array([[low, inner, clearance.shortest_cable], [high, outer, longest]])
+
+
+def _are_within(bounds: np.ndarray, ends: np.ndarray) -> bool:
+    """Return whether start and goal, shape (2, 3), are within the bounds of a search, shape
+    (2, 3).
+    """
+    return bool((bounds[0] <= ends).all() and (ends <= bounds[1]).all())
 
 
 def _candidates(
@@ -513,8 +583,9 @@ def _candidates(
     period: float,
     shortest: float,
 ) -> Iterator[Lift]:
-    """Yield lifts between two places with margins of `EXTRA`, until one is fast enough; those that
-    last longer than the shortest so far may be left out.
+    """Yield lifts between two places along paths with the distances of `EXTRA`, until one is fast
+    enough. Lifts that last longer than the shortest so far may be left out. No lift is yielded if
+    an end is out of the bounds of the search.
 
     Args:
         clearance: Crane and site.
@@ -526,7 +597,7 @@ def _candidates(
     """
     bounds = _bounds(clearance, ends, slews)
     rates = np.array(limits.rates)
-    if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
+    if not _are_within(bounds, ends):
         return
 
     def proven(candidate: TimedMotion) -> bool:
@@ -535,15 +606,15 @@ def _candidates(
     end_margin = min(clearance.swing_margin(end) for end in ends)
     tried_straight = False
     for extra in EXTRA:
-        if extra and end_margin < extra + CLOSE:
+        if extra and end_margin < extra + PROOF_MARGIN:
             continue
-        wider = clearance.with_more_distance(extra) if extra else clearance
-        for points in search(wider, ends, bounds, rates):
+        farther = clearance.with_more_distance(extra) if extra else clearance
+        for points in search(farther, ends, bounds, rates):
             is_straight = len(points) == 2
             if is_straight and tried_straight:
-                continue  # the same with any margin
+                continue  # the straight line is the same with any distance
             tried_straight = tried_straight or is_straight
-            path = rounded_path(wider, points, rates)
+            path = rounded_path(farther, points, rates)
             if path is None:
                 continue
             motion = timed(clearance, path, limits, proven, within=shortest, period=period)
@@ -573,22 +644,28 @@ def _is_proven(clearance: Clearance, slews: SlewRange, timed: TimedMotion) -> bo
 def _reason(
     clearance: Clearance, first: np.ndarray, last: np.ndarray, slews: SlewRange, rates: np.ndarray
 ) -> str:
-    """Return why there is no way, by a search on a grid from both ends, and by one with a load of
-    no size.
+    """Return why no lift was found, by a search on a grid from both ends, and by one with a load
+    that nearly is a point.
     """
-    turns = _turns(first, last, slews)
-    if not turns:
+    both_ways = _ends_both_ways(first, last, slews)
+    if not both_ways:
         names = [name for name in (slews.below, slews.above) if name]
         return (
             f"The jib cannot turn to the goal: {' and '.join(names) or 'the range of the slew'} "
             "is in its way on both sides."
         )
-    ends = turns[0]
-    bounds = _bounds(clearance, ends, slews)
+    bounds_of_ways = [_bounds(clearance, ends, slews) for ends in both_ways]
+    searched = [
+        (ends, bounds)
+        for ends, bounds in zip(both_ways, bounds_of_ways, strict=True)
+        if _are_within(bounds, ends)
+    ]
+    if not searched:
+        return _out_of_bounds(both_ways[0], bounds_of_ways[0], slews)
+    ends, bounds = searched[0]
     for end_name, pair in (("start", ends), ("goal", ends[::-1])):
-        result = best_on_grid(clearance, pair, bounds, rates, cell_limit=CELLS)
-        if result.points is None and result.reached >= CELLS:
-            # The search has given up, which proves nothing.
+        result = best_on_grid(clearance, pair, bounds, rates, cell_limit=MAX_CELLS)
+        if result.points is None and result.gave_up:
             near = f"; near are {', '.join(result.blocked[:3])}" if result.blocked else ""
             return (
                 f"No way was found among {result.reached} cells of 1 s from the {end_name}{near}. "
@@ -607,15 +684,38 @@ def _reason(
             )
     return (
         "No way was found: one on a grid of cells exists, but no motion along it could be proven. "
-        "A smaller swing or distance in [lift], or slower [drives], leave more "
-        "room."
+        "A smaller swing or distance in [lift], or slower [drives], leave more room."
     )
+
+
+def _out_of_bounds(ends: np.ndarray, bounds: np.ndarray, slews: SlewRange) -> str:
+    """Return a sentence about the first end of a lift that is out of the bounds of the search: its
+    jib is too near to where an obstacle stops it, or beyond the range of its slew. Places are
+    within the ranges of trolley and hoist, see `Clearance.place`.
+    """
+    for name, slew in zip(("start", "goal"), ends[:, 0].tolist(), strict=True):
+        below = slew < bounds[0, 0]
+        if not below and not slew > bounds[1, 0]:
+            continue
+        obstacle = slews.below if below else slews.above
+        limit = math.degrees(bounds[0, 0] if below else bounds[1, 0])
+        side = "above" if below else "below"
+        where = f"At the {name} the slew is {math.degrees(slew):.1f}°; a lift needs it {side}"
+        if not obstacle:
+            return f"{where} {limit:.1f}°, where its range ends. Move the {name} round the mast."
+        return (
+            f"{where} {limit:.1f}°, at a distance from where {obstacle} stops the jib, since the "
+            f"jib goes ahead of a load that swings. Move the {name} round the mast, or allow a "
+            "smaller swing in [lift]."
+        )
+    return "Start or goal is out of the ranges of the drives."
 
 
 def _small_load_passes(
     clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray
 ) -> bool:
-    """Return whether there is a way on the grid for a load of a hundredth of the size."""
-    site = replace(clearance.site, load=0.01 * clearance.bodies.load)
+    """Return whether there is a way on the grid for a load that nearly is a point."""
+    bodies = clearance.bodies
+    site = replace(clearance.site, load=_SMALL_LOAD_SCALE * bodies.load @ bodies.hook_turn.T)
     small = Clearance(clearance.crane, site)
-    return best_on_grid(small, ends, bounds, rates, cell_limit=CELLS).points is not None
+    return best_on_grid(small, ends, bounds, rates, cell_limit=MAX_CELLS).points is not None

@@ -1,9 +1,14 @@
-"""Proofs that nothing is touched along a whole motion, not samples of it.
+"""Proofs that nothing comes too near along a whole motion, instead of samples of it.
 
-`Clearance.swing_margin` changes by no more than `Clearance.travel` over a stretch. Where the margin
-in the middle is more than that, the whole stretch is free. Elsewhere a part about the middle is,
-and both sides of it are examined in the same way. A proof fails only where the clearance is within
-`CLOSE` of the required one.
+*Curves* of places are proven with the envelope of the swing, by `unproven_parameter`. Over a
+stretch `Clearance.swing_margin` changes by no more than `Clearance.travel`. If the margin in the
+middle is more than that, the whole stretch is free. Otherwise a part about the middle is, and the
+rest on both sides is examined in the same way. Such a proof fails where the margin in the middle of
+a stretch is less than `PROOF_MARGIN`, or after `_MAX_STRETCHES`.
+
+*Rows* of coordinates are proven as they are, by `unproven_row`: if the margin of a row is more than
+`Clearance.displacement` to the rows about it, all between them is free. Such a proof fails where
+the margin is less than the displacement from one row to the next.
 """
 
 from __future__ import annotations
@@ -17,23 +22,25 @@ import numpy as np
 from cranedyn.errors import CraneError
 from cranedyn.lifts.planning.clearance import Clearance
 
-CLOSE = 1e-2
-"""Margin that a proof does not go below [m]: a motion with less is not proven."""
+PROOF_MARGIN = 1e-2
+"""Margin in the middle of a stretch below which the proof of a curve gives up [m]. Between the
+middles the margin of a curve that is proven may be less, down to zero."""
 
 _MAX_STRETCHES = 20_000
-"""Stretches that a proof examines before it fails."""
+"""Number of stretches after which the proof of a curve gives up."""
 
 _MAX_ACCELERATION = 32.0
-"""Acceleration of a point that hangs [m/s²], more than thrice that of a fall. Between two rows a
-period h apart it is off the straight line between them by a h²/8 at most."""
+"""Acceleration that is assumed of a point that hangs [m/s²], more than three times that of a fall.
+Between two rows a period h apart the point is off the straight line between them by a h²/8 at most,
+which is 0.1 mm for 5 ms. That no point accelerates more is not checked."""
 
 _ROUNDING_SHARE = 0.99
-"""Share that is taken of the part of a stretch that the margin in its middle proves; the rest is
-for rounding errors."""
+"""Share that is taken of the part of a stretch that the margin in its middle proves. The rest is
+left for rounding errors."""
 
 
 class Unproven(CraneError):
-    """A motion is not proven to touch nothing.
+    """A motion is not proven to keep the required distance.
 
     Attributes:
         t: Time at which the proof fails [s].
@@ -49,14 +56,14 @@ class Unproven(CraneError):
 
 
 class DriveCurve(Protocol):
-    """A curve of places over a parameter, which `unproven_parameter` proves free."""
+    """A curve of places over a parameter, which `unproven_parameter` can prove free."""
 
     def at(self, s: float) -> np.ndarray:
         """Return the place at a parameter, shape (3,)."""
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """Return how far places between two parameters are at most from that in their middle, for
-        each coordinate, shape (3,).
+        """Return how far places between two parameters are at most from that in their middle
+        [rad, m, m], shape (3,).
         """
 
 
@@ -83,8 +90,8 @@ def is_proven_free(clearance: Clearance, start: np.ndarray, end: np.ndarray) -> 
 def unproven_parameter(
     clearance: Clearance, curve: DriveCurve, first: float, last: float
 ) -> float | None:
-    """Return a parameter about which a curve is not proven free; None if it is from a first to a
-    last parameter.
+    """Return a parameter about which a curve is not proven free; None if the whole curve from a
+    first to a last parameter is.
     """
     stretches = deque([(first, last)])
     examined = 0
@@ -95,48 +102,52 @@ def unproven_parameter(
         margin = clearance.swing_margin(drive_position)
         examined += 1
         # Written so that a margin that is not a number proves nothing.
-        if not margin >= CLOSE or examined > _MAX_STRETCHES:
+        if not margin >= PROOF_MARGIN or examined > _MAX_STRETCHES:
             return middle
         change = clearance.travel(drive_position, curve.reach(low, high))
-        if not margin >= change:
-            # The part about the middle that is proven need not be examined again.
-            radius = _ROUNDING_SHARE * (high - low) / 2.0 * margin / change
-            reach = curve.reach(middle - radius, middle + radius)
-            if not clearance.travel(drive_position, reach) <= margin:
-                radius = 0.0
-            stretches += [(low, middle - radius), (middle + radius, high)]
+        if margin >= change:
+            continue
+        # The margin proves a part about the middle, which need not be examined again. Were the
+        # travel proportional to its length, it would have this radius.
+        radius = _ROUNDING_SHARE * (high - low) / 2.0 * margin / change
+        reach = curve.reach(middle - radius, middle + radius)
+        if not clearance.travel(drive_position, reach) <= margin:
+            radius = 0.0
+        stretches += [(low, middle - radius), (middle + radius, high)]
     return None
 
 
 def unproven_row(
     clearance: Clearance, q: np.ndarray, period: float, *, envelope: np.ndarray | float = 0.0
 ) -> int | None:
-    """Return a row of a motion about which it is not proven that all that hangs keeps its distance,
-    such as one with a coordinate that is not finite; None if it does at all times.
+    """Return a row of a motion about which it is not proven that all that hangs keeps its distance;
+    None if it is proven at all times. A row with a coordinate that is not finite is not proven.
 
-    Between two rows no point moves farther than the difference of their coordinates says. Stretches
-    of rows are halved until the margin in their middle is more than that.
+    Between two rows no point moves farther than `Clearance.displacement` of their coordinates, but
+    for the bend of its way, see `_MAX_ACCELERATION`. Stretches of rows are halved until the margin
+    in their middle row is more than that, down to a single step between two rows.
 
     Args:
         clearance: Crane and site.
         q: Coordinates of all joints, shape (rows, n).
         period: Time between rows [s].
-        envelope: How far a point that hangs may be from its place in each row [m], shape (rows,).
+        envelope: How far a point that hangs may be from where the coordinates have it, in each row
+            [m], shape (rows,) or one number.
     """
     envelope = np.broadcast_to(envelope, len(q))
     finite = np.isfinite(q).all(axis=1) & np.isfinite(envelope)
     if not finite.all():
         return int(np.argmin(finite))
-    # Bounds of how far a point that hangs moves from row to row, and of how much its envelope
-    # grows.
+    # How far a point that hangs moves from row to row at most, and how much its envelope changes.
     steps = clearance.displacement(q[:-1, :], q[1:, :]) + np.abs(np.diff(envelope))
     moved = np.concatenate([[0.0], np.cumsum(steps)])
+    # The displacements are those of straight lines from row to row.
     bend = _MAX_ACCELERATION * period**2 / 8.0
     stretches = [(0, len(q) - 1)]
     while stretches:
         low, high = stretches.pop()
         middle = (low + high) // 2
-        # Not Python's max, which would drop a way that is not a number.
+        # Not Python's max, which may drop a displacement that is not a number.
         bound = np.maximum(moved[middle] - moved[low], moved[high] - moved[middle]) + bend
         if clearance.margin(q[middle]) - envelope[middle] > bound:
             continue
@@ -150,8 +161,10 @@ class SlewRange(NamedTuple):
     """Slew angles through which jib and counter-jib turn and keep the required distance.
 
     Attributes:
-        low, high: Ends of the range [rad].
-        below, above: Obstacles at these ends; empty where the joint's own range ends.
+        low: Lower end of the range [rad].
+        high: Upper end of the range [rad].
+        below: Obstacle that stops the jib at the lower end; empty where the joint's range ends.
+        above: Obstacle that stops the jib at the upper end; empty where the joint's range ends.
     """
 
     low: float
@@ -162,8 +175,8 @@ class SlewRange(NamedTuple):
 
 def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> SlewRange:
     """Return the slew angles that jib and counter-jib are proven to reach from an angle gamma
-    [rad], within the range of the joint from low to high [rad]; an empty range, with both ends at
-    gamma, where the jib is too close to an obstacle.
+    [rad], within the range of the joint from low to high [rad]. Where the jib is too close to an
+    obstacle already, the range is empty: both of its ends are gamma.
     """
     lowest, below = _slewed_towards(clearance, gamma, low, sign=-1.0)
     highest, above = _slewed_towards(clearance, gamma, high, sign=1.0)
@@ -174,24 +187,17 @@ def _slewed_towards(
     clearance: Clearance, gamma: float, limit: float, *, sign: float
 ) -> tuple[float, str]:
     """Return the angle that the jib is proven to reach from an angle gamma towards a limit [rad],
-    in the direction of a sign, and the obstacle that is there; no name where it reaches the limit.
+    in the direction of a sign, and the name of the obstacle that stops it; an empty name where it
+    reaches the limit.
     """
     angle = gamma
     while (limit - angle) * sign > 0.0 and abs(angle - gamma) <= 2.0 * math.pi:
         margin = clearance.slewing_margin(angle)
-        if not margin >= CLOSE:
-            return angle, _nearest_to_jib(clearance, angle)
+        if not margin >= PROOF_MARGIN:
+            return angle, clearance.nearest_to_jib(angle)
         # No point of the jib moves farther than the radius times the change of the angle.
         angle += sign * min(margin / clearance.slewing_radius, math.pi)
+    # After a full turn nothing is left that could stop it before the limit.
     has_turned_fully = abs(angle - gamma) > 2.0 * math.pi
     is_beyond = (angle - limit) * sign > 0.0
     return (limit if has_turned_fully or is_beyond else angle), ""
-
-
-def _nearest_to_jib(clearance: Clearance, gamma: float) -> str:
-    """Return the name of the obstacle that is nearest to the jib at a slew angle [rad], wherever
-    the load hangs.
-    """
-    q = clearance.q(np.array([gamma, 0.0, 1.0]))
-    pairs = [pair for pair in clearance.distances(q).values() if pair.body == "jib"]
-    return min(pairs).obstacle

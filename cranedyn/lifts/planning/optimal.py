@@ -23,7 +23,12 @@ from cranedyn.lifts.planning import transcription
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.drive_trajectory import SOON, DriveTrajectory
 from cranedyn.lifts.planning.half_spaces import half_spaces
-from cranedyn.lifts.planning.motion_proof import CLOSE, Unproven, slew_range, unproven_parameter
+from cranedyn.lifts.planning.motion_proof import (
+    PROOF_MARGIN,
+    Unproven,
+    slew_range,
+    unproven_parameter,
+)
 from cranedyn.lifts.planning.move import (
     PLUMB,
     USUAL,
@@ -480,7 +485,7 @@ def _among_obstacles(move: Move, clearance: Clearance) -> Move:
     """
     for end, state in (("start", move.start), ("goal", move.goal)):
         margin = clearance.swing_margin(state.q[clearance.drive_joints])
-        number(f"clearance margin at the {end}", margin - CLOSE, "m", ">= 0")
+        number(f"clearance margin at the {end}", margin - PROOF_MARGIN, "m", ">= 0")
         tilt = float(clearance.tilt(state.q))
         within(f"tilt of the rope at the {end}", tilt, 0.0, clearance.site.swing, "rad")
 

@@ -22,15 +22,19 @@ from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.curve import leg_durations
 from cranedyn.lifts.planning.motion_proof import Line, is_proven_free
 
-EDGES = (1.0, 0.5)
-"""Edges of the cells of the grids to try, one after the other [s]."""
+CELL_EDGES = (1.0, 0.5)
+"""Edges of the cells of the grids that are searched, one after the other [s]."""
 
-CELLS = 50_000
+MAX_CELLS = 50_000
 """Largest number of cells that a search for a way reaches on each grid."""
 
 _TIGHT_COST = 0.2
-"""Additional cost of a second without margin: of ways that last equally long the one with more
-margin is the quicker, since rounding and averaging need some."""
+"""Additional cost of a second without margin. Of ways of equal length the one with more margin
+becomes the quicker motion: its corners can be rounded more widely, and averaging may take the
+motion farther off it."""
+
+_FULL_MARGIN = 1.0
+"""Margin from which on a place has no additional cost [m]; below it the cost grows linearly."""
 
 _SEED_COUNT = 3
 """Number of seeds from which shortcuts of a way are drawn."""
@@ -42,18 +46,27 @@ _SHORTCUTS = 25
 """Number of shortcuts that are drawn in a round."""
 
 _WORTHWHILE_RATIO = 0.999
-"""Cost of a way over its cost a round before, above which no further round is tried."""
+"""Ratio of the cost of a way to its cost a round before above which no further round is tried."""
 
 _SHIFTS = (4.0, 2.0, 1.0, 0.5, 0.25)
 """Distances by which corners are shifted on trial, the largest first [s]."""
 
 _STRAIGHT_COST = 0.03
-"""Cost of a second of all drives together beside one of the slowest: of ways that last equally long
-the straight one."""
+"""Weight of the Euclidean length of a way in its cost, beside the time of the slowest drive: of
+ways that last equally long the straight one is the best."""
 
 _TIE_COST = 1e-3
-"""Cost of a step of a further drive on the grid beside one of the slowest: of ways that last
-equally long the straight one."""
+"""Additional cost of each further drive that moves in a step on the grid, as a share of the cost of
+the step: of ways that last equally long the straight one is the best."""
+
+_MIN_GAIN = 1e-6
+"""Least reduction of its cost for which a way is changed [s]."""
+
+_COST_ROUNDING = 1e-9
+"""Rounding error of the cost of a way [s]."""
+
+_SAME_PLACE = 1e-9
+"""Largest difference of the coordinates of two places that count as one [rad or m]."""
 
 _MAX_BLOCKED = 200
 """Number of blocked places that a search keeps, to name the obstacles there."""
@@ -80,8 +93,9 @@ _START: Node = (0, 0, 0)
 def search(
     clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray
 ) -> list[np.ndarray]:
-    """Return ways: the straight line, or the best on a grid shortened by a few seeds; none if there
-    is none on the finest grid either.
+    """Return ways: the straight line if it is proven free, else the best way on the coarsest grid
+    that has one, shortened several times with shortcuts from different seeds. There is none if no
+    grid has one, or the search on each of them gave up.
 
     Args:
         clearance: Crane and site.
@@ -96,9 +110,9 @@ def search(
     free = _proofs(clearance)
     if free(ends[0], ends[1]):
         return [ends]
-    for cell in EDGES:
+    for cell in CELL_EDGES:
         points = best_on_grid(
-            clearance, ends, bounds, rates, cell=cell, cell_limit=CELLS, tight=_TIGHT_COST
+            clearance, ends, bounds, rates, cell=cell, cell_limit=MAX_CELLS, tight=_TIGHT_COST
         ).points
         if points is not None:
             ways = []
@@ -130,11 +144,11 @@ def shortened(
     bounds: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Return a way along places with shortcuts taken, corners left out and corners shifted while it
-    gets shorter.
+    """Shorten a way along places: take shortcuts, leave corners out and shift corners while its
+    cost falls.
 
     Args:
-        free: Function that says whether a straight line is proven free.
+        free: Function that says whether the straight line between two places is proven free.
         points: Places of the way, shape (n, 3).
         rates: Rates of the drives, shape (3,).
         bounds: Least and largest place, shape (2, 3).
@@ -142,10 +156,10 @@ def shortened(
     """
     before = math.inf
     for _ in range(_ROUNDS):
-        points = _fewer(free, points, rates)
-        points = _shortcuts(free, points, rates, rng)
-        points = _fewer(free, points, rates)
-        points = _shifted(free, points, rates, bounds)
+        points = _without_needless_corners(free, points, rates)
+        points = _with_shortcuts(free, points, rates, rng)
+        points = _without_needless_corners(free, points, rates)
+        points = _with_shifted_corners(free, points, rates, bounds)
         cost = _cost(points, rates)
         if cost > _WORTHWHILE_RATIO * before:
             break
@@ -154,21 +168,21 @@ def shortened(
 
 
 def _cost(points: np.ndarray, rates: np.ndarray) -> float:
-    """Return the cost of a way along places, shape (n, 3): its time at full speed [s], and a little
-    for the length of its legs, so that of ways that last equally long the straight one is the best.
+    """Return the cost of a way along places, shape (n, 3): its time at full speed [s], and a share
+    `_STRAIGHT_COST` of its Euclidean length in the times of all drives.
     """
-    legs = np.abs(points[1:] - points[:-1]) / rates
-    slowest = legs.max(axis=1)
-    together = np.sqrt((legs * legs).sum(axis=1))
-    return float(slowest.sum() + _STRAIGHT_COST * together.sum())
+    times_of_drives = np.abs(points[1:] - points[:-1]) / rates
+    slowest = times_of_drives.max(axis=1)
+    euclidean = np.sqrt((times_of_drives * times_of_drives).sum(axis=1))
+    return float(slowest.sum() + _STRAIGHT_COST * euclidean.sum())
 
 
-def _fewer(free: IsFree, points: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Leave out corners that can be left out."""
+def _without_needless_corners(free: IsFree, points: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Leave out each corner without which the way costs no more and is proven free."""
     k = 1
     while k < len(points) - 1:
         candidate = np.delete(points, k, axis=0)
-        is_no_longer = _cost(candidate, rates) <= _cost(points, rates) + 1e-9
+        is_no_longer = _cost(candidate, rates) <= _cost(points, rates) + _COST_ROUNDING
         if is_no_longer and free(points[k - 1], points[k + 1]):
             points = candidate
         else:
@@ -176,10 +190,10 @@ def _fewer(free: IsFree, points: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return points
 
 
-def _shortcuts(
+def _with_shortcuts(
     free: IsFree, points: np.ndarray, rates: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Take straight lines between points of the way that are drawn at random."""
+    """Replace parts of a way by straight lines between points of it that are drawn at random."""
     if len(points) <= 2:
         return points
     for _ in range(_SHORTCUTS):
@@ -191,22 +205,24 @@ def _shortcuts(
             continue
         shortcut = np.column_stack([np.interp(span, knots, column) for column in points.T])
         candidate = np.concatenate([points[:first], shortcut, points[last:]])
-        # Parts of lines that are proven free need no proof.
-        is_shorter = _cost(candidate, rates) < _cost(points, rates) - 1e-6
+        # What is left of both legs is part of lines that are proven free.
+        is_shorter = _cost(candidate, rates) < _cost(points, rates) - _MIN_GAIN
         if is_shorter and free(shortcut[0], shortcut[1]):
             points = candidate
     return points
 
 
-def _shifted(free: IsFree, points: np.ndarray, rates: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """Shift each corner by small steps of one drive or two while the way gets shorter."""
+def _with_shifted_corners(
+    free: IsFree, points: np.ndarray, rates: np.ndarray, bounds: np.ndarray
+) -> np.ndarray:
+    """Shift each corner by steps of one drive or two that make the way cost less."""
     points = points.copy()
     corners = range(1, len(points) - 1)
     for step, k, direction in itertools.product(_SHIFTS, corners, _DIRECTIONS):
         two_legs = points[k - 1 : k + 2]
         candidate = two_legs.copy()
         candidate[1] = np.clip(points[k] + step * direction * rates, bounds[0], bounds[1])
-        is_shorter = _cost(candidate, rates) < _cost(two_legs, rates) - 1e-6
+        is_shorter = _cost(candidate, rates) < _cost(two_legs, rates) - _MIN_GAIN
         if is_shorter and free(candidate[0], candidate[1]) and free(candidate[1], candidate[2]):
             points[k] = candidate[1]
     return points
@@ -219,15 +235,18 @@ class GridSearch(NamedTuple):
     """Result of a search on a grid.
 
     Attributes:
-        points: Places of the best way, shape (n, 3); None if there is none.
-        duration: Its length as time at full speed [s], inf if there is none.
+        points: Places of the best way that was found, shape (n, 3); None if none was found.
+        duration: Its length as time at full speed [s]; infinite if none was found.
         reached: Number of cells that were reached.
+        gave_up: Whether the search ended because it had reached as many cells as it may. Then there
+            may be a better way than the one found, and a way where none was found.
         blocked: Names of obstacles where the search ended, the most frequent first.
     """
 
     points: np.ndarray | None
     duration: float
     reached: int
+    gave_up: bool
     blocked: list[str]
 
 
@@ -241,7 +260,8 @@ def best_on_grid(
     cell_limit: int = 400_000,
     tight: float = 0.0,
 ) -> GridSearch:
-    """Return the shortest way by A* (Hart, Nilsson, Raphael 1968) over cells with 26 neighbours.
+    """Search for the shortest way over cells with 26 neighbours, by A*
+    (Hart, Nilsson, Raphael 1968).
 
     Args:
         clearance: Crane and site.
@@ -250,15 +270,19 @@ def best_on_grid(
         rates: Rates of the drives, shape (3,).
         cell: Edge of a cell [s]: as far as each drive gets in that time.
         cell_limit: Number of cells after which the search gives up.
-        tight: Additional cost of a second without margin, less so up to a margin of a metre.
+        tight: Additional cost of a second without margin, see `_TIGHT_COST`.
     """
     grid = _Grid(clearance, ends, bounds, rates, cell)
     found = _a_star(grid, cell_limit, tight)
-    reached = len(found.parents)
+    points = None
+    duration = math.inf
+    blocked = []
     if found.last is None:
-        return GridSearch(None, math.inf, reached, _obstacles_at(clearance, found.blocked))
-    points = _way_to(grid, found.parents, found.last)
-    return GridSearch(points, float(leg_durations(points, rates).sum()), reached, [])
+        blocked = _obstacles_at(clearance, found.blocked)
+    else:
+        points = _way_to(grid, found.parents, found.last)
+        duration = float(leg_durations(points, rates).sum())
+    return GridSearch(points, duration, len(found.parents), found.gave_up, blocked)
 
 
 class _Tree(NamedTuple):
@@ -267,20 +291,25 @@ class _Tree(NamedTuple):
     Attributes:
         parents: The cell from which each reached cell is reached at the least cost; the start is
             its own parent.
-        last: The cell from which the best way goes straight to the goal; None if there is no way.
+        last: The cell from which the best way that was found goes straight to the goal; None if
+            none was found.
+        gave_up: Whether the search ended with cells in the queue that could have led to a better
+            way, or to one at all.
         blocked: Places that could not be reached from a neighbour, up to `_MAX_BLOCKED` of them.
     """
 
     parents: dict[Node, Node]
     last: Node | None
+    gave_up: bool
     blocked: list[np.ndarray]
 
 
 def _a_star(grid: _Grid, cell_limit: int, tight: float) -> _Tree:
-    """Return the cells that A* reaches until it has proven its way to the goal to be the best.
+    """Return the cells that A* reaches until it has proven its way to the goal to be the best, no
+    cell is left, or it has reached so many cells that it gives up.
 
-    A cell is taken from the queue in the order of its guess: the cost of the way to it and a lower
-    bound of the cost from it to the goal.
+    A cell is taken from the queue in the order of its guess: the sum of the cost of the way to it
+    and a lower bound of the cost from it to the goal.
     """
     parents: dict[Node, Node] = {}
     blocked: list[np.ndarray] = []
@@ -304,13 +333,14 @@ def _a_star(grid: _Grid, cell_limit: int, tight: float) -> _Tree:
         parents[node] = parent
         cost = -negative_cost
 
-        # The goal lies between cells: from each of those around it a way may go straight to it.
+        # The goal is no cell. From each cell around it the way may go straight to it.
         cost_by_node = cost + grid.cost_to_goal(node)
         if cost_by_node < best_cost and grid.reaches_goal(node):
             best_cost = cost_by_node
             last = node
         _queue_neighbours(grid, queue, parents, node, cost, tight)
-    return _Tree(parents, last, blocked)
+    gave_up = len(parents) >= cell_limit and bool(queue) and queue[0][0] < best_cost
+    return _Tree(parents, last, gave_up, blocked)
 
 
 def _queue_neighbours(
@@ -340,33 +370,33 @@ def _queue_neighbours(
         if to_goal == math.inf:
             continue
         if tight:
-            factor += tight * max(0.0, 1.0 - grid.margin(neighbour))
+            factor += tight * max(0.0, _FULL_MARGIN - grid.margin(neighbour))
         reached = cost + grid.cell * factor
         heapq.heappush(queue, (reached + to_goal, -reached, neighbour, node))
 
 
 def _cost_factor(step: Node) -> float:
-    """Return the cost of a step to a neighbour over the edge of a cell."""
+    """Return the cost of a step to a neighbour, as a multiple of the edge of a cell."""
     moving_drives = sum(map(abs, step))
     return 1.0 + _TIE_COST * (moving_drives - 1)
 
 
 _STEPS = [(step, _cost_factor(step)) for step in _NEIGHBOURS]
-"""Steps to the neighbours of a cell with their costs over the edge of a cell."""
+"""Steps to the neighbours of a cell, each with its cost as a multiple of the edge of a cell."""
 
 
 def _obstacles_at(clearance: Clearance, places: list[np.ndarray]) -> list[str]:
     """Return the names of the obstacles nearest to places, the most frequent first."""
     names: Counter[str] = Counter()
     for drive_position in places:
-        nearest = clearance.nearest(clearance.q(drive_position), beside_zones=True)
+        nearest = clearance.nearest(clearance.q(drive_position), count_zones=True)
         names[nearest.obstacle] += 1
     return [name for name, _ in names.most_common()]
 
 
 def _way_to(grid: _Grid, parents: dict[Node, Node], last: Node) -> np.ndarray:
-    """Return the places from the first one by the parents of cells to a last cell, and from it to
-    the goal, shape (n, 3); none of them is equal to the one before.
+    """Return the places of the way from the first one to a last cell, which the parents of cells
+    lead back along, and from it to the goal, shape (n, 3); none is equal to the one before.
     """
     nodes = [last]
     while nodes[-1] != _START:
@@ -375,12 +405,12 @@ def _way_to(grid: _Grid, parents: dict[Node, Node], last: Node) -> np.ndarray:
     places.append(grid.goal)
     points = np.array(places)
     # At the ends of the ranges two cells may have one place, and a cell may be the goal.
-    is_new = np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > 1e-9)
+    is_new = np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > _SAME_PLACE)
     return points[is_new]
 
 
 class _Grid:
-    """Cells about the first place, each as far from the next as a drive gets in a time.
+    """Cells about the first place. Neighbours differ by as far as each drive gets in a time.
 
     Attributes:
         cell: Edge of a cell [s].
@@ -427,7 +457,7 @@ class _Grid:
         return self.cell * (farthest + _TIE_COST * (sum(differences) - farthest))
 
     def _cells_to_goal(self, node: Node) -> list[float]:
-        """Return how many cells each drive is from the goal."""
+        """Return how far each drive is from the goal [cells]."""
         return [abs(goal - i) for goal, i in zip(self._goal_cell, node, strict=True)]
 
     def reaches_goal(self, node: Node) -> bool:
@@ -436,7 +466,7 @@ class _Grid:
         return is_beside and is_proven_free(self._clearance, self.place(node), self.goal)
 
     def _margin(self, node: Node) -> float:
-        """Return the margin with the envelope of swing in a cell [m]."""
+        """Return the margin at the place of a cell, with the envelope of the swing [m]."""
         return self._clearance.swing_margin(self.place(node))
 
     def is_free(self, start: Node, end: Node) -> bool:
@@ -447,9 +477,10 @@ class _Grid:
         margin_at_end = self.margin(end)
         if min(margin_at_start, margin_at_end) <= 0.0:
             return False
-        # Let the margin change by no more than L along the line. At the share t of it the margin is
-        # at least that of the start less t L, and that of the end less (1 - t) L. If both margins
-        # together exceed L, one of these two is positive for each t.
+        # Let L be a bound of the change of the margin along the line. At the share t of the line
+        # the margin is at least that of the start less t L, and at least that of the end less
+        # (1 - t) L. If both margins together exceed L, one of the two bounds is positive for each
+        # t: so this proves a margin above zero, and not one of `PROOF_MARGIN`.
         line = Line(self.place(start), self.place(end))
         change = self._clearance.travel(line.at(0.5), np.abs(line.end - line.start))
         if change < margin_at_start + margin_at_end:

@@ -20,7 +20,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from cranedyn.lifts.planning.clearance import Nearest
-from cranedyn.lifts.planning.crane_bodies import shape_corners
+from cranedyn.lifts.planning.crane_bodies import hook_turn, shape_corners
 from cranedyn.lifts.planning.site import GROUND, Site
 from cranedyn.lifts.planning.solids import Solid
 from cranedyn.model.crane import Crane
@@ -109,7 +109,7 @@ def _are_inside(points: np.ndarray, solid: Solid) -> np.ndarray:
         high = solid.vertices.max(axis=0)
         in_box = ((low < points) & (points < high)).all(axis=1)
         for i in np.flatnonzero(in_box):
-            inside[i] = solid.holds(points[i])
+            inside[i] = solid.surface_encloses(points[i])
     return inside
 
 
@@ -134,8 +134,9 @@ def _hanging_points(site: Site, crane: Crane, q: np.ndarray) -> tuple[np.ndarray
     _, _, radial, _, hoist = crane.layout.tower("A measurement")
     pivot_joint = radial + 1  # Pinocchio counts joints from 1; 0 is the world
     load_joint = hoist + 1
-    load = site.load
-    if load is None:
+    if site.load is not None:
+        load = site.load @ hook_turn(crane)  # along the axes of the joint
+    else:
         carried = [corners for joint, corners in shape_corners(crane) if joint == load_joint]
         load = np.concatenate(carried)
     if len(load) > 8:  # more than a box has: those inside of the hull are never the nearest

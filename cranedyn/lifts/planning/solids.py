@@ -1,4 +1,8 @@
-"""Obstacles of a site: closed bodies, each as triangles to draw and as shapes for distances."""
+"""Obstacles of a site: closed bodies, each with triangles to draw and shapes to measure from.
+
+A body is measured from its convex parts if it has any. Otherwise it is a *surface of triangles*,
+which is hollow for `coal`: a point inside of it has a distance from it.
+"""
 
 from __future__ import annotations
 
@@ -23,19 +27,22 @@ MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
 """Endings of mesh files; none of these formats needs another file."""
 
 FARTHEST = 1e7
-"""Largest coordinate of a corner [m]: that of national grids, in which doubles are 2e-9 m apart."""
+"""Largest coordinate of a corner [m]: that of national grids. Doubles are 2e-9 m apart there."""
 
 # Otherwise trimesh logs tracebacks of bad files to standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _MAX_NEIGHBOURS = 255
-"""Largest number of neighbours of a corner of a convex body, each along an edge, in `coal`."""
+"""Largest number of edges at a corner of a convex body in `coal`, each to another neighbour."""
 
 _MAX_MESH_BYTES = 50_000_000
 """Largest size of a mesh file [bytes]."""
 
 _MIN_THICKNESS = 1e-6
-"""Least thickness of a body [m], and least area of an outline [m²]."""
+"""Least thickness of a body [m]."""
+
+_MIN_AREA = 1e-6
+"""Least area of an outline, and least area between it and its hull if it is not convex [m²]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,12 +51,12 @@ class Solid(ShortRepr):
 
     Attributes:
         name: Its name; no two of a site have the same.
-        parts: Corners of convex bodies [m], shape (n, 3) each, whose union it is; empty for a
-            surface of triangles.
+        parts: Corners of convex bodies [m], shape (n, 3) each, of which it is the union; empty for
+            a surface of triangles.
         vertices: Corners of its surface [m], shape (n, 3).
         triangles: Indices of the corners of each triangle, counter-clockwise from outside, shape
             (m, 3).
-        zone: Whether it is a zone that load, hook and rope keep out of, and no body.
+        zone: Whether it is no body but a zone, which load, hook and rope keep out of.
     """
 
     name: str
@@ -62,14 +69,18 @@ class Solid(ShortRepr):
         """Check what libraries for geometry assume.
 
         Raises:
-            DataError: If a corner lies beyond `FARTHEST`, or a triangle has a corner that there is
-                not.
+            DataError: If a corner lies beyond `FARTHEST`, or a triangle refers to a corner that
+                does not exist.
         """
         for points in (*self.parts, self.vertices):
             check_corners(points)
         count = len(self.vertices)
-        if not ((self.triangles >= 0) & (self.triangles < count)).all():
-            raise DataError(f"a triangle has a corner that there is not; there are {count}.")
+        missing = self.triangles[(self.triangles < 0) | (self.triangles >= count)]
+        if len(missing):
+            raise DataError(
+                f"a triangle refers to the corner of index {missing[0]}; there are {count} "
+                "corners, whose indices begin at 0."
+            )
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
         """Return the body, rotated and then translated [m]."""
@@ -77,8 +88,8 @@ class Solid(ShortRepr):
         return replace(self, parts=parts, vertices=self.vertices @ rotation.T + translation)
 
     def without_parts(self, indices: Iterable[int]) -> Solid | None:
-        """Return the body without some of its convex parts, None if no part is left. Its surface
-        stays as it is; it is drawn and not measured.
+        """Return the body without some of its convex parts; None if no part is left. Its surface
+        stays as it is, since it is only drawn and nothing is measured from it.
         """
         left_out = set(indices)
         if not left_out:
@@ -106,8 +117,9 @@ class Solid(ShortRepr):
 
         Args:
             corners: Corners of the convex body [m], shape (n, 3).
-            shape: Their hull, which several solids are compared with.
-            geometries: What `geometries` returns, which several convex bodies are compared with.
+            shape: Their hull. It is given since the body may be compared with several solids.
+            geometries: What `geometries` returns. They are given since the solid may be compared
+                with several bodies.
         """
         here = coal.Transform3s()
         for geometry in geometries:
@@ -116,11 +128,11 @@ class Solid(ShortRepr):
             if coal.collide(shape, here, geometry, here, request, result):
                 return True
         # A surface of triangles is hollow: a hull inside of it touches none of them.
-        return self.holds(corners[0])
+        return self.surface_encloses(corners[0])
 
-    def holds(self, point: np.ndarray) -> bool:
-        """Return whether a point [m] lies inside of a surface of triangles; for convex parts, whose
-        distances show it, always False.
+    def surface_encloses(self, point: np.ndarray) -> bool:
+        """Return whether this is a surface of triangles and a point [m] lies inside of it. It is
+        False for every point if there are convex parts: then distances show what is inside.
         """
         if self.parts:
             return False
@@ -143,9 +155,9 @@ def check_corners(points: np.ndarray) -> None:
 def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute the convex hull of one point or more.
 
-    Along a principal axis in which the points are thinner than a micrometre, they are made thicker
-    by one. Which of them are corners is found where their extents along all principal axes are
-    one, since an affine map changes nothing in it but how exact it is.
+    Points that are thinner than a micrometre along one of their principal axes are made thicker by
+    one there. Before Qhull sees them, they are scaled to extents of 1 along all of these axes: that
+    changes nothing in which of them are corners, and Qhull is exact relative to the largest extent.
 
     Args:
         points: The points [m], shape (n, 3).
@@ -159,8 +171,8 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     check_corners(points)
     offsets = points - points.mean(axis=0)
 
-    # The three rows of zeros let one or two points have three axes, too. The last axis is turned
-    # round where the three would mirror the points.
+    # The three rows of zeros give one or two points three axes, too. The last axis is reversed if
+    # the three would mirror the points.
     axes = np.linalg.svd(np.vstack([offsets, np.zeros((3, 3))]), full_matrices=False)[2]
     axes[2] *= np.linalg.det(axes)
     extents = np.ptp(offsets @ axes.T, axis=0)
@@ -176,7 +188,7 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if _largest_neighbour_count(triangles) > _MAX_NEIGHBOURS:
         triangles, normals = _in_strips(scaled, qhull)
 
-    # Qhull gives each triangle an outward normal, but its corners in any order.
+    # Qhull gives the outward normal of each triangle, and its corners in any order.
     a, b, c = np.moveaxis(scaled[triangles], 1, 0)
     is_inward = np.sum(np.cross(b - a, c - a) * normals, axis=1) < 0.0
     triangles = np.where(is_inward[:, None], triangles[:, ::-1], triangles)
@@ -187,9 +199,10 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _in_strips(points: np.ndarray, qhull: ConvexHull) -> tuple[np.ndarray, np.ndarray]:
-    """Return triangles of a hull and their normals, those of each flat facet in a strip.
+    """Divide each flat facet of a hull into a strip of triangles.
 
-    Qhull arranges them around one corner, which then has all others of the facet for neighbours.
+    Qhull arranges the triangles of a facet around one corner, which then has all others of the
+    facet for neighbours.
 
     Args:
         points: The points of the hull, shape (n, 3).
@@ -198,6 +211,7 @@ def _in_strips(points: np.ndarray, qhull: ConvexHull) -> tuple[np.ndarray, np.nd
     Returns:
         Indices of the corners of each triangle, shape (m, 3), and its outward normal, shape (m, 3).
     """
+    # Qhull copies the plane of a facet to each of its triangles, so that rows are equal bit by bit.
     planes, facet = np.unique(qhull.equations, axis=0, return_inverse=True)
     facet_of_triangle = facet.ravel()
     strips = []
@@ -211,8 +225,13 @@ def _in_strips(points: np.ndarray, qhull: ConvexHull) -> tuple[np.ndarray, np.nd
 
 
 def _ring(points: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return the corners of a convex facet with a normal, shape (3,), in the order around it, shape
-    (k,): by their angles about the middle of the facet.
+    """Return the indices of the corners of a convex facet in the order around it, shape (k,): by
+    their angles about the middle of the facet.
+
+    Args:
+        points: The points of the hull, shape (n, 3).
+        corners: Indices of the corners, shape (k,).
+        normal: Normal of the facet, shape (3,).
     """
     x_axis = points[corners[1]] - points[corners[0]]
     y_axis = np.cross(normal, x_axis)
@@ -222,20 +241,21 @@ def _ring(points: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.nda
 
 
 def _strip(ring: np.ndarray) -> np.ndarray:
-    """Return the triangles of a convex polygon from its corners in order, shape (k,), in a strip
-    that zigzags from one side to the other, shape (k - 2, 3): no corner is in more than three.
+    """Return the triangles of a convex polygon, shape (n - 2, 3), from its corners in order, shape
+    (n,): a strip that zigzags from one side to the other, so that no corner is in more than three.
     """
-    # The corners in the order 0, 1, k-1, 2, k-2, …; three that follow each other are a triangle.
-    k = np.arange(len(ring))
+    # The corners in the order 0, 1, n-1, 2, n-2, …; each three consecutive ones are a triangle.
+    n = len(ring)
+    k = np.arange(n)
     forwards = (k + 1) // 2
-    backwards = (len(ring) - k // 2) % len(ring)
+    backwards = (n - k // 2) % n
     zigzag = ring[np.where(k % 2, forwards, backwards)]
     return np.column_stack([zigzag[:-2], zigzag[1:-1], zigzag[2:]])
 
 
 def _largest_neighbour_count(triangles: np.ndarray) -> int:
-    """Return the largest number of neighbours of a corner of a closed surface. A corner has as many
-    neighbours there as triangles.
+    """Return the largest number of neighbours of a corner of a closed surface, in which a corner
+    has as many neighbours as triangles.
     """
     return int(np.bincount(triangles.ravel()).max())
 
@@ -251,7 +271,7 @@ def hull(points: np.ndarray) -> coal.Convex:
     edges = _largest_neighbour_count(faces)
     if edges > _MAX_NEIGHBOURS:
         raise DataError(
-            f"a corner of a convex body has {edges} edges; allowed are {_MAX_NEIGHBOURS}."
+            f"a corner of a convex body has {edges} edges; at most {_MAX_NEIGHBOURS} are allowed."
         )
     corners = coal.StdVec_Vec3s()
     triangles = coal.StdVec_Triangle()
@@ -277,7 +297,7 @@ def box(
 
     Args:
         name: Its name.
-        centre: Centre of its footprint [m], two numbers.
+        centre: Centre of its footprint, x and y [m].
         size: Length, width, height [m].
         base: Height of its bottom [m].
         yaw: Rotation about Z [rad].
@@ -291,9 +311,9 @@ def box(
 def prism(
     name: str, outline: np.ndarray, base: float, height: float, *, zone: bool = False
 ) -> Solid:
-    """Return a body with an outline, from a base up.
+    """Return an upright body of a given outline.
 
-    A convex outline makes one convex part; any other is divided into triangles, each of which makes
+    A convex outline makes one convex part. Any other is divided into triangles, each of which makes
     a part.
 
     Args:
@@ -315,7 +335,7 @@ def prism(
         raise OutOfRange("height", height, f">= {_MIN_THICKNESS:g}", "m")
     check_corners(np.array([base, base + height]))
     polygon = shapely.Polygon(outline)
-    if not polygon.is_valid or polygon.area < _MIN_THICKNESS:
+    if not polygon.is_valid or polygon.area < _MIN_AREA:
         raise DataError("an outline must enclose an area and not cross itself.")
     polygon = shapely.geometry.polygon.orient(polygon)
 
@@ -324,7 +344,7 @@ def prism(
         top = np.insert(outline, 2, base + height, axis=1)
         return np.vstack([bottom, top])
 
-    if polygon.convex_hull.area - polygon.area < _MIN_THICKNESS:
+    if polygon.convex_hull.area - polygon.area < _MIN_AREA:
         corners = upright(np.array(polygon.exterior.coords)[:-1])  # the first is repeated as last
         hull_corners, hull_triangles = convex_hull(corners)
         return Solid(name, (corners,), hull_corners, hull_triangles, zone)
@@ -346,8 +366,8 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
         as_hull: Whether to replace it by its convex hull, which is faster and never smaller.
 
     Raises:
-        DataError: If a corner lies beyond `FARTHEST`, a triangle has a corner that there is not,
-            or the surface is not closed.
+        DataError: If a corner lies beyond `FARTHEST`, a triangle refers to a corner that does not
+            exist, or the surface is not closed or encloses no volume.
     """
     surface = Solid(name, (), vertices, triangles)  # checks corners and triangles
     if as_hull:
@@ -357,8 +377,10 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
     with np.errstate(all="ignore"):  # trimesh divides by volumes that may be zero
-        if not mesh.is_watertight or mesh.volume == 0.0:
+        if not mesh.is_watertight:
             raise DataError("the mesh is not closed: some edge has not two triangles.")
+        if mesh.volume == 0.0:
+            raise DataError("the mesh encloses no volume.")
         mesh.fix_normals()
         is_convex = mesh.is_convex
     corners = np.array(mesh.vertices)
@@ -372,11 +394,13 @@ def _trimesh() -> Any:
 
 
 def _as_parts(corners: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return the parts of a convex body; none, for its surface, if a corner has more neighbours
-    than `coal` takes, as the top of a cone may have.
+    """Return a convex body as its only part. If a corner has more neighbours than `coal` takes, as
+    the top of a cone may have, there are no parts, and the body is measured from its surface.
     """
     _, triangles = convex_hull(corners)
-    return (corners,) if _largest_neighbour_count(triangles) <= _MAX_NEIGHBOURS else ()
+    if _largest_neighbour_count(triangles) > _MAX_NEIGHBOURS:
+        return ()
+    return (corners,)
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -389,7 +413,7 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise DataError(f"Cannot read {path}: a mesh ends in {', '.join(MESH_ENDINGS)}.")
     content = read_bytes(path, _MAX_MESH_BYTES)
     try:
-        with np.errstate(all="ignore"):  # numbers that are none are refused with their corner
+        with np.errstate(all="ignore"):  # NaN and infinity are refused by `check_corners`
             kind = path.suffix[1:].lower()
             # Without a resolver no other file is read, whatever the mesh refers to.
             mesh = _trimesh().load_mesh(io.BytesIO(content), file_type=kind, resolver=None)

@@ -105,7 +105,7 @@ def meshes_at(site: Site, corners: np.ndarray) -> list[str]:
         if not is_mesh:
             continue
         surface = Field((solid.name, shape) for shape in solid.geometries())
-        if surface.least(load) <= CONTACT_TOLERANCE or solid.holds(centre):
+        if surface.least(load) <= CONTACT_TOLERANCE or solid.surface_encloses(centre):
             names.append(solid.name)
     return names
 

@@ -2,14 +2,14 @@
 and none at the end.
 
 A *law of time* says when the load is where on its path. TOPP-RA (Pham & Pham 2018) gives the
-fastest one under limits of rates, accelerations and swing. It exceeds these limits between the
-points of its grid, and its accelerations jump. Its average over time does neither, since a mean
-never exceeds the values that it is a mean of. The load follows that average, not the trolley: the
-drives go where the rope of such a load points (`cranedyn.references.flat`).
+fastest one under limits of rates, accelerations and swing. Its accelerations jump, and between the
+points of its grid it exceeds the limits a little. Its average over time has no jumps, and exceeds a
+limit less or not at all. The load follows that average, not the trolley: the drives go where the
+rope of such a load points (`cranedyn.references.flat`).
 
 Averaging lengthens a motion and leaves some of its limits unused. So the bounds that TOPP-RA is
 given are fitted, round by round, until the averaged motion just keeps its limits, see
-`_fit_bounds`.
+`_fit_bounds`. Only motions that keep all of them are used.
 """
 
 from __future__ import annotations
@@ -40,16 +40,18 @@ STEP = 0.02
 """Time between the samples of the average [s]."""
 
 _GRID_STEP = 0.15
-"""Largest distance between two points of TOPP-RA's grid along a path [s]."""
+"""Distance between the evenly spaced points of TOPP-RA's grid along a path [s]. It is up to a
+fiftieth more, as the number of points is rounded and counts both ends."""
 
 _MIN_GRID_POINTS = 60
-"""Number of grid points of a path that is shorter than so many grid steps."""
+"""Least number of evenly spaced grid points of a path."""
 
 _CORNER_POINTS = 9
 """Number of grid points in each rounded corner, where the direction of the path changes."""
 
 _MIN_GRID_DISTANCE = 1e-4
-"""Distance of two grid points below which one of them is left out [s]."""
+"""Distance of two grid points up to which one of them is left out [s]; on a path so short that its
+evenly spaced points are about as close, half of their distance."""
 
 _POLYGON_SIDES = 16
 """Number of sides of the polygon that replaces the circle of the load's acceleration."""
@@ -58,8 +60,8 @@ _AVERAGING_TIMES = (1.2, 1.5, 1.8, 2.2, 2.6, 3.2)
 """Times over which a law of time is averaged [s], of which the fastest motion is used."""
 
 _AVERAGING_SHARES = (1.0, 0.7, 0.4)
-"""Shares of that time over which it is averaged, one after the other: of those tried the fastest
-for short moves."""
+"""Shares of that time over which the law is averaged, one after the other. Of the shares that were
+tried in development these gave the fastest short moves."""
 
 _REDUCTIONS = (1.0, 1.5, 3.0, 6.0)
 """Factors by which accelerations are reduced, one after the other, until a motion is proven.
@@ -94,12 +96,13 @@ _MIN_SHARE = 1e-3
 """Share of a limit that fitting assumes at least, so that it never divides by zero."""
 
 _SETTLED_ROUND = 2
-"""Round of fitting from which on no motion that is too long is given another round. Before it, a
-round may still loosen a bound and so shorten a motion that is somewhat too long."""
+"""Round of fitting, counted from 0, from which on no motion that is too long is given another
+round. Before it, a round may still loosen a bound and so shorten a motion that is somewhat too
+long."""
 
 _TOO_LONG = 1.12
-"""Duration of one of the first rounds over the longest duration of use, from which on no further
-round makes a motion short enough."""
+"""Ratio of the duration of a motion to the longest duration of use above which, before
+`_SETTLED_ROUND`, no further round makes it short enough."""
 
 _REST_SAMPLES = 8
 """Samples at rest before and after a motion, so that its interpolating spline starts and ends at
@@ -113,8 +116,8 @@ from the load to the rope that carries it, and two more to accelerations. A spli
 six continuous derivatives.
 """
 
-_MOVED = 1e-12
-"""Change of a place between two samples [rad or m] from which on the load counts as moving."""
+_MIN_CHANGE = 1e-12
+"""Change of a place between two samples [rad or m] above which the load counts as moving."""
 
 
 class Bounds(NamedTuple):
@@ -123,12 +126,13 @@ class Bounds(NamedTuple):
     Attributes:
         rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
         accelerations: Their accelerations [rad/s² and m/s²], shape (3,).
-        across: Horizontal acceleration of the load [m/s²]; infinite if it is not bounded.
+        load_acceleration: Horizontal acceleration of the load [m/s²]; infinite if it is not
+            bounded.
     """
 
     rates: np.ndarray
     accelerations: np.ndarray
-    across: float
+    load_acceleration: float
 
 
 class _TimeLaw(NamedTuple):
@@ -202,8 +206,8 @@ def timed(
     """Return the fastest motion of the load along a path that keeps the limits of the drives and
     the swing of the site, and is proven.
 
-    Averaging takes a motion off its path where that bends, by half of its acceleration times the
-    variance of the times averaged over.
+    Averaging takes a motion off its path where that bends: a mean over times of the variance σ²
+    moves a point of the acceleration a by a σ²/2.
 
     Args:
         clearance: Crane and site.
@@ -211,7 +215,7 @@ def timed(
         limits: Rates and accelerations of the drives.
         proven: Function that says whether a motion is proven free; where it is not, slower ones are
             tried.
-        within: Duration [s] from which on a motion is of no use.
+        within: Duration [s] from which on a motion is of no use, as a shorter one is known.
         period: Time between rows of the motion [s].
 
     Returns:
@@ -232,13 +236,13 @@ def timed(
 
 
 def _finished(task: _Task, best: TimedMotion, period: float) -> TimedMotion:
-    """Return a motion with rows a period [s] apart and with its `TimedMotion.bound`, which while
-    searching are not needed.
+    """Return a motion with rows a period [s] apart and with its `TimedMotion.bound`. While motions
+    are compared neither is needed.
     """
     rates = np.array(task.limits.rates)
     accelerations = np.array(task.limits.accelerations)
     drives_alone = _fastest(task.path, Bounds(rates, accelerations, math.inf))
-    motion = load_motion(task.clearance, best.places, period)
+    motion = motion_of_load(task.clearance, best.places, period)
     return replace(best, motion=motion, bound=drives_alone.duration)
 
 
@@ -247,9 +251,10 @@ def _best_of_averages(task: _Task, reduction: float) -> _Outcome:
     drives and load reduced by a factor.
     """
     # The rope of a load that accelerates by a leans by arctan(a/g).
-    across = task.clearance.crane.gravity * math.tan(task.clearance.site.swing) / reduction
+    load_acceleration = task.clearance.crane.gravity * math.tan(task.clearance.site.swing)
     accelerations = np.array(task.limits.accelerations) / reduction
-    first_bounds = Bounds(np.array(task.limits.rates), accelerations, across)
+    rates = np.array(task.limits.rates)
+    first_bounds = Bounds(rates, accelerations, load_acceleration / reduction)
     first_law = _fastest(task.path, first_bounds)
 
     best: TimedMotion | None = None
@@ -272,6 +277,15 @@ def _fit_bounds(
     """Fit the bounds of a law of time so that its average uses its limits fully, and return the
     fastest proven motion among these averages and the best one so far.
 
+    In each round the law is averaged, the shares of its limits are measured, and the bounds changed
+    by them. The rounds end early where a further one is of no use:
+
+    * The motion lasts too long, before `_SETTLED_ROUND` by so much that loosened bounds would not
+      help.
+    * It exceeds a limit and is no faster than what is known, so that it is slower still once it
+      keeps the limit.
+    * It keeps all limits and is not proven: a faster one would be farther off its path.
+
     Args:
         task: What is asked for.
         reduction: Factor by which accelerations are to be less than their limits.
@@ -289,12 +303,12 @@ def _fit_bounds(
         places = _averaged(law, averaging_time)
         duration = STEP * (len(places) - 1)
         longest = within if best is None else min(within, best.motion.arrival)
-        # Checked before the motion is computed, to save that where it is of no use.
-        useless_from = longest - STEP if round_ >= _SETTLED_ROUND else _TOO_LONG * longest
-        if duration >= useless_from:
+        may_get_shorter = round_ < _SETTLED_ROUND
+        useless_from = _TOO_LONG * longest if may_get_shorter else longest - STEP
+        if duration >= useless_from:  # before the motion is computed, which takes longest
             return _Outcome(best, too_long=True)
 
-        motion = load_motion(task.clearance, places, STEP)
+        motion = motion_of_load(task.clearance, places, STEP)
         shares = limit_shares(task.clearance, motion, task.limits)
         if max(shares.values()) <= _KEPT_SHARE:
             candidate = TimedMotion(places, motion, math.nan, shares)
@@ -303,15 +317,14 @@ def _fit_bounds(
             if best is None or motion.arrival < best.motion.arrival:
                 best = candidate
         elif duration >= longest:
-            # It lasts longer still once it keeps its limits.
             return _Outcome(best, too_long=True)
         bounds = _fitted(bounds, shares, reduction)
     return _Outcome(best, too_long=False)
 
 
 def _fitted(bounds: Bounds, shares: dict[str, float], reduction: float) -> Bounds:
-    """Return the bounds of the law of time for the next round, from the shares of its limits that
-    the averaged motion uses: each bound is changed by what its share lacks or exceeds.
+    """Return the bounds of the law of time for the next round: each bound is divided by the share
+    of its limit that the averaged motion uses.
 
     Accelerations aim at their limits divided by the reduction; rates are only reduced, as their
     first bounds are the limits themselves.
@@ -325,11 +338,11 @@ def _fitted(bounds: Bounds, shares: dict[str, float], reduction: float) -> Bound
     # all drives, so that the largest one counts for each.
     used = np.maximum(np.maximum(acceleration, jerk), effort.max())
     acceleration_factor = _fit_factor(used, reduction)
-    across_factor = _fit_factor(np.array(shares["swing"]), reduction)
+    swing_factor = _fit_factor(np.array(shares["swing"]), reduction)
     return Bounds(
         rates=bounds.rates / np.maximum(1.0, rate / _FITTED_RATE_SHARE),
         accelerations=bounds.accelerations * acceleration_factor,
-        across=bounds.across * float(across_factor),
+        load_acceleration=bounds.load_acceleration * float(swing_factor),
     )
 
 
@@ -341,8 +354,8 @@ def _drive_shares(shares: dict[str, float], kind: str) -> np.ndarray:
 
 
 def _fit_factor(share: np.ndarray, reduction: float) -> np.ndarray:
-    """Return the factor of bounds that would bring shares of limits to `_FITTED_SHARE` over the
-    reduction if both were proportional.
+    """Return the factors of bounds that would bring shares of limits to `_FITTED_SHARE` divided by
+    the reduction, if shares were proportional to bounds.
     """
     factor = _FITTED_SHARE / (reduction * np.maximum(share, _MIN_SHARE))
     return np.clip(factor, _MIN_FIT_FACTOR, _MAX_FIT_FACTOR)
@@ -359,19 +372,19 @@ def _fastest(path: Path, bounds: Bounds) -> _TimeLaw:
     s = _grid(path).s
     speeds = _fastest_speeds(path, bounds)
 
-    # Between two grid points the path's second derivative by time is constant, as TOPP-RA assumes,
-    # so that the mean speed is the mean of both speeds.
+    # TOPP-RA assumes a constant acceleration s'' along the path between two grid points, so that
+    # the mean speed there is the mean of the speeds at both.
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (speeds[1:] + speeds[:-1]))])
     if not times[-1] <= _MAX_DURATION:
         raise CraneError(
             f"A load on this path takes more than {_MAX_DURATION:g} s, {times[-1]:.4g} s; enter "
-            "faster [drives], or look whether their units are those of the page."
+            "faster [drives], or look whether those entered are in °/s and m/s."
         )
     t = np.append(np.arange(0.0, times[-1], STEP), times[-1])
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(s) - 2)
-    since = t - times[k]
-    gain = np.diff(speeds) / np.diff(times)
-    reached = s[k] + since * (speeds[k] + gain[k] * since / 2.0)
+    since_point = t - times[k]
+    accelerations = np.diff(speeds) / np.diff(times)
+    reached = s[k] + since_point * (speeds[k] + accelerations[k] * since_point / 2.0)
     return _TimeLaw(t, path.derivatives(np.clip(reached, 0.0, path.duration))[0])
 
 
@@ -386,8 +399,13 @@ def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
     s = _grid(path).s
     at_s = _grid(path).derivatives
 
-    # The base classes of these two are known only once TOPP-RA has been imported.
+    # The base classes of these two are known only once TOPP-RA has been imported. It calls their
+    # methods and reads their attributes by the names that they have here.
     class Geometric(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc, name-defined]
+        """The path as TOPP-RA asks for it: places or their derivatives of an order, at positions
+        along it.
+        """
+
         dof = 3
         path_interval = np.array([0.0, path.duration])
         waypoints = None
@@ -397,8 +415,9 @@ def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
             return at_s[order]
 
     class Accelerations(constraint.LinearConstraint):  # type: ignore[misc, name-defined]
-        """Accelerations of the drives, and of the load across, whose circle is replaced by the
-        polygon inside it.
+        """Bounds of the accelerations of the drives, and of the horizontal acceleration of the
+        load, whose circle is replaced by the polygon inside it: for TOPP-RA, linear inequalities
+        in s'' and s'² at each grid point.
         """
 
         def __init__(self) -> None:
@@ -431,8 +450,9 @@ def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
 
 
 def _accelerations(drive_position: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return accelerations of slew, trolley and hoist, and of the load outward and along the
-    circle, shape (n, 5).
+    """Return accelerations of slew, trolley and hoist, and of the load outward and along its circle
+    round the slew axis, shape (n, 5), from derivatives by time; those by the parameter of a path
+    give the parts that are linear in s'' and in s'².
 
     In polar coordinates about the slew axis the load at the radius x and the angle γ accelerates by
     x'' - x γ'² outward and by x γ'' + 2 x' γ' along the circle.
@@ -451,8 +471,8 @@ def _accelerations(drive_position: np.ndarray, first: np.ndarray, second: np.nda
 
 
 def _polygon(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
-    """Return the matrix, shape (k, 5), and the upper bounds, shape (k,), of linear inequalities in
-    the accelerations of `_accelerations`.
+    """Return bounds as linear inequalities in the accelerations of `_accelerations`: their matrix,
+    shape (k, 5), and their right-hand sides, shape (k,).
     """
     rows = []
     upper = []
@@ -461,10 +481,10 @@ def _polygon(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
         for sign in (1.0, -1.0):
             rows.append(sign * unit)
             upper.append(limit)
-    if math.isfinite(bounds.across):
+    if math.isfinite(bounds.load_acceleration):
         # The sides of a regular polygon with corners on the circle of the radius r are
         # r cos(π/n) from its centre.
-        apothem = bounds.across * math.cos(math.pi / _POLYGON_SIDES)
+        apothem = bounds.load_acceleration * math.cos(math.pi / _POLYGON_SIDES)
         for angle in 2.0 * math.pi * np.arange(_POLYGON_SIDES) / _POLYGON_SIDES:
             rows.append(np.array([0.0, 0.0, 0.0, math.cos(angle), math.sin(angle)]))
             upper.append(apothem)
@@ -494,20 +514,24 @@ def _grid(path: Path) -> _PathGrid:
         groups.append(corner + width * np.linspace(-1.0, 1.0, _CORNER_POINTS))
     points = np.unique(np.concatenate(groups))
 
-    # Points that are too close to the one before are left out, but never the last of all.
-    if path.duration - points[-2] <= _MIN_GRID_DISTANCE:
+    # Points that are too close to the one before are left out. The last of all stays, and the one
+    # before it goes instead.
+    even_distance = path.duration / (count - 1)
+    too_close = min(_MIN_GRID_DISTANCE, even_distance / 2.0)
+    is_kept = np.append(True, np.diff(points) > too_close)
+    is_kept[-1] = True
+    points = points[is_kept]
+    if points[-1] - points[-2] <= too_close:
         points = np.delete(points, -2)
-    else:
-        is_kept = np.append(True, np.diff(points) > _MIN_GRID_DISTANCE)
-        points = points[is_kept]
     return _PathGrid(points, path.derivatives(points))
 
 
 def _averaged(law: _TimeLaw, averaging_time: float) -> np.ndarray:
-    """Return places a `STEP` apart, averaged by a moving mean over each of `_AVERAGING_SHARES` of a
-    time [s], shape (n, 3).
+    """Return places in rows a `STEP` apart, averaged by moving means over times: each of
+    `_AVERAGING_SHARES` of a time [s], one mean after the other, shape (n, 3).
 
-    The average lasts longer by the sum of these times; at both ends it begins and ends at rest.
+    The average lasts longer than the law by the sum of these times. Its first and last two rows are
+    the same: it begins and ends at rest.
     """
     rows = STEP * np.arange(math.ceil(law.duration / STEP) + 1)
     averaged = interpolate_columns(rows, law.t, law.places)
@@ -521,15 +545,18 @@ def _averaged(law: _TimeLaw, averaging_time: float) -> np.ndarray:
 
     # The padding is left out, but for one row at rest at each end.
     steps = np.abs(np.diff(averaged, axis=0)).max(axis=1)
-    moving = np.flatnonzero(steps > _MOVED)
+    moving = np.flatnonzero(steps > _MIN_CHANGE)
     return averaged[moving[0] : moving[-1] + 2]
 
 
-def load_motion(clearance: Clearance, drive_positions: np.ndarray, period: float) -> Motion:
+def motion_of_load(clearance: Clearance, drive_positions: np.ndarray, period: float) -> Motion:
     """Return the motion of all joints in which the load is at places a `STEP` apart, at rest at
     both ends, with rows a period [s] apart.
 
-    The load is at its place with its centre of oscillation, as in `cranedyn.references.flat.flat`.
+    A load with rotational inertia I swings as a point at its centre of oscillation, I/(m l) below
+    its centre. The path of that point is planned, as in `cranedyn.references.flat.flat`: it is
+    I/(m l) below each place. So the centre of the load is at its place where the rope hangs plumb,
+    and within I/(m l) times the swing of it elsewhere.
 
     Args:
         clearance: Crane and site.
@@ -540,27 +567,28 @@ def load_motion(clearance: Clearance, drive_positions: np.ndarray, period: float
         OutOfRange: If the rope would be slack.
     """
     crane = clearance.crane
-    # Rotational inertia about a horizontal axis over the mass [m²].
+    # Rotational inertia per mass [m²]: of the load about its X axis, and of the links between the
+    # swing joints, which turn with the rope, in the mean of both swings. It is exact where both
+    # swings have the same inertia; what is left of the swing of a long load is for the controller.
     inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     padded = np.pad(drive_positions, ((_REST_SAMPLES, _REST_SAMPLES), (0, 0)), mode="edge")
     t = STEP * (np.arange(len(padded)) - _REST_SAMPLES)
 
-    # A load with inertia swings as a point at its centre of oscillation, I/(m l) below it.
-    point = clearance.point(padded) - np.array([0.0, 0.0, inertia]) / padded[:, 2:]
-    path = scipy.interpolate.make_interp_spline(t, point, k=_SPLINE_DEGREE)
+    oscillating = clearance.point(padded) - np.array([0.0, 0.0, inertia]) / padded[:, 2:]
+    path = scipy.interpolate.make_interp_spline(t, oscillating, k=_SPLINE_DEGREE)
     acceleration = path.derivative(2)(t)
 
     # The rope carries the load against gravity and accelerates it: it points along p'' + g ẑ.
     rope = acceleration / crane.gravity + np.array([0.0, 0.0, 1.0])
-    least_tension = float(rope[:, 2].min())
-    if not least_tension > 0.0:
+    least_pull = float(rope[:, 2].min())
+    if not least_pull > 0.0:
         raise OutOfRange(
-            "least tension of the rope along this path, over the weight of the load",
-            least_tension,
+            "least vertical pull of the rope along this path, divided by the weight of the load",
+            least_pull,
             "> 0, as smaller accelerations in [drives] make it",
         )
     unit_rope = rope / np.linalg.norm(rope, axis=1)[:, None]
-    q = recover(point, unit_rope, clearance.height, inertia)
+    q = recover(oscillating, unit_rope, clearance.height, inertia)
 
     # `recover` knows the slew up to full turns.
     slew = clearance.joints.slew
@@ -568,11 +596,12 @@ def load_motion(clearance: Clearance, drive_positions: np.ndarray, period: float
 
     curve = scipy.interpolate.make_interp_spline(t, q, k=_SPLINE_DEGREE)
     duration = (len(drive_positions) - 1) * STEP
-    # Rounding must not add a row to a duration that is a multiple of the period.
+    # A duration that is a multiple of the period must not get a row more by rounding.
     rows = period * np.arange(math.ceil(duration / period - 1e-9) + 1)
     positions = curve(rows)
     v = curve.derivative(1)(rows)
     a = curve.derivative(2)(rows)
+    # The spline passes its ends with rounding errors; there the load is exactly at rest.
     for row in (0, -1):
         positions[row] = clearance.q(drive_positions[row])
         v[row] = 0.0

@@ -53,7 +53,7 @@ class Obstacles:
 
     def nearest(self, ends: np.ndarray, radius: float, *, zones: bool) -> str:
         """Return the name of the solid, or zone, nearest to a capsule."""
-        distances = self._fields[zones].each(_capsule(ends, radius))
+        distances = self._fields[zones].distances(_capsule(ends, radius))
         return min(distances, key=lambda name: distances[name])
 
     def proven_clear(

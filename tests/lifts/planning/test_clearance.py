@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import math
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -11,11 +13,16 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
+from cranedyn.errors import ModelError
 from cranedyn.lifts.planning.clearance import GROUND, MAST, ROUNDING, Clearance
 from cranedyn.lifts.planning.crane_bodies import neighbour, shape_corners
 from cranedyn.lifts.planning.fields import Body, Field
+from cranedyn.lifts.planning.remeasure import second_look
 from cranedyn.lifts.planning.solids import body, box, hull, prism
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
 from tests.helpers import pickled
 from tests.lifts.planning.sites import HEIGHT, WALL, clearance, corners, crane, load_corners, site
 
@@ -58,7 +65,7 @@ def test_the_broad_phase_gives_the_distances_of_brute_force_for_inflated_bodies(
     touching = 0
     for _ in range(300):
         put = moving.put(coal.Transform3s(rng.uniform(-18, 18, 3)))
-        brute = min(field.each(put).values())
+        brute = min(field.distances(put).values())
         least = field.least(put)
         touching += brute <= 0.0
         assert (least <= 0.0) == (brute <= 0.0)
@@ -225,3 +232,78 @@ def test_a_copy_has_the_same_distances(copied: Any) -> None:
     same = copied(asked)
     assert same.distances(same.q(place)) == distances
     assert same.swing_margin(place) == asked.swing_margin(place)
+
+
+HOIST_AXIS = '<axis xyz="0 0 -1"/>'
+
+
+def crane_with(tmp_path: Path, before: str, after: str) -> Crane:
+    """The crane of this project with a change in its URDF."""
+    text = load_crane().urdf
+    assert text.count(before) == 1
+    (tmp_path / "changed.urdf").write_text(text.replace(before, after))
+    return load_crane(tmp_path / "changed.urdf")
+
+
+@pytest.mark.parametrize(
+    ("joint", "before", "after"),
+    [
+        ("hoist_joint", HOIST_AXIS, f'<origin xyz="0 0 -3"/>{HOIST_AXIS}'),
+        (
+            "hoist_joint",
+            HOIST_AXIS,
+            '<origin rpy="3.141592653589793 0 0"/><axis xyz="0 0 1"/>',
+        ),
+        (
+            "trolley_joint",
+            '<child link="trolley_link"/>\n    <origin xyz="0 0',
+            '<child link="trolley_link"/>\n    <origin xyz="0.2 0',
+        ),
+        (
+            "swing_tangential_joint",
+            '<child link="swing_t_link"/>',
+            '<child link="swing_t_link"/><origin xyz="0 0 -0.1"/>',
+        ),
+    ],
+    ids=["the cable is longer than its coordinate", "upside down", "off the axis", "two pivots"],
+)
+def test_a_crane_whose_load_hangs_elsewhere_than_planned_is_refused(
+    tmp_path: Path, joint: str, before: str, after: str
+) -> None:
+    other = crane_with(tmp_path, before, after)
+    with pytest.raises(ModelError, match=f"A planned lift needs .*{joint}"):
+        Clearance(other, site(WALL))
+
+
+def test_a_load_lies_across_the_jib_however_the_frame_of_its_hook_is_turned(
+    tmp_path: Path,
+) -> None:
+    """A beam of 12 m beside a post that it would miss if it lay along the jib."""
+    turned = crane_with(tmp_path, HOIST_AXIS, f'<origin rpy="0 0 1.5707963267948966"/>{HOIST_AXIS}')
+    beside = site(box("post", (10.0, 5.0), (0.5, 0.5, 30.0), 0.0), load=corners(12.0, 1.0, 1.0))
+    point = np.array([10.0, 0.0, 8.0])
+    corner = math.hypot(0.75, 0.25)  # the nearest corner of the beam from the post, for a sample
+    for one in (crane(), turned):
+        asked = Clearance(one, beside)
+        q = asked.q(asked.place(point))
+        assert asked.distances(q, jib=False)["post"].distance == pytest.approx(-0.75, abs=1e-6)
+        second = second_look(asked.site, one, q[None, :], 1.0)
+        assert (second.body, second.obstacle) == ("load", "post")
+        assert second.distance == pytest.approx(corner, abs=1e-6)
+
+
+def test_all_that_a_urdf_draws_at_the_hook_keeps_from_obstacles(tmp_path: Path) -> None:
+    """A second box of a cubic metre, four metres beside the load."""
+    drawn = '<visual><origin xyz="4 0 0"/><geometry><box size="1 1 1"/></geometry></visual>'
+    link = '<link name="hook_link">'
+    two = crane_with(tmp_path, link, link + drawn)
+    asked = Clearance(two, site(load=None))
+    one = Clearance(crane(), site(load=None))
+    assert asked.bodies.load[:, 0].max() == pytest.approx(4.5)
+    assert_allclose(asked.bodies.hook.size, one.bodies.hook.size)
+    for points in _drawn(5):
+        assert any(
+            (body.min(axis=0) <= points.min(axis=0) + 1e-9).all()
+            and (points.max(axis=0) <= body.max(axis=0) + 1e-9).all()
+            for body in (one.bodies.load, one.bodies.hook.corners)
+        )

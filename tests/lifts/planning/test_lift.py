@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.lifts.planning import path_search
+from cranedyn.lifts.planning import curve, path_search, timing
 from cranedyn.lifts.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.crane_bodies import neighbour
@@ -31,7 +32,12 @@ from cranedyn.lifts.planning.lift import (
     crane_of,
     plan_lift,
 )
-from cranedyn.lifts.planning.motion_proof import Line, unproven_parameter, unproven_row
+from cranedyn.lifts.planning.motion_proof import (
+    Line,
+    slew_range,
+    unproven_parameter,
+    unproven_row,
+)
 from cranedyn.lifts.planning.perturbed import (
     Perturbed,
     Spread,
@@ -103,10 +109,25 @@ def test_a_load_beyond_the_hoist_is_refused_with_both_masses() -> None:
         plan_lift(site(), LIMITS, crane=heavy)
 
 
-def test_a_crane_that_is_not_the_one_that_its_site_enters_is_refused() -> None:
-    light = load_crane(payload_mass=1200.0)
-    with pytest.raises(CraneError, match="site enters payload_mass 9000; the crane has 1200"):
-        plan_lift(site(crane={"payload_mass": 9000.0}), LIMITS, crane=light)
+@pytest.mark.parametrize(
+    ("entered", "loaded", "sentence"),
+    [
+        ({"payload_mass": 9000.0}, {"payload_mass": 1200.0}, "9,000 kg .* the crane has 1,200 kg"),
+        ({"payload_mass": 9000.0}, {}, "9,000 kg as payload_mass; the crane has 1,000 kg"),
+        ({"counter_jib": 12.0}, {}, "12 m as counter_jib; the crane has 0 m"),
+        ({"counter_jib": 12.0}, {"counter_jib": 9.0}, "12 m as counter_jib; the crane has 9 m"),
+        ({"payload_ixx": 7.0}, {}, r"7 kg m\^2 as payload_ixx; the crane has 400 kg m\^2"),
+        ({"payload_ixx": 7.0}, {"payload_inertia": 9.0}, r"7 kg .* the crane has 9 kg m\^2"),
+        ({"counterjib": 12.0}, {}, "There is no argument 'counterjib'"),
+    ],
+)
+def test_a_crane_that_is_not_the_one_that_its_site_enters_is_refused(
+    entered: dict[str, float], loaded: dict[str, float], sentence: str
+) -> None:
+    """Also where it was loaded with the defaults, which its record does not list."""
+    other = load_crane(values=loaded)
+    with pytest.raises(CraneError, match=sentence):
+        plan_lift(site(crane=entered), LIMITS, crane=other)
 
 
 @pytest.mark.parametrize(
@@ -178,6 +199,41 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
     assert long.timed.motion.arrival > 1.4 * long.least
 
 
+def test_the_least_time_of_a_lift_of_centimetres_is_less_than_its_motion_takes() -> None:
+    near = np.array([6.05, -12.0, 4.0])
+    made = plan_lift(site(goal=near), LIMITS, crane=crane())
+    assert made.way < 0.1  # less than a cell of half a second
+    assert 0.0 < made.least <= made.timed.motion.arrival
+
+
+@pytest.mark.parametrize("limits", [(50, 50), (50, 400_000)])
+def test_a_way_round_whose_grid_is_too_large_takes_at_least_the_time_of_its_drives(
+    limits: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of both ways round the shorter one is searched first."""
+    each_limit = iter(limits)
+
+    def hurried(*args: Any, **options: Any) -> path_search.GridSearch:
+        return path_search.best_on_grid(*args, cell_limit=next(each_limit), **options)
+
+    monkeypatch.setattr("cranedyn.lifts.planning.lift.best_on_grid", hurried)
+    made = replace(lift())
+    assert made.least == straight_time(made.ends, LIMITS)
+
+
+def test_a_search_that_gives_up_may_have_missed_the_best_way() -> None:
+    made = lift()
+    bounds = np.array([[-3.0, 2.0, made.clearance.shortest_cable], [3.0, 22.0, 26.0]])
+    best, hurried = (
+        path_search.best_on_grid(
+            made.clearance, made.ends, bounds, np.array(LIMITS.rates), cell_limit=limit
+        )
+        for limit in (400_000, 40)
+    )
+    assert best.points is not None and not best.gave_up
+    assert hurried.gave_up and hurried.reached == 40
+
+
 def test_a_lift_planned_after_another_is_the_same_to_the_last_bit() -> None:
     before = lift()
     plan_lift(site(start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
@@ -228,7 +284,9 @@ def test_the_least_distance_of_a_certificate_is_that_of_the_whole_run_beside_a_z
 
 
 def test_a_start_too_near_to_a_zone_names_the_zone() -> None:
-    with pytest.raises(NoWay, match=r"At the start the hook is 0\.\d\d m from road; kept out of"):
+    with pytest.raises(
+        NoWay, match=r"At the start the hook is 0\.\d\d m from road; it must keep out"
+    ):
         plan_lift(site(WALL, ROAD), LIMITS, crane=crane())
 
 
@@ -251,17 +309,22 @@ def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certifi
     [
         (
             {"start": (6.0, -12.0, 1.7)},
-            r"At the start the load is 1\.20 m from ground; required are 0\.5 m, and 0\.\d\d m for "
-            r"a swing of .*°\. Raise the start from z = 1\.70 m to 2\.0 m\.",
+            r"At the start the load is 1\.20 m from ground; it must keep 0\.5 m, and 0\.\d\d m for "
+            r"a swing of .*° more\. Raise the start from z = 1\.70 m to 2\.0 m\.",
         ),
-        ({"goal": (14.0, 0.5, 4.0)}, "At the goal the (load|hook) is 0.00 m from wall; required"),
+        (
+            {"goal": (14.0, 0.5, 4.0)},
+            "At the goal the (load|hook) is 0.00 m from wall; it must keep",
+        ),
         (
             {"goal": (30.0, 0.0, 4.0)},
-            r"reaches from 2 to 22 m from the slew axis, the goal .* is 30\.00 m from it; move it",
+            r"reaches from 2 to 22 m from the slew axis; the goal at .* is 30\.00 m from it\. Move "
+            r"the goal nearer to the axis",
         ),
         (
             {"goal": (10.0, 10.0, 27.0)},
-            r"The hook reaches at most 24\.60 m .*, the goal .* is at 27\.00 m; lower it, or take",
+            r"The centre of this load gets up to 24\.60 m above the ground; the goal at .* is "
+            r"27\.00 m above it\. Lower the goal, or take",
         ),
         ({"start": None}, "does not say where the start of the lift is"),
         (  # the hook, on top of the load, would be in the trolley
@@ -270,7 +333,7 @@ def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certifi
                 "goal": (6.0, 12.0, 20.0),
                 "start": (6.0, -12.0, 14.0),
             },
-            r"The hook reaches at most 1\d\.\d\d m above .* this load, the goal .* is at 20\.00 m",
+            r"centre of this load gets up to 1\d\.\d\d m above .* the goal .* is 20\.00 m above it",
         ),
     ],
 )
@@ -312,7 +375,7 @@ def shaft() -> Site:
 
 
 def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(path_search, "EDGES", (1.0,))
+    monkeypatch.setattr(path_search, "CELL_EDGES", (1.0,))
     with pytest.raises(
         NoWay,
         match=r"the start is enclosed by .*gate.* cells of 1 s can be reached from it\. The hook "
@@ -324,12 +387,60 @@ def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch)
 def test_a_search_that_gave_up_does_not_say_that_there_is_no_way(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(path_search, "EDGES", (1.0,))
-    monkeypatch.setattr("cranedyn.lifts.planning.lift.CELLS", 3)
+    monkeypatch.setattr(path_search, "CELL_EDGES", (1.0,))
+    monkeypatch.setattr("cranedyn.lifts.planning.lift.MAX_CELLS", 3)
     with pytest.raises(
         NoWay, match=r"among \d+ cells of 1 s from the start.* Whether there is one is not known\."
     ):
         plan_lift(shaft(), LIMITS, crane=crane())
+
+
+def test_a_direction_that_takes_too_long_is_no_reason_to_refuse_the_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Round the mast the lift takes more than the hours that a motion may, and the lift that was
+    found takes longer than that as well, since its load must not swing.
+    """
+    made = lift()
+    longer = made.ends - np.array([[0.0, 0.0, 0.0], [2.0 * math.pi, 0.0, 0.0]])
+    between = 0.5 * (straight_time(made.ends, LIMITS) + straight_time(longer, LIMITS))
+    monkeypatch.setattr(curve, "LONGEST_LIFT", between)
+    gentle = site(WALL, swing=1e-3)
+    found = plan_lift(gentle, LIMITS, crane=crane())
+    assert found.timed.motion.arrival > straight_time(longer, LIMITS)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_jib_that_starts_too_near_to_something_at_an_end_of_its_range_names_it(
+    side: float,
+) -> None:
+    start = np.array([6.0 * side, -12.0, 4.0])
+    ends = load_crane(slew_limit=math.atan2(6.0, 12.0))
+    beam = box("beam", (9.0 * side, -18.0), (1.0, 1.0, 60.0), 0.0)
+    with pytest.raises(NoWay, match="At the start the jib is nearer to beam than"):
+        plan_lift(site(beam, start=start, goal=np.array([0.0, -12.0, 4.0])), LIMITS, crane=ends)
+
+
+def test_a_goal_close_to_where_the_jib_is_stopped_is_told_so() -> None:
+    """The jib can turn to 0.06 rad beyond the goal, where the tower is; it must stay 0.1 rad away,
+    for the swing of the load.
+    """
+    tower = box("tower", (25.0, 0.0), (12.0, 20.0, 40.0), 0.0)
+    free = slew_range(Clearance(crane(), site(tower)), 0.0, -math.pi, math.pi)
+    angle = free.high - 0.06
+    goal = np.array([10.0 * math.sin(angle), -10.0 * math.cos(angle), 4.0])
+    with pytest.raises(NoWay, match=r"At the goal the slew is .*°; a lift needs it below .* tower"):
+        plan_lift(site(tower, start=np.array([0.0, -12.0, 4.0]), goal=goal), LIMITS, crane=crane())
+
+
+def test_an_end_beyond_the_range_of_the_slew_is_told_so() -> None:
+    half = load_crane(slew_limit=1.0)
+    with pytest.raises(NoWay, match=r"At the start the slew is -\d+\.\d°; .* where its range ends"):
+        plan_lift(
+            site(start=np.array([-12.0, 0.0, 4.0]), goal=np.array([0.0, -12.0, 4.0])),
+            LIMITS,
+            crane=half,
+        )
 
 
 def test_a_goal_behind_the_neighbours_jib_names_it() -> None:
@@ -441,6 +552,35 @@ def test_rows_beside_a_measured_one_are_bounded_by_the_way_to_them() -> None:
     (bound,) = _least_distances(asked, q, np.full(len(q), -9.0), batch)  # type: ignore[arg-type]
     assert least < 0.0
     assert bound == pytest.approx(least + asked.site.distance, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "last_legs",
+    [(0.0017, 5e-4), (0.3, 1.1e-4), (5e-5, 5e-5)],
+    ids=["close points before the last", "a last leg of a tenth of a millimetre", "both so short"],
+)
+def test_no_two_points_of_the_grid_of_a_path_are_too_close(last_legs: tuple[float, float]) -> None:
+    outward, down = last_legs
+    points = np.array([[0.0, 10.0, 15.0]] * 4)
+    points[1:, 0] = 0.1
+    points[2:, 1] += outward
+    points[3:, 2] += down
+    rates = np.array(LIMITS.rates)
+    legs = curve.leg_durations(points, rates)
+    widths = np.minimum([0.98, 0.49] * legs[:-1], [0.49, 0.98] * legs[1:])
+    path = curve.Path(points, rates, widths)
+    s = timing._grid(path).s
+    assert np.diff(s).min() > timing._MIN_GRID_DISTANCE
+    assert s[0] == 0.0
+    assert s[-1] == path.duration
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-5])
+def test_a_lift_of_a_hundredth_of_a_millimetre_has_a_grid_as_any_other(distance: float) -> None:
+    points = np.array([[0.0, 10.0, 15.0], [0.0, 10.0 + distance, 15.0]])
+    path = curve.Path(points, np.array(LIMITS.rates), np.zeros(0))
+    s = timing._grid(path).s
+    assert_allclose(s, np.linspace(0.0, path.duration, 60), rtol=1e-12)
 
 
 def test_a_way_that_takes_longer_than_another_is_given_up() -> None:

@@ -19,7 +19,7 @@ from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.curve import Path, rounded_path
 from cranedyn.lifts.planning.lift import plan_lift
 from cranedyn.lifts.planning.motion_proof import (
-    CLOSE,
+    PROOF_MARGIN,
     DriveCurve,
     Line,
     slew_range,
@@ -28,7 +28,7 @@ from cranedyn.lifts.planning.motion_proof import (
 )
 from cranedyn.lifts.planning.path_search import best_on_grid
 from cranedyn.lifts.planning.solids import box
-from cranedyn.lifts.planning.timing import STEP, load_motion
+from cranedyn.lifts.planning.timing import STEP, motion_of_load
 from cranedyn.references.flat import smoothstep
 from tests.lifts.planning.sites import (
     LIMITS,
@@ -67,7 +67,7 @@ def test_what_is_proven_is_free_wherever_one_looks(seed: int) -> None:
     if where is None:
         assert min(rooms) > 0.0
     else:
-        assert asked.swing_margin(one + where * (other - one)) < CLOSE
+        assert asked.swing_margin(one + where * (other - one)) < PROOF_MARGIN
 
 
 def test_a_plate_between_two_samples_is_met_by_proof_and_missed_by_sampling() -> None:
@@ -144,7 +144,7 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     asked = Clearance(crane(), site(load=corners(20.0, 0.4, 1.0)))
     share = smoothstep(np.linspace(0.0, 1.0, round(14.2 / STEP)))
     places = np.column_stack([1.6 * share, np.full_like(share, 4.2), np.full_like(share, 25.0)])
-    motion = load_motion(asked, places, STEP)
+    motion = motion_of_load(asked, places, STEP)
     assert asked.tilt(motion.q).max() <= asked.site.swing
 
     moved, planned = (
@@ -159,7 +159,7 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     solid = box("post", (float(at[0]), float(at[1])), (0.1, 0.1, 6.0), 0.0)
     post = Clearance(crane(), replace(asked.site, solids=(solid,)))
     so_far = motion.q[: row + 1]
-    assert min(post.swing_margin(place) for place in places[: row + 1]) > CLOSE
+    assert min(post.swing_margin(place) for place in places[: row + 1]) > PROOF_MARGIN
     assert min(post.margin(q) for q in so_far) < 0.0
     envelope = post.envelope(so_far[:, post.joints.hoist])
     assert unproven_row(post, so_far, STEP, envelope=envelope) is not None
@@ -246,3 +246,9 @@ def test_a_jib_that_stands_too_near_to_something_is_no_free_slewing(slew: float)
     checked = certificate._slewing_check(clearance(beam), angles)
     assert checked.holds is False
     assert "too near to beam" in checked.sentence
+
+
+def test_what_stops_the_jib_is_named_also_where_a_load_at_the_mast_would_be_nearer_to_it() -> None:
+    beside_mast = box("house", (2.3, -2.0), (2.0, 1.0, 30.0), 0.0)
+    found = slew_range(Clearance(crane(), site(beside_mast, load=corners(6.0, 6.0, 1.0))), 0, -3, 3)
+    assert found.below == "house"

@@ -293,8 +293,8 @@ def test_a_mesh_stands_where_it_is_put_and_its_hull_is_asked_for(tmp_path: Path)
     exact, as_hull = read_site(tmp_path / "yard.toml").solids[-2:]
     assert (len(exact.parts), len(as_hull.parts)) == (0, 1)
     np.testing.assert_allclose(exact.vertices.max(axis=0), [18.0, 8.0, 5.0])
-    assert exact.holds(np.array([11.0, 7.0, 3.0]))
-    assert not exact.holds(np.array([14.0, 5.0, 3.0]))
+    assert exact.surface_encloses(np.array([11.0, 7.0, 3.0]))
+    assert not exact.surface_encloses(np.array([14.0, 5.0, 3.0]))
 
 
 @pytest.mark.slow
@@ -366,8 +366,8 @@ def test_products_of_an_ifc_model_stand_where_they_are_with_openings_cut_out(
     assert set(solids) == {"deck", "column"}
     np.testing.assert_allclose(solids["column"].vertices.min(axis=0), [6.0, 0.0, 3.3], atol=1e-6)
     np.testing.assert_allclose(solids["deck"].vertices.max(axis=0), [15.0, 4.0, 3.3], atol=1e-6)
-    assert solids["deck"].holds(np.array([6.0, 2.0, 3.1]))
-    assert not solids["deck"].holds(np.array([10.0, 0.0, 3.1]))
+    assert solids["deck"].surface_encloses(np.array([6.0, 2.0, 3.1]))
+    assert not solids["deck"].surface_encloses(np.array([10.0, 0.0, 3.1]))
 
 
 def test_a_model_without_shapes_is_refused(tmp_path: Path) -> None:

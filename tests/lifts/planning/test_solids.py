@@ -107,8 +107,14 @@ def test_bodies_beyond_every_grid_are_refused_in_metres(far: float) -> None:
 def test_a_triangle_with_a_corner_that_there_is_not_is_refused(index: int, as_hull: bool) -> None:
     triangles = TETRAHEDRON.copy()
     triangles[0, 0] = index
-    with pytest.raises(DataError, match="a triangle has a corner that there is not; there are 4"):
+    with pytest.raises(DataError, match=f"refers to the corner of index {index}; there are 4 "):
         body("a", np.vstack([np.eye(3), np.ones(3)]), triangles, as_hull=as_hull)
+
+
+def test_a_closed_mesh_without_volume_is_refused() -> None:
+    flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.3, 0.3, 0.0]])
+    with pytest.raises(DataError, match="the mesh encloses no volume"):
+        body("a", flat, TETRAHEDRON)
 
 
 @pytest.mark.parametrize("height", [1e-10, 0.0, -1.0, np.nan])
@@ -148,8 +154,8 @@ def test_a_cone_of_many_sides_stands_by_its_surface(as_hull: bool) -> None:
     cone = body("tip", np.vstack([foot, [0, 0, 3], [0, 0, 0]]), faces, as_hull=as_hull)
     (shape,) = cone.geometries()
     assert apart(shape, coal.Sphere(1e-3), 10.0) == pytest.approx(7.0 - 1e-3, abs=1e-6)
-    assert cone.holds(np.array([0.0, 0.0, 1.0]))
+    assert cone.surface_encloses(np.array([0.0, 0.0, 1.0]))
     with pytest.raises(
-        DataError, match=r"a corner of a convex body has 300 edges; allowed are 255"
+        DataError, match=r"a corner of a convex body has 300 edges; at most 255 are allowed"
     ):
         hull(cone.vertices)
