@@ -139,11 +139,13 @@ def judge(
         progress: Called after each of three stages: plan, perturbed lifts, wind.
 
     Raises:
-        NoWay: If no way is found for the lift, with the reason. DataError: If an entered value
-            cannot be meant, see `cranedyn.lifts.planning.plausibility`, or the chart of the site
-            cannot be read. UnknownName: If the chart has no such number of falls. RunError: If the
-            simulation breaks off. CraneError: If neither the site nor `limits` gives limits of the
-            drives, as `cranedyn.lifts.planning.lift.plan_lift`, or an extra is not installed.
+        NoWay: If no way is found for the lift, with the reason.
+        DataError: If an entered value cannot be meant, see `cranedyn.lifts.planning.plausibility`,
+            or the chart of the site cannot be read.
+        UnknownName: If the chart has no such number of falls.
+        RunError: If the simulation breaks off.
+        CraneError: If neither the site nor `limits` gives limits of the drives, as
+            `cranedyn.lifts.planning.lift.plan_lift`, or an extra is not installed.
     """
     limits = site.limits or limits
     if limits is None:
@@ -153,12 +155,12 @@ def judge(
     unusual = _plausible(site, crane, inputs.chart, inputs.requirements)
 
     certificate = certify(plan_lift(site, limits, crane=crane, period=period), dt=dt, engine=engine)
-    grounded = _grounded(certificate)
+    grounded = _grounded(certificate, inputs.falls)
     progress(1)
 
     run_crane = crane if grounded is None else grounded.lift.crane
     run = certificate.run if grounded is None else grounded.run
-    run_loads = loads(run_crane, run, base=site.base, arms=site.arms)
+    run_loads = loads(run_crane, run, base=site.base, arms=site.arms, heading=site.heading)
     used = None
     chart_error = ""
     if inputs.chart is not None:
@@ -216,13 +218,14 @@ def _plausible(
     return refuse(found)
 
 
-def _grounded(certificate: Certificate) -> GroundedLift | None:
-    """Return the lift with lift-off and set-down; None if its load hangs at both ends, or the plan
-    does not hold and there is nothing to lift off for.
+def _grounded(certificate: Certificate, falls: int | None) -> GroundedLift | None:
+    """Return the lift with lift-off and set-down on a number of falls, None for that of the site;
+    None if its load hangs at both ends, or the plan does not hold and there is nothing to lift off
+    for.
     """
     site = certificate.lift.clearance.site
     ends = stands_at(site.start), stands_at(site.goal)
     if not any(ends) or not certificate.holds:
         return None
-    lift = from_ground(certificate.lift, stands=ends)
+    lift = from_ground(certificate.lift, falls=falls, stands=ends)
     return GroundedLift(lift, *certify_ground_lift(lift))
