@@ -34,7 +34,7 @@ from cranedyn.lifts.planning.certificate import Certificate, certify
 from cranedyn.lifts.planning.ground_lift import certify_ground_lift, from_ground, stands_at
 from cranedyn.lifts.planning.lift import crane_of, plan_lift
 from cranedyn.lifts.planning.perturbed import perturb
-from cranedyn.lifts.planning.plausibility import WIND, findings, judge_value, refuse
+from cranedyn.lifts.planning.plausibility import WIND, findings, judge_value, unusual_or_refuse
 from cranedyn.lifts.planning.site import Site
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -93,9 +93,9 @@ class Judgement:
 
     def report(self, path: str | Path, command: str = "") -> Path:
         """Write `html` as a ``.html`` or ``.pdf`` file, see
-        `cranedyn.lifts.judging.report_page.write_html`.
+        `cranedyn.lifts.judging.report_page.write_html_or_pdf`.
         """
-        return report_page.write_html(path, self.html(command))
+        return report_page.write_html_or_pdf(path, self.html(command))
 
 
 def judge(
@@ -127,8 +127,8 @@ def judge(
         falls: Number of falls that carry the hook; None for that of the site, or the fewest of the
             chart, which is a default.
         crane: The crane; None for that of the site.
-        limits: Rates and accelerations of the drives where the site enters none; the judgement is
-            then not complete, since a GO rests on what was entered.
+        limits: Rates and accelerations of the drives for a site that enters none. The judgement is
+            then not complete: a GO rests on drives that were entered with the site.
         hoisting: Hoisting class of the crane.
         drive: Class of its hoist drive.
         checks: Checks beside those of the certificate; None for
@@ -215,7 +215,7 @@ def _plausible(
         found += judge_value(WIND, requirements.wind, "wind", "gust")
     if chart is not None:
         found += chart_findings(chart, reach[1])
-    return refuse(found)
+    return unusual_or_refuse(found)
 
 
 def _grounded(certificate: Certificate, falls: int | None) -> GroundedLift | None:

@@ -22,7 +22,7 @@ from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import JointForces, tension_from_hoist_force
 from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import OutOfRange, UnknownColumn
-from cranedyn.lifts.judging.wrench import Moving, Wrench
+from cranedyn.lifts.judging.wrench import CraneStates, Wrench
 from cranedyn.lifts.planning.site import CRANE_HEADING, Arm, Base, crane_to_site
 from cranedyn.model.crane import Crane
 
@@ -191,7 +191,7 @@ def loads_of_rows(
     effort = _as_rows("effort", effort, layout.m)
     if force is not None:
         force = _as_rows("force", force, 3 * len(crane.points))
-    moving = Moving.of(crane, q, v, effort, force, buffers=buffers)
+    moving = CraneStates.of(crane, q, v, effort, force, buffers=buffers)
 
     columns: dict[str, np.ndarray] = {}
     arm_weight = crane.gravity * sum(arm.mass for arm in arms)
@@ -281,7 +281,7 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
     stations = finite("stations", stations, ("k",), unit="m")
     trolley = crane.layout.role("trolley", "The moment along the jib")
     buffers = run.parameters.get("validity") == "buffers"
-    moving = Moving.of(crane, run.q, run.v, run.effort, run.force, buffers=buffers)
+    moving = CraneStates.of(crane, run.q, run.v, run.effort, run.force, buffers=buffers)
     _, aside = _jib_directions(moving, trolley)
     root = moving.through(trolley)
     tilting = _along(root.moment, aside)
@@ -307,7 +307,7 @@ def hanging_mass(crane: Crane) -> float:
 
 
 def _of_rope(
-    crane: Crane, moving: Moving, effort: np.ndarray, buffers: bool
+    crane: Crane, moving: CraneStates, effort: np.ndarray, buffers: bool
 ) -> dict[str, np.ndarray]:
     """Return the loads of the rope: tension, pull, margins from slack and from the hoist's largest
     force, and, with a trolley, its angles from plumb and its side force.
@@ -342,7 +342,7 @@ def _of_rope(
 
 
 def _of_ring(
-    crane: Crane, moving: Moving, pull: np.ndarray, arm_weight: float, arm_moment: float
+    crane: Crane, moving: CraneStates, pull: np.ndarray, arm_weight: float, arm_moment: float
 ) -> dict[str, np.ndarray]:
     """Return the loads of the slewing ring.
 
@@ -368,7 +368,7 @@ def _of_ring(
     }
 
 
-def _jib_directions(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
+def _jib_directions(moving: CraneStates, trolley: int) -> tuple[np.ndarray, np.ndarray]:
     """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of
     positive slew, both level, shape (rows, 3).
     """

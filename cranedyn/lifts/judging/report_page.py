@@ -201,7 +201,7 @@ def _versions() -> str:
     )
 
 
-def write_html(path: str | Path, text: str) -> Path:
+def write_html_or_pdf(path: str | Path, text: str) -> Path:
     """Write an HTML document as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
 
     Raises:

@@ -183,7 +183,7 @@ def _numbers(
     """
     if not isinstance(value, list) or len(value) != count:
         raise OutOfRange(name, quoted(value), f"{count} numbers", ", ".join(units))
-    each_unit = units if len(units) == count else units * count
+    each_unit = units if len(units) == count else [units[0]] * count
     return [
         _number(f"one of {name}", item, unit, allowed)
         for item, unit in zip(value, each_unit, strict=True)

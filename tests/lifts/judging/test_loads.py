@@ -28,7 +28,7 @@ from cranedyn.lifts.judging.loads import (
     loads,
     loads_of_rows,
 )
-from cranedyn.lifts.judging.wrench import Moving, Wrench
+from cranedyn.lifts.judging.wrench import CraneStates, Wrench
 from cranedyn.lifts.planning.site import CRANE_HEADING, Arm, Base
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
@@ -68,7 +68,8 @@ def test_what_passes_through_a_joint_is_what_pinocchio_says(
 ) -> None:
     force = np.random.default_rng(seed).uniform(-2e3, 2e3, 6)
     of = crane()
-    found = Moving.of(of, state.q[None], state.v[None], effort[None], force[None]).through(joint)
+    states_of = CraneStates.of(of, state.q[None], state.v[None], effort[None], force[None])
+    found = states_of.through(joint)
     expected, moment, point = pinocchio_wrench(of, state, effort, force, joint)
     size = float(np.linalg.norm(expected))
     np.testing.assert_allclose(found.point[0], point, atol=ROUND_OFF, rtol=ROUND_OFF)

@@ -183,7 +183,7 @@ def test_a_rope_that_is_too_short_for_the_ground_has_no_certificate(
     short = load_crane(values={**lift.lift.clearance.site.crane, "hoist_max": 26.4})
     planned = replace(lift.lift, clearance=Clearance(short, lift.lift.clearance.site))
     (sentence,) = red(certify_ground_lift(replace(lift, lift=planned)))
-    assert re.fullmatch(r"The cable is 28\.\d+ m long at most, 26.40 m there are; .*", sentence)
+    assert re.fullmatch(r"The cable is 28\.\d+ m long at most, of 26.40 m; .*", sentence)
 
 
 def red(certificate: tuple[Trajectory, list[Check]]) -> list[str]:
