@@ -242,8 +242,7 @@ def _second_look_check(
     )
     # Points can only overestimate a distance: one below what is claimed contradicts the claim.
     agrees = nearest.distance - _SECOND_TOLERANCE <= hanging.distance
-    least = min(hanging.distance, swung.distance)
-    keeps = least >= site.distance - _SECOND_TOLERANCE
+    keeps = all(found.distance >= site.distance - _SECOND_TOLERANCE for found in (hanging, swung))
 
     def shown(found: Nearest) -> str:
         if not found.body:

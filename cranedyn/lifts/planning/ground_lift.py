@@ -124,8 +124,8 @@ def ground_of(
 
 
 def _is_near(vertices: np.ndarray, places: np.ndarray, distance: float) -> bool:
-    """Return whether the rectangle around vertices, widened by a distance [m], has one of the
-    places in it, all seen in plan.
+    """Return whether one of several places lies in the rectangle around vertices, widened by a
+    distance [m], all seen in plan.
     """
     low = vertices.min(axis=0)[:2] - distance
     high = vertices.max(axis=0)[:2] + distance
@@ -421,15 +421,15 @@ class _Phases:
         seen: Coordinates of the crane of the plan, shape (rows, n).
         pull: Tension of the rope over the weight of the load, shape (rows,).
         swing: Angle of the rope from plumb [rad], shape (rows,).
-        moving: Row in which the motion of the plan begins.
-        down: Row in which it ends.
+        motion_begin: Row in which the motion of the plan begins.
+        motion_end: Row in which it ends.
     """
 
     seen: np.ndarray
     pull: np.ndarray
     swing: np.ndarray
-    moving: int
-    down: int
+    motion_begin: int
+    motion_end: int
 
     @classmethod
     def of(cls, lift: GroundLift, run: Trajectory) -> _Phases:
@@ -442,37 +442,37 @@ class _Phases:
             seen=seen,
             pull=JointForces.of(crane).tension(run.q.T, run.v.T) / weight,
             swing=lift.lift.clearance.tilt(seen),
-            moving=begins["motion"],
-            down=begins.get("set-down", len(run) - 1),
+            motion_begin=begins["motion"],
+            motion_end=begins.get("set-down", len(run) - 1),
         )
 
 
 def _lift_off_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check:
     """Check that the rope pulls no more than the closed form, and the load swings little then."""
     pull = phases.pull
-    moving = phases.moving
+    begin = phases.motion_begin
     allowed = lift.lift.clearance.site.swing
-    carries = pull[:moving] >= 1.0
+    carries = pull[:begin] >= 1.0
     if not carries.any():
         return Check("Lift-off: the rope never carries the weight of the load.", False)
     lifted = int(np.argmax(carries))
-    largest = _largest_pull(lift.crane, lift.motion, slice(lifted, moving))
+    largest = _largest_pull(lift.crane, lift.motion, slice(lifted, begin))
     bound = f"{largest:.3f} by closed form"
-    if (run["phase"][:moving] == OFF_LEAD).any():
+    if (run["phase"][:begin] == OFF_LEAD).any():
         # No pull is less than NaN, so that a lift without a bound fails the check.
         largest = math.nan
         bound = "without a bound: the load slides or leans while the rope pulls"
     return Check(
-        f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, {bound}; "
-        f"hanging, the load swings {1e3 * phases.swing[moving]:.2f} mrad, {1e3 * allowed:.1f} "
+        f"Lift-off: the rope pulls {pull[:begin].max():.3f} of the weight at most, {bound}; "
+        f"hanging, the load swings {1e3 * phases.swing[begin]:.2f} mrad, {1e3 * allowed:.1f} "
         "allowed.",
-        bool(pull[:moving].max() <= largest and phases.swing[moving] <= allowed),
+        bool(pull[:begin].max() <= largest and phases.swing[begin] <= allowed),
     )
 
 
 def _motion_check(lift: GroundLift, phases: _Phases) -> Check:
     """Check that the load swings no more than allowed and the rope stays taut."""
-    rows = slice(phases.moving, phases.down)
+    rows = slice(phases.motion_begin, phases.motion_end)
     allowed = lift.lift.clearance.site.swing
     largest = phases.swing[rows].max()
     least_pull = phases.pull[rows].min()
@@ -508,12 +508,12 @@ def _set_down_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check
     """Check that the load is set down gently, at its goal, and stands there below a slack rope."""
     crane = lift.crane
     clearance = lift.lift.clearance
-    down = phases.down
+    down = phases.motion_end
     slackened = np.flatnonzero(phases.pull[down:] < HANGING_TENSION_RATIO)
     if not len(slackened):
         return Check("Set-down: the load does not touch what is below it.", False)
-    # Until the ground carries a share of the load, that sinks as fast as the hoist pays out. A
-    # bounce of the rope is not counted.
+    # The first row in which the ground carries a share of the load. Up to there the load sinks as
+    # fast as the hoist pays out, but for the bounce of the rope.
     speed = float(run.v[down + int(slackened[0]), crane.layout.index("l")])
     sink_rate = float(lift.motion.v[down:, lift.motion.drives[2]].max())
     end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
@@ -541,8 +541,8 @@ class _Hanging(NamedTuple):
     aside: np.ndarray
 
 
-class _Stretch(NamedTuple):
-    """A stretch of a run with the supports that a load stands on in it.
+class _Section(NamedTuple):
+    """Successive rows of a run, with the supports that the load stands on in them.
 
     Attributes:
         rows: Its rows.
@@ -560,28 +560,28 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
     """
     clearance = lift.lift.clearance
     q, aside = _where_it_hangs(lift, run, phases)
-    stretches = [_Stretch(slice(phases.moving, phases.down + 1), NO_SUPPORT)]
+    sections = [_Section(slice(phases.motion_begin, phases.motion_end + 1), NO_SUPPORT)]
     stands: list[tuple[str, Support, np.ndarray]] = []
-    for name, stretch in _stretches_on_supports(lift, run, phases):
-        corners = [load_corners(lift, state) for state in run.q[stretch.rows]]
+    for name, section in _sections_on_supports(lift, run, phases):
+        corners = [load_corners(lift, state) for state in run.q[section.rows]]
         lowest = np.array([corner[:, 2].min() for corner in corners])
-        stands.append((name, stretch.support, lowest))
-        stretches.append(stretch)
+        stands.append((name, section.support, lowest))
+        sections.append(section)
 
-    nearest_of_stretches = []
+    nearest_of_sections = []
     unproven = []
     covered: Pairs | None = None
-    for rows, support in stretches:
+    for rows, support in sections:
         beside = clearance.without(support.parts)
-        nearest_of_stretches.append(beside.nearest(q[rows][beside.nearest_row(q[rows])]))
+        nearest_of_sections.append(beside.nearest(q[rows][beside.nearest_row(q[rows])]))
         failing = unproven_row(beside, q[rows], lift.motion.period, envelope=aside[rows])
         if failing is not None:
             unproven.append(float(run.t[rows][failing]))
         pairs = hanging_pairs(beside) | support.pairs
-        # A pair counts as compared if it is in every stretch.
+        # A pair counts as compared if it is in every section.
         covered = pairs if covered is None else covered & pairs
     assert covered is not None  # there is always a motion
-    nearest = min(nearest_of_stretches)
+    nearest = min(nearest_of_sections)
     proof = "proven between all instants"
     if unproven:
         proof = f"not proven at t = {unproven[0]:.2f} s"
@@ -628,19 +628,19 @@ def _where_it_hangs(lift: GroundLift, run: Trajectory, phases: _Phases) -> _Hang
     return _Hanging(q, aside=(3.0 * lug + 2.0 * radius) * turned)
 
 
-def _stretches_on_supports(
+def _sections_on_supports(
     lift: GroundLift, run: Trajectory, phases: _Phases
-) -> Iterator[tuple[str, _Stretch]]:
-    """Yield the stretches before and after the motion in which the load stands, lifts off or is set
-    down: "start" or "goal" with the stretch.
+) -> Iterator[tuple[str, _Section]]:
+    """Yield the sections before and after the motion in which the load stands, lifts off or is set
+    down: "start" or "goal" with the section.
     """
     clearance = lift.lift.clearance
     if "lift-off" in lift.phases:
         support = support_of(clearance, load_corners(lift, run.q[0]))
-        yield "start", _Stretch(slice(phases.moving + 1), support)
+        yield "start", _Section(slice(phases.motion_begin + 1), support)
     if "set-down" in lift.phases:
         support = support_of(clearance, load_corners(lift, run.q[-1]))
-        yield "goal", _Stretch(slice(phases.down, None), support)
+        yield "goal", _Section(slice(phases.motion_end, None), support)
 
 
 def _slewing_check(lift: GroundLift, q: np.ndarray) -> Check:
