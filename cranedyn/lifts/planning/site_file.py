@@ -245,13 +245,13 @@ def solids_of(top: SiteTable, lines: FieldLines, ground: float) -> list[Solid]:
             # An obstacle from an IFC file has no name of its own.
             key = "name" if "name" in entry.values else "file"
             try:
-                made = make(entry, ground)
+                solids_of_entry = make(entry, ground)
             except CraneError as error:
                 # Errors of a field name file and line already, those of geometry do not.
                 if str(error).startswith(str(top.path)):
                     raise
                 entry.fail(key, error)
-            for solid in made:
+            for solid in solids_of_entry:
                 if solid.name in solids:
                     called = f"two obstacles are called {quoted(solid.name)}"
                     entry.fail(key, f"{called}; each needs a name of its own.")
