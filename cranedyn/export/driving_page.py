@@ -47,7 +47,7 @@ from cranedyn.export.browser_crane import (
 )
 from cranedyn.export.exercises import SWING, Exercise, exercises, lift_exercise
 from cranedyn.export.target import check_free, name_default_rates, new_file
-from cranedyn.lifts.judging.chart import Falls, read_chart
+from cranedyn.lifts.judging.chart import RatedLoads, read_chart
 from cranedyn.lifts.planning.lift import refuse_contradictions
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import read_site
@@ -109,7 +109,7 @@ def export(
     crane: Crane,
     *,
     site: Site | None = None,
-    chart: Falls | None = None,
+    chart: RatedLoads | None = None,
     meshes: str | Path | None = None,
 ) -> Path:
     """Write a page in which one drives a crane by keyboard, gamepad or mouse.
@@ -162,7 +162,7 @@ def _source(*names: str) -> Markup:
 def page_data(
     crane: Crane,
     site: Site | None = None,
-    chart: Falls | None = None,
+    chart: RatedLoads | None = None,
     meshes: str | Path | None = None,
 ) -> dict[str, Any]:
     """Return all that the page needs of a crane and its site, for JSON.

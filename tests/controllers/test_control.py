@@ -383,11 +383,12 @@ def test_a_joystick_is_in_one_place_at_a_time() -> None:
 
     with pytest.raises(
         OutOfRange,
-        match=r"start of a push of x is 2\.0 s; allowed is 4 or later, when the one before it ends",
+        match=r"start of a pulse of x is 2\.0 s; "
+        r"allowed is 4 or later, when the one before it ends",
     ):
         pushed(("x", 0.8, 1.0, 3.0), ("l", 0.5, 1.0, 3.0), ("x", 0.8, 2.0, 3.0))
     pushed(("x", 0.8, 0.1, 0.2), ("x", 0.5, 0.3, 1.0), ("l", 0.5, 0.2, 3.0))  # 0.1 + 0.2 > 0.3
-    with pytest.raises(OutOfRange, match="start of a push is nan s"):
+    with pytest.raises(OutOfRange, match="start of a pulse is nan s"):
         pushed(("x", 0.8, math.nan, 3.0))
 
 

@@ -17,7 +17,7 @@ from cranedyn.controllers.damping import with_damping
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
-from cranedyn.lifts.planning.itinerary import ARTICLE_TOUR, tour
+from cranedyn.lifts.planning.itinerary import ARTICLE_TOUR, Leg, tour
 from cranedyn.references import hanging_reference, hold, spline
 from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use
@@ -68,6 +68,19 @@ def test_a_tour_joins_its_legs_without_a_jump_and_repeats() -> None:
     for stage in made.stages:
         assert_allclose(made(stage.arrival).position, stage.target, atol=1e-12)
         assert_allclose(made(stage.end + made.duration).position, stage.target, atol=1e-9)
+
+
+def test_a_tour_has_one_period() -> None:
+    """Its legs become one table, so that a leg of another period would be slower or faster."""
+
+    def coarser_and_coarser(start: State, goal: State) -> Motion:
+        periods.append(periods[-1] * 2.0)
+        return flat(crane(), start, goal, 10.0, period=periods[-1])
+
+    periods = [5e-3]
+    legs = [Leg("out", x=14.0), Leg("in", x=crane().start.q[1])]
+    with pytest.raises(OutOfRange, match=r"period of the motion of leg '?in'? is 0\.02 s"):
+        tour(crane(), legs, coarser_and_coarser, dwell=0.0)
 
 
 @pytest.mark.slow

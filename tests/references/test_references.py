@@ -255,7 +255,7 @@ def test_the_rates_of_a_crane_narrow_the_limits_of_a_plan() -> None:
         slow, start, [goal.q[slow.layout.drives]], rates=(1, 9, 9), accelerations=(9, 9, 9)
     )
     assert section == pytest.approx(PEAK_RATE * 10.0 / 0.5)
-    with pytest.raises(OutOfRange, match=r"rate of a push of x is 0\.6 rad/s or m/s; .* 0\.5"):
+    with pytest.raises(OutOfRange, match=r"rate of a pulse of x is 0\.6 rad/s or m/s; .* 0\.5"):
         joystick(slow, start, [JoystickPulse("x", 0.6, 0.0, 1.0)], accelerations=(1, 1, 1))
 
 

@@ -28,7 +28,10 @@ To add a check or a load case, write a function that takes the `analysis.LiftAna
 `cranedyn.verdict.Check`, and enter it in `lift_checks.CHECKS`, or pass it to `judge`. A table is a
 function in `lift_tables.tables`, a figure one in `lift_figures.figures`.
 
-To read: `judgement` (10 minutes), `lift_checks`, `loads`, then `wrench`, which says how loads
-follow from the motion. The judging stands above `cranedyn.lifts.planning`;
-docs/concepts/lifting.md derives the formulas.
+In the order to read: `judgement` (10 minutes) runs everything, with the values of `judged_inputs`,
+and keeps the results in `analysis`; `lift_checks` asks them. Of what they are made: `loads`, then
+`wrench`, which says how loads follow from the motion; `chart` and `plausible_chart`; `wind_limit`;
+`factors` and `wind_standards`. The report: `lift_tables`, `lift_figures`, `report_page`.
+
+The judging stands above `cranedyn.lifts.planning`; docs/concepts/lifting.md derives the formulas.
 """

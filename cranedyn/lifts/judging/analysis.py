@@ -40,7 +40,8 @@ class Requirements:
         gusts: Number of gusts drawn at each wind speed; 0 for none, then the wind is not judged.
 
     Raises:
-        OutOfRange: If a number is negative, or the risk more than 1.
+        OutOfRange: If the wind is not from 0 to 100 m/s, the swing not from 1e-6 to π/2, the risk
+            not from 0 to 1, or a number of lifts or gusts not a whole number from 0 on.
     """
 
     wind: float | None = None
@@ -113,7 +114,8 @@ class LiftAnalysis:
         wind: Wind limit; None if there is no chart or it does not reach, the plan does not hold, or
             no gusts were asked for.
         perturbed: Perturbed lifts; None if the plan does not hold or none were asked for.
-        grounded: The lift with lift-off and set-down; None if the load hangs at both ends.
+        grounded: The lift with lift-off and set-down; None if the load hangs at both ends, or the
+            plan has no certificate.
         unusual: Sentences about entered values that are unusual.
         hoisting: Hoisting class of the crane.
         drive: Class of its hoist drive.

@@ -27,8 +27,8 @@ CHARTS = Path(__file__).parent / "charts"
 """Example charts: laboratory (of this project's crane), mct88 (points of a maker's sheet)."""
 
 GRAVITY = (1e-3, 1e3)
-"""Least and largest gravity that a chart is read for [m/s²]: that of a moon, and of a star; beyond
-them a utilisation would be without a meaning."""
+"""Least and largest gravity that a utilisation is computed for [m/s²]: about that of a small moon
+and that of a star."""
 
 WARNING = 0.9
 """Utilisation at which a load moment limiter warns."""
@@ -51,7 +51,7 @@ _MAX_LOAD = 1e9
 
 @dataclass(frozen=True)
 class Reeving:
-    """Reeving of a hoist.
+    """How the rope of a hoist runs: falls, sheaves and drum.
 
     Attributes:
         falls: Number of falls that carry the hook.
@@ -96,14 +96,16 @@ class Reeving:
         return {"line_N": line, "drum_Nm": self.drum_radius * line, "line_m_s": -self.falls * rate}
 
     def capacity(self, line_pull: float, gravity: float) -> float:
-        """Return the load that a largest pull of the line hoists [kg], by which a chart ends.
+        """Return the load that a largest pull of the line hoists [kg], to which a chart is limited
+        at small radii.
 
         Args:
             line_pull: Largest pull of the line [N].
             gravity: Gravity [m/s²].
 
         Raises:
-            OutOfRange: If a number is not finite or not positive, or gravity is none of `GRAVITY`.
+            OutOfRange: If a number is not finite or not positive, or gravity is outside of
+                `GRAVITY`.
         """
         number("pull of the line", line_pull, "N", "> 0")
         within("gravity", gravity, *GRAVITY, "m/s²")
@@ -112,18 +114,18 @@ class Reeving:
 
 
 @dataclass(frozen=True, eq=False)
-class Falls:
-    """Rated loads on one reeving.
+class RatedLoads:
+    """Rated loads of a crane by radius, for one number of falls.
 
     Attributes:
-        count: How many falls of rope carry the hook.
-        radii: Of the points, increasing [m], shape (k,).
-        rated: What may hang there, the hook and all slings counted [kg], shape (k,).
+        count: Number of falls of the rope that carry the hook.
+        radii: Radii of the points of the chart, increasing [m], shape (k,).
+        rated: Load that may hang there, the hook and all slings counted [kg], shape (k,).
         least: Smallest radius at which the load of the first point may hang [m].
 
     Raises:
-        OutOfRange: If radii do not increase, loads rise with radius, or a number is none of a
-            chart.
+        OutOfRange: If radii do not increase, loads rise with radius, or a number is outside of what
+            a chart can have.
     """
 
     count: int
@@ -186,16 +188,16 @@ class Chart:
     """A crane's rated loads.
 
     Attributes:
-        name: Of what crane and jib.
+        name: The crane and its jib.
         source: Where its numbers are from.
-        reevings: By how many falls carry the hook, the fewest first.
+        reevings: Rated loads for each number of falls, the fewest first.
     """
 
     name: str
     source: str
-    reevings: tuple[Falls, ...]
+    reevings: tuple[RatedLoads, ...]
 
-    def on(self, falls: int | None = None) -> Falls:
+    def on(self, falls: int | None = None) -> RatedLoads:
         """Return the rated loads on a number of falls; None for the fewest.
 
         Raises:
@@ -239,7 +241,7 @@ def utilisation(
     Raises:
         UnknownName: If the chart has no such number of falls.
         OutOfRange: If the trolley leaves the radii of the chart, the pull is not finite, or gravity
-            is none of `GRAVITY`.
+            is outside of `GRAVITY`.
         UnknownColumn: If the loads are not those of a tower crane.
     """
     within("gravity", gravity, *GRAVITY, "m/s²")
@@ -285,8 +287,8 @@ def read_chart(path: str | Path) -> Chart:
     with `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].
 
     Raises:
-        DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no
-            number that it could be: in which line, table and field.
+        DataError: If it cannot be read, is no TOML, or something in it is missing, unknown or not
+            possible in a chart; with line, table and field.
     """
     top, lines = read_fields(Path(path), ["source", "falls"], "chart")
     for name in ("name", "source", "falls"):
@@ -296,7 +298,7 @@ def read_chart(path: str | Path) -> Chart:
     if not 1 <= len(entries) <= _MAX_POINTS:
         allowed = f"allowed are 1 to {_MAX_POINTS} tables [[falls]]."
         top.fail("falls", f"there are {len(entries)}; {allowed}")
-    reevings: list[Falls] = []
+    reevings: list[RatedLoads] = []
     for entry in entries:
         reeving = _falls(entry)
         if any(reeving.count == other.count for other in reevings):
@@ -306,24 +308,26 @@ def read_chart(path: str | Path) -> Chart:
     return Chart(top.text("name"), top.text("source"), tuple(reevings))
 
 
-def _falls(entry: SiteTable) -> Falls:
+def _falls(entry: SiteTable) -> RatedLoads:
     """Return the rated loads of a table [[falls]].
 
     Raises:
-        DataError: If a field is missing, or no value of a chart, with its line and field.
+        DataError: If a field is missing or not possible in a chart, with its line and field.
     """
     for name in ("count", "radii", "loads"):
         if name not in entry.values:
             entry.fail(name, "it is missing.")
     values = entry.values
     try:
-        return Falls(values["count"], values["radii"], values["loads"], values.get("least", 0.0))
+        return RatedLoads(
+            values["count"], values["radii"], values["loads"], values.get("least", 0.0)
+        )
     except OutOfRange as error:
         entry.fail(_field_of(error), error)
 
 
 def _field_of(error: OutOfRange) -> str:
-    """Return the field of a table [[falls]] that an error of `Falls` is about."""
+    """Return the field of a table [[falls]] that an error of `RatedLoads` is about."""
     fields = {
         "number of falls": "count",
         "number of loads": "loads",

@@ -1,8 +1,8 @@
 """Dynamic factors of the standards, as functions.
 
-None of the standards was before us: what is said of EN 1991-3, EN 13001, FEM 1.001 and the
-Australian ones is read second hand, in texts that quote them. Which of them are mechanics, and
-exact, `cranedyn run factors` derives by simulation.
+The standards themselves were not read: what is said of EN 1991-3, EN 13001, FEM 1.001 and the
+Australian ones is second hand, from texts that quote them. `cranedyn run factors` shows by
+simulation which of the factors follow from mechanics, and are exact.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ chooses, HD3 with one that is enforced, HD4 stepless by the driver, HD5 stepless
 
 
 class Hoisting(NamedTuple):
-    """Numbers of a hoisting class.
+    """Numbers of a hoisting class, by which φ2 = φ2,min + β2 v_h.
 
     Attributes:
-        slope: β2, of the factor over the hoisting speed [s/m].
+        slope: β2 [s/m].
         least: φ2,min.
     """
 
@@ -52,14 +52,14 @@ RAPID_RELEASE = 1.0
 BUFFER_SHARE = 0.7
 """Share of its speed at which a crane meets its buffers: FEM 1.001 (second hand)."""
 
-BUFFER_MOST = 5.0
+MAX_BUFFER_DECELERATION = 5.0
 """Largest deceleration of a crane by its buffers [m/s²]; 2.5 where it meets them often: FEM 1.001
 (second hand)."""
 
 
 def phi_1(a: float = 0.1) -> tuple[float, float]:
-    """Return the least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ±
-    a.
+    """Return the least and the largest φ1, which multiplies the crane's own weight when a load
+    leaves the ground: 1 ± a.
 
     EN 1991-3, Table 2.4: 0 ≤ a ≤ 0.1 (second hand).
     """
@@ -77,7 +77,8 @@ def phi_2_least(hoisting: HoistingClass, drive: DriveClass = "HD1") -> float:
 
 
 def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> float:
-    """Return φ2 = φ2,min + β2 v_h, on a load that is picked up from the ground at a speed [m/s].
+    """Return φ2 = φ2,min + β2 v_h, which multiplies the weight of a load that is picked up from the
+    ground at a speed [m/s].
 
     EN 1991-3, Table 2.4 (second hand). A load picked up at v by an elastic hoist of frequency ω
     pulls 1 + v ω/g times its weight (`cranedyn.theory.pickup_factor`), so β2 = ω/g.
@@ -110,8 +111,8 @@ def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
 
 
 def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
-    """Return φ3 = 1 - (Δm/m)(1 + β3), on a load that loses a part of its mass; negative where it
-    jumps up.
+    """Return φ3 = 1 - (Δm/m)(1 + β3), which multiplies the weight of a load that loses a part of
+    its mass; negative where the load jumps up.
 
     EN 1991-3, Table 2.4 (second hand). With β3 = 1 it is exactly the least tension of an undamped
     elastic hoist over the weight before.
@@ -157,8 +158,8 @@ def psi_h_regulated(periods: float) -> float:
 
 
 def stopping(speed: float, deceleration: float) -> tuple[float, float]:
-    """Return the way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m],
-    [s].
+    """Return the distance and the time in which a drive stops, v²/(2a) and v/a: [rad] and [s] of a
+    slew, [m] and [s] of another drive.
 
     Args:
         speed: [rad/s] or [m/s].
@@ -169,10 +170,12 @@ def stopping(speed: float, deceleration: float) -> tuple[float, float]:
     return v * v / (2.0 * a), abs(v) / a
 
 
-def buffer_stroke(speed: float, deceleration: float = BUFFER_MOST) -> float:
-    """Return the way that a buffer needs for a crane of a speed [m/s], at 0.7 of it and a constant
-    deceleration [m/s²]: (0.7 v)²/(2a) [m]. FEM 1.001 (second hand).
+def buffer_stroke(speed: float, deceleration: float = MAX_BUFFER_DECELERATION) -> float:
+    """Return the stroke that a buffer needs [m] to stop a crane of a speed [m/s] from 0.7 of it at
+    a constant deceleration [m/s²]: (0.7 v)²/(2a). FEM 1.001 (second hand).
     """
-    checked_deceleration = within("deceleration", deceleration, 1e-3, BUFFER_MOST, "m/s²")
+    checked_deceleration = within(
+        "deceleration", deceleration, 1e-3, MAX_BUFFER_DECELERATION, "m/s²"
+    )
     impact_speed = BUFFER_SHARE * number("speed", speed, "m/s")
     return impact_speed * impact_speed / (2.0 * checked_deceleration)

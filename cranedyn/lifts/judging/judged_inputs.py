@@ -40,23 +40,26 @@ CHART_COVERS = frozenset(
         "damp_slew", "damp_trolley", "damp_swing", "damp_hoist",
     }
 )  # fmt: skip
-"""Arguments of the shipped crane that its chart is valid for whatever they are: the load, the
-height of its mast, where its drives start, and the length of the counter-jib, which is drawn and
-weighs nothing. Another jib, trolley or hoist is another crane to a chart."""
+"""Arguments of the shipped crane that its chart is valid for whatever they are.
+
+A chart says what may hang at which radius. That does not depend on the load itself, the height of
+the mast, the length of the cable and how far the drives go, where they start, nor on damping. The
+counter-jib is drawn and weighs nothing. With another jib, trolley or force of a drive it is another
+crane to a chart."""
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A requirement that a caller, a site or nobody enters.
+    """A requirement that a caller or a site may enter, and else has a default.
 
     Attributes:
         attribute: Name of the attribute of `Requirements`.
-        name: What it is.
+        name: The quantity, in words.
         unit: Unit in which it is shown.
-        scale: The number in that unit over the number as it is used.
-        default: Value of this program where nobody entered one.
-        option: Where a caller gives it.
-        field: Where a site enters it.
+        scale: The number in that unit over the number in the unit of `Requirements`.
+        default: Value where nobody entered one, in the unit of `Requirements`.
+        option: Option of the command with which a caller enters it.
+        field: Field of a site's file in which a site enters it.
     """
 
     attribute: str
@@ -117,12 +120,13 @@ def resolve_inputs(
     falls: int | None = None,
 ) -> JudgedInputs:
     """Return the values that a lift is judged with; what the caller gives comes before what the
-    site enters, and that before a default.
+    site enters, and that before a default. Only for the limits of the drives, which the caller has
+    chosen already, it is the other way round, see `cranedyn.lifts.judging.judgement.judge`.
 
     Args:
         site: The site.
         crane: The crane.
-        limits: Limits of the drives.
+        limits: Limits of the drives: those of the site, if it enters any.
         requirements: Requirements, with None where they are those of the site.
         chart: Load chart; None for that of the site or, for the shipped crane, the shipped one.
         falls: Number of falls; None for that of the site or the fewest of the chart.
@@ -131,7 +135,7 @@ def resolve_inputs(
         UnknownName: If the chart has no such number of falls.
         DataError: If the chart that the site names cannot be read.
     """
-    made = plan_assumptions(site, crane, limits)
+    assumptions = plan_assumptions(site, crane, limits)
     resolved = {}
     for requirement, given, of_site in (
         (GUST, requirements.wind, site.gust),
@@ -140,21 +144,27 @@ def resolve_inputs(
     ):
         value, assumption = requirement.resolve(given, of_site)
         resolved[requirement.attribute] = value
-        made.append(assumption)
-    spread = _spread(made, site)
-    chart = _chart(made, site, crane, chart)
-    falls = None if chart is None else _falls(made, site, chart, falls)
+        assumptions.append(assumption)
+    spread, spread_assumptions = _spread(site)
+    assumptions += spread_assumptions
+    chart, chart_assumption = _chart(site, crane, chart)
+    assumptions.append(chart_assumption)
+    if chart is not None:
+        falls, falls_assumption = _falls(site, chart, falls)
+        assumptions.append(falls_assumption)
+    else:
+        falls = None
     return JudgedInputs(
         replace(requirements, **resolved),  # type: ignore[arg-type]
         spread,
         chart,
         falls,
-        tuple(made),
+        tuple(assumptions),
     )
 
 
-def _spread(made: list[Assumption], site: Site) -> Spread:
-    """Return how far lifts may differ from the plan, and append it to the assumptions."""
+def _spread(site: Site) -> tuple[Spread, list[Assumption]]:
+    """Return how far lifts may differ from the plan, and the origin of each of its numbers."""
     default = Spread()
     largest_delay = site.spread.get("late", max(default.late))
     delays = tuple(largest_delay * share for share in (0.0, 0.25, 0.5, 1.0))
@@ -166,6 +176,7 @@ def _spread(made: list[Assumption], site: Site) -> Spread:
         gust=site.spread.get("gust", default.gust),
         late=delays,
     )
+    assumptions = []
     for key, name, value, field in (
         ("load", "tolerance of the load's mass", f"±{100.0 * spread.load:.3g} %", "mass"),
         ("cable", "error of the measured cable length", f"±{spread.cable:g} m", "cable"),
@@ -174,33 +185,29 @@ def _spread(made: list[Assumption], site: Site) -> Spread:
         ("late", "delay of the sensors, up to", f"{1e3 * largest_delay:g} ms", "delay"),
     ):
         origin = Origin.ENTERED if key in site.spread else Origin.DEFAULT
-        made.append(Assumption(name, value, origin, f"[uncertainty] {field}"))
-    return spread
+        assumptions.append(Assumption(name, value, origin, f"[uncertainty] {field}"))
+    return spread, assumptions
 
 
-def _chart(made: list[Assumption], site: Site, crane: Crane, given: Chart | None) -> Chart | None:
-    """Return the chart, and append it to the assumptions: the caller's, or that of the site, or for
-    the shipped crane the shipped one.
+def _chart(site: Site, crane: Crane, given: Chart | None) -> tuple[Chart | None, Assumption]:
+    """Return the chart with its origin: the caller's, or that of the site, or for the shipped crane
+    the shipped one.
     """
     if given is not None:
-        made.append(Assumption("load chart", given.name, Origin.ENTERED, "--chart"))
-        return given
+        return given, Assumption("load chart", given.name, Origin.ENTERED, "--chart")
     if site.chart is not None:
         file = site.chart if isinstance(site.chart, Path) else CHARTS / f"{site.chart}.toml"
         chart = read_chart(file)
-        made.append(Assumption("load chart", chart.name, Origin.ENTERED, "[crane] chart"))
-        return chart
+        return chart, Assumption("load chart", chart.name, Origin.ENTERED, "[crane] chart")
     if is_shipped_crane(crane):
         chart = read_chart(SHIPPED_CHART)
-        made.append(Assumption("load chart", chart.name, Origin.SHIPPED))
-        return chart
-    made.append(Assumption("load chart", "none of this crane", Origin.DEFAULT, "[crane] chart"))
-    return None
+        return chart, Assumption("load chart", chart.name, Origin.SHIPPED)
+    return None, Assumption("load chart", "none of this crane", Origin.DEFAULT, "[crane] chart")
 
 
-def _falls(made: list[Assumption], site: Site, chart: Chart, given: int | None) -> int:
-    """Return the number of falls, and append it to the assumptions: the caller's, or that of the
-    site, or the fewest of the chart.
+def _falls(site: Site, chart: Chart, given: int | None) -> tuple[int, Assumption]:
+    """Return the number of falls with its origin: the caller's, or that of the site, or the fewest
+    of the chart.
 
     Raises:
         UnknownName: If the chart has no such number of falls.
@@ -219,5 +226,5 @@ def _falls(made: list[Assumption], site: Site, chart: Chart, given: int | None) 
         count = chart.on().count
         origin = Origin.COMPUTED if only_one else Origin.DEFAULT
         field = "[rigging] falls"
-    made.append(Assumption("falls of the rope", f"{chart.on(count).count}", origin, field))
-    return count
+    value = f"{chart.on(count).count}"  # refuses a number that the chart does not have
+    return count, Assumption("falls of the rope", value, origin, field)

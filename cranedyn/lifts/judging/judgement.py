@@ -34,7 +34,7 @@ from cranedyn.lifts.planning.certificate import Certificate, certify
 from cranedyn.lifts.planning.ground_lift import certify_ground_lift, from_ground, stands_at
 from cranedyn.lifts.planning.lift import crane_of, plan_lift
 from cranedyn.lifts.planning.perturbed import perturb
-from cranedyn.lifts.planning.plausibility import WIND, findings, judge_value, refuse
+from cranedyn.lifts.planning.plausibility import WIND, findings, judge_value, unusual_or_refuse
 from cranedyn.lifts.planning.site import Site
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -93,9 +93,9 @@ class Judgement:
 
     def report(self, path: str | Path, command: str = "") -> Path:
         """Write `html` as a ``.html`` or ``.pdf`` file, see
-        `cranedyn.lifts.judging.report_page.write_html`.
+        `cranedyn.lifts.judging.report_page.write_html_or_pdf`.
         """
-        return report_page.write_html(path, self.html(command))
+        return report_page.write_html_or_pdf(path, self.html(command))
 
 
 def judge(
@@ -127,8 +127,8 @@ def judge(
         falls: Number of falls that carry the hook; None for that of the site, or the fewest of the
             chart, which is a default.
         crane: The crane; None for that of the site.
-        limits: Rates and accelerations of the drives where the site enters none; the judgement is
-            then not complete, since a GO rests on what was entered.
+        limits: Rates and accelerations of the drives for a site that enters none. The judgement is
+            then not complete: a GO rests on drives that were entered with the site.
         hoisting: Hoisting class of the crane.
         drive: Class of its hoist drive.
         checks: Checks beside those of the certificate; None for
@@ -139,11 +139,13 @@ def judge(
         progress: Called after each of three stages: plan, perturbed lifts, wind.
 
     Raises:
-        NoWay: If no way is found for the lift, with the reason. DataError: If an entered value
-            cannot be meant, see `cranedyn.lifts.planning.plausibility`, or the chart of the site
-            cannot be read. UnknownName: If the chart has no such number of falls. RunError: If the
-            simulation breaks off. CraneError: If neither the site nor `limits` gives limits of the
-            drives, as `cranedyn.lifts.planning.lift.plan_lift`, or an extra is not installed.
+        NoWay: If no way is found for the lift, with the reason.
+        DataError: If an entered value cannot be meant, see `cranedyn.lifts.planning.plausibility`,
+            or the chart of the site cannot be read.
+        UnknownName: If the chart has no such number of falls.
+        RunError: If the simulation breaks off.
+        CraneError: If neither the site nor `limits` gives limits of the drives, as
+            `cranedyn.lifts.planning.lift.plan_lift`, or an extra is not installed.
     """
     limits = site.limits or limits
     if limits is None:
@@ -153,12 +155,12 @@ def judge(
     unusual = _plausible(site, crane, inputs.chart, inputs.requirements)
 
     certificate = certify(plan_lift(site, limits, crane=crane, period=period), dt=dt, engine=engine)
-    grounded = _grounded(certificate)
+    grounded = _grounded(certificate, inputs.falls)
     progress(1)
 
     run_crane = crane if grounded is None else grounded.lift.crane
     run = certificate.run if grounded is None else grounded.run
-    run_loads = loads(run_crane, run, base=site.base, arms=site.arms)
+    run_loads = loads(run_crane, run, base=site.base, arms=site.arms, heading=site.heading)
     used = None
     chart_error = ""
     if inputs.chart is not None:
@@ -213,16 +215,17 @@ def _plausible(
         found += judge_value(WIND, requirements.wind, "wind", "gust")
     if chart is not None:
         found += chart_findings(chart, reach[1])
-    return refuse(found)
+    return unusual_or_refuse(found)
 
 
-def _grounded(certificate: Certificate) -> GroundedLift | None:
-    """Return the lift with lift-off and set-down; None if its load hangs at both ends, or the plan
-    does not hold and there is nothing to lift off for.
+def _grounded(certificate: Certificate, falls: int | None) -> GroundedLift | None:
+    """Return the lift with lift-off and set-down on a number of falls, None for that of the site;
+    None if its load hangs at both ends, or the plan does not hold and there is nothing to lift off
+    for.
     """
     site = certificate.lift.clearance.site
     ends = stands_at(site.start), stands_at(site.goal)
     if not any(ends) or not certificate.holds:
         return None
-    lift = from_ground(certificate.lift, stands=ends)
+    lift = from_ground(certificate.lift, falls=falls, stands=ends)
     return GroundedLift(lift, *certify_ground_lift(lift))

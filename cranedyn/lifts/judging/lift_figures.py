@@ -18,7 +18,7 @@ from cranedyn.lifts.judging.loads import hanging_mass, jib_moment
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.lifts.planning.certificate import Certificate
 from cranedyn.lifts.planning.lift import Lift
-from cranedyn.lifts.planning.solids import Solid
+from cranedyn.lifts.planning.solids import Solid, rotation_z
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import run_colour
 from cranedyn.recording import Obstacle, Scenery
@@ -88,7 +88,8 @@ def draw_loads(analysis: LiftAnalysis) -> Figure:
         used.plot(t, 100.0 * analysis.utilisation, color=COLOURS["x"])
     for threshold, style in ((WARNING, ":"), (CUT_OUT, "--")):
         used.axhline(100.0 * threshold, color=COLOURS["limit"], linestyle=style, linewidth=1.0)
-    used.set(ylabel="utilisation [%]", ylim=(0.0, 110.0))
+    highest = 0.0 if analysis.utilisation is None else 105.0 * float(analysis.utilisation.max())
+    used.set(ylabel="utilisation [%]", ylim=(0.0, max(110.0, highest)))
     moment.plot(t, 1e-3 * analysis.loads["load_moment_Nm"], color=COLOURS["x"], label="load")
     moment.plot(t, 1e-3 * analysis.loads["ring_tilting_Nm"], color=COLOURS["l"], label="ring")
     moment.set(ylabel="moment [kN m]")
@@ -150,8 +151,8 @@ def draw_wind(limit: WindLimit, required: float) -> Figure:
 
 
 def site_views(certificate: Certificate) -> Figure:
-    """Draw plan and two elevations of a site with the path of the load, its envelope at the nearest
-    point, and the reach of the crane.
+    """Draw plan and two elevations of a site with the path of the load, the place at which it is
+    nearest to an obstacle, and the reach of the crane.
     """
     lift = certificate.lift
     clearance = lift.clearance
@@ -244,10 +245,14 @@ def _swept_boxes(lift: Lift) -> dict[str, np.ndarray]:
     rows = np.unique(np.searchsorted(arc, np.arange(0.0, arc[-1], _BOX_SPACING)))
     load = clearance.bodies.load
     envelope = np.array([clearance.envelope(length) for length in drive_positions[rows, 2]])
+    slew = drive_positions[rows, 0]
+    # The point below the rope need not be the middle of the box, which slews with the load.
+    middle = (load.min(axis=0) + load.max(axis=0)) / 2.0
+    offsets = np.array([rotation_z(angle) @ middle for angle in slew])
     return {
-        "centres": points[rows] + (load.min(axis=0) + load.max(axis=0))[None] / 2.0,
+        "centres": points[rows] + offsets,
         "sizes": np.ptp(load, axis=0) + 2.0 * envelope[:, None],
-        "yaw": drive_positions[rows, 0],
+        "yaw": slew,
     }
 
 

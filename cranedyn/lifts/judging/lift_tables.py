@@ -10,19 +10,21 @@ import numpy as np
 
 from cranedyn.lifts.judging import factors, wind_standards
 from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
 from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
-from cranedyn.lifts.planning.perturbed import Perturbed
+from cranedyn.lifts.planning.ground_lift import stands_at
+from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed
 
 Row = list[float | str | None]
 
-CREEP = 0.1
-"""Creep speed of a hoist over its largest; ours."""
+CREEP_SHARE = 0.1
+"""Creep speed of a hoist over its largest speed. No standard names it; this is an assumption."""
 
-_SECOND = "second hand"
-"""Said of what a standard demands: nobody here has read the standard itself."""
+_SECOND_HAND = "second hand"
+"""Source of what a standard demands: other texts that quote it, not the standard itself."""
 
-_MODEL = "docs/concepts/lifting.md"
+_LOADS_PAGE = "docs/concepts/lifting.md"
 """Page that derives the formulas of the loads."""
 
 
@@ -92,9 +94,15 @@ def _lift(analysis: LiftAnalysis) -> Table:
 
 def _begins_and_ends(analysis: LiftAnalysis) -> str:
     """Return whether the load stands or hangs at the start and at the end."""
-    phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
-    start = "lifted off" if "lift-off" in phases else "hanging"
-    end = "set down" if "set-down" in phases else "hanging"
+    site = analysis.site
+    # A plan without a certificate is not simulated from the ground or to it.
+    is_simulated = analysis.grounded is not None
+    start = "hanging"
+    if stands_at(site.start):
+        start = "lifted off" if is_simulated else "standing (lift-off not simulated)"
+    end = "hanging"
+    if stands_at(site.goal):
+        end = "set down" if is_simulated else "standing (set-down not simulated)"
     return f"{start}, {end}"
 
 
@@ -146,7 +154,8 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
         rows.append([f"{name} [{unit}]", scale * float(values[k]), float(t[k]), limit])
 
     if analysis.utilisation is not None:
-        add("utilisation", analysis.utilisation, 100.0, "%", "90, 100")
+        thresholds = f"{100.0 * WARNING:g}, {100.0 * CUT_OUT:g}"
+        add("utilisation", analysis.utilisation, 100.0, "%", thresholds)
     of_chart = "-" if analysis.chart is None else "the chart"
     add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", of_chart)
     add("rope", carried["rope_N"], 1e-3, "kN")
@@ -160,7 +169,7 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
     add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
     add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
     base = analysis.site.base
-    note = f"Formulas: {_MODEL}.{source_note}"
+    note = f"Formulas: {_LOADS_PAGE}.{source_note}"
     if base is not None:
         corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
         permitted = "-" if base.permitted is None else f"{base.permitted / 1e3:g}"
@@ -168,14 +177,15 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
         k = int(corners.min(axis=1).argmin())
         rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[k]), "> 0"])
         note = (
-            f"Formulas: {_MODEL}. Corners: base {base.spacing:g} m wide, {base.mass / 1e3:g} t "
-            f"with mast and ballast, as entered.{source_note}"
+            f"Formulas: {_LOADS_PAGE}. Corners: base {base.spacing:g} m wide, "
+            f"{base.mass / 1e3:g} t with mast and ballast, as entered.{source_note}"
         )
     columns = [("largest", ""), ("value", ".2f"), ("at [s]", ".1f"), ("limit", "")]
     return Table("Loads of the run", columns, rows, note)
 
 
 def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
+    """Tabulate the least distance of all that hangs from each obstacle, the nearest first."""
     certificate = analysis.certificate
     zones = {solid.name for solid in analysis.site.solids if solid.zone}
     rows: list[Row] = []
@@ -199,7 +209,7 @@ def _factors(analysis: LiftAnalysis) -> Table:
     mass = hanging_mass(crane)
 
     hoist_rate = limits.rates[crane.layout.drive("l")]
-    speed = factors.pick_up_speed(drive, hoist_rate, CREEP * hoist_rate)
+    speed = factors.pick_up_speed(drive, hoist_rate, CREEP_SHARE * hoist_rate)
     phi_2 = factors.phi_2(analysis.hoisting, speed, drive)
     pull = float(loads["rope_N"].max()) / (mass * crane.gravity)
     phi_low, phi_high = factors.phi_1()
@@ -212,7 +222,9 @@ def _factors(analysis: LiftAnalysis) -> Table:
     slew_acceleration = limits.accelerations[crane.layout.drive("gamma")]
     trolley_factor = outward / (mass * trolley_acceleration)
     slew_factor = sideways / (mass * slew_acceleration * radius)
-    psi = f"{factors.psi_h_regulated(1.0):.2f}"
+    # How long a drive accelerates differs from lift to lift. From half a period of the pendulum on
+    # the factor is 2, its largest.
+    psi = f"{factors.psi_h_regulated(0.5):.2f}"
     rows: list[Row] = [
         ["φ1, own weight at lift-off", f"{phi_low:g} to {phi_high:g}", None, "EN 1991-3, T 2.4"],
         [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],
@@ -222,13 +234,16 @@ def _factors(analysis: LiftAnalysis) -> Table:
         ["ψ_h of the slew", psi, slew_factor, "FEM 1.001, A.2.2.3"],
     ]
     columns = [("factor", ""), ("allowed", ""), ("needed here", ".3f"), ("clause", "")]
-    picked_up = "Picking up is not in it: the load hangs at the start."
-    if analysis.grounded is not None and "lift-off" in analysis.grounded.lift.phases:
+    if not stands_at(analysis.site.start):
+        picked_up = "Picking up is not in it: the load hangs at the start."
+    elif analysis.grounded is None:
+        picked_up = "Picking up is not in it: lift-off was not simulated."
+    else:
         picked_up = "Picking up is in it."
     note = (
-        f"Clauses were read {_SECOND}. Needed: largest pull of the rope over the weight, along "
-        "and across the jib over mass times the limits of acceleration of trolley and slew. "
-        f"{picked_up} Again: python -m experiments.factors."
+        f"Clauses were read {_SECOND_HAND}. Needed: largest pull of the rope over the weight, "
+        "along and across the jib over mass times the limits of acceleration of trolley and slew. "
+        f"{picked_up} Again: cranedyn run factors."
     )
     return Table("Dynamic factors", columns, rows, note)
 
@@ -259,7 +274,7 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
     note = (
         f"The worst of {limit.lifts} lifts in all, from all sides and at all times, most of "
         "them in gusts about the worst; wind on the load alone. Clearance: at least. Pressure: "
-        f"0.625 v², AS 5222:2021, {_SECOND}.{source_note}"
+        f"0.625 v², AS 5222:2021, {_SECOND_HAND}.{source_note}"
     )
     return Table("Wind", columns, rows, note)
 
@@ -270,10 +285,10 @@ def _limits(limit: WindLimit) -> Table:
         [f"{name} of this lift", limit.limit(name), "this page"] for name in limit.allowed
     ]
     rows += [
-        [f"in use: {name}", speed, _SECOND] for name, speed in wind_standards.OPERATING.items()
+        [f"in use: {name}", speed, _SECOND_HAND] for name, speed in wind_standards.OPERATING.items()
     ]
     rows += [
-        [f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND}"]
+        [f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND_HAND}"]
         for name, speed in wind_standards.IN_SERVICE.items()
     ]
     columns = [("limit", ""), ("gust up to [m/s]", ".1f"), ("from", "")]
@@ -285,16 +300,25 @@ def _limits(limit: WindLimit) -> Table:
 
 
 def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) -> Table:
+    """Tabulate how many perturbed lifts failed, and the least distance and largest swing of those
+    that did not break off.
+    """
     low, high = perturbed.interval()
+    confidence = f"{100.0 * CONFIDENCE:g} %"
     spread = analysis.inputs.spread
+    # A lift that broke off has no distance, and may have no swing either.
     distances = perturbed.least[np.isfinite(perturbed.least)]
+    swings = perturbed.swing[np.isfinite(perturbed.swing)]
     rows: list[Row] = [
         ["lifts", f"{len(perturbed.least)}"],
         ["below required clearance", f"{perturbed.failures - perturbed.broken_off}"],
         ["out of a drive's range, or rope slack", f"{perturbed.broken_off}"],
-        ["probability of either, 95 % [%]", f"{100.0 * low:.3f} to {100.0 * high:.3f}"],
+        [
+            f"probability of either, {confidence} [%]",
+            f"{100.0 * low:.3f} to {100.0 * high:.3f}",
+        ],
         ["least distance [m]", f"{distances.min():.2f}" if len(distances) else "-"],
-        ["swing after, at most [mrad]", f"{1e3 * float(perturbed.swing.max()):.1f}"],
+        ["swing after, at most [mrad]", f"{1e3 * swings.max():.1f}" if len(swings) else "-"],
     ]
     note = (
         f"Load ±{100.0 * spread.load:.3g} %, cable ±{spread.cable:g} m, mean wind to "

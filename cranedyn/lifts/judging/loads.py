@@ -22,8 +22,8 @@ from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import JointForces, rope_tension
 from cranedyn.dynamics.validity import hoist_force
 from cranedyn.errors import OutOfRange, UnknownColumn
-from cranedyn.lifts.judging.wrench import Moving, Wrench
-from cranedyn.lifts.planning.site import Arm, Base
+from cranedyn.lifts.judging.wrench import CraneStates, Wrench
+from cranedyn.lifts.planning.site import CRANE_HEADING, Arm, Base, crane_to_site
 from cranedyn.model.crane import Crane
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -75,20 +75,45 @@ class Loads(TimeSeries):
 
 
 def loads(
-    crane: Crane, run: Trajectory, *, base: Base | None = None, arms: Sequence[Arm] = ()
+    crane: Crane,
+    run: Trajectory,
+    *,
+    base: Base | None = None,
+    arms: Sequence[Arm] = (),
+    heading: float = CRANE_HEADING,
 ) -> Loads:
     """Return the loads of a recorded run.
 
-    Columns, as far as the crane has the joints for them. Hoist: `rope_N` (tension), `pull_N` (what
-    hangs pulls down), `slack_margin` (tension over the weight that hangs; slack at 0),
-    `snag_margin` (share of the hoist's largest force that is left, should the load snag). Hoist and
-    trolley: `off_lead_rad` (rope from plumb in the plane of the jib, outwards positive),
-    `side_lead_rad` (across it), `side_force_percent` (what the rope pulls the jib aside by, of the
-    weight that hangs). Slew besides: `radius_m`, `load_moment_Nm` (pull times radius: what a load
-    moment indicator shows), `ring_vertical_N`, `ring_tilting_Nm` (in the plane of the jib, jib down
-    positive), `ring_lateral_Nm`, `ring_torsion_Nm` (about the slew axis). Always `foot_vertical_N`,
-    `foot_x_Nm`, `foot_y_Nm`, `overturning_Nm`, `torsion_Nm` about the world's origin; the base is
-    counted, and `corner_1_N` to `corner_4_N` are there, if there is one, see `Base`.
+    Columns of a crane with a hoist:
+
+    * `rope_N`: tension of the rope.
+    * `pull_N`: force with which all that hangs pulls down.
+    * `slack_margin`: tension over the weight that hangs; the rope is slack at 0.
+    * `snag_margin`: share of the hoist's largest force that the tension leaves.
+
+    With a trolley besides:
+
+    * `off_lead_rad`: angle of the rope from plumb in the plane of the jib, outwards positive.
+    * `side_lead_rad`: angle of the rope from plumb across it, positive as positive slew moves it.
+    * `side_force_percent`: horizontal force of the rope across the jib, of the weight that hangs.
+
+    With a slew besides:
+
+    * `radius_m`: distance of the trolley from the slew axis.
+    * `load_moment_Nm`: pull times radius, which is what a load moment indicator shows.
+    * `ring_vertical_N`: force on the slewing ring, downwards positive.
+    * `ring_tilting_Nm`: moment in the plane of the jib, jib down positive.
+    * `ring_lateral_Nm`: moment about the direction of the jib.
+    * `ring_torsion_Nm`: moment about the slew axis.
+
+    Every crane, about the origin of its model, which is the foot of the crane of a site:
+
+    * `foot_vertical_N`: force on the foot, downwards positive; the weight of a base is counted.
+    * `foot_x_Nm`, `foot_y_Nm`: moments about X and Y of the crane's frame.
+    * `overturning_Nm`: magnitude of both together.
+    * `torsion_Nm`: moment about Z.
+    * `corner_1_N` to `corner_4_N`: forces of the corners of a base, if there is one, see
+      `corner_forces`.
 
     Args:
         crane: The crane that moved.
@@ -96,20 +121,34 @@ def loads(
         base: On what it stands; None if that is not known.
         arms: Jib and counter-jib, as far as the model does not weigh them; for a crane with a
             trolley and a slew.
+        heading: Direction of the jib at zero slew against the sides of the base, as of
+            `cranedyn.lifts.planning.site.Site` [rad].
 
     Raises:
         OutOfRange: If the run is of another crane, or a number or a load is not finite.
+        MissingRole: If there are arms, and no joint is a trolley.
     """
     run.check_coordinates(crane.layout.columns()["q"])
     buffers = run.parameters.get("validity") == "buffers"
     columns = loads_of_rows(
-        crane, run.q, run.v, run.effort, run.force, base=base, arms=arms, buffers=buffers
+        crane,
+        run.q,
+        run.v,
+        run.effort,
+        run.force,
+        base=base,
+        arms=arms,
+        heading=heading,
+        buffers=buffers,
     )
     entered: dict[str, float | str] = {}
     if base is not None:
-        entered |= {"base_spacing_m": base.spacing, "base_mass_kg": base.mass}
+        entered["base_spacing_m"] = base.spacing
+        entered["base_mass_kg"] = base.mass
+        entered["heading_rad"] = heading
     for i, arm in enumerate(arms, start=1):
-        entered |= {f"arm_{i}_mass_kg": arm.mass, f"arm_{i}_centre_m": arm.centre}
+        entered[f"arm_{i}_mass_kg"] = arm.mass
+        entered[f"arm_{i}_centre_m"] = arm.centre
     return Loads(run.t, columns, entered, run.record)
 
 
@@ -122,6 +161,7 @@ def loads_of_rows(
     *,
     base: Base | None = None,
     arms: Sequence[Arm] = (),
+    heading: float = CRANE_HEADING,
     buffers: bool = False,
 ) -> dict[str, np.ndarray]:
     """Return the columns of `loads` for any rows of states, such as those of a batch.
@@ -134,6 +174,7 @@ def loads_of_rows(
         force: From outside on the points of the crane in the world [N], shape (..., 3 points).
         base: As of `loads`.
         arms: As of `loads`.
+        heading: As of `loads`.
         buffers: Whether buffers end the ranges of the drives.
 
     Returns:
@@ -141,6 +182,7 @@ def loads_of_rows(
 
     Raises:
         OutOfRange: If an array has another shape, or a number or a load is not finite.
+        MissingRole: If there are arms, and no joint is a trolley.
     """
     layout = crane.layout
     shape = np.shape(q)[:-1]
@@ -149,7 +191,7 @@ def loads_of_rows(
     effort = _as_rows("effort", effort, layout.m)
     if force is not None:
         force = _as_rows("force", force, 3 * len(crane.points))
-    moving = Moving.of(crane, q, v, effort, force, buffers=buffers)
+    moving = CraneStates.of(crane, q, v, effort, force, buffers=buffers)
 
     columns: dict[str, np.ndarray] = {}
     arm_weight = crane.gravity * sum(arm.mass for arm in arms)
@@ -174,7 +216,7 @@ def loads_of_rows(
         "torsion_Nm": foot.moment[:, 2],
     }
     if base is not None:
-        corners = corner_forces(base, foot, crane.gravity).T
+        corners = corner_forces(base, foot, crane.gravity, heading=heading).T
         columns |= {f"corner_{i}_N": force for i, force in enumerate(corners, start=1)}
     # An overflow would pass for a small load: infinity over infinity, or minus infinity.
     return {
@@ -182,27 +224,35 @@ def loads_of_rows(
     }
 
 
-def corner_forces(base: Base, foot: Wrench, gravity: float) -> np.ndarray:
+def corner_forces(
+    base: Base, foot: Wrench, gravity: float, *, heading: float = CRANE_HEADING
+) -> np.ndarray:
     """Return the force of each corner of a base on the ground [N], shape (rows, 4), at (+, +),
-    (-, +), (-, -), (+, -); negative where the corner would lift.
+    (-, +), (-, -), (+, -) of the axes of the site; negative where the corner would lift.
 
     A stiff base on four equal supports presses by F = V/4 + (M_y x - M_x y)/b² at x, y = ±b/2.
 
     Args:
-        base: The base.
-        foot: What passes through the foot of the tower, about the world's origin.
+        base: The base, whose sides lie along X and Y of the site.
+        foot: What passes through the foot of the tower, about the foot and in the axes of the
+            crane.
         gravity: Gravity [m/s²].
+        heading: Direction of the jib at zero slew, from the site's X towards its Y [rad]; by
+            default that at which the axes of the crane are those of the site.
 
     Raises:
         OutOfRange: If a number is not finite, or gravity not positive.
     """
     number("gravity", gravity, "m/s²", "> 0")
+    number("heading", heading, "rad")
     finite("force on the foot", foot.force, ("rows", 3), unit="N")
     finite("moment on the foot", foot.moment, ("rows", 3), unit="N m")
     vertical = -foot.force[:, 2] + base.mass * gravity
     signs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]  # of x and y
-    m_x = foot.moment[:, 0]
-    m_y = foot.moment[:, 1]
+    # The crane may stand turned on its base, so that its axes are not those of the corners.
+    moment = foot.moment @ crane_to_site(heading).T
+    m_x = moment[:, 0]
+    m_y = moment[:, 1]
     # x = ±b/2 over b² is ±1/(2 b).
     tilting = [(m_y * x - m_x * y) / (2.0 * base.spacing) for x, y in signs]
     corners = np.stack([vertical / 4.0 + force for force in tilting], axis=1)
@@ -213,8 +263,8 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
     """Return the bending moment of the jib in its own plane by trolley and load, jib down positive
     [N m].
 
-    The jib's own weight is not in it: the model does not say where along the jib that lies. Behind
-    the trolley it is nothing.
+    The jib's own weight is not in it: the model does not say where along the jib that lies. Beyond
+    the trolley, towards the tip, the moment is zero.
 
     Args:
         crane: The crane that moved; it must have a trolley.
@@ -231,7 +281,7 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
     stations = finite("stations", stations, ("k",), unit="m")
     trolley = crane.layout.role("trolley", "The moment along the jib")
     buffers = run.parameters.get("validity") == "buffers"
-    moving = Moving.of(crane, run.q, run.v, run.effort, run.force, buffers=buffers)
+    moving = CraneStates.of(crane, run.q, run.v, run.effort, run.force, buffers=buffers)
     _, aside = _jib_directions(moving, trolley)
     root = moving.through(trolley)
     tilting = _along(root.moment, aside)
@@ -257,7 +307,7 @@ def hanging_mass(crane: Crane) -> float:
 
 
 def _of_rope(
-    crane: Crane, moving: Moving, effort: np.ndarray, buffers: bool
+    crane: Crane, moving: CraneStates, effort: np.ndarray, buffers: bool
 ) -> dict[str, np.ndarray]:
     """Return the loads of the rope: tension, pull, margins from slack and from the hoist's largest
     force, and, with a trolley, its angles from plumb and its side force.
@@ -292,7 +342,7 @@ def _of_rope(
 
 
 def _of_ring(
-    crane: Crane, moving: Moving, pull: np.ndarray, arm_weight: float, arm_moment: float
+    crane: Crane, moving: CraneStates, pull: np.ndarray, arm_weight: float, arm_moment: float
 ) -> dict[str, np.ndarray]:
     """Return the loads of the slewing ring.
 
@@ -318,7 +368,7 @@ def _of_ring(
     }
 
 
-def _jib_directions(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
+def _jib_directions(moving: CraneStates, trolley: int) -> tuple[np.ndarray, np.ndarray]:
     """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of
     positive slew, both level, shape (rows, 3).
     """

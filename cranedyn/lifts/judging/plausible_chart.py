@@ -14,10 +14,10 @@ from cranedyn.lifts.planning.plausibility import (
 )
 
 RADIUS = Quantity("A radius of the chart", "m", (1e-3, 1e3), (0.05, 150.0), MILLIMETRES)
-"""Radii of charts: those that can be meant, those that are usual, and the unit of a likely slip."""
+"""Radii of charts: possible ones, usual ones, and units that are mistaken for metres."""
 
 RATED = Quantity("A rated load of the chart", "kg", (1e-3, 2.5e7), (0.5, 5e6), TONNES)
-"""Rated loads of charts, likewise."""
+"""Rated loads of charts: possible ones, usual ones, and the unit that is mistaken for kilograms."""
 
 JIB_SHARE = (0.6, 1.3)
 """Last radius of a chart over the reach of its crane: a chart ends about where the jib ends."""

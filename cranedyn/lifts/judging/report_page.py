@@ -25,6 +25,7 @@ from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_tables import Table
+from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
 from cranedyn.recording.sketch import sketch
@@ -59,8 +60,9 @@ _OPTIONS = (
 )
 """Options of such a browser: no window, no GPU, no traffic of its own, and paper without the
 address and the date that browsers add."""
+
 _TIMEOUT = 120.0
-"""Time that a browser may take [s]."""
+"""Time that a browser may take to print a page [s]."""
 
 
 def lift_html(
@@ -144,15 +146,23 @@ def limits_of(analysis: LiftAnalysis) -> list[str]:
             f"{float(rope.stiffness):.3g} N. The crane has no play."
         )
     sentences.append("Structure, ropes, slings and lifting points are not checked for strength.")
-    phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
-    missing = [
-        what
-        for what, phase in (("picking up", "lift-off"), ("setting down", "set-down"))
-        if phase not in phases
-    ]
-    if missing:
+    hanging = []
+    not_simulated = []
+    for end, phase in (
+        (analysis.site.start, "picking up"),
+        (analysis.site.goal, "setting down"),
+    ):
+        if not stands_at(end):
+            hanging.append(phase)
+        elif analysis.grounded is None:
+            not_simulated.append(phase)
+    if hanging:
         sentences.append(
-            f"The load hangs where {' and '.join(missing)} would be; that is not in this lift."
+            f"The load hangs where {' and '.join(hanging)} would be; that is not in this lift."
+        )
+    if not_simulated:
+        sentences.append(
+            f"Not simulated, since the plan has no certificate: {' and '.join(not_simulated)}."
         )
     if analysis.perturbed is not None or analysis.wind is not None:
         sentences.append(
@@ -191,7 +201,7 @@ def _versions() -> str:
     )
 
 
-def write_html(path: str | Path, text: str) -> Path:
+def write_html_or_pdf(path: str | Path, text: str) -> Path:
     """Write an HTML document as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
 
     Raises:

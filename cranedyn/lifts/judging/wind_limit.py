@@ -95,9 +95,10 @@ class WindLimit:
         return self.limit(), weakest
 
     @property
-    def binding(self) -> str:
-        """Name of the limit that is met first."""
-        return min(self.allowed, key=self._limit)
+    def binding(self) -> str | None:
+        """Name of the limit that is exceeded in the weakest gust; None if none is in any."""
+        exceeded = [name for name in self.allowed if not self.kept(name).all()]
+        return min(exceeded, key=self._limit, default=None)
 
     def kept(self, name: str) -> np.ndarray:
         """Return whether a limit is kept at each speed, shape (k,)."""
@@ -133,8 +134,11 @@ def wind_limit(
 
     Each gust of shape (1 - cos)/2 rises from a mean wind of its speed over `GUST_FACTOR`, in which
     the load hangs at the start. Directions, times and lengths are drawn once and are the same at
-    every speed. Then worse ones are searched about the worst of them, for each limit about the
-    speed at which it is met.
+    every speed.
+
+    A draw may miss the worst gust, so that a search follows, once for each of `SEARCH_SPREADS`. It
+    takes, for each limit, the `WORST_COUNT` worst gusts at the weakest speed at which that limit is
+    exceeded, and simulates these and others near them at speeds about that limit.
 
     Args:
         certificate: The lift.
@@ -149,7 +153,7 @@ def wind_limit(
         OutOfRange: If a limit or the count is out of its range.
         UnknownName: If the chart has no such number of falls.
     """
-    chart.on(falls)
+    chart.on(falls)  # refuses an unknown number of falls before anything is simulated
     allowed = {
         "utilisation": CUT_OUT,
         "swing": within("swing", swing, 0.0, math.pi / 2.0, "rad"),
@@ -276,7 +280,6 @@ def _enter_values(
         falls: Number of falls that carry the hook; None for the fewest of the chart.
     """
     batch = perturbed.batch
-    count = len(perturbed.rows)
     valid = np.isfinite(batch.q).all(axis=(1, 2)) & ~np.isfinite(batch.valid_until)
     valid &= np.isfinite(perturbed.least)
     if not valid.any():
@@ -285,8 +288,8 @@ def _enter_values(
     loads = loads_of_rows(
         perturbed.crane,
         batch.q[valid],
-        batch.v[:count][valid],
-        batch.effort[:count][valid],
+        batch.v[valid],
+        batch.effort[valid],
         perturbed.force[valid],
     )
     # Outside of its radii a chart has no rated load: such a lift has failed.

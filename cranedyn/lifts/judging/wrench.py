@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.compiled.plant import rigid_body
-from cranedyn.compiled.plant.plant import Topology, numbers, plant
+from cranedyn.compiled.plant import plant, rigid_body
 from cranedyn.compiled.plant.rigid_body import ExternalForce, Frame
+from cranedyn.dynamics import scalars
 from cranedyn.dynamics.bodies import Bodies, bodies_of_crane
-from cranedyn.dynamics.scalars import array, column_objects
 from cranedyn.model.crane import Crane
 
 
@@ -34,8 +33,8 @@ class Wrench(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Moving:
-    """States of a crane in rows, with what passes through its joints.
+class CraneStates:
+    """States of a crane in rows, with the force and torque that pass through its joints.
 
     Attributes:
         tree: Its bodies.
@@ -61,7 +60,7 @@ class Moving:
         force: np.ndarray | None = None,
         *,
         buffers: bool = False,
-    ) -> Moving:
+    ) -> CraneStates:
         """Return states with the accelerations by efforts, gravity and forces from outside.
 
         Args:
@@ -72,21 +71,25 @@ class Moving:
             force: From outside on the points of the crane in the world [N], shape (rows, 3 points).
             buffers: Whether buffers end the ranges of the drives.
         """
-        topology = Topology.of(crane)
-        crane_plant = plant(topology, numbers(crane).tolist(), "effort", buffers)
-        outside = None if force is None or not np.any(force) else column_objects(force)
-        caused = crane_plant.forward_dynamics(column_objects(q), column_objects(v), column_objects(effort), outside)[0]
+        topology = plant.Topology.of(crane)
+        crane_plant = plant.plant(topology, plant.numbers(crane).tolist(), "effort", buffers)
+        # The equations of motion take a column for each joint, of all rows at once.
+        positions = scalars.column_objects(q)
+        rates = scalars.column_objects(v)
+        outside = None if force is None or not np.any(force) else scalars.column_objects(force)
+        accelerations = crane_plant.forward_dynamics(positions, rates, scalars.column_objects(effort), outside)[0]
         # The tree of the plant counts masses that move together with their parents. What passes
         # through a joint is that of the masses beyond it, so that it needs each where it is.
         tree = bodies_of_crane(crane)
         forces: list[ExternalForce] = []
         if outside is not None:
-            points = zip(topology.bodies, crane_plant.levers, outside.reshape(-1, 3), strict=True)
+            point_forces = outside.reshape(-1, 3)
+            points = zip(topology.bodies, crane_plant.levers, point_forces, strict=True)
             forces = [
                 ExternalForce(body, lever, point_force) for body, lever, point_force in points
             ]
-        frames = rigid_body.frames(tree, column_objects(q))
-        transmitted = rigid_body.transmitted(tree, frames, column_objects(v), caused, forces)
+        frames = rigid_body.frames(tree, positions)
+        transmitted = rigid_body.transmitted(tree, frames, rates, accelerations, forces)
         return cls(tree, q, v, frames, transmitted)
 
     def through(self, joint: int) -> Wrench:
@@ -114,8 +117,8 @@ class Moving:
 
     def origin(self, joint: int) -> np.ndarray:
         """Return the origin of a joint's frame in the world [m], shape (rows, 3)."""
-        origin = array([0.0] * 3)
-        at_rest = array([0.0] * len(self.tree))
+        origin = scalars.array([0.0] * 3)
+        at_rest = scalars.array([0.0] * len(self.tree))
         motions = rigid_body.point_motions(self.tree, self.frames, at_rest, joint, [origin])
         ((position, _),) = motions
         return self._filled(position)

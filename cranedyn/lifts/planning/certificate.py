@@ -47,9 +47,11 @@ _SECOND_LOOK_RANGE = 0.5
 """Distance beyond the required or claimed one up to which a second look measures [m]."""
 
 _SECOND_TOLERANCE = 2e-3
-"""Tolerance of the comparison with the second look [m]: the motion is proven without its rows'
-deviation from a circle of the swing, a thousandth of the envelope, and distances are less by
-`cranedyn.lifts.planning.clearance.ROUNDING`.
+"""Tolerance of the comparison with the second look [m]: twenty times the rounding error of
+distances (`cranedyn.lifts.planning.clearance.ROUNDING`), and little beside a required distance.
+
+The swing needs none. A second look adds it to the two angles of the rope, which turns that by no
+more than the swing itself, so that no point leaves the envelope that is proven.
 """
 
 _MAX_RATE_SHARE = 1.005
@@ -199,10 +201,11 @@ def _measured(clearance: Clearance, run: Trajectory, period: float) -> _Measured
     stride = max(1, round(_MEASURING_INTERVAL / period))
     last_row = len(run) - 1
     rows = np.unique(np.append(np.arange(0, len(run), stride), last_row))
-    pairs = [clearance.distances(run.q[row], jib=False) for row in rows]
+    nearest_by_obstacle = [clearance.distances(run.q[row], jib=False) for row in rows]
     distances = {}
-    for name in pairs[0]:
-        distances[name] = np.array([pairs_in_row[name].distance for pairs_in_row in pairs])
+    for name in nearest_by_obstacle[0]:
+        of_rows = [of_row[name].distance for of_row in nearest_by_obstacle]
+        distances[name] = np.array(of_rows)
     return _Measured(
         nearest=clearance.nearest(run.q[nearest_row]),
         nearest_t=float(run.t[nearest_row]),
@@ -214,8 +217,9 @@ def _measured(clearance: Clearance, run: Trajectory, period: float) -> _Measured
 def _second_look_check(
     clearance: Clearance, lift: Lift, measured_rows: np.ndarray, nearest: Nearest
 ) -> Check:
-    """Check that distances measured in another way contradict neither the least distance nor that
-    the load may swing anywhere in its envelope, see `cranedyn.lifts.planning.remeasure`.
+    """Check that distances measured in another way, see `cranedyn.lifts.planning.remeasure`, do not
+    contradict what is claimed: the least distance of the run, and that the load keeps the required
+    distance wherever it swings in its envelope.
 
     Args:
         clearance: Crane and site.
@@ -237,7 +241,7 @@ def _second_look_check(
         swing=site.swing,
     )
     # Points can only overestimate a distance: one below what is claimed contradicts the claim.
-    claimed = nearest.distance - _SECOND_TOLERANCE <= hanging.distance
+    agrees = nearest.distance - _SECOND_TOLERANCE <= hanging.distance
     keeps = all(found.distance >= site.distance - _SECOND_TOLERANCE for found in (hanging, swung))
 
     def shown(found: Nearest) -> str:
@@ -249,12 +253,12 @@ def _second_look_check(
         f"Measured a second time, by points of load and rope: {shown(hanging)}, and swung by "
         f"{math.degrees(site.swing):.2g}° to all sides {shown(swung)}; {site.distance:g} m "
         "required.",
-        claimed and keeps,
+        agrees and keeps,
     )
 
 
 def _swing_at(lift: Lift, run: Trajectory, t: float) -> float:
-    """Return the amplitude of the swing at a time [s]; in [rad]."""
+    """Return the amplitude of the swing [rad] of a run at a time [s]."""
     row = int(np.searchsorted(run.t, t - 1e-9))  # the row of that time, in spite of rounding
     passive = lift.crane.layout.passive
     q = run.q[row : row + 1, passive]
@@ -317,11 +321,16 @@ def _swing_check(clearance: Clearance, run: Trajectory) -> Check:
 def _arrival_check(
     clearance: Clearance, lift: Lift, run: Trajectory, residual_swing: float
 ) -> Check:
-    """Check that the load arrives at its goal, with an amplitude of swing [rad] that is small."""
+    """Check that the load arrives at its goal, and that its residual swing, an amplitude [rad], is
+    small.
+
+    Where it arrives is where it hangs plumb below the drives in the last row. How far it swings
+    about that is the other requirement.
+    """
     _, goal = lift.states()
-    last_places = np.array([run.q[-1], goal.q])[:, clearance.drive_joints]
-    end, planned = clearance.point(last_places)
-    offset = float(np.linalg.norm(end - planned))
+    places = np.array([run.q[-1], goal.q])[:, clearance.drive_joints]
+    end, planned_end = clearance.point(places)
+    offset = float(np.linalg.norm(end - planned_end))
     return Check(
         f"At the arrival it swings {1e3 * residual_swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} "
         f"allowed; it ends {1000.0 * offset:.1f} mm from its goal, "

@@ -20,8 +20,8 @@ HANGING = ("hook", "rope", "load")
 """Bodies that hang from the trolley and swing."""
 
 BELOW_UPPER = ("hook", "load")
-"""Bodies that keep from what slews below the trolley. The rope hangs from the trolley, and is so
-far from it wherever they are."""
+"""Bodies that keep from what slews below the trolley, such as the slewing column. The rope does not
+need to: it hangs from the trolley, which rolls beside these parts, above hook and load."""
 
 BODIES = ("mast", "jib", "trolley", *HANGING)
 """All bodies of a crane; the jib stands for all that slews with it, the counter-jib too."""
@@ -66,8 +66,8 @@ def hanging_pairs(clearance: Clearance) -> Pairs:
     compares. An obstacle counts only if all of its parts are among the compared shapes: one that a
     proof left out, see `Clearance.contacts`, makes it missing.
 
-    The trolley is also compared with every solid that is too low for it: it rolls at a constant
-    height.
+    The trolley rolls at a constant height. A solid that ends far enough below it needs no
+    comparison with it, and counts as compared.
     """
     part_counts = _shape_counts(clearance)
     pairs: set[BodyAndObstacle] = set()

@@ -17,8 +17,8 @@ from cranedyn.lifts.planning import transcription
 from cranedyn.lifts.planning.move import Move, is_at_rest
 from cranedyn.references.motion import Motion
 
-SOON = 1e-6
-"""Difference below which times count as the same [s]."""
+SAME_TIME_TOLERANCE = 1e-6
+"""Difference up to which two times count as the same [s]."""
 
 _RELATIVE_TOLERANCE = 1e-10
 """Relative tolerance of the integration of the swing."""
@@ -47,7 +47,7 @@ class DriveTrajectory:
 
         # Coefficients of a `PPoly` have the shape (degree + 1, intervals, drives).
         controls = np.zeros((1, len(plan.durations), layout.m))
-        controls[0][:, move.drives] = plan.controls
+        controls[0][:, move.moving_drives] = plan.controls
         control = PPoly(controls, self.nodes)
         # With a ramp the drives begin without acceleration.
         self._acceleration = control.antiderivative() if move.has_ramp else control
@@ -79,7 +79,7 @@ class DriveTrajectory:
         instant at or after the end.
         """
         move = self._move
-        times = period * np.arange(math.ceil((self.duration - SOON) / period))
+        times = period * np.arange(math.ceil((self.duration - SAME_TIME_TOLERANCE) / period))
         positions = []
         rates = []
         accelerations = []

@@ -18,7 +18,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from cranedyn import theory
-from cranedyn.checks import number, within
+from cranedyn.checks import number, whole, within
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import OFF_LEAD, Ground, Hull, box_corners, standing
@@ -64,7 +64,18 @@ BOX_SHARE = 0.99
 """Volume of a load over that of the box around it from which on it is a box."""
 
 ROPE_DAMPING = 2e4
-"""Damping of the rope [N s/m]."""
+"""Damping of the bounce of the rope, all falls together [N s/m]: for a tonne on two falls of 27 m a
+quarter of the critical one. No site enters it, and it decides the largest pull at lift-off and its
+bound: a tonne that is hoisted at 0.2 m/s pulls 1.12 of its weight at most, with half of the damping
+1.14, with twice as much 1.09. Other numbers of the certificate hardly depend on it: the speed of
+the set-down changes by 1 mm/s.
+"""
+
+SLING_DAMPING = 300.0
+"""Damping of the load about each axis of its lug [N m s/rad]: friction of slings, so that a load
+that was turned in them comes to rest. No site enters it. With half of it and with twice as much all
+numbers of the certificate of the same lift stay the same.
+"""
 
 HANGING_TENSION_RATIO = 0.9
 """The load counts as hanging once the rope carries this share of its weight."""
@@ -89,7 +100,7 @@ def ground_of(
     site: Site,
     points: Sequence[Sequence[float]],
     *,
-    within: tuple[np.ndarray, float] | None = None,
+    near: tuple[np.ndarray, float] | None = None,
     **properties: float,
 ) -> Ground:
     """Return the ground of a site with its obstacles as supports and walls, in the frame of the
@@ -98,8 +109,8 @@ def ground_of(
     Args:
         site: The site.
         points: Points of the load, see `Ground`.
-        within: Places in the frame of the crane, shape (k, 3), and a distance in plan [m]: what is
-            farther from all places is left out; None for none.
+        near: Points in the frame of the crane [m], shape (k, 3), and a distance in plan [m]: what
+            is farther from all points is left out; None to leave nothing out.
         properties: Friction, restitution and sink, see `Ground`.
     """
     hulls = []
@@ -107,14 +118,14 @@ def ground_of(
         if solid.zone:
             continue
         for part in solid.parts:
-            if within is None or _is_near(part, *within):
+            if near is None or _is_near(part, *near):
                 hulls.append(Hull(part.tolist()))
     return Ground(points, tuple(hulls), height=site.ground - float(site.foot[2]), **properties)
 
 
 def _is_near(vertices: np.ndarray, places: np.ndarray, distance: float) -> bool:
-    """Return whether the rectangle around vertices, widened by a distance [m], has one of the
-    places in it, all seen in plan.
+    """Return whether one of several places lies in the rectangle around vertices, widened by a
+    distance [m], all seen in plan.
     """
     low = vertices.min(axis=0)[:2] - distance
     high = vertices.max(axis=0)[:2] + distance
@@ -153,7 +164,7 @@ class GroundLift:
         """Return the efforts of the drives [N m or N], shape (3,)."""
         weight = self.crane.payload_mass * self.crane.gravity
         tension = float(JointForces.of(self.crane).tension(*state))
-        hangs = tension > HANGING_TENSION_RATIO * weight
+        hangs = self._is_in_motion(t) or tension > HANGING_TENSION_RATIO * weight
         effort = np.array(self.controller(t, self.seen(state, hangs=hangs), self.motion(t)))
         if not hangs:
             # The controller holds the whole weight, by a negative effort of the hoist. What the
@@ -161,15 +172,26 @@ class GroundLift:
             effort += (weight - tension) * self.crane.layout.along("l")
         return effort
 
-    def seen(self, state: State, *, hangs: bool = True) -> State:
-        """Return the state of the crane of the plan, without swing for a load that does not hang.
+    def _is_in_motion(self, t: float) -> bool:
+        """Return whether a time [s] is in the planned motion, in which the load hangs even where a
+        hoist that brakes takes tension off the rope.
+        """
+        return self.phases["motion"] <= t < self.phases.get("set-down", math.inf)
 
-        The load's angles are those of rope and sling by their lengths. Shape (n,) or (n, rows).
+    def seen(self, state: State, *, hangs: bool = True) -> State:
+        """Return the state of the crane of the plan whose load is where that of this crane is, to
+        first order in the angles.
+
+        Args:
+            state: State of this crane, shape (n,) or (n, rows) each.
+            hangs: Whether the load hangs; else its swing angles and their rates are zero.
         """
         at = self.crane.layout.at
         lug = _lug(self.crane)
         # A load on a rope l and a sling s, with the angles φ and φ + σ, is at the same place to
-        # first order as one on a rope l + s with the angle φ + s/(l + s) σ.
+        # first order as one on a rope l + s with the angle φ + s/(l + s) σ. The coordinates of a
+        # crane of the plan are slew, trolley, two swing angles and cable, in this order, see
+        # `cranedyn.model.layout.Layout.tower`.
         share = lug / (state.q[at("l")] + lug)
         seen = []
         for coordinates in state:
@@ -194,6 +216,7 @@ def from_ground(
     lift: Lift,
     *,
     rope_stiffness: float = 2e7,
+    falls: int | None = None,
     creep: float = 0.1,
     sink_rate: float = 0.1,
     stands: tuple[bool, bool] = (True, True),
@@ -204,6 +227,8 @@ def from_ground(
     Args:
         lift: The planned lift; its load is a box.
         rope_stiffness: EA of a fall of the rope [N].
+        falls: Number of falls that carry the hook, which stretch in parallel; None for that of the
+            site, or else of the crane's description, or else 1.
         creep: Largest hoisting speed of the lift-off [m/s], from `LEAST_HOIST_SPEED` to the largest
             rate of the hoist.
         sink_rate: Largest speed of the set-down [m/s], in the same range.
@@ -221,19 +246,23 @@ def from_ground(
     creep = within("creep speed", creep, LEAST_HOIST_SPEED, fastest, "m/s")
     sink_rate = within("sink rate", sink_rate, LEAST_HOIST_SPEED, fastest, "m/s")
     _refuse_unless_a_box(clearance.bodies.load)
-    crane, sides = _on_rope(clearance, rope_stiffness)
-    near_ends = clearance.point(lift.ends), clearance.bodies.spread + clearance.site.distance
-    ground = ground_of(clearance.site, box_corners(*sides), within=near_ends)
+    falls = _falls_of(clearance) if falls is None else whole("number of falls", falls, 1)
+    crane, sides = _on_rope(clearance, falls * rope_stiffness)
+    # Contact is computed only where the load can come near to the ground.
+    reach = clearance.bodies.spread + clearance.site.distance
+    ends = clearance.point(lift.ends)
+    ground = ground_of(clearance.site, box_corners(*sides), near=(ends, reach))
 
+    stands_at_start, stands_at_goal = stands
     phases: dict[str, _Rows] = {}
-    if stands[0]:
+    if stands_at_start:
         standing_state = _standing(crane, ground, planned(0.0).position)
         # A lift-off is a set-down backward in time.
         raised = _set_down(crane, planned, standing_state, 0, creep).backward()
         phases["lift-off"] = raised
         phases["pause"] = raised.last_repeated(round(PAUSE / planned.period))
     phases["motion"] = _Rows(planned.q, planned.v, planned.a)
-    if stands[1]:
+    if stands_at_goal:
         standing_state = _standing(crane, ground, planned(planned.arrival).position)
         phases["set-down"] = _set_down(crane, planned, standing_state, -1, sink_rate)
 
@@ -327,10 +356,11 @@ def _refuse_meshes(lift: GroundLift, stands: tuple[bool, bool]) -> None:
         NoWay: With the name of the mesh.
     """
     planned = lift.lift.timed.motion
+    stands_at_start, stands_at_goal = stands
     times = {}
-    if stands[0]:
+    if stands_at_start:
         times["start"] = 0.0
-    if stands[1]:
+    if stands_at_goal:
         times["goal"] = planned.arrival
     for name, t in times.items():
         drives = planned(t).position
@@ -391,15 +421,15 @@ class _Phases:
         seen: Coordinates of the crane of the plan, shape (rows, n).
         pull: Tension of the rope over the weight of the load, shape (rows,).
         swing: Angle of the rope from plumb [rad], shape (rows,).
-        moving: Row in which the motion of the plan begins.
-        down: Row in which it ends.
+        motion_begin: Row in which the motion of the plan begins.
+        motion_end: Row in which it ends.
     """
 
     seen: np.ndarray
     pull: np.ndarray
     swing: np.ndarray
-    moving: int
-    down: int
+    motion_begin: int
+    motion_end: int
 
     @classmethod
     def of(cls, lift: GroundLift, run: Trajectory) -> _Phases:
@@ -412,37 +442,37 @@ class _Phases:
             seen=seen,
             pull=JointForces.of(crane).tension(run.q.T, run.v.T) / weight,
             swing=lift.lift.clearance.tilt(seen),
-            moving=begins["motion"],
-            down=begins.get("set-down", len(run) - 1),
+            motion_begin=begins["motion"],
+            motion_end=begins.get("set-down", len(run) - 1),
         )
 
 
 def _lift_off_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check:
     """Check that the rope pulls no more than the closed form, and the load swings little then."""
     pull = phases.pull
-    moving = phases.moving
+    begin = phases.motion_begin
     allowed = lift.lift.clearance.site.swing
-    carries = pull[:moving] >= 1.0
+    carries = pull[:begin] >= 1.0
     if not carries.any():
         return Check("Lift-off: the rope never carries the weight of the load.", False)
     lifted = int(np.argmax(carries))
-    largest = _largest_pull(lift.crane, lift.motion, slice(lifted, moving))
+    largest = _largest_pull(lift.crane, lift.motion, slice(lifted, begin))
     bound = f"{largest:.3f} by closed form"
-    if (run["phase"][:moving] == OFF_LEAD).any():
+    if (run["phase"][:begin] == OFF_LEAD).any():
         # No pull is less than NaN, so that a lift without a bound fails the check.
         largest = math.nan
         bound = "without a bound: the load slides or leans while the rope pulls"
     return Check(
-        f"Lift-off: the rope pulls {pull[:moving].max():.3f} of the weight at most, {bound}; "
-        f"hanging, the load swings {1e3 * phases.swing[moving]:.2f} mrad, {1e3 * allowed:.1f} "
+        f"Lift-off: the rope pulls {pull[:begin].max():.3f} of the weight at most, {bound}; "
+        f"hanging, the load swings {1e3 * phases.swing[begin]:.2f} mrad, {1e3 * allowed:.1f} "
         "allowed.",
-        bool(pull[:moving].max() <= largest and phases.swing[moving] <= allowed),
+        bool(pull[:begin].max() <= largest and phases.swing[begin] <= allowed),
     )
 
 
 def _motion_check(lift: GroundLift, phases: _Phases) -> Check:
     """Check that the load swings no more than allowed and the rope stays taut."""
-    rows = slice(phases.moving, phases.down)
+    rows = slice(phases.motion_begin, phases.motion_end)
     allowed = lift.lift.clearance.site.swing
     largest = phases.swing[rows].max()
     least_pull = phases.pull[rows].min()
@@ -468,7 +498,7 @@ def _range_check(lift: GroundLift) -> Check:
     highest = crane.upper[drives] + _RANGE_TOLERANCE
     inside = (positions >= lowest) & (positions <= highest)
     return Check(
-        f"The cable is {longest:.2f} m long at most, {allowed:.2f} m there are; the drives "
+        f"The cable is {longest:.2f} m long at most, of {allowed:.2f} m; the drives "
         f"{'stay in' if inside.all() else 'leave'} their ranges.",
         bool(inside.all()),
     )
@@ -478,11 +508,12 @@ def _set_down_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check
     """Check that the load is set down gently, at its goal, and stands there below a slack rope."""
     crane = lift.crane
     clearance = lift.lift.clearance
-    down = phases.down
+    down = phases.motion_end
     slackened = np.flatnonzero(phases.pull[down:] < HANGING_TENSION_RATIO)
     if not len(slackened):
         return Check("Set-down: the load does not touch what is below it.", False)
-    # The rate of the hoist when the ground first carries a share of the load.
+    # The first row in which the ground carries a share of the load. Up to there the load sinks as
+    # fast as the hoist pays out, but for the bounce of the rope.
     speed = float(run.v[down + int(slackened[0]), crane.layout.index("l")])
     sink_rate = float(lift.motion.v[down:, lift.motion.drives[2]].max())
     end = payload_position(crane, run.q[-1]) - clearance.point(lift.lift.ends[1])
@@ -510,8 +541,8 @@ class _Hanging(NamedTuple):
     aside: np.ndarray
 
 
-class _Stretch(NamedTuple):
-    """A stretch of a run with the supports that a load stands on in it.
+class _Section(NamedTuple):
+    """Successive rows of a run, with the supports that the load stands on in them.
 
     Attributes:
         rows: Its rows.
@@ -529,28 +560,28 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
     """
     clearance = lift.lift.clearance
     q, aside = _where_it_hangs(lift, run, phases)
-    stretches = [_Stretch(slice(phases.moving, phases.down + 1), NO_SUPPORT)]
+    sections = [_Section(slice(phases.motion_begin, phases.motion_end + 1), NO_SUPPORT)]
     stands: list[tuple[str, Support, np.ndarray]] = []
-    for name, stretch in _stretches_on_supports(lift, run, phases):
-        corners = [load_corners(lift, state) for state in run.q[stretch.rows]]
+    for name, section in _sections_on_supports(lift, run, phases):
+        corners = [load_corners(lift, state) for state in run.q[section.rows]]
         lowest = np.array([corner[:, 2].min() for corner in corners])
-        stands.append((name, stretch.support, lowest))
-        stretches.append(stretch)
+        stands.append((name, section.support, lowest))
+        sections.append(section)
 
-    nearest_of_stretches = []
+    nearest_of_sections = []
     unproven = []
     covered: Pairs | None = None
-    for rows, support in stretches:
+    for rows, support in sections:
         beside = clearance.without(support.parts)
-        nearest_of_stretches.append(beside.nearest(q[rows][beside.nearest_row(q[rows])]))
+        nearest_of_sections.append(beside.nearest(q[rows][beside.nearest_row(q[rows])]))
         failing = unproven_row(beside, q[rows], lift.motion.period, envelope=aside[rows])
         if failing is not None:
             unproven.append(float(run.t[rows][failing]))
         pairs = hanging_pairs(beside) | support.pairs
-        # A pair counts as compared if it is in every stretch.
+        # A pair counts as compared if it is in every section.
         covered = pairs if covered is None else covered & pairs
     assert covered is not None  # there is always a motion
-    nearest = min(nearest_of_stretches)
+    nearest = min(nearest_of_sections)
     proof = "proven between all instants"
     if unproven:
         proof = f"not proven at t = {unproven[0]:.2f} s"
@@ -574,8 +605,8 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
 def _where_it_hangs(lift: GroundLift, run: Trajectory, phases: _Phases) -> _Hanging:
     """Return where all that hangs is in a run.
 
-    The load is where the rope has it. Where it turns in its sling, it is off its seen attitude by
-    the angles of the sling and, with its centre, by their share in the seen swing.
+    The coordinates of the crane of the plan put it there to first order in the angles. A bound of
+    what they miss where the load turns in its sling is derived below.
     """
     clearance = lift.lift.clearance
     lug = _lug(lift.crane)
@@ -585,23 +616,31 @@ def _where_it_hangs(lift: GroundLift, run: Trajectory, phases: _Phases) -> _Hang
     q[:, lift.motion.drives[2]] += run.q[:, rope.stretch]
     sling = lift.crane.layout.at("sling_radial", "sling_tangential")
     turned = np.abs(run.q[:, sling]).sum(axis=1)
-    radius = clearance.bodies.below + float(np.linalg.norm(clearance.bodies.hook[1]))
+    radius = clearance.bodies.below + float(np.linalg.norm(clearance.bodies.hook.size))
+    # A rope l, its stretch δ and a sling s turned by τ at most; A is the attitude of the rope, AB
+    # that of the load, and A' the one that is seen for both. With the share w = s/(l + s) of the
+    # turn that is seen, A and A' differ by w τ at most, AB and A' by (1 + w) τ.
+    #
+    # The centre of the load is l + δ along A and s along AB from the pivot, and is seen l + δ + s
+    # along A'. It is off by (l + δ) w τ + s (1 + w) τ = s τ (2 + δ/(l + s)) at most, which is less
+    # than 3 s τ, since no rope stretches to twice its length. Load and hook, no point of which is
+    # farther from the centre than the radius r, are turned about it by (1 + w) τ < 2 τ: 2 r τ.
     return _Hanging(q, aside=(3.0 * lug + 2.0 * radius) * turned)
 
 
-def _stretches_on_supports(
+def _sections_on_supports(
     lift: GroundLift, run: Trajectory, phases: _Phases
-) -> Iterator[tuple[str, _Stretch]]:
-    """Yield the stretches before and after the motion in which the load stands, lifts off or is set
-    down: "start" or "goal" with the stretch.
+) -> Iterator[tuple[str, _Section]]:
+    """Yield the sections before and after the motion in which the load stands, lifts off or is set
+    down: "start" or "goal" with the section.
     """
     clearance = lift.lift.clearance
     if "lift-off" in lift.phases:
         support = support_of(clearance, load_corners(lift, run.q[0]))
-        yield "start", _Stretch(slice(phases.moving + 1), support)
+        yield "start", _Section(slice(phases.motion_begin + 1), support)
     if "set-down" in lift.phases:
         support = support_of(clearance, load_corners(lift, run.q[-1]))
-        yield "goal", _Stretch(slice(phases.down, None), support)
+        yield "goal", _Section(slice(phases.motion_end, None), support)
 
 
 def _slewing_check(lift: GroundLift, q: np.ndarray) -> Check:
@@ -626,7 +665,16 @@ def load_corners(lift: GroundLift, q: np.ndarray) -> np.ndarray:
     return position.T
 
 
-def _on_rope(clearance: Clearance, rope_stiffness: float) -> tuple[Crane, list[float]]:
+def _falls_of(clearance: Clearance) -> int:
+    """Return the number of falls that the site enters, or else the description of the crane; 1 if
+    neither does.
+    """
+    if clearance.site.falls is not None:
+        return clearance.site.falls
+    return int(clearance.crane.record.get("arguments", {}).get("falls", 1))
+
+
+def _on_rope(clearance: Clearance, ea: float) -> tuple[Crane, list[float]]:
     """Return the crane with its load, a box, on a lug below a rope that stretches and reaches the
     ground; and the sides of the box [m], shape (3,).
 
@@ -635,7 +683,7 @@ def _on_rope(clearance: Clearance, rope_stiffness: float) -> tuple[Crane, list[f
 
     Args:
         clearance: Crane and site of the plan.
-        rope_stiffness: EA of a fall of the rope [N].
+        ea: EA of all falls of the rope together [N].
 
     Raises:
         ModelError: If joints or links of the crane have the names of those of a rope.
@@ -643,32 +691,30 @@ def _on_rope(clearance: Clearance, rope_stiffness: float) -> tuple[Crane, list[f
     crane = clearance.crane
     hoist = clearance.joints.hoist
     robot = ET.fromstring(crane.urdf)
-    hook = _hook_rotation(crane, hoist)
-    sides = np.ptp(clearance.bodies.load @ hook.T, axis=0).tolist()
-    arguments = {
-        "falls": 1.0,
-        "drum_inertia": crane.model.armature[hoist] or _DRUM_MASS_RATIO * crane.payload_mass,
-        **crane.record.get("arguments", {}),
-    }
+    hook_attitude = _hook_attitude(crane, hoist)
+    sides = np.ptp(clearance.bodies.load @ hook_attitude.T, axis=0).tolist()
+    drum_inertia = crane.model.armature[hoist] or _DRUM_MASS_RATIO * crane.payload_mass
+    drum_inertia = float(crane.record.get("arguments", {}).get("drum_inertia", drum_inertia))
     _remove_inertia_of_load(robot, crane, hoist)
     # Cable length that puts the centre of the load on the level of the ground. The load stands on
     # the ground before, so that no lift needs a longer one.
     to_ground = clearance.height - clearance.site.ground + float(clearance.site.foot[2])
-    load = _hang_rope_on_hoist(robot, crane, hoist, float(arguments["drum_inertia"]), to_ground)
+    load = _hang_rope_on_hoist(robot, crane, hoist, drum_inertia, to_ground)
 
-    # Falls carry the load in parallel.
-    ea = float(arguments["falls"]) * rope_stiffness
-    robot.extend(ET.fromstring(_ROPE.format(ea=ea, damping=ROPE_DAMPING, load=load)))
-    joints = robot.findall("joint")
-    stretch = joints[-4]
-    load_joint = joints[-1]
+    rope = ET.fromstring(
+        _ROPE.format(ea=ea, damping=ROPE_DAMPING, sling_damping=SLING_DAMPING, load=load)
+    )
     lug = pin.SE3(np.eye(3), np.array([0.0, 0.0, sides[2] / 2.0]))
     # The axes of rope and sling are those of the world, as in the crane of this project. The turn
     # of the hook is taken back before them, and made again after them for the shapes of the load.
-    set_placement(stretch, pin.SE3(hook.T, np.zeros(3)))
-    set_placement(load_joint, lug.inverse() * pin.SE3(hook, np.zeros(3)))
+    stretch_joint = _named(rope, "joint", "rope_stretch_joint")
+    set_placement(stretch_joint, pin.SE3(hook_attitude.T, np.zeros(3)))
+    load_joint = _named(rope, "joint", "load_joint")
+    set_placement(load_joint, lug.inverse() * pin.SE3(hook_attitude, np.zeros(3)))
     box = pin.Inertia.FromBox(crane.payload_mass, *sides)
-    robot.findall("link")[-1].append(inertial_element(lug.actInv(box)))
+    payload_link = _named(rope, "link", "payload_link")
+    payload_link.append(inertial_element(lug.actInv(box)))
+    robot.extend(rope)
 
     record = {**crane.record, "payload": "sling_tangential_joint"}
     record.pop("arguments", None)
@@ -676,7 +722,12 @@ def _on_rope(clearance: Clearance, rope_stiffness: float) -> tuple[Crane, list[f
     return load_crane(from_record={"crane": record}), sides
 
 
-def _hook_rotation(crane: Crane, hoist: int) -> np.ndarray:
+def _named(robot: ET.Element, kind: str, name: str) -> ET.Element:
+    """Return the link or joint of a URDF that has a name."""
+    return next(element for element in robot.iterfind(kind) if element.get("name") == name)
+
+
+def _hook_attitude(crane: Crane, hoist: int) -> np.ndarray:
     """Return the attitude of the frame of the hoist joint in the world with all coordinates at
     zero, shape (3, 3).
     """
@@ -711,8 +762,7 @@ def _hang_rope_on_hoist(
     Returns:
         Name of the link that the joint carried.
     """
-    name = crane.model.names[hoist + 1]
-    joint = next(joint for joint in robot.iterfind("joint") if joint.get("name") == name)
+    joint = _named(robot, "joint", crane.model.names[hoist + 1])
     child = joint.find("child")
     limit = joint.find("limit")
     dynamics = joint.find("dynamics")
@@ -737,11 +787,13 @@ _ROPE = """<robot>
   </joint>
   <joint name="sling_radial_joint" type="revolute">
     <parent link="lug_link"/> <child link="sling_link"/> <axis xyz="1 0 0"/>
-    <limit lower="-1.5" upper="1.5" effort="1e7" velocity="10"/> <dynamics damping="300"/>
+    <limit lower="-1.5" upper="1.5" effort="1e7" velocity="10"/>
+    <dynamics damping="{sling_damping}"/>
   </joint>
   <joint name="sling_tangential_joint" type="revolute">
     <parent link="sling_link"/> <child link="payload_link"/> <axis xyz="0 1 0"/>
-    <limit lower="-1.5" upper="1.5" effort="1e7" velocity="10"/> <dynamics damping="300"/>
+    <limit lower="-1.5" upper="1.5" effort="1e7" velocity="10"/>
+    <dynamics damping="{sling_damping}"/>
   </joint>
   <joint name="load_joint" type="fixed">
     <parent link="payload_link"/> <child link="{load}"/>
@@ -756,14 +808,22 @@ def _largest_pull(crane: Crane, motion: Motion, rows: slice) -> float:
     the ground, for a hoist that follows its motion and small strains.
 
     Let T be the tension, m the mass of the load, and a the hoisting acceleration, upwards positive.
-    With D = T/m - g - a and the rate w at which the rope would stretch,
+    With D = T/m - g - a, the acceleration of the load less that of the hoist, and the rate w at
+    which the rope stretches,
 
         w' = -D,    D' = ω² w - 2 ζ ω D - a'.
 
-    Without a' that is a load picked up at a constant speed, whose largest D has a closed form
-    (`theory.pickup_factor`). The energy D² + ω² w² changes by -4 ζ ω D² - 2 D a', so that its root
-    grows by |a'| at most: by |a| at first, and then by the change of a. The rope gets shorter and
-    so stiffer, which amplifies D by the root of the ratio of the lengths at most.
+    When the load leaves the ground T is its weight, so that D = -a, and w is the hoisting speed.
+    The equations are linear, so that D is the sum of two solutions:
+
+    * One begins with D = 0 and this w, and goes on without a'. That is a load picked up at a
+      constant speed, whose largest T has a closed form (`theory.pickup_factor`).
+    * The other begins with D = -a and w = 0. Its amplitude R = √(D² + ω² w²) changes by
+      R' = -(2 ζ ω D² + D a')/R, which is |a'| at most. So R is never more than |a| at first and all
+      changes of a since then, added up.
+
+    T/m - g is D + a. The rope gets shorter and so stiffer, which amplifies D by the root of the
+    ratio of the lengths at most.
 
     Args:
         crane: The crane with a rope that stretches.

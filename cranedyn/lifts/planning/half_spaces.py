@@ -1,9 +1,10 @@
 """Obstacles as constraints of an optimal control problem: half spaces at each point of a plan.
 
 Between a body and an obstacle lies a plane across their shortest distance. An obstacle that is
-convex is beyond it as a whole, so that every place on this side is free. The best plan between the
-planes about a free plan is not worse than that, and planes about it are made again. Such a plan is
-free at its points; between them `cranedyn.lifts.planning.motion_proof` must prove it.
+convex is beyond it as a whole, so that every place on this side is free. The planes are made about
+a free plan, so that the best plan between them is not worse than that; planes about the best plan
+may allow a better one. A plan between planes is free at its points; between these
+`cranedyn.lifts.planning.motion_proof` must prove it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ _MAX_HALF_SPACES = 6
 """
 
 _MAX_MARGIN = 8.0
-"""Margin from which on an obstacle has no half space [m]."""
+"""Margin from which on an obstacle has no half space [m]. A point of a plan seldom moves as far as
+that while the plan is improved; if one does, the proof of the motion finds it."""
 
 _NO_OBSTACLE = -1e3
 """Offset of a half space of which every place is inside, where a point has fewer obstacles than
@@ -139,8 +141,9 @@ def _at(clearance: Clearance, drive_position: np.ndarray) -> list[_HalfSpace]:
     """Return the half spaces of all obstacles near a place, shape (3,)."""
     gamma, x, length = drive_position.tolist()
     rotation = rotation_z(gamma)
-    # In the frame of the crane, but for the height of the pivot, which the points in the frames of
-    # the carriers contain.
+    # Origins of the carriers' frames. Their heights count from the pivot, those of all points from
+    # the foot; the points in the frames of the carriers contain the difference, here and in
+    # `HalfSpaces.margins`.
     carriers = {
         _ROLLS: rotation @ [0.0, -x, 0.0],
         _HANGS: rotation @ [0.0, -x, -length],

@@ -75,7 +75,8 @@ ARTICLE_TOUR = (
     Leg("slew left, trolley out and lower together", gamma=-0.6, x=16.0, l=20.0),
     Leg("back to the front", gamma=0.0, x=10.0, l=15.0),
 )
-"""The seven legs of the article's demonstration; the targets of the sixth are ours."""
+"""The seven legs of the demonstration of Muddassir et al. (ISARC 2024). The article does not give
+the targets of the sixth; those here are this project's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +182,8 @@ def itinerary(
         crane: The crane.
         start: Where the drives are.
         legs: Where to go; the last must lead back to the start.
-        rates: Rates of the drives [rad/s or m/s], shape (m,), at most the crane's own.
+        rates: Rates of the drives [rad/s or m/s], shape (m,). A rate above the crane's own is
+            replaced by that.
         dwell: How long to stand still after each leg [s].
 
     Raises:
@@ -219,8 +221,8 @@ def tour(
         dwell: How long to stand still after each leg [s].
 
     Raises:
-        OutOfRange: For a target out of the crane's ranges, a negative dwell, no leg at all, or a
-            tour that does not end where it began.
+        OutOfRange: For a target out of the crane's ranges, a negative dwell, no leg at all, motions
+            of different periods, or a tour that does not end where it began.
     """
     number("dwell", dwell, "s", ">= 0")
     drives = crane.layout.drives
@@ -234,6 +236,14 @@ def tour(
         goal = crane.state(**dict(zip(symbols, target.tolist(), strict=True)))
         motion = plan(state, goal)
         motion.check_fits("motion that was planned", crane.layout)
+        if motions and motion.period != motions[0].period:
+            # The rows of all legs become one table with one period.
+            raise OutOfRange(
+                f"period of the motion of leg {quoted(leg.name)}",
+                motion.period,
+                f"that of the legs before it, {motions[0].period:g}",
+                "s",
+            )
         dwell_rows = intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0
         motions.append(_dwelling(motion, goal, dwell_rows))
 
@@ -255,7 +265,7 @@ def tour(
     # The last row of a leg is the first of the next. Only the last leg keeps its own.
     at_rest = np.zeros((1, crane.layout.n))
     cycle = Motion(
-        motions[-1].period,
+        motions[0].period,
         np.concatenate([*(motion.q[:-1, :] for motion in motions), state.q[None]]),
         np.concatenate([*(motion.v[:-1, :] for motion in motions), at_rest]),
         np.concatenate([*(motion.a[:-1, :] for motion in motions), at_rest]),

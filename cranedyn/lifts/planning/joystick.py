@@ -16,7 +16,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating
 
 _ROUNDING = 1e-9
-"""Time by which one push may begin before the last one ends and still follow it [s]: the rounding
+"""Time by which a pulse may begin before the last one ends and still follow it [s]: the rounding
 error of sums of times."""
 
 
@@ -37,14 +37,14 @@ class JoystickPulse(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Operator(Tabulating):
-    """Drives whose accelerations are on for a while, again and again.
+class AccelerationSteps(Tabulating):
+    """A reference of drives that accelerate at a constant rate for a while, again and again.
 
     Attributes:
-        start: Positions of the drives before all [rad or m], shape (m,).
-        begins: Times at which the accelerations set in [s], shape (k,).
-        lasts: Times for which they last [s], shape (k,).
-        accelerations: Accelerations of the drives [rad/s² or m/s²], shape (k, m).
+        start: Positions of the drives before the first step [rad or m], shape (m,).
+        begins: Times at which the k steps begin [s], shape (k,).
+        lasts: How long they last [s], shape (k,).
+        accelerations: Accelerations of the drives in each step [rad/s² or m/s²], shape (k, m).
     """
 
     start: np.ndarray
@@ -70,8 +70,9 @@ def joystick(
     """Return the reference of drives that follow a joystick: it commands a velocity, which each
     drive approaches within its acceleration.
 
-    A push by itself is a trapezoid in velocity, one that comes while the drive still slows down
-    takes it on from there. No velocity is exceeded that was asked for, and no limit.
+    A pulse by itself is a trapezoid in velocity. One that comes while the drive still slows down
+    accelerates it from the velocity that is left. The drive never exceeds the velocities that are
+    asked for, or a limit.
 
     Args:
         crane: The crane.
@@ -99,7 +100,7 @@ def joystick(
             begins.append(ramp.begin)
             lasts.append(abs(ramp.speed_change))
             signed.append(math.copysign(limit, ramp.speed_change) * axis)
-    return Operator(
+    return AccelerationSteps(
         start.q[crane.layout.drives],
         np.array(begins, dtype=float),
         np.array(lasts, dtype=float),
@@ -142,17 +143,17 @@ def _ramps(pulses: Sequence[JoystickPulse], limit: float) -> list[_Ramp]:
         end = pulse.at + pulse.hold
         if next_begin < end - _ROUNDING:
             allowed = f"{end:g} or later, when the one before it ends"
-            raise OutOfRange(f"start of a push of {pulse.drive}", next_begin, allowed, "s")
+            raise OutOfRange(f"start of a pulse of {pulse.drive}", next_begin, allowed, "s")
         speed = approach(pulse.rate / limit, pulse.at, pulse.hold)
-        # Let go, the drive slows down until the next push takes it on from there.
+        # Let go, the drive slows down until the next pulse begins.
         speed = approach(0.0, end, next_begin - end)
     return ramps
 
 
 def _checked(pulse: JoystickPulse, largest_rate: float) -> JoystickPulse:
     """Return a pulse whose numbers are checked, of a drive with a largest rate."""
-    rate = number(f"rate of a push of {pulse.drive}", pulse.rate)
-    within(f"rate of a push of {pulse.drive}", rate, -largest_rate, largest_rate, "rad/s or m/s")
-    begin = number("start of a push", pulse.at, "s")
-    hold = number("hold of a push", pulse.hold, "s", "> 0")
+    rate = number(f"rate of a pulse of {pulse.drive}", pulse.rate)
+    within(f"rate of a pulse of {pulse.drive}", rate, -largest_rate, largest_rate, "rad/s or m/s")
+    begin = number("start of a pulse", pulse.at, "s")
+    hold = number("hold of a pulse", pulse.hold, "s", "> 0")
     return JoystickPulse(pulse.drive, rate, begin, hold)

@@ -1,9 +1,9 @@
 """A planned lift in least time: the fastest motion between the same obstacles, by optimal control.
 
-A plan by `cranedyn.lifts.planning.timing` keeps to its path, and averages over what a pendulum
-needs. The
-motion of least time does neither: drives are at their limits all the time, and the load swings as
-far as the site allows until it comes to rest at the end.
+A plan by `cranedyn.lifts.planning.timing` keeps to its path, and averages its law of time so that
+the load hardly swings, which makes it last longer. The motion of least time does neither: drives
+are at their limits all the time, and the load swings as far as the site allows until it comes to
+rest at the end.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ INTERVAL = 0.5
 def in_least_time(lift: Lift) -> Lift:
     """Return a lift with the motion of least time near its planned one, with which the search
     begins. The new motion is proven as the planned one is.
+
+    It leaves the path of the planned lift. `Lift.path` and `TimedMotion.bound` of the result are
+    still those of the planned lift, which the new motion may beat. `TimedMotion.places` are where
+    its drives are, at equal steps of time.
 
     Raises:
         Unproven: If no motion found is proven.

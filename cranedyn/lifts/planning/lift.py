@@ -33,7 +33,7 @@ from cranedyn.lifts.planning.curve import (
 from cranedyn.lifts.planning.motion_proof import PROOF_MARGIN, SlewRange, slew_range, unproven_row
 from cranedyn.lifts.planning.path_search import MAX_CELLS, best_on_grid, search
 from cranedyn.lifts.planning.plan_assumptions import held_mass
-from cranedyn.lifts.planning.plausibility import findings, refuse
+from cranedyn.lifts.planning.plausibility import findings, unusual_or_refuse
 from cranedyn.lifts.planning.site import DRIVES, Site
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.timing import TimedMotion, timed
@@ -401,7 +401,7 @@ def _refuse_implausible(
     site = replace(clearance.site, start=only_if_point(start), goal=only_if_point(goal))
     trolley = clearance.joints.trolley
     reach = float(clearance.crane.lower[trolley]), float(clearance.crane.upper[trolley])
-    refuse(findings(site, reach))
+    unusual_or_refuse(findings(site, reach))
 
 
 def _refuse_unless_it_stands(clearance: Clearance) -> None:

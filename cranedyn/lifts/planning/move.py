@@ -41,8 +41,9 @@ _DRIVE_SCALE = {"revolute": 1.0, "prismatic": 10.0}
 _PASSIVE_SCALE = 0.1
 """Scale of the passive coordinates and of their rates in the program [rad or m, per s]."""
 
-PLUMB = 1e-9
-"""Largest distance from equilibrium of an elastic crane at rest [rad or m]."""
+BALANCE_TOLERANCE = 1e-9
+"""Largest distance of a passive coordinate from its equilibrium up to which a state is at rest [rad
+or m]."""
 
 _RANGE_MARGIN = 1e-3
 """Margin of drives to the ends of their ranges [rad or m], where start and goal keep it.
@@ -59,15 +60,16 @@ _TILT_MARGIN = 0.02
 class Preference:
     """Weights that decide among motions that are nearly as fast as each other.
 
-    The cost of an instant is the weighted mean of squares, each of a share: every swing of its
-    bound, every acceleration and jerk of a drive of its limit. It lies between 0 and 1, so that a
-    move lasts no longer than the least time and the share `longer` of it.
+    The cost of an instant is the weighted mean of the squares of shares: of each swing in its
+    bound, and of each acceleration and jerk of a drive in its limit. It lies between 0 and 1. What
+    is minimised is the integral over 1 + `longer` times this cost, so that a move lasts no longer
+    than 1 + `longer` times the least time.
 
     Attributes:
         swing: Weight of each swing.
         acceleration: Weight of each acceleration of a drive.
         jerk: Weight of each jerk of a drive.
-        longer: Weight of the cost, as a share of the least time.
+        longer: Weight of the cost beside the time, which has the weight 1.
     """
 
     swing: float = 1.0
@@ -99,7 +101,7 @@ class Move:
         crane: The crane.
         start: First state.
         goal: Last state.
-        drives: Indices of the drives that move, among the drives.
+        moving_drives: Indices of the m drives that move, among all drives of the crane.
         rate: Limits of their rates, shape (m,).
         acceleration: Limits of their accelerations, shape (m,).
         jerk: Limits of their jerks, shape (m,); None for drives whose acceleration may jump.
@@ -112,7 +114,7 @@ class Move:
     crane: Crane
     start: State
     goal: State
-    drives: np.ndarray
+    moving_drives: np.ndarray
     rate: np.ndarray
     acceleration: np.ndarray
     jerk: np.ndarray | None
@@ -134,7 +136,7 @@ class Move:
     @property
     def joints(self) -> list[int]:
         """Indices of the joints of the drives that move, among the coordinates."""
-        return [int(joint) for joint in self.crane.layout.drives[self.drives]]
+        return [int(joint) for joint in self.crane.layout.drives[self.moving_drives]]
 
     @property
     def has_ramp(self) -> bool:
@@ -146,17 +148,17 @@ class Move:
         """Order of the numbers in a state of a plan of this move."""
         return PlanStateLayout(
             passive_count=len(self.crane.layout.passive),
-            drive_count=len(self.drives),
+            drive_count=len(self.moving_drives),
             has_ramp=self.has_ramp,
         )
 
-    def drives_of(self, states: np.ndarray) -> np.ndarray:
+    def drive_positions(self, states: np.ndarray) -> np.ndarray:
         """Return the positions of all drives of the crane [rad or m], shape (k, drives), in states
         of a plan, shape (k, nx). Drives that do not move are where they start.
         """
         still = self.start.q[self.crane.layout.drives]
         positions = np.tile(still, (len(states), 1))
-        positions[:, self.drives] = states[:, self.state_layout.position]
+        positions[:, self.moving_drives] = states[:, self.state_layout.position]
         return positions
 
 
@@ -231,7 +233,7 @@ class PlanStateLayout:
 def is_at_rest(crane: Crane, state: State) -> bool:
     """Return whether nothing moves, and gravity and springs balance at the passive joints."""
     off = np.abs(state.q - crane.hanging(state.q)).max(initial=0.0)
-    return bool(not state.v.any() and off <= PLUMB)
+    return bool(not state.v.any() and off <= BALANCE_TOLERANCE)
 
 
 def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
@@ -265,8 +267,17 @@ def hybrid_dynamics(
     """Return accelerations of all joints when those of the drives are given, and the drive efforts
     that this costs.
 
-    The same as `cranedyn.dynamics.equations_of_motion.prescribed_acceleration`, on symbols:
-    shapes (n,), (n,), (m,) to (n,) and (m,). An elastic rope is taut.
+    The same as `cranedyn.dynamics.equations_of_motion.prescribed_acceleration`, on symbols, but that an
+    elastic rope is always taut.
+
+    Args:
+        crane: The crane, with n joints, m of them drives.
+        q: Coordinates [rad or m], shape (n,).
+        v: Their rates, shape (n,).
+        drive_acceleration: Accelerations of the drives, shape (m,).
+
+    Returns:
+        Accelerations of all joints, shape (n,), and efforts of the drives, shape (m,).
     """
     layout = crane.layout
     drives = layout.drives.tolist()
@@ -324,11 +335,12 @@ class _CraneSymbols:
 
 
 def _ahead(value: ca.SX, rate: ca.SX, gap: ca.SX) -> ca.SX:
-    """Return a value half a gap ahead on its tangent.
+    """Return a value f half a gap h ahead on its tangent, f + h/2 f'.
 
-    To second order a quantity is a parabola between two points. An upward one is largest at one of
-    them. A downward one stays below its tangents, which cross half a gap ahead. So it keeps a limit
-    throughout if the points and the tangents half a gap ahead of them do.
+    To second order a quantity is a parabola f between two points. Where it curves upwards, it is
+    largest at one of the points. Where it curves downwards, it stays below the tangents at both
+    points, f(t) ≤ f_k + (t - t_k) f'_k, and the tangents of a parabola cross in the middle. So it
+    keeps a limit between the points if it does at them, and the tangents do half a gap ahead.
     """
     return value + gap / 2.0 * rate
 
@@ -372,7 +384,7 @@ def _crane_symbols(move: Move) -> _CraneSymbols:
 
     order = move.state_layout
     x = ca.SX.sym("x", order.size)
-    u = ca.SX.sym("u", len(move.drives))
+    u = ca.SX.sym("u", len(move.moving_drives))
     passive_rate = x[order.passive_rate]
     rate = x[order.rate]
     acceleration = x[order.acceleration] if move.has_ramp else u
@@ -384,7 +396,7 @@ def _crane_symbols(move: Move) -> _CraneSymbols:
     v[passive] = passive_rate
     v[move.joints] = rate
     drive_acceleration = ca.SX(layout.m, 1)
-    drive_acceleration[move.drives.tolist()] = acceleration
+    drive_acceleration[move.moving_drives.tolist()] = acceleration
     joint_acceleration, effort = hybrid_dynamics(crane, q, v, drive_acceleration)
 
     # Where springs carry the load, the angles at rest depend on where the drives are.
@@ -429,8 +441,10 @@ def _limit_shares(move: Move, symbols: _CraneSymbols) -> ca.SX:
     if move.has_ramp:
         shares.append(_ahead(symbols.rate, symbols.acceleration, symbols.gap) / move.rate)
     if move.tilt is not None:
-        # The angle from plumb is the root of the sum of squares of both swing angles. Its square is
-        # bounded instead, since the root has no derivative where the load hangs plumb.
+        # Only a tower crane has obstacles. At rest its load hangs plumb, so that its deviation is
+        # the two swing angles. The root of the sum of their squares is never less than the angle
+        # from plumb α, since cos α is the product of their cosines. Squares are bounded, since the
+        # root has no derivative where the load hangs plumb.
         largest_square = (move.tilt * (1.0 - _TILT_MARGIN)) ** 2
         shares.append(ca.sumsqr(symbols.deviation) / largest_square)
         shares.append(ca.sumsqr(deviation_ahead) / largest_square)
@@ -504,7 +518,7 @@ def _state_scale(move: Move) -> np.ndarray:
     """Return the size of each number of a state, shape (nx,), by which the program is scaled."""
     order = move.state_layout
     driven = move.crane.layout.driven
-    position_scale = [_DRIVE_SCALE[driven[drive].kind] for drive in move.drives]
+    position_scale = [_DRIVE_SCALE[driven[drive].kind] for drive in move.moving_drives]
     passive_scale = np.full(order.passive_count, _PASSIVE_SCALE)
     return order.pack(
         passive=passive_scale,
@@ -568,7 +582,7 @@ def estimated_duration(move: Move, slowest: float) -> float:
     # acceleration times the radius, here that of the load.
     pivot_acceleration = crane.gravity * move.swing
     gentle = []
-    for drive in move.drives:
+    for drive in move.moving_drives:
         joint = crane.layout.driven[drive]
         if joint.role == "hoist":
             gentle.append(math.inf)

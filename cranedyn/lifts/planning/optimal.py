@@ -17,11 +17,11 @@ import numpy as np
 from cranedyn.checks import number, whole, within
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.equations_of_motion import holding_effort
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning import transcription
 from cranedyn.lifts.planning.clearance import Clearance
-from cranedyn.lifts.planning.drive_trajectory import SOON, DriveTrajectory
+from cranedyn.lifts.planning.drive_trajectory import SAME_TIME_TOLERANCE, DriveTrajectory
 from cranedyn.lifts.planning.half_spaces import half_spaces
 from cranedyn.lifts.planning.motion_proof import (
     PROOF_MARGIN,
@@ -30,7 +30,7 @@ from cranedyn.lifts.planning.motion_proof import (
     unproven_parameter,
 )
 from cranedyn.lifts.planning.move import (
-    PLUMB,
+    BALANCE_TOLERANCE,
     USUAL,
     Move,
     Preference,
@@ -71,6 +71,16 @@ _MAX_RAMP = 3600.0
 _MARGINS = (0.02, 0.1, 0.3)
 """Margins at the points of a plan [m] for its motion between them, tried until it is proven."""
 
+_LEAST_SHARE_AT_FIRST = 0.7
+"""Least duration of a plan that is sought before the best one, over that of the first plan."""
+
+_LONGEST_OVER_LEAST = 2.0
+"""Largest duration of such a plan over its least."""
+
+_ACTIVE_BOUND = 1e-3
+"""Distance from a bound of its duration up to which such a plan is held by the bound, as a share of
+the least duration."""
+
 _END_TOLERANCE = 1e-6
 """Largest distance of the ends of a first motion from start and goal [rad or m]."""
 
@@ -104,13 +114,13 @@ def optimal(
     The jerk of the drives is constant over intervals, so accelerations are continuous and a
     controller can track them. Kept are the ranges of the joints, rates, accelerations, the effort
     limits of the crane and the bound of the swing, and the rope stays taut. Rates, accelerations
-    and jerks keep their limits at all times; the others do at points an eighth of a second apart or
-    less, and between these the swing to second order.
+    and jerks keep their limits at all times; the others do at three points of each interval, half
+    an interval apart or less, and between these the swing does to second order.
 
     Without a ramp accelerations are constant over intervals, and jump between them.
 
-    Drives that begin or end in motion do so without acceleration, or where there is no ramp with
-    any. A motion that ends in motion lasts a whole number of periods, and it is the one of least
+    Where a move begins or ends in motion, its drives do not accelerate there, unless there is no
+    ramp. A move that ends in motion lasts a whole number of periods, and it is the one of least
     cost of those that last as long; after its last row a `Motion` stands still, so that another has
     to follow.
 
@@ -179,7 +189,7 @@ def optimal(
         crane=crane,
         start=start,
         goal=goal,
-        drives=drives,
+        moving_drives=drives,
         rate=rate[drives],
         acceleration=acceleration[drives],
         jerk=jerk,
@@ -213,7 +223,7 @@ def _check_duration(duration: float, plan: CollocationPlan) -> None:
         OutOfRange: With the duration of that plan, rounded up to hundredths of a second.
     """
     needed = plan.durations.sum()
-    if needed > duration + SOON:
+    if needed > duration + SAME_TIME_TOLERANCE:
         rounded_up = math.ceil(100.0 * needed) / 100.0
         allowed = f"at least {rounded_up:.2f} s to keep all limits"
         raise OutOfRange("duration", duration, allowed, "s")
@@ -249,25 +259,18 @@ class _Search:
         shortest_interval = shortest / len(first.durations)
         crane = self.move.crane
         if not (is_at_rest(crane, self.move.start) and is_at_rest(crane, self.move.goal)):
-            # Such a first plan is so far from a motion that the optimiser would give up time first.
-            # So a plan of about the same duration is sought before the best one.
-            least = max(shortest_interval, 0.7 * float(first.durations[0]))
-            first = self._solved(first, least, 2.0 * least)
+            # Such a first plan obeys the equations of motion so badly that the optimiser would make
+            # it longer and longer at first. So a plan of about its duration is sought before the
+            # best one.
+            least = max(shortest_interval, _LEAST_SHARE_AT_FIRST * float(first.durations[0]))
+            longest = _LONGEST_OVER_LEAST * least
+            first = self._solved(first, least, longest)
             # Where neither bound of the duration is active, this is the best plan already.
-            between_bounds = 1.001 * least < first.durations[0] < 1.999 * least
-            if between_bounds and self.clearance is None:
+            is_above = first.durations[0] > (1.0 + _ACTIVE_BOUND) * least
+            is_below = first.durations[0] < (_LONGEST_OVER_LEAST - _ACTIVE_BOUND) * least
+            if is_above and is_below and self.clearance is None:
                 return first
-        if self.clearance is None:
-            return self._solved(first, shortest_interval)
-
-        failure: CraneError | None = None
-        for margin in _MARGINS:
-            try:
-                return self._proven(first, shortest_interval, margin=margin)
-            except (transcription.Unsolved, Unproven) as error:
-                failure = error
-        assert failure is not None
-        raise failure
+        return self._proven_with_some_margin(_MARGINS, first, shortest_interval)
 
     def lasting(self, plan: CollocationPlan, duration: float) -> CollocationPlan:
         """Return the plan of least cost near one that lasts a duration [s], which differs from its
@@ -275,7 +278,33 @@ class _Search:
         """
         interval = duration / len(plan.durations)
         plan = plan._replace(durations=np.full_like(plan.durations, interval))
-        return self._proven(plan, interval, interval, margin=_MARGINS[0] / 2.0)
+        # Half of the least margin that the plan can have kept is tried first: it leaves room for a
+        # plan of another duration.
+        margins = (_MARGINS[0] / 2.0, *_MARGINS)
+        return self._proven_with_some_margin(margins, plan, interval, interval)
+
+    def _proven_with_some_margin(
+        self,
+        margins: Sequence[float],
+        plan: CollocationPlan,
+        shortest: float,
+        longest: float = math.inf,
+    ) -> CollocationPlan:
+        """Return the plan of least cost near one that is proven with the first of several margins
+        with which one is [m]; other arguments as of `_solved`.
+
+        Raises:
+            Unsolved: If the optimiser does not converge with the last margin.
+            Unproven: If the plan of the last margin is not proven.
+        """
+        if self.clearance is None:
+            return self._solved(plan, shortest, longest)
+        for margin in margins[:-1]:
+            try:
+                return self._proven(plan, shortest, longest, margin=margin)
+            except (transcription.Unsolved, Unproven):
+                continue
+        return self._proven(plan, shortest, longest, margin=margins[-1])
 
     def _proven(
         self, plan: CollocationPlan, shortest: float, longest: float = math.inf, *, margin: float
@@ -290,8 +319,8 @@ class _Search:
             trajectory = DriveTrajectory(self.move, plan)
             t = unproven_parameter(self.clearance, trajectory, 0.0, trajectory.duration)
             if t is not None:
-                margin = self.clearance.swing_margin(trajectory.at(t))
-                raise Unproven(t, f"the clearance margin is {margin:.3f} m")
+                left = self.clearance.swing_margin(trajectory.at(t))
+                raise Unproven(t, f"the clearance margin is {left:.3f} m")
         return plan
 
     def _solved(
@@ -311,7 +340,7 @@ class _Search:
         spaces = None
         if self.clearance is not None:
             # Planes between crane and obstacles, about the places of the plan.
-            spaces = half_spaces(self.clearance, self.move.drives_of(plan.states[1:]), margin)
+            spaces = half_spaces(self.clearance, self.move.drive_positions(plan.states[1:]), margin)
         return transcription.solve(
             problem(self.move, spaces),
             plan,
@@ -438,7 +467,7 @@ def _check_end(crane: Crane, end: str, state: State, rate_limit: np.ndarray, swi
         within(name, position, crane.lower[i], crane.upper[i], joint.unit)
         if i in crane.swings:
             within(name, position, hanging[i] - swing, hanging[i] + swing, joint.unit)
-        if not (joint.driven or moves) and abs(position - hanging[i]) > PLUMB:
+        if not (joint.driven or moves) and abs(position - hanging[i]) > BALANCE_TOLERANCE:
             raise OutOfRange(name, position, f"{hanging[i]:g}: it hangs at rest", joint.unit)
         rate_name = f"{joint.symbol}_dot at the {end}"
         within(rate_name, state.v[i], -rate_limit[i], rate_limit[i], f"{joint.unit}/s")

@@ -17,7 +17,6 @@ from cranedyn.checks import finite, short_repr, whole, within, worker_count
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.inputs import check_fits_memory
 from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.tracking import Tracking
 from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
@@ -32,6 +31,17 @@ CONFIDENCE = 0.95
 
 _RECORDING_INTERVAL = 0.1
 """Time between rows that are kept [s]."""
+
+_MAX_ACCELERATION = 32.0
+"""Largest acceleration of a point that hangs on a taut rope [m/s²], as
+`cranedyn.lifts.planning.motion_proof` takes it: more than thrice that of a fall."""
+
+MAX_SENSOR_DELAY = 1.0
+"""Largest delay of the sensors [s]. No crane is controlled by readings as late as that."""
+
+_ROUNDING = 1e-6
+"""Rounding error of a number of control periods: a delay this little above a whole number of them
+is that number."""
 
 DRAG_COEFFICIENT = 1.2
 """Drag coefficient of the box around a load."""
@@ -52,17 +62,19 @@ class Spread:
     """Ranges in which lifts differ from the plan; each number is drawn uniformly.
 
     Attributes:
-        load: Change of the mass of the load, as a share of it; in 13 steps.
+        load: Largest change of the mass of the load, as a share of it; one of `_LOAD_LEVELS`
+            equally spaced masses is drawn.
         cable: Error of the measured cable length [m].
         wind: Largest steady wind [m/s], from any side, in which the load hangs at the start.
         gust: Largest rise of one gust [m/s], of shape (1 - cos)/2, in the same direction, at any
             time of the lift.
         gust_lasts: Shortest and longest gust [s].
-        late: Delays of the sensors to draw from [s].
+        late: Delays of the sensors to draw from [s], `MAX_SENSOR_DELAY` at most; each is rounded up
+            to whole control periods.
 
     Raises:
-        OutOfRange: If a number is none, negative or not finite, the load could be gone, or a gust
-            has no length.
+        OutOfRange: If a value is not a number, negative, not finite or beyond its range, the load
+            could be gone, or a gust has no length.
         CraneError: If there is no delay of the sensors.
     """
 
@@ -82,7 +94,7 @@ class Spread:
         shortest = within("shortest gust", shortest, 1e-3, 3600.0, "s")
         within("longest gust", longest, shortest, 3600.0, "s")
         for delay in finite("delays of the sensors", self.late, ("n",), unit="s"):
-            within("delay of the sensors", delay, 0.0, 10.0, "s")
+            within("delay of the sensors", delay, 0.0, MAX_SENSOR_DELAY, "s")
         if not len(self.late):
             raise CraneError("delays of the sensors is (); allowed is one or more [s].")
 
@@ -93,12 +105,13 @@ class Perturbed:
 
     Attributes:
         least: Lower bound of the distance between anything that hangs and any obstacle in each lift
-            [m], exact where it could be less than required; the distance from zones, which require
-            none, counts with the required distance added; not a number where the lift failed: the
-            rope slack, a range left; shape (n,).
+            at all times [m], shape (n,). Zones require no distance, so that the distance from a
+            zone counts with the required one added. NaN for a lift that broke off: its rope was
+            slack, or a joint left its range.
         required: Required distance [m].
         drawn: Numbers drawn for each lift, by name.
-        swing: Amplitude of the swing after each lift [rad], shape (n,).
+        swing: Amplitude of the swing after each lift [rad], shape (n,); not finite where the
+            simulation of a lift that broke off was not.
     """
 
     least: np.ndarray
@@ -108,7 +121,8 @@ class Perturbed:
 
     @property
     def failures(self) -> int:
-        """Number of lifts that came closer than required, or failed."""
+        """Number of lifts that came closer than required, or broke off."""
+        # Written so that NaN, a lift that broke off, counts.
         return int(np.count_nonzero(~(self.least >= self.required)))
 
     @property
@@ -208,17 +222,18 @@ def simulate_perturbed(
         threads: Number of threads; by default one for each processor.
     """
     lift = certificate.lift
-    nominal = controller_of(lift, dt=dt)
+    controller = controller_of(lift, dt=dt)
     cranes = {}
     for load in np.unique(drawn["load"]).tolist():
         cranes[load] = _crane_with_load(lift.crane, load)
-    planned = certificate.run.q[:: _periods_per_row(lift)]
-    margins = np.array([lift.clearance.margin(q) for q in planned])
+    nominal = certificate.run.q[:: _periods_per_row(lift)]
+    margins = np.array([lift.clearance.margin(q) for q in nominal])
     workers = worker_count("threads", threads)
 
     def finished(chunk: np.ndarray, simulation: Future[_ChunkResult]) -> PerturbedBatch:
         batch, force = simulation.result()
-        least = _least_distances(lift.clearance, planned, margins, batch)
+        row_interval = _periods_per_row(lift) * lift.timed.motion.period
+        least = _least_distances(lift.clearance, nominal, margins, batch, row_interval)
         crane = cranes[float(drawn["load"][chunk[0]])]
         return PerturbedBatch(chunk, crane, batch, force, least)
 
@@ -226,9 +241,9 @@ def simulate_perturbed(
     # beyond their number is submitted at a time, so that few results wait in memory.
     running = deque[tuple[np.ndarray, Future[_ChunkResult]]]()
     with ThreadPoolExecutor(workers) as pool:
-        for chunk in _chunks(drawn):
+        for chunk in _chunks(drawn["load"]):
             values = {name: column[chunk] for name, column in drawn.items()}
-            simulation = pool.submit(_simulate_chunk, lift, nominal, values, cranes, dt)
+            simulation = pool.submit(_simulate_chunk, lift, controller, values, cranes, dt)
             running.append((chunk, simulation))
             if len(running) > workers:
                 yield finished(*running.popleft())
@@ -236,16 +251,13 @@ def simulate_perturbed(
             yield finished(*running.popleft())
 
 
-def _chunks(drawn: dict[str, np.ndarray]) -> list[np.ndarray]:
-    """Return the indices of lifts that are simulated at once: of the same load and delay, so that
-    they share a controller, and at most `_CHUNK_SIZE`.
+def _chunks(loads: np.ndarray) -> list[np.ndarray]:
+    """Return the indices of lifts that are simulated at once: of the same load, so that they share
+    a crane and a controller, and at most `_CHUNK_SIZE`.
     """
-    kinds = np.stack([drawn["load"], drawn["late_s"]])
-    _, kind_of_lift = np.unique(kinds, axis=1, return_inverse=True)
-    kind_of_lift = kind_of_lift.ravel()
     chunks = []
-    for kind in range(kind_of_lift.max() + 1):
-        lifts = np.flatnonzero(kind_of_lift == kind)
+    for load in np.unique(loads):
+        lifts = np.flatnonzero(loads == load)
         chunks += np.array_split(lifts, math.ceil(len(lifts) / _CHUNK_SIZE))
     return chunks
 
@@ -264,21 +276,9 @@ def _crane_with_load(crane: Crane, load: float) -> Crane:
     return replace(crane, model=model)
 
 
-def with_sensor_delay(controller: HoistIntegral, delay: float) -> Tracking:
-    """Return the tracking controller of a lift whose sensors are late by a delay [s].
-
-    What it reads at a time t is the state at t less the delay. Where the lift goes as planned, that
-    is as if its setpoint were ahead by the delay.
-    """
-    table = controller.tracking
-    rows = np.arange(len(table.setpoint))
-    setpoint = interpolate_columns(rows + delay / table.period, rows, table.setpoint)
-    return replace(table, setpoint=setpoint)
-
-
 def _simulate_chunk(
     lift: Lift,
-    nominal: HoistIntegral,
+    controller: HoistIntegral,
     drawn: dict[str, np.ndarray],
     cranes: dict[float, Crane],
     dt: float,
@@ -287,7 +287,7 @@ def _simulate_chunk(
 
     Args:
         lift: The lift.
-        nominal: Its controller.
+        controller: Its controller.
         drawn: Perturbations by the names of `Perturbed.drawn`, shape (k,) each.
         cranes: Crane of each load.
         dt: Physics step [s].
@@ -297,9 +297,10 @@ def _simulate_chunk(
     load = float(drawn["load"][0])
     hoist = lift.clearance.joints.hoist
 
-    # Code is compiled for the numbers that differ in a batch. All batches share one if the mass of
-    # the load always differs: the last lift is simulated again with another load, and left out of
-    # the results.
+    # A compiled program has the numbers of the crane that are the same in its whole batch as
+    # constants. In a chunk all loads are the same, so that each load would need a program of its
+    # own. Therefore the last lift is simulated a second time with another load, and left out of the
+    # results: the load then differs within every chunk, and one program serves all.
     drawn = {name: np.append(values, values[-1]) for name, values in drawn.items()}
     count = len(drawn["load"])
     other_loads = [other for other in cranes if other != load]
@@ -307,11 +308,8 @@ def _simulate_chunk(
 
     # The load has hung there for a while: the integral holds what its weight differs by.
     missing_weight = (1.0 - load) * crane.payload_mass * crane.gravity
-    integral = missing_weight / nominal.integral_gain
-    controllers = {}
-    for delay in np.unique(drawn["late_s"]).tolist():
-        tracking = with_sensor_delay(nominal, delay)
-        controllers[delay] = replace(nominal, tracking=tracking, integral=integral)
+    controller = replace(controller, integral=missing_weight / controller.integral_gain)
+    delay = np.ceil(drawn["late_s"] / motion.period - _ROUNDING)
 
     # The cable is longer than planned, and measured as planned.
     force = _wind_forces(lift, drawn)
@@ -323,7 +321,7 @@ def _simulate_chunk(
 
     batch = simulate_batch(
         [*[cranes[load]] * (count - 1), other_crane],
-        [controllers[delay] for delay in drawn["late_s"].tolist()],
+        controller,
         motion,
         start=State(start, np.zeros_like(start)),
         duration=motion.period * _period_count(lift),
@@ -332,18 +330,28 @@ def _simulate_chunk(
         force=force,
         force_interval=_periods_per_row(lift),
         sensor_offset=sensor_offset,
+        sensor_delay=delay.astype(int).tolist(),
         residual_from=motion.arrival,
         record=_periods_per_row(lift),
         threads=1,
     )
-    batch = replace(
+    return _ChunkResult(_without_last(batch), force[:-1])
+
+
+def _without_last(batch: Batch) -> Batch:
+    """Return a batch without its last crane. What is read from its log, such as `Batch.q`, has as
+    many cranes as the other arrays.
+    """
+    return replace(
         batch,
+        end=State(batch.end.q[:-1], batch.end.v[:-1]),
         peak_swing=batch.peak_swing[:-1],
         residual_swing=batch.residual_swing[:-1],
         largest_effort=batch.largest_effort[:-1],
         valid_until=batch.valid_until[:-1],
+        failures=batch.failures[:-1],
+        refusals=batch.refusals[:-1],
     )
-    return _ChunkResult(batch, force[:-1])
 
 
 class _ChunkResult(NamedTuple):
@@ -430,31 +438,40 @@ def _largest_silhouette(corners: np.ndarray) -> float:
 
 
 def _least_distances(
-    clearance: Clearance, planned: np.ndarray, margins: np.ndarray, batch: Batch
+    clearance: Clearance,
+    nominal: np.ndarray,
+    margins: np.ndarray,
+    batch: Batch,
+    row_interval: float,
 ) -> np.ndarray:
-    """Return a lower bound of the least distance in each lift [m], shape (k,); NaN for a lift that
-    failed.
+    """Return a lower bound of the least distance in each lift at all times [m], shape (k,); NaN for
+    a lift that broke off.
 
-    Where a lift differs from planned coordinates by less than their margins, that difference gives
-    the bound. Elsewhere distances are measured in the recorded rows, less the way between these,
-    and bound those of the rows around by the way to them.
+    Where a lift differs from the nominal one by less than the margin of that, the difference gives
+    the bound. Elsewhere distances are measured in the recorded rows, less the way to the instants
+    between these, and bound those of the rows around by the way to them.
 
     Args:
         clearance: Crane and site.
-        planned: Planned coordinates in the recorded rows, shape (rows, n).
-        margins: Their margins [m], shape (rows,).
+        nominal: Coordinates of the certified lift without perturbations in the recorded rows, shape
+            (rows, n).
+        margins: Its margins in these rows [m], shape (rows,).
         batch: The lifts.
+        row_interval: Time between two recorded rows [s].
     """
-    # Nothing that hangs moves farther between two rows than this. So at every instant it is no
-    # farther than half of it from where it is in one of them.
+    # A straight line from a point's place in one row to its place in the next is no longer than
+    # this, so that no place on it is farther than half of it from the nearer end. The point itself
+    # is off that line by a h²/8 at most, with its largest acceleration a and the time h between the
+    # rows.
     way = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :])
+    bend = _MAX_ACCELERATION * row_interval**2 / 8.0
     half_way = way / 2.0
     half_way_before = np.pad(half_way, ((0, 0), (1, 0)))
     half_way_after = np.pad(half_way, ((0, 0), (0, 1)))
-    step = np.maximum(half_way_before, half_way_after)
-    moved = np.pad(np.cumsum(2.0 * half_way, axis=1), ((0, 0), (1, 0)))
+    step = np.maximum(half_way_before, half_way_after) + bend
+    moved = np.pad(np.cumsum(way, axis=1), ((0, 0), (1, 0)))
 
-    by_plan = margins - clearance.displacement(planned, batch.q) - step
+    by_plan = margins - clearance.displacement(nominal, batch.q) - step
     held = np.isfinite(by_plan).all(axis=1) & ~np.isfinite(batch.valid_until)
     distances = np.full(len(batch.q), np.nan)
     for i in np.flatnonzero(held):
@@ -466,17 +483,19 @@ def _least_distances(
 def _least_margin(
     clearance: Clearance, q: np.ndarray, bounds: np.ndarray, moved: np.ndarray, step: np.ndarray
 ) -> float:
-    """Return a lower bound of the least margin in a lift [m], exact where it is negative.
+    """Return a lower bound of the least margin in a lift [m].
 
-    The row with the lowest bound is measured until that bound is not negative, or is that of a row
-    that was measured.
+    A measurement takes much longer than a bound. So the row with the lowest bound is measured,
+    which raises the bounds of the rows around it. That is repeated until the lowest bound is not
+    negative, which suffices, or is that of a measured row, which no further measurement raises.
 
     Args:
         clearance: Crane and site.
         q: Coordinates, shape (rows, n).
         bounds: Lower bounds of the margin about each row [m], shape (rows,).
         moved: Way of what hangs up to each row [m], shape (rows,).
-        step: Way about each row that it stands for [m], shape (rows,).
+        step: How far what hangs is from its place in a row at most, at the instants that are nearer
+            to this row than to another [m], shape (rows,).
     """
     measured = set[int]()
     while True:

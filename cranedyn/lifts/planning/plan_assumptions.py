@@ -23,7 +23,7 @@ def plan_assumptions(site: Site, crane: Crane, limits: Limits) -> list[Assumptio
     Args:
         site: The site.
         crane: The crane.
-        limits: Limits of the drives, those of the site if it enters any.
+        limits: Limits that the lift is planned with: those of the site if it enters any, or less.
     """
     return [*_of_crane(crane), *_of_load(site, crane), *_of_motion(site, limits)]
 
@@ -75,10 +75,16 @@ def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
 def _of_motion(site: Site, limits: Limits) -> Iterator[Assumption]:
     """Yield the rates of the drives, the swing and the distance to keep."""
     slew, trolley, hoist = limits.rates
+    if site.limits is None:
+        origin = Origin.DEFAULT
+    elif np.allclose(limits.rates, site.limits.rates, rtol=1e-9):
+        origin = Origin.ENTERED
+    else:
+        origin = Origin.COMPUTED  # a plan uses less where the crane's own rates leave no reserve
     yield Assumption(
         "largest rates of slew, trolley and hoist",
         f"{math.degrees(slew):.2g} °/s, {trolley:.2f} and {hoist:.2f} m/s",
-        Origin.ENTERED if site.limits is not None else Origin.DEFAULT,
+        origin,
         "[drives] rates",
     )
     yield Assumption(

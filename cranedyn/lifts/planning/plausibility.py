@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.errors import DataError
-from cranedyn.lifts.planning.site import DRIVES, Site
+from cranedyn.lifts.planning.site import DRIVES, MAX_SWING, MIN_SWING, Site
 
 Conversions = Mapping[str, float]
 """Factor that makes a value right which was entered in another unit, by a phrase for that unit."""
@@ -47,12 +47,16 @@ KILONEWTONS: Conversions = {"kilonewtons": 1e3}
 SMALLEST_OBSTACLE = 5e-3
 """Largest side of an obstacle over the reach of the crane, below which it cannot be meant."""
 
-FAR_BEYOND = 3.0
-"""Distance from the foot over the reach of the crane from which on a place of the lift cannot be
-meant, and an obstacle has no effect, which is unusual."""
+FARTHEST_PLACE = 3.0
+"""Distance of a place of the lift from the foot over the reach of the crane, beyond which it cannot
+be meant."""
 
-NOWHERE_NEAR = 100.0
-"""Distance of an obstacle from the foot over the reach of the crane, from which on it cannot be
+FARTHEST_USUAL_OBSTACLE = 3.0
+"""Distance of an obstacle from the foot over the reach of the crane, beyond which it has no effect
+on the lift, which is unusual."""
+
+FARTHEST_OBSTACLE = 100.0
+"""Distance of an obstacle from the foot over the reach of the crane, beyond which it cannot be
 meant."""
 
 
@@ -103,7 +107,14 @@ LOAD_MASS = Quantity("The mass of the load", "kg", (1e-3, 2.5e7), (0.05, 1.5e6),
 LOAD_SIDE = Quantity("A side of the load", "m", (1e-3, 500.0), (0.01, 100.0), MILLIMETRES)
 RIGGING_MASS = Quantity("The mass of rigging", "kg", (0.0, 1e6), (0.0, 1e5), {})
 DISTANCE = Quantity("The distance to keep", "m", (0.0, 50.0), (0.05, 5.0), MILLIMETRES)
-SWING = Quantity("The swing", "degrees", (0.0, 45.0), (0.2, 10.0), RADIANS)
+SWING = Quantity(
+    "The swing",
+    "degrees",
+    (math.degrees(MIN_SWING), math.degrees(MAX_SWING)),
+    (0.2, 10.0),
+    RADIANS,
+)
+GUST_SWING = Quantity("The swing allowed in gusts", "degrees", (0.0, 45.0), (0.2, 10.0), RADIANS)
 BASE_SPACING = Quantity("The spacing of the corners", "m", (0.02, 150.0), (0.1, 20.0), MILLIMETRES)
 BASE_MASS = Quantity("The mass of the base", "kg", (0.0, 1e8), (0.0, 5e6), {})
 PERMITTED = Quantity(
@@ -185,7 +196,7 @@ def _number(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.6g}"
 
 
-def refuse(found: Iterable[Finding]) -> tuple[str, ...]:
+def unusual_or_refuse(found: Iterable[Finding]) -> tuple[str, ...]:
     """Return sentences about values that are unusual, each once.
 
     Raises:
@@ -234,13 +245,13 @@ def _of_obstacles(site: Site, reach: tuple[float, float] | None) -> Iterator[Fin
         high = solid.vertices[:, :2].max(axis=0)
         x, y = np.maximum(np.maximum(low - foot, foot - high), 0.0)
         gap = float(np.hypot(x, y))
-        if gap > FAR_BEYOND * largest_radius:
+        if gap > FARTHEST_USUAL_OBSTACLE * largest_radius:
             sentence = (
                 f"The obstacle {solid.name} is {_number(gap)} m from the foot of the crane, whose "
                 f"trolley reaches {_number(largest_radius)} m: it has no effect. Is it in "
                 "millimetres, or in another frame than [crane] position?"
             )
-            yield Finding("", solid.name, gap > NOWHERE_NEAR * largest_radius, sentence)
+            yield Finding("", solid.name, gap > FARTHEST_OBSTACLE * largest_radius, sentence)
 
 
 def _of_load(site: Site) -> Iterator[Finding]:
@@ -332,15 +343,14 @@ def _of_places(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
         yield from judge_value(RISK, 100.0 * site.risk, "lift", "risk")
     for name, value in site.spread.items():
         if value == 0.0:
-            # The file calls two of them otherwise.
+            # The fields of two of them have other names in the file.
             field = {"load": "mass", "late": "delay"}.get(name, name)
             sentence = "It is zero, as if nothing were uncertain."
             yield Finding("uncertainty", field, False, sentence)
     if site.gust is not None:
         yield from judge_value(WIND, site.gust, "wind", "gust")
     if site.gust_swing is not None:
-        name = "The swing allowed in gusts"
-        yield from judge_value(SWING, math.degrees(site.gust_swing), "wind", "swing", name)
+        yield from judge_value(GUST_SWING, math.degrees(site.gust_swing), "wind", "swing")
     if reach is None:
         return
     for field, point in (("from", site.start), ("to", site.goal)):
@@ -353,10 +363,12 @@ def _of_places(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
 def _of_place(
     site: Site, reach: tuple[float, float], point: np.ndarray, field: str, name: str
 ) -> Iterator[Finding]:
-    """Yield a finding where the crane does not reach a place by far, which asks for its unit."""
+    """Yield a finding where a place is so far out of the crane's reach that its unit or frame is
+    probably wrong.
+    """
     _, largest = reach
     radius = _distance_in_plan(site.foot, point)
-    if radius <= FAR_BEYOND * largest:
+    if radius <= FARTHEST_PLACE * largest:
         return  # the planner says by how much it is out of reach
     sentence = (
         f"{name} is {_number(radius)} m from the foot of the crane, whose trolley reaches "

@@ -2,9 +2,10 @@
 
 Plan and proof share the shapes and distances of `cranedyn.lifts.planning.clearance`. If these were
 wrong, a load of half its size for instance, plan and proof would be wrong alike and agree. This
-module shares with them the site and Pinocchio's kinematics, and neither shapes nor the library of
-distances: it takes points of the load as the site enters it, and of the rope, and measures how far
-each is from the triangles of the obstacles.
+module shares with them the site, the solids as they were read, Pinocchio's kinematics and, for a
+site without a load, the corners of the shapes in the URDF. It shares neither their collision bodies
+nor the library of distances: it takes points of the load as the site enters it, and of the rope,
+and measures how far each is from the triangles of the obstacles.
 
 A sample of points can only overestimate the distance of a body. Where it is less than what a proof
 claims, the proof is wrong. It proves nothing itself: it misses an edge of the load that passes the
@@ -38,7 +39,8 @@ _PAIRS_AT_ONCE = 200_000
 def second_look(
     site: Site, crane: Crane, q: np.ndarray, beyond: float, *, swing: float = 0.0
 ) -> Nearest:
-    """Return the nearest point of load or rope to a solid or the ground, of all rows.
+    """Return the nearest point of load or rope to a solid or the ground, of all rows. Zones are
+    left out, since no distance from them is required.
 
     Args:
         site: The site.
@@ -130,6 +132,9 @@ def _swung(crane: Crane, q: np.ndarray, swing: float) -> np.ndarray:
 def _hanging_points(site: Site, crane: Crane, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points of load and rope in the crane's frame [m], shape (rows, points, 3), and the
     body of each point, shape (points,).
+
+    A site without a load lifts the one in the crane's URDF. All shapes of its link are then taken
+    for the load, the hook among them; the hook above a load of the site is not measured.
     """
     _, _, radial, _, hoist = crane.layout.tower("A measurement")
     pivot_joint = radial + 1  # Pinocchio counts joints from 1; 0 is the world

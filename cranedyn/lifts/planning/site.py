@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.checks import ShortRepr, number
+from cranedyn.checks import ShortRepr, number, within
 from cranedyn.errors import DataError, quoted
 from cranedyn.lifts.planning.solids import Solid, rotation_z
 from cranedyn.references.limits import Limits
@@ -26,6 +26,17 @@ DISTANCE = 0.5
 
 SWING = math.radians(2.0)
 """Largest swing of the load of a site that does not give one [rad]."""
+
+MIN_SWING = 1e-4
+"""Least swing that a site may allow [rad], 0.006°. A load whose rope may not lean at all cannot be
+accelerated, and a plan that neared it would last for ever."""
+
+MAX_SWING = 0.5
+"""Largest swing that a site may allow [rad], 28.6°."""
+
+CRANE_HEADING = -math.pi / 2.0
+"""Heading of a crane whose axes are those of the site [rad]: in the frame of a crane the jib points
+along -Y at zero slew."""
 
 BASE_HEIGHT = 0.3
 """Height of the beams of a base above the foot [m]. A site enters their length, which is the
@@ -49,14 +60,23 @@ RESERVED_NAMES = frozenset({GROUND, MAST, OWN_BASE, OWN_UPPER})
 """Names that no obstacle may have: a proof would take one for the other."""
 
 
+def crane_to_site(heading: float) -> np.ndarray:
+    """Return the rotation matrix from the axes of a crane to those of its site, shape (3, 3).
+
+    Args:
+        heading: Direction of the jib at zero slew, from the site's X towards its Y [rad].
+    """
+    return rotation_z(heading - CRANE_HEADING)
+
+
 @dataclass(frozen=True)
 class Base:
-    """A square base on which a tower stands by four corners, its sides along the world's X and Y.
+    """A square base on which a tower stands by four corners, its sides along X and Y of the site.
 
     Attributes:
         spacing: Distance between neighbouring corners [m].
-        mass: Mass of base, ballast and mast, as far as the crane's model lacks it [kg], above the
-            middle.
+        mass: Mass of base, ballast and mast, as far as the crane's model lacks it [kg]. Its centre
+            of mass is above the middle of the square.
         permitted: Largest force that the ground may bear under a corner [N]; None if unknown.
 
     Raises:
@@ -113,12 +133,13 @@ class Site(ShortRepr):
         crane: Values of the crane that differ from its defaults, by name; the mass of the load with
             its rigging, the efforts of the drives and the length of the counter-jib are among them,
             where they are entered.
-        load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against
-            it; None for that of the crane.
+        load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y points
+            along the jib to the mast, Z up; None for the load that the crane's model has.
         start, goal: Centre of the load at the start and at the end [m], shape (3,), or shape (2,)
             where it stands on what is below; None if unknown.
         distance: Required distance between all that moves and every obstacle [m].
-        swing: Largest angle of the rope from plumb that is allowed [rad].
+        swing: Largest angle of the rope from plumb that is allowed [rad], more than 0: a load that
+            moves swings.
         limits: Limits of the drives; None if unknown.
         base: Base of the crane; None if unknown.
         arms: Jib and counter-jib as weights; empty if unknown.
@@ -140,7 +161,7 @@ class Site(ShortRepr):
     solids: tuple[Solid, ...]
     ground: float = 0.0
     foot: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    heading: float = -math.pi / 2.0
+    heading: float = CRANE_HEADING
     crane: Mapping[str, float] = field(default_factory=dict)
     load: np.ndarray | None = None
     start: np.ndarray | None = None
@@ -165,12 +186,12 @@ class Site(ShortRepr):
 
         Raises:
             DataError: If two solids have one name, or one has a name of `RESERVED_NAMES`.
-            OutOfRange: If a number is not finite, the distance not positive, or the swing not from
-                0 to 0.5.
+            OutOfRange: If a number is not finite, the distance not positive, or the swing not
+                above 0 and up to `MAX_SWING`.
         """
         number("height of the ground", self.ground, "m")
         number("required distance", self.distance, "m", "> 0")
-        number("swing of the load", self.swing, "rad", "0 to 0.5")
+        within("swing of the load", self.swing, MIN_SWING, MAX_SWING, "rad")
         for solid in self.solids:
             if solid.name in RESERVED_NAMES:
                 raise DataError(
@@ -184,33 +205,31 @@ class Site(ShortRepr):
                 )
 
     @property
-    def turn(self) -> np.ndarray:
-        """Rotation from the crane's frame, whose jib points along -Y at zero slew, to the site's,
-        shape (3, 3).
-        """
-        return rotation_z(self.heading + math.pi / 2.0)
+    def crane_to_site(self) -> np.ndarray:
+        """Rotation matrix from the axes of the crane to those of the site, shape (3, 3)."""
+        return crane_to_site(self.heading)
 
     @property
     def base_corners(self) -> np.ndarray:
         """Corners of the box around the base in the frame of the crane [m], shape (8, 3). The sides
-        of a base lie along the axes of the site.
+        of a base lie along the axes of the site, and so turned in the frame of the crane.
         """
         assert self.base is not None
         half = self.base.spacing / 2.0
         sides = (-half, half)
         corners = list(itertools.product(sides, sides, (0.0, BASE_HEIGHT)))
-        return np.array(corners) @ self.turn
+        return np.array(corners) @ self.crane_to_site
 
     def to_crane(self, points: np.ndarray) -> np.ndarray:
         """Return points of the site [m], shape (..., 3), in the frame of the crane."""
-        return (np.asarray(points) - self.foot) @ self.turn
+        return (np.asarray(points) - self.foot) @ self.crane_to_site
 
     def to_site(self, points: np.ndarray) -> np.ndarray:
         """Return points in the frame of the crane [m], shape (..., 3), in that of the site."""
-        return np.asarray(points) @ self.turn.T + self.foot
+        return np.asarray(points) @ self.crane_to_site.T + self.foot
 
     def seen_by_crane(self) -> list[Solid]:
         """Return the solids in the frame of the crane."""
-        rotation = self.turn.T
-        translation = -self.foot @ self.turn
+        rotation = self.crane_to_site.T
+        translation = -self.foot @ self.crane_to_site
         return [solid.moved(rotation, translation) for solid in self.solids]

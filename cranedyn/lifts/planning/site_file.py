@@ -71,7 +71,7 @@ def read_site(path: str | Path) -> Site:
         start=_point(lift, "from"),
         goal=_point(lift, "to"),
         distance=lift.number("distance", DISTANCE, "m", "> 0"),
-        swing=lift.angle("swing", SWING, "0 to 28"),
+        swing=lift.angle("swing", SWING, "0.01 to 28"),
         limits=_limits(tables["drives"]),
         base=_base(tables["base"]),
         arms=_arms(tables["jib"], tables["counter_jib"]),
@@ -161,7 +161,7 @@ def _spread(uncertainty: SiteTable) -> dict[str, float]:
         if name in uncertainty.values:
             spread[name] = uncertainty.number(name, unit=unit, allowed="0 to 100")
     if "delay" in uncertainty.values:
-        spread["late"] = uncertainty.number("delay", unit="s", allowed="0 to 10")
+        spread["late"] = uncertainty.number("delay", unit="s", allowed="0 to 1")
     return spread
 
 
@@ -245,13 +245,13 @@ def solids_of(top: SiteTable, lines: FieldLines, ground: float) -> list[Solid]:
             # An obstacle from an IFC file has no name of its own.
             key = "name" if "name" in entry.values else "file"
             try:
-                made = make(entry, ground)
+                solids_of_entry = make(entry, ground)
             except CraneError as error:
                 # Errors of a field name file and line already, those of geometry do not.
                 if str(error).startswith(str(top.path)):
                     raise
                 entry.fail(key, error)
-            for solid in made:
+            for solid in solids_of_entry:
                 if solid.name in solids:
                     called = f"two obstacles are called {quoted(solid.name)}"
                     entry.fail(key, f"{called}; each needs a name of its own.")
@@ -295,7 +295,7 @@ def _arguments(
         length = counter_jib.number("length", allowed="> 0")
         yield _Argument(counter_jib, "length", "counter_jib", length)
     if "efforts" in drives.values:
-        efforts = drives.numbers("efforts", 3, "> 0")
+        efforts = drives.numbers("efforts", 3, "> 0", units=("N m", "N", "N"))
         for drive, effort in zip(DRIVES, efforts, strict=True):
             yield _Argument(drives, "efforts", f"{drive}_effort", effort)
 
@@ -304,14 +304,17 @@ def _limits(drives: SiteTable) -> Limits | None:
     """Return the limits of the drives; None if nothing of the drives is entered."""
     if not drives.values:
         return None
-    return Limits(_motion_limits(drives, "rates"), _motion_limits(drives, "accelerations"))
+    return Limits(
+        _motion_limits(drives, "rates", ("degrees/s", "m/s", "m/s")),
+        _motion_limits(drives, "accelerations", ("degrees/s²", "m/s²", "m/s²")),
+    )
 
 
-def _motion_limits(drives: SiteTable, name: str) -> list[float]:
+def _motion_limits(drives: SiteTable, name: str, units: Sequence[str]) -> list[float]:
     """Return rates or accelerations of slew, trolley and hoist; the file gives those of the slew in
     degrees.
     """
-    slew, trolley, hoist = drives.numbers(name, 3, "> 0")
+    slew, trolley, hoist = drives.numbers(name, 3, "> 0", units=units)
     return [math.radians(slew), trolley, hoist]
 
 
@@ -391,10 +394,12 @@ def _point(lift: SiteTable, key: str) -> np.ndarray | None:
 
 # --- obstacles ------------------------------------------------------------------------------------
 
-# Each function makes the obstacles of an entry on a ground of a height [m]; see `SOLIDS`.
+# Each function makes the obstacles of an entry of its kind; `ground` is the height [m] of what
+# stands on the ground. See `SOLIDS`.
 
 
 def _box(entry: SiteTable, ground: float) -> list[Solid]:
+    """Return an upright box, turned about its vertical axis by `yaw`."""
     size = entry.numbers("size", 3, "> 0")
     name = entry.text("name")
     base = entry.number("base", ground)
@@ -403,6 +408,7 @@ def _box(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _prism(entry: SiteTable, ground: float) -> list[Solid]:
+    """Return an upright prism over an outline."""
     height = entry.number("height", allowed="> 0")
     name = entry.text("name")
     outline = entry.outline("outline")
@@ -410,6 +416,7 @@ def _prism(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _zone(entry: SiteTable, ground: float) -> list[Solid]:
+    """Return an upright prism to keep out of, without an upper end if no height is entered."""
     base = entry.number("base", ground)
     height = entry.number("height", UNBOUNDED, allowed="> 0")
     name = entry.text("name")
@@ -417,6 +424,9 @@ def _zone(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _mesh(entry: SiteTable, ground: float) -> list[Solid]:
+    """Return a mesh from a file, multiplied by `scale`, turned by `yaw` about its Z axis and moved
+    to a position; with `hull` as its convex hull.
+    """
     vertices, triangles = read_mesh(entry.file("file"))
     scale = entry.number("scale", 1.0, "", "> 0")
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
@@ -425,6 +435,9 @@ def _mesh(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _ifc(entry: SiteTable, ground: float) -> list[Solid]:
+    """Return the products of a building model, turned by `yaw` about its Z axis and moved to a
+    position; with `hull` as the convex hull of each.
+    """
     # A model has its own heights, so that it is not put on the ground.
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, 0.0]))
     solids = read_ifc(entry.file("file"), as_hulls=entry.flag("hull"))
@@ -432,6 +445,7 @@ def _ifc(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _neighbour(entry: SiteTable, ground: float) -> list[Solid]:
+    """Return a parked crane with its rope and hook."""
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
     drive_position = {
         "slew": entry.number("slew", 0.0, "degrees"),

@@ -70,7 +70,11 @@ class SiteTable:
         raise DataError(f"{self.path}, line {line}, [{self.name}] {key}: {reason}")
 
     def take(self, key: str, convert: Callable[[str, Any], Any], default: Any = None) -> Any:
-        """Return a field, converted; it may be left out if there is a default."""
+        """Return a field, converted; without a default it must be there.
+
+        No field can have the default None, which says that there is none: whoever allows that a
+        field is missing asks whether it is among `values`, as `optional_number` does.
+        """
         if key not in self.values:
             if default is None:
                 self.fail(key, "it is missing.")
@@ -86,9 +90,19 @@ class SiteTable:
         """Return a number in a range, see `cranedyn.checks.number`."""
         return self.take(key, partial(_number, unit=unit, allowed=allowed), default)
 
-    def numbers(self, key: str, count: int, allowed: str = "any", default: Any = None) -> Any:
-        """Return a list of so many numbers."""
-        return self.take(key, partial(_numbers, count=count, allowed=allowed), default)
+    def numbers(
+        self,
+        key: str,
+        count: int,
+        allowed: str = "any",
+        default: Any = None,
+        units: Sequence[str] = ("m",),
+    ) -> Any:
+        """Return a list of a count of numbers, all in a range, see `cranedyn.checks.number`. Their
+        units, or the one of all, are for the error message.
+        """
+        convert = partial(_numbers, count=count, allowed=allowed, units=units)
+        return self.take(key, convert, default)
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return a printable text."""
@@ -161,11 +175,19 @@ def _whole(name: str, value: Any) -> int:
     return whole(name, value, 1)
 
 
-def _numbers(name: str, value: Any, count: int, allowed: str = "any") -> list[float]:
-    """Return a list of so many numbers in a range."""
+def _numbers(
+    name: str, value: Any, count: int, allowed: str = "any", units: Sequence[str] = ("m",)
+) -> list[float]:
+    """Return a list of a count of numbers in a range, of units that are one for each or one for
+    all.
+    """
     if not isinstance(value, list) or len(value) != count:
-        raise OutOfRange(name, quoted(value), f"{count} numbers", "m")
-    return [_number(f"one of {name}", item, "m", allowed) for item in value]
+        raise OutOfRange(name, quoted(value), f"{count} numbers", ", ".join(units))
+    each_unit = units if len(units) == count else [units[0]] * count
+    return [
+        _number(f"one of {name}", item, unit, allowed)
+        for item, unit in zip(value, each_unit, strict=True)
+    ]
 
 
 def _outline(name: str, value: Any) -> np.ndarray:
@@ -194,16 +216,23 @@ def field_lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:
     that name; see `FieldLines`. The fields before the first table have the name "".
     """
     counts: dict[str, int] = {}
+
+    def index(name: str) -> int:
+        """Return the index of the latest table of a name. What comes before the first table was
+        not counted, and is the only one of its name.
+        """
+        return counts[name] - 1 if name in counts else 0
+
     name = ""
     fields = {"": 1}
     for i, line in enumerate(text.splitlines(), start=1):
         header = _HEADER.match(line)
         key = _KEY.match(line)
         if header:
-            yield (name, counts.get(name, 1) - 1), fields
+            yield (name, index(name)), fields
             name = header[1]
             fields = {"": i}
             counts[name] = counts.get(name, 0) + 1
         elif key:
             fields.setdefault(key[1], i)
-    yield (name, counts.get(name, 1) - 1), fields
+    yield (name, index(name)), fields

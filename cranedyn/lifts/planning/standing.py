@@ -25,10 +25,11 @@ and may be tied to a building, so that it touches them; what is deeper is inside
 """
 
 UNEVEN = 0.05
-"""Height difference up to which a foot stands on the ground or on an obstacle [m]."""
+"""How far the ground, or the top of an obstacle, may be below the foot that stands on it [m]."""
 
 FOOTPRINT = 0.5
-"""Side of the square below the foot that must have something below it [m]."""
+"""Side of the square about the middle of the foot below which an obstacle must reach up to the foot
+[m]."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class Standing:
     """How the parts of a crane that stand are placed among the obstacles.
 
     Attributes:
-        inside: An obstacle that holds a part, for each such obstacle.
-        below: What the foot stands on: the ground or an obstacle; empty if it is nothing.
-        pairs: The obstacles that were compared with the mast.
+        inside: Pairs of a part and an obstacle that it is inside of.
+        below: What the foot stands on, the ground or an obstacle; empty if it stands on nothing.
+        pairs: Pairs of the mast with the obstacles that it was compared with.
     """
 
     inside: tuple[BodyAndObstacle, ...]
@@ -47,8 +48,8 @@ class Standing:
 
 
 def standing_parts(clearance: Clearance) -> Standing:
-    """Compare mast, foot and base of a crane with all solids of its site, but for zones, which are
-    for what hangs.
+    """Compare mast, foot and base of a crane with all solids of its site, but for zones, which only
+    what hangs keeps out of.
     """
     site = clearance.site
     parts = {"mast": clearance.bodies.mast}
@@ -60,7 +61,10 @@ def standing_parts(clearance: Clearance) -> Standing:
             shapes.append((name, corners, hull(corners)))
     level = site.ground - float(site.foot[2])
     below = GROUND if abs(level) <= UNEVEN else ""
-    footprint = Body(coal.Box(FOOTPRINT, FOOTPRINT, TOUCHING), 0.0).put(coal.Transform3s())
+    # What the foot stands on reaches into this space below it. A wall beside the foot does not, nor
+    # does a beam above it.
+    middle = coal.Transform3s(np.eye(3), np.array([0.0, 0.0, -UNEVEN / 2.0]))
+    below_foot = Body(coal.Box(FOOTPRINT, FOOTPRINT, UNEVEN), 0.0).put(middle)
     inside: list[BodyAndObstacle] = []
     compared: set[BodyAndObstacle] = set()
     for solid in site.seen_by_crane():
@@ -69,7 +73,7 @@ def standing_parts(clearance: Clearance) -> Standing:
         geometries = solid.geometries()
         field = Field((solid.name, shape) for shape in geometries)
         compared.add(BodyAndObstacle("mast", solid.name))
-        if not below and field.least(footprint) <= UNEVEN:
+        if not below and field.least(below_foot) <= 0.0:
             below = solid.name
         for name, corners, shape in shapes:
             if solid.meets(corners, shape, geometries):

@@ -54,7 +54,7 @@ class Support:
 
 
 NO_SUPPORT = Support(-np.inf, frozenset())
-"""The support of a load that hangs; its height is that of nothing, and no check reads it."""
+"""The support of a load that hangs. Its height is never read."""
 
 
 def support_of(clearance: Clearance, corners: np.ndarray) -> Support:

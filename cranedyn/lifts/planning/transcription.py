@@ -170,8 +170,8 @@ def solve(
 
     Raises:
         Unsolved: If the optimiser does not converge.
-        KeyboardInterrupt: If it is interrupted, as soon as an iteration is done; or what else the
-            program does on SIGINT and SIGTERM.
+        KeyboardInterrupt: If it is interrupted, as soon as an iteration is done; or whatever the
+            handlers of SIGINT and SIGTERM raise that the program has installed.
     """
     layout = _UnknownsLayout.of(guess)
     control_scale = np.abs(problem.control_bounds).max(axis=0)
@@ -228,6 +228,8 @@ class _StopOnSignal(ca.Callback):  # type: ignore[misc]
         }
         self.signal_arrived: Callable[[], bool] = lambda: False
         self.construct("stop", {})
+
+    # `ca.Callback` asks for the numbers and sizes of inputs and outputs by these names.
 
     def get_n_in(self) -> int:
         return int(ca.nlpsol_n_out())

@@ -11,7 +11,7 @@ from cranedyn.assumptions import check_entered
 from cranedyn.data.files import with_ending
 from cranedyn.lifts.judging.lift_figures import LiftFigure, solid_outlines
 from cranedyn.lifts.judging.lift_tables import Row, Table
-from cranedyn.lifts.judging.report_page import page_figures, page_tables, write_html
+from cranedyn.lifts.judging.report_page import page_figures, page_tables, write_html_or_pdf
 from cranedyn.lifts.sites.brakes import CYCLE
 from cranedyn.lifts.sites.promise import site_assumptions
 from cranedyn.lifts.sites.site_simulation import SiteRun
@@ -32,7 +32,7 @@ def write_page(run: SiteRun, path: str | Path) -> Path:
         NoBrowser: If a PDF is asked for and no browser prints it.
         DataError: If the ending is another or the file cannot be written.
     """
-    return write_html(with_ending(path, ".html", ".pdf"), site_html(run))
+    return write_html_or_pdf(with_ending(path, ".html", ".pdf"), site_html(run))
 
 
 def site_html(run: SiteRun) -> str:

@@ -14,7 +14,7 @@ from cranedyn.lifts.judging.chart import (
     CHARTS,
     Chart,
     CutOut,
-    Falls,
+    RatedLoads,
     assess_run,
     cut_outs,
     read_chart,
@@ -29,12 +29,12 @@ LABORATORY = read_chart(CHARTS / "laboratory.toml")
 
 
 @st.composite
-def falls(draw: st.DrawFn) -> Falls:
+def falls(draw: st.DrawFn) -> RatedLoads:
     """A chart of two to eight points whose loads do not rise."""
     count = draw(st.integers(2, 8))
     steps = draw(st.lists(st.floats(0.1, 10.0), min_size=count, max_size=count))
     loads = draw(st.lists(st.floats(10.0, 2e4), min_size=count, max_size=count))
-    return Falls(2, np.cumsum(steps), np.sort(loads)[::-1].copy())
+    return RatedLoads(2, np.cumsum(steps), np.sort(loads)[::-1].copy())
 
 
 def test_between_its_points_the_moment_is_a_straight_line() -> None:
@@ -46,7 +46,7 @@ def test_between_its_points_the_moment_is_a_straight_line() -> None:
 
 
 @given(falls(), st.floats(0.0, 1.0))
-def test_it_is_never_above_the_chart(made: Falls, share: float) -> None:
+def test_it_is_never_above_the_chart(made: RatedLoads, share: float) -> None:
     radius = made.radii[0] + share * (made.radii[-1] - made.radii[0])
     rated = made.at(radius)
     # A straight line of the loads is above, and so is the point before; both to round-off.
@@ -57,7 +57,7 @@ def test_it_is_never_above_the_chart(made: Falls, share: float) -> None:
 
 
 def test_between_two_points_of_one_load_a_chart_says_that_load_and_never_a_bit_more() -> None:
-    flat = Falls(2, np.array([10.0, 20.0, 30.0]), np.array([3900.0, 3900.0, 2500.0]))
+    flat = RatedLoads(2, np.array([10.0, 20.0, 30.0]), np.array([3900.0, 3900.0, 2500.0]))
     rated = flat.at(np.linspace(0.0, 20.0, 2001))
     assert rated.max() == 3900.0
     np.testing.assert_allclose(rated, 3900.0, rtol=1e-15)
@@ -87,8 +87,8 @@ BY_HAND = Chart(
     "by hand",
     "moments of 40 t m and 60 t m",
     (
-        Falls(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), 2.0),
-        Falls(4, np.array([10.0, 20.0]), np.array([6000.0, 3000.0]), 2.0),
+        RatedLoads(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), 2.0),
+        RatedLoads(4, np.array([10.0, 20.0]), np.array([6000.0, 3000.0]), 2.0),
     ),
 )
 
@@ -145,7 +145,7 @@ def test_the_fewest_falls_come_first_whatever_the_order_of_the_file(tmp_path: Pa
 @pytest.mark.parametrize("least", [10.1, -0.1, np.nan, np.inf])
 def test_the_smallest_radius_is_from_none_to_that_of_the_first_point(least: float) -> None:
     with pytest.raises(OutOfRange, match="smallest radius"):
-        Falls(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), least)
+        RatedLoads(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), least)
 
 
 def test_cut_outs_are_stretches_of_time() -> None:

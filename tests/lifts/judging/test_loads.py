@@ -28,8 +28,8 @@ from cranedyn.lifts.judging.loads import (
     loads,
     loads_of_rows,
 )
-from cranedyn.lifts.judging.wrench import Moving, Wrench
-from cranedyn.lifts.planning.site import Arm, Base
+from cranedyn.lifts.judging.wrench import CraneStates, Wrench
+from cranedyn.lifts.planning.site import CRANE_HEADING, Arm, Base
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
 from cranedyn.model.load import load_crane
@@ -68,7 +68,8 @@ def test_what_passes_through_a_joint_is_what_pinocchio_says(
 ) -> None:
     force = np.random.default_rng(seed).uniform(-2e3, 2e3, 6)
     of = crane()
-    found = Moving.of(of, state.q[None], state.v[None], effort[None], force[None]).through(joint)
+    states_of = CraneStates.of(of, state.q[None], state.v[None], effort[None], force[None])
+    found = states_of.through(joint)
     expected, moment, point = pinocchio_wrench(of, state, effort, force, joint)
     size = float(np.linalg.norm(expected))
     np.testing.assert_allclose(found.point[0], point, atol=ROUND_OFF, rtol=ROUND_OFF)
@@ -168,6 +169,19 @@ def test_corners_carry_the_whole_and_turn_with_the_jib() -> None:
         arm = BASE.spacing / np.sqrt(2.0)
         pair = corners.max() - corners.min()
         assert pair * arm * 2.0 == pytest.approx(2.0 * found["overturning_Nm"][0], rel=ROUND_OFF)
+
+
+def test_a_crane_that_stands_turned_on_its_base_presses_the_corners_below_its_jib() -> None:
+    """A crane turned by an angle presses as one that is not, and has slewed by it."""
+    of = crane()
+    turned = 0.7
+    _, slewed = still(of, gamma=0.4 + turned, x=12.0, l=10.0)
+    run, _ = still(of, gamma=0.4, x=12.0, l=10.0)
+    found = loads(of, run, base=BASE, heading=CRANE_HEADING + turned)
+    for i in range(1, 5):
+        corner = f"corner_{i}_N"
+        np.testing.assert_allclose(found[corner], slewed[corner], rtol=ROUND_OFF)
+    assert found.parameters["heading_rad"] == CRANE_HEADING + turned
 
 
 def reactions(base: Base, foot: Wrench, gravity: float) -> np.ndarray:

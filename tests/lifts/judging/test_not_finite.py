@@ -18,7 +18,7 @@ from cranedyn.lifts.judging import factors, wind_standards
 from cranedyn.lifts.judging.chart import (
     CHARTS,
     Chart,
-    Falls,
+    RatedLoads,
     Reeving,
     cut_outs,
     read_chart,
@@ -46,7 +46,7 @@ WORST = [
 ANY = st.sampled_from(WORST) | st.floats(allow_nan=True, allow_infinity=True) | st.floats(-1e4, 1e4)
 """Any double, often one of the worst, and often one that is meant."""
 
-CHART = Chart("test", "", (Falls(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), 2.0),))
+CHART = Chart("test", "", (RatedLoads(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), 2.0),))
 
 
 def rated(radius: float) -> float:
@@ -74,7 +74,7 @@ def test_no_chart_is_made_of_numbers_that_are_none(
     radii: list[float], loads: list[float], least: float, radius: float
 ) -> None:
     try:
-        made = Falls(2, np.array(radii), np.array(loads), least)
+        made = RatedLoads(2, np.array(radii), np.array(loads), least)
         found = made.at(radius)
     except CraneError:
         return

@@ -18,7 +18,7 @@ from cranedyn.dynamics.equations_of_motion import payload_position, pivot_positi
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging import wind_limit as wind_limit_module
-from cranedyn.lifts.judging.chart import Chart, Falls
+from cranedyn.lifts.judging.chart import Chart, RatedLoads
 from cranedyn.lifts.judging.wind_limit import _FAILED, WindLimit, _enter_values, _limits, wind_limit
 from cranedyn.model.crane import Crane
 from tests.helpers import crane
@@ -28,8 +28,8 @@ CHART = Chart(
     "by hand",
     "",
     (
-        Falls(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), 2.0),
-        Falls(4, np.array([10.0, 20.0]), np.array([6000.0, 3000.0]), 2.0),
+        RatedLoads(2, np.array([10.0, 20.0]), np.array([4000.0, 2000.0]), 2.0),
+        RatedLoads(4, np.array([10.0, 20.0]), np.array([6000.0, 3000.0]), 2.0),
     ),
 )
 """At 16 m 2500 kg on two falls, and 3750 kg on four."""

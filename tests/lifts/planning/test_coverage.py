@@ -162,6 +162,10 @@ def test_no_obstacle_has_a_name_of_our_own(name: str) -> None:
         (15.0, (), "The foot of the crane stands on nothing"),
         (2.0, (box("slab", (0.0, 0.0), (5.0, 5.0, 2.0), 0.0),), "the foot on slab"),
         (2.0, (box("slab", (9.0, 0.0), (5.0, 5.0, 2.0), 0.0),), "stands on nothing"),
+        # 3 cm beside the square below the foot, and 3 cm below the foot.
+        (2.0, (box("ledge", (0.53, 0.0), (0.5, 1.0, 1.97), 0.0),), "stands on nothing"),
+        (2.0, (box("low", (0.0, 0.0), (5.0, 5.0, 1.94), 0.0),), "stands on nothing"),
+        (2.0, (box("worn", (0.0, 0.0), (5.0, 5.0, 1.96), 0.0),), "the foot on worn"),
         (-5.0, (), "the mast stands in ground"),
     ],
 )

@@ -183,7 +183,7 @@ def test_a_rope_that_is_too_short_for_the_ground_has_no_certificate(
     short = load_crane(values={**lift.lift.clearance.site.crane, "hoist_max": 26.4})
     planned = replace(lift.lift, clearance=Clearance(short, lift.lift.clearance.site))
     (sentence,) = red(certify_ground_lift(replace(lift, lift=planned)))
-    assert re.fullmatch(r"The cable is 28\.\d+ m long at most, 26.40 m there are; .*", sentence)
+    assert re.fullmatch(r"The cable is 28\.\d+ m long at most, of 26.40 m; .*", sentence)
 
 
 def red(certificate: tuple[Trajectory, list[Check]]) -> list[str]:
@@ -290,6 +290,24 @@ def test_a_load_that_is_lifted_off_lead_and_set_down_beside_its_goal_has_no_cert
     _, checks = certify_ground_lift(leaning)
     assert not checks[0].holds and "without a bound" in checks[0].sentence
     assert not checks[-1].holds and "mm from its goal" in checks[-1].sentence
+
+
+def test_falls_of_the_site_carry_the_load_together(planned: Lift) -> None:
+    """Two falls are half as elastic as one, so that a load that is lifted off pulls more."""
+
+    def stiffness(lift: Lift, **given: int) -> float:
+        rope = from_ground(lift, rope_stiffness=1e7, **given).crane.springs.rope
+        assert rope is not None
+        return float(rope.stiffness)
+
+    clearance = planned.clearance
+    assert clearance.site.falls == 2
+    assert stiffness(planned) == 2e7
+    assert stiffness(planned, falls=4) == 4e7
+    nobody_knows = Clearance(planned.crane, replace(clearance.site, falls=None))
+    assert stiffness(replace(planned, clearance=nobody_knows)) == 1e7
+    with pytest.raises(OutOfRange, match="number of falls is 0"):
+        from_ground(planned, falls=0)
 
 
 def test_bad_input_is_a_sentence(planned: Lift) -> None:

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cranedyn.dynamics.contact import Ground, Hull, box_corners
 from cranedyn.dynamics.equations_of_motion import payload_position
@@ -25,7 +27,7 @@ pytest.importorskip("coal", reason="extra planning (coal) is not installed")
 from cranedyn.lifts.planning import ground_lift
 from cranedyn.lifts.planning.ground_lift import GroundLift, _largest_pull, _on_rope, ground_of
 from cranedyn.lifts.planning.solids import box, prism
-from tests.lifts.planning.sites import clearance, site
+from tests.lifts.planning.sites import clearance, load_corners, site
 
 pytestmark = pytest.mark.slow
 
@@ -185,13 +187,14 @@ def on_rope() -> Crane:
     return _on_rope(clearance(), 2e7)[0]
 
 
-def grounded(controller: Any = None) -> GroundLift:
-    """A lift of which only crane, motion and controller are asked for."""
+def grounded(controller: Any = None, motion_from: float = 0.0) -> GroundLift:
+    """A lift of which only crane, motion, phases and controller are asked for."""
     q = np.array([[0.3, 12.0, 0.0, 0.0, 10.0]] * 2)
     motion = Motion(1.0, q, 0.0 * q, 0.0 * q, clearance().crane.layout.drives)
     ground = Ground(box_corners(SIDE, SIDE, SIDE))
     nothing: Any = SimpleNamespace()
-    return GroundLift(nothing, on_rope(), ground, motion, controller, {"motion": 0.0})
+    phases = {"lift-off": 0.0, "motion": motion_from, "set-down": 3.0}
+    return GroundLift(nothing, on_rope(), ground, motion, controller, phases)
 
 
 ANGLES = (
@@ -251,7 +254,7 @@ def test_a_hoist_pulls_by_the_tension_until_the_load_hangs_and_its_swing_is_hidd
 
     stretched = tight * weight * 9.0 / 2e7
     state = of.state(x=12.0, l=9.0, rope_stretch=stretched, phi=0.03, sling_tangential=0.02)
-    lift = grounded(controller)
+    lift = grounded(controller, motion_from=1.0)
     effort = lift.command(0.5, state, lift.setpoint(0.5))
     hangs = tight > 0.9
     pull = weight if hangs else tight * weight
@@ -260,6 +263,48 @@ def test_a_hoist_pulls_by_the_tension_until_the_load_hangs_and_its_swing_is_hidd
     assert shown[0].q[2:4] == pytest.approx([0.03, share * 0.02] if hangs else [0.0, 0.0])
     assert shown[0].q[[0, 1, 4]] == pytest.approx([0.0, 12.0, 9.0 + LUG])
     assert lift.setpoint(0.5).position == pytest.approx([0.3, 12.0, 10.0 - LUG])
+
+
+@pytest.mark.parametrize(("t", "hangs"), [(0.5, False), (1.0, True), (2.5, True), (3.0, False)])
+def test_a_load_hangs_in_its_motion_however_hard_its_hoist_brakes(t: float, hangs: bool) -> None:
+    """A hoist that brakes by 2 m/s² leaves 80 % of the weight on the rope."""
+    of = on_rope()
+    shown: list[State] = []
+
+    def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        shown.append(state)
+        return np.zeros(3)
+
+    weight = of.payload_mass * of.gravity
+    stretched = 0.8 * weight * 9.0 / 2e7
+    state = of.state(x=12.0, l=9.0, rope_stretch=stretched, phi=0.03)
+    lift = grounded(controller, motion_from=1.0)
+    effort = lift.command(t, state, lift.setpoint(t))
+    assert shown[0].q[2] == (0.03 if hangs else 0.0)
+    assert effort[2] == pytest.approx(0.0 if hangs else 0.2 * weight, rel=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_no_point_of_a_load_that_turns_in_its_sling_is_farther_off_than_the_bound(
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    of = on_rope()
+    lift = grounded()
+    phi, theta, radial, tangential = rng.uniform(-0.6, 0.6, 4)
+    rope = {"l": rng.uniform(3.5, 20.0), "rope_stretch": rng.uniform(0.0, 0.9)}
+    sling = {"sling_radial": radial, "sling_tangential": tangential}
+    state = of.state(gamma=0.7, x=12.0, phi=phi, theta=theta, **rope, **sling)
+    seen = lift.seen(state).q
+    seen[4] += rope["rope_stretch"]
+    off = np.linalg.norm(
+        ground_lift.load_corners(lift, state.q) - load_corners(clearance(), seen), axis=1
+    )
+    bodies = clearance().bodies
+    radius = bodies.below + np.linalg.norm(bodies.hook.size)
+    bound = (3.0 * LUG + 2.0 * radius) * (abs(radial) + abs(tangential))
+    assert off.max() <= bound
 
 
 # --- the ground ----------------------------------------------------------------------------------
@@ -281,11 +326,11 @@ def test_the_ground_has_what_is_near_in_plan_and_no_zone_in_the_frame_of_the_cra
     everything = ground_of(yard, points)
     assert everything.height == pytest.approx(-2.0)
     assert len(everything.platforms) == 3
-    one = ground_of(yard, points, within=(places[:1], 1.0))
+    one = ground_of(yard, points, near=(places[:1], 1.0))
     (platform,) = one.platforms
     assert isinstance(platform, Hull)
     corners = np.array(platform.corners)
     np.testing.assert_allclose(corners.min(axis=0), [9.0, -1.0, -2.0], atol=1e-9)
     np.testing.assert_allclose(corners.max(axis=0), [11.0, 1.0, -1.0], atol=1e-9)
-    both = ground_of(yard, points, within=(places, 1.0))
+    both = ground_of(yard, points, near=(places, 1.0))
     assert len(both.platforms) == 2

@@ -15,7 +15,7 @@ import pytest
 import shapely
 import trimesh
 
-from cranedyn.errors import CraneError, DataError
+from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.lifts.planning import bim
 from cranedyn.lifts.planning.bim import read_ifc
 from cranedyn.lifts.planning.clearance import Clearance
@@ -108,7 +108,11 @@ def test_what_only_the_people_on_the_site_know_is_entered_in_tables_of_its_own(
         ("mass = 870.0\n", "", "[load] mass: it is missing; hook and slings are counted besides."),
         ("hook = 100.0", "hok = 100.0", "[rigging] hok"),
         ("[load]", "[crane]\nvalues = {payload_mass = 5.0}\n[load]", "[load] mass: payload_mass"),
-        ("efforts = [2e5", "efforts = [-2e5", "[drives] efforts"),
+        ("efforts = [2e5", "efforts = [-2e5", "one of efforts is -200000.0 N m; allowed is > 0"),
+        ("rates = [4.5", "rates = [0.0", "one of rates is 0.0 degrees/s; allowed is > 0"),
+        ("rates = [4.5, ", "rates = [", "allowed is 3 numbers [degrees/s, m/s, m/s]"),
+        ("[rigging]", "[lift]\nswing = 0\n[rigging]", "swing is 0 degrees; allowed is 0.01 to"),
+        ("[rigging]", "[uncertainty]\ndelay = 20\n[rigging]", "delay is 20 s; allowed is 0 to 1"),
         ("centre = 10.0\n", "", "[jib] centre: it is missing."),
     ],
 )
@@ -119,6 +123,12 @@ def test_what_is_entered_wrongly_or_twice_is_refused_with_its_table_and_field(
     (tmp_path / "site.toml").write_text(ENTERED.replace(old, new))
     with pytest.raises(DataError, match=re.escape(words)):
         read_site(tmp_path / "site.toml")
+
+
+@pytest.mark.parametrize("swing", [0.0, -0.01, 0.6, math.nan])
+def test_a_load_that_may_not_swing_at_all_is_refused(swing: float) -> None:
+    with pytest.raises(OutOfRange, match=r"swing of the load is .* rad"):
+        site(swing=swing)
 
 
 def test_a_number_that_the_site_gives_cannot_be_given_besides(tmp_path: Path) -> None:
@@ -395,7 +405,10 @@ def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(
     rooms = []
     for as_hulls in (False, True):
         here = site(
-            *read_ifc(path, as_hulls=as_hulls), load=corners(0.4, 0.4, 0.4), distance=0.1, swing=0.0
+            *read_ifc(path, as_hulls=as_hulls),
+            load=corners(0.4, 0.4, 0.4),
+            distance=0.1,
+            swing=1e-3,
         )
         asked = Clearance(crane(), here)
         rooms.append(asked.margin(asked.q(asked.place(np.array([10.0, 0.0, 3.1])))))

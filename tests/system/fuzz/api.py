@@ -212,7 +212,7 @@ CALLS = {
     "lifting": """
         loads(crane, trajectory)
         jib_moment(crane, trajectory, np.array([0.0, 5.0]))
-        Falls(1, np.array([10.0, 20.0]), np.array([2000.0, 1000.0])).at(12.0)
+        RatedLoads(1, np.array([10.0, 20.0]), np.array([2000.0, 1000.0])).at(12.0)
         utilisation(carried, chart)
         Reeving(4, 0.98, 0.2).columns(crane, trajectory)
         Reeving(4).line_pull(np.full(5, 1e4), np.linspace(-1.0, 1.0, 5))
