@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 from cranedyn.dynamics.converters import converters
-from cranedyn.errors import DataError, ModelError
+from cranedyn.errors import DataError, ModelError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.crane_bodies import shape_corners
 from cranedyn.lifts.sites.brakes import brakes, largest_rate, stopping_distance
@@ -327,7 +328,7 @@ def test_of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can
     operators = [lambda t, states, rate=rate: rate for rate in rates]
     run = simulate_site(site, operators, duration=90.0)
     assert keeps(run) and run.deadlocks
-    q = [states[round(run.deadlocks[0][0] / 0.1), [0, 1, 4]] for states in run.states]
+    q = [states[round(run.deadlocks[0].t / 0.1), [0, 1, 4]] for states in run.states]
     slack = [station.brakes.tolerances for station in site.stations]
     boxes = [np.array([[x - y, x + y]]) for x, y in zip(q, slack, strict=True)]
     ahead = [np.array([[0.0] * 3, [1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0], [0.0] * 3])]
@@ -454,6 +455,18 @@ def test_a_bad_site_is_refused_with_line_and_field(
     file.write_text(text.replace(old, new), "utf-8")
     with pytest.raises(DataError, match=words):
         read_crane_site(file)
+
+
+def test_no_brake_is_stronger_than_the_ramp_of_its_drive() -> None:
+    """Guards that counted on more would let the drives leave their boxes."""
+    station = site_of().stations[0]
+    brake = station.brakes
+    strong = replace(brake, decelerations=brake.decelerations * [1.0, 1.2, 1.0])
+    words = "deceleration of the brake of x of north is 0.6839 m/s²; allowed is up to 0.6332"
+    with pytest.raises(OutOfRange, match=words):
+        replace(station, brakes=strong)
+    ramps = replace(brake, decelerations=station.converters.accelerations)
+    assert replace(station, brakes=ramps).brakes is ramps
 
 
 def wall_crane(folder: Path, old: str, new: str) -> Crane:
