@@ -92,6 +92,9 @@ class Adversary:
         for station, state in zip(self.site.stations, states, strict=True):
             ropes.append(station.rope(state.q))
         mine = ropes.pop(self.index)
+        if not ropes:
+            # There is no other crane to push towards.
+            return np.zeros(mine.motion.shape[:2])
         offsets = np.array([other.pivot[:, :2] - mine.pivot[:, :2] for other in ropes])
         nearest = np.argmin((offsets * offsets).sum(axis=2), axis=0)
         offset = offsets[nearest, np.arange(len(mine.pivot))]

@@ -14,6 +14,7 @@ from functools import cache
 
 import numpy as np
 
+from cranedyn.errors import CraneError, quoted
 from cranedyn.interfaces import State
 from cranedyn.lifts.sites.brakes import CYCLE
 from cranedyn.lifts.sites.crane_site import CraneSite
@@ -103,17 +104,46 @@ class LiftOperator:
     finished: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Begin with nothing to do."""
+        """Begin with nothing to do.
+
+        Raises:
+            CraneError: If no place of a lift can lie in the zone.
+        """
         self.station = self.site.stations[self.index]
         layout = self.station.crane.layout
         brakes = gentle(self.station, self.site.swing, self.site.working_wind)
         self.tolerances = np.array([ARRIVAL_TOLERANCE[joint.unit] for joint in layout.driven])
         self._rng = np.random.default_rng(self.seed)
         self._ramp = OPERATOR_RAMP_RATIO * brakes.decelerations
+        self._check_zone()
         # Rates without those that follow the load.
         self._base_rates = np.zeros(layout.m)
         self._waits_until = 0.0
         self._legs: list[np.ndarray] = []
+
+    def _check_zone(self) -> None:
+        """Check that places of lifts can lie in the zone: otherwise they would be drawn for ever.
+
+        Raises:
+            CraneError: If none can.
+        """
+        if self.zone is None:
+            return
+        winch = self.station.crane.winch
+        low, high = reach(self.site, self.index)
+        edge = EDGE_RATIO * (high - low)
+        lowest = low + edge
+        highest = high - edge
+        lowest[winch] = PLACING_RATIO * high[winch]
+        highest[winch] = lowest[winch]
+        for drive, joint in enumerate(self.station.crane.layout.driven):
+            zone_low, zone_high = self.zone[:, drive].tolist()
+            if not (lowest[drive] <= zone_high and zone_low <= highest[drive]):
+                raise CraneError(
+                    f"No place of a lift of {quoted(self.station.name)} lies in its zone: there "
+                    f"{joint.symbol} is from {zone_low:.4g} to {zone_high:.4g} {joint.unit}, and "
+                    f"places are from {lowest[drive]:.4g} to {highest[drive]:.4g} {joint.unit}."
+                )
 
     def places(self) -> np.ndarray:
         """Return where the next lift begins and ends, shape (2, m).
@@ -284,6 +314,8 @@ def _passes_towers(
     my_capsules = np.nonzero(moves_with_crane)[0]
     is_other = np.arange(len(site.stations)) != index
     towers = np.argwhere((bodies.joint == 0) & is_other[:, None])
+    if not len(towers) or not len(my_capsules):
+        return True
     pairs = np.array(list(itertools.product(my_capsules, range(len(towers)))))
 
     for other_drives in ends:
