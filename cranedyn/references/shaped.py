@@ -110,7 +110,7 @@ def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> 
     Raises:
         OutOfRange: If a period is not positive, or there is none.
     """
-    periods = [period] if isinstance(period, float | int) else list(period)
+    periods = np.atleast_1d(period).tolist()
     if not periods:
         raise OutOfRange("swing periods", "none", "one or more", "s")
     delays = np.zeros(1)
