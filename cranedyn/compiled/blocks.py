@@ -175,7 +175,7 @@ class _Blocks:
         except Exception:
             # Whatever a function of the user raises is raised again at its instant, by the loop.
             return None
-        if form is None or form.lacking():
+        if form is None or form.not_finite_field():
             return None
         return _Tables(form, setpoint, areas, air)
 

@@ -367,7 +367,7 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) 
             f"{type(controller).__name__} is not affine in the state, or has run before; a batch "
             "needs one that is."
         )
-    if lacking := form.lacking():
+    if lacking := form.not_finite_field():
         values = getattr(form, lacking)
         name = f"{lacking} in the common form of {type(controller).__name__}"
         raise OutOfRange(name, float(values[~np.isfinite(values)][0]), "finite")

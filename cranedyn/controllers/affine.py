@@ -44,24 +44,29 @@ class Affine:
     limit: np.ndarray
     integral: np.ndarray
 
-    def lacking(self) -> str:
-        """Return the first field with a number that is not finite, or an empty text; a limit may be
-        infinite.
+    def not_finite_field(self) -> str:
+        """Return the name of the first field with a number that is not finite, or an empty text; a
+        limit may be infinite.
         """
         for name in ("feed_forward", "gain", "setpoint", "target", "integral_gain", "integral"):
             if not np.isfinite(getattr(self, name)).all():
                 return name
         return ""
 
-    def fitting(self, owner: str, instants: int, drives: int, width: int) -> Affine:
-        """Return the same with its shapes checked, for a number of control instants, of drives, and
-        of coordinates and rates together.
+    def checked(self, owner: str, instants: int, drives: int, width: int) -> Affine:
+        """Return the same form with the shapes of all fields checked.
+
+        Args:
+            owner: Name of the controller whose form it is, for an error.
+            instants: Number of control instants.
+            drives: Number of drives, m.
+            width: Number of coordinates and rates together, 2 n.
 
         Raises:
-            Misshapen: If it is not: which of them, of whose form; or if a limit is no number.
+            Misshapen: If a field has another shape, or a limit is no number.
         """
 
-        def part(name: str, *shape: int | str) -> np.ndarray:
+        def field(name: str, *shape: int | str) -> np.ndarray:
             """Return a field with its shape checked; "rows" stands for 1 to `instants` rows."""
             title = f"{name} in the common form of {owner}"
             checked = as_array(title, getattr(self, name), shape)
@@ -70,19 +75,19 @@ class Affine:
                 raise Misshapen(title, rows, f"one of 1 to {instants}")
             return checked
 
-        feed_forward = part("feed_forward", "rows", drives)
-        limit = part("limit", drives)
+        feed_forward = field("feed_forward", "rows", drives)
+        limit = field("limit", drives)
         if np.isnan(limit).any():
             name = f"limit in the common form of {owner}"
             raise Misshapen(name, "an array that holds nan", "numbers, inf for none")
         return Affine(
-            feed_forward,
-            part("gain", len(feed_forward), drives, width),
-            part("setpoint", "rows", width),
-            part("target", "rows", drives),
-            part("integral_gain", drives),
-            limit,
-            part("integral", drives),
+            feed_forward=feed_forward,
+            gain=field("gain", len(feed_forward), drives, width),
+            setpoint=field("setpoint", "rows", width),
+            target=field("target", "rows", drives),
+            integral_gain=field("integral_gain", drives),
+            limit=limit,
+            integral=field("integral", drives),
         )
 
 
@@ -135,7 +140,7 @@ def affine_form(
     if form is not None and not isinstance(form, Affine):
         allowed = "an Affine, or None where it is not affine"
         raise Misshapen(f"the common form of {owner}", type(form).__name__, allowed)
-    return None if form is None else form.fitting(owner, len(times), positions.shape[1], width)
+    return None if form is None else form.checked(owner, len(times), positions.shape[1], width)
 
 
 def integrated_command(
@@ -164,9 +169,16 @@ def integrated_command(
 
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:
     """Return the affine form of a controller that does not integrate."""
-    none = np.zeros(feed_forward.shape[1])
-    unlimited = np.full_like(none, np.inf)
-    return Affine(feed_forward, gain, setpoint, none[None], none, unlimited, none)
+    zero = np.zeros(feed_forward.shape[1])
+    return Affine(
+        feed_forward=feed_forward,
+        gain=gain,
+        setpoint=setpoint,
+        target=zero[None],
+        integral_gain=zero,
+        limit=np.full_like(zero, np.inf),
+        integral=zero,
+    )
 
 
 def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndarray:

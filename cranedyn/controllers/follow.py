@@ -32,6 +32,7 @@ class Follow(ShortRepr):
     control_period: float = 5e-3
 
     def __post_init__(self) -> None:
+        """Check the control period."""
         number("control_period", self.control_period, "s", "> 0")
 
     def begin_run(self, t: float, control_period: float) -> None:
@@ -40,13 +41,14 @@ class Follow(ShortRepr):
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return accelerations of the drives [rad/s² or m/s²], shape (m,)."""
-        return (
-            self.reference(t + self.control_period).velocity - state.v[self.crane.layout.drives]
-        ) / self.control_period
+        wanted = self.reference(t + self.control_period).velocity
+        return (wanted - state.v[self.crane.layout.drives]) / self.control_period
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        """Return the affine form, see `cranedyn.controllers.affine`; OutOfRange if the control
-        instants are further apart than the period.
+        """Return the affine form, see `cranedyn.controllers.affine`.
+
+        Raises:
+            OutOfRange: If the control instants are further apart than the period.
         """
         if len(times) > 1:
             soon_enough(self.control_period, float(times[1] - times[0]))

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -28,7 +29,7 @@ experiments.a1 --identify``), those of the slew are one of several pairs that me
 amplitude of experiment A3.
 """
 
-_PERIOD = 5e-3
+_CONTROL_PERIOD = 5e-3
 """Control period [s] within which the damping must not stop what a drive moves."""
 
 FREQUENCY = 5.0
@@ -38,6 +39,24 @@ damping; ours."""
 
 Gains = Sequence[float] | Mapping[str, float] | None
 """Gains of all drives, or of some by their symbols; None for the usual ones."""
+
+
+class _DriveGains(NamedTuple):
+    """Gains of one drive as plain numbers.
+
+    Attributes:
+        drive: Index among the drives.
+        joint: Index among the coordinates.
+        feed_forward: Effort added always [N m or N].
+        stiffness: k_p [N m/rad or N/m].
+        damping: k_d [N m s/rad or N s/m].
+    """
+
+    drive: int
+    joint: int
+    feed_forward: float
+    stiffness: float
+    damping: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,21 +79,24 @@ class Hold(ShortRepr):
     feed_forward: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check the gains and have them as plain numbers, which are quicker than NumPy's for a few
-        drives by themselves.
+        """Check the gains, and keep them as plain numbers too, which are quicker than arrays of so
+        few.
         """
         for name in ("stiffness", "damping", "feed_forward"):
             gains = as_array(name, getattr(self, name), (self.crane.layout.m,))
             object.__setattr__(self, name, gains)
-        plain = zip(
-            range(self.crane.layout.m),
-            self.crane.layout.drives.tolist(),
-            self.feed_forward.tolist(),
-            self.stiffness.tolist(),
-            self.damping.tolist(),
-            strict=True,
-        )
-        object.__setattr__(self, "_plain", tuple(plain))
+        of_drives = []
+        for drive, joint in enumerate(self.crane.layout.drives.tolist()):
+            of_drives.append(
+                _DriveGains(
+                    drive=drive,
+                    joint=joint,
+                    feed_forward=float(self.feed_forward[drive]),
+                    stiffness=float(self.stiffness[drive]),
+                    damping=float(self.damping[drive]),
+                )
+            )
+        object.__setattr__(self, "_of_drives", tuple(of_drives))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return efforts [N m or N], shape (m,)."""
@@ -82,11 +104,11 @@ class Hold(ShortRepr):
         q = state.q.tolist()
         v = state.v.tolist()
         target = setpoint.position.tolist()
-        plain = self._plain  # type: ignore[attr-defined]
-        if len(target) != len(plain):
-            as_array("position of the setpoint", setpoint.position, (len(plain),))
-        efforts = np.empty(len(plain))
-        for drive, joint, feed_forward, k_p, k_d in plain:
+        of_drives = self._of_drives  # type: ignore[attr-defined]
+        if len(target) != len(of_drives):
+            as_array("position of the setpoint", setpoint.position, (len(of_drives),))
+        efforts = np.empty(len(of_drives))
+        for drive, joint, feed_forward, k_p, k_d in of_drives:
             efforts[drive] = feed_forward + k_p * (target[drive] - q[joint]) - k_d * v[joint]
         return efforts
 
@@ -130,39 +152,62 @@ def hold_controller(
     for joint, inertia in zip(crane.layout.driven, inertias, strict=True):
         # A damping whose effort is held for a period stops an inertia within it where k_d times the
         # period reaches the inertia. A drive without a role has no usual gains.
-        if DAMPING.get(joint.role, math.inf) * _PERIOD <= inertia:
+        if DAMPING.get(joint.role, math.inf) * _CONTROL_PERIOD <= inertia:
             usual_stiffness.append(STIFFNESS[joint.role])
             usual_damping.append(DAMPING[joint.role])
         else:
             # Critical damping at the given frequency.
             usual_stiffness.append(FREQUENCY**2 * inertia)
             usual_damping.append(2.0 * FREQUENCY * inertia)
+    weights = [_weight(crane, joint, gravity) for joint in crane.layout.drives.tolist()]
     return Hold(
         crane,
-        _gains(crane, "stiffness", stiffness, usual_stiffness),
-        _gains(crane, "damping", damping, usual_damping),
-        np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives.tolist()]),
+        stiffness=_gains(crane, "stiffness", stiffness, usual_stiffness),
+        damping=_gains(crane, "damping", damping, usual_damping),
+        feed_forward=np.array(weights),
     )
 
 
 def _gains(crane: Crane, name: str, gains: Gains, usual: list[float]) -> np.ndarray:
-    """Return gains of all drives, the usual ones by default."""
+    """Return gains of all drives, shape (m,).
+
+    Args:
+        crane: The crane.
+        name: Name of the gains for an error.
+        gains: What is given of them.
+        usual: The usual gains, for drives of which none is given.
+    """
+    if gains is None:
+        return crane.layout.for_drives(name, usual)
     if isinstance(gains, Mapping):
+        merged = list(usual)
         for symbol, value in gains.items():
-            usual[crane.layout.drive(symbol)] = value
-        gains = None
-    return crane.layout.for_drives(name, usual if gains is None else gains)
+            merged[crane.layout.drive(symbol)] = value
+        return crane.layout.for_drives(name, merged)
+    return crane.layout.for_drives(name, gains)
 
 
 def _weight(crane: Crane, joint: int, gravity: float) -> float:
-    """Return the effort that holds the weight on a drive [N m or N]."""
+    """Return the effort that holds the weight on a drive where the crane starts [N m or N].
+
+    Args:
+        crane: The crane.
+        joint: Index of the drive among the coordinates.
+        gravity: Gravity that is assumed [m/s²].
+    """
     model = crane.model
     kind = crane.layout.joints[joint].kind
     up = crane.layout.joints[joint].axis[2]
-    if kind == "prismatic" and crane.coupling is None:
-        return up * gravity * sum(model.inertias[i].mass for i in model.subtrees[joint + 1])
-    if abs(up) == 1.0:
-        return 0.0
+    # Without joints that follow others two cases need no dynamics, and have no round-off: a drive
+    # that slides carries all that is beyond it, along its axis; one that turns about the vertical
+    # carries nothing.
+    if crane.coupling is None:
+        if kind == "prismatic":
+            return up * gravity * sum(model.inertias[i].mass for i in model.subtrees[joint + 1])
+        if abs(up) == 1.0:
+            return 0.0
     weights = pin.computeGeneralizedGravity(model, crane.data, crane.start.q)
-    weight = (weights if crane.coupling is None else crane.coupling.gather(weights))[joint]
-    return float(weight) * gravity / crane.gravity
+    if crane.coupling is not None:
+        # A drive carries the weight on the joints that follow it, too.
+        weights = crane.coupling.gather(weights)
+    return float(weights[joint]) * gravity / crane.gravity

@@ -1,4 +1,4 @@
-"""An integrator on the hoist: a load of another mass than believed ends where it shall all the
+"""An integrator on the hoist, by which a load of another mass than assumed ends at its goal all the
 same.
 """
 
@@ -48,7 +48,9 @@ class HoistIntegral(ShortRepr):
     _drive: int = field(init=False)
 
     def __post_init__(self) -> None:
-        """Check the numbers; until it knows better, it is asked for each row of its table."""
+        """Check the numbers. Until a run says otherwise, a call is expected for each row of the
+        table.
+        """
         number("integral gain of the hoist", self.integral_gain, "N/(m s)")
         number("integral of the hoist", self.integral, "m s")
         self._elapsed = self.tracking.period
@@ -58,6 +60,7 @@ class HoistIntegral(ShortRepr):
     def begin_run(self, t: float, control_period: float) -> None:
         """See `cranedyn.clocks.Clocked`."""
         self._elapsed = control_period
+        # The first error of the run counts for one control period.
         if t > self._t:
             self._t = t - control_period
 
@@ -66,19 +69,31 @@ class HoistIntegral(ShortRepr):
         effort = self.tracking(t, state, setpoint)
         error = float(setpoint.position[self._drive] - state.q[self._joint])
         if t != self._t:
-            since = t - self._t
-            if 0.0 < since < math.inf and not math.isclose(
-                since, self._elapsed, rel_tol=SAME_PERIOD
-            ):
-                self._elapsed = since
-            # Anti-windup: at the limit an error counts only where it takes the command back.
-            integral = self.integral + error * self._elapsed
-            total = float(effort[self._drive]) + self.integral_gain * integral
-            if abs(total) <= self.limit or error * total < 0.0:
-                self.integral = integral
-            self._t = t
+            self._integrate(t, error, float(effort[self._drive]))
         effort[self._drive] += self.integral_gain * self.integral
         return effort
+
+    def _integrate(self, t: float, error: float, effort: float) -> None:
+        """Count an error of the hoist for the time since the controller was last asked.
+
+        Args:
+            t: Time [s].
+            error: Setpoint less position of the hoist [m].
+            effort: Effort of the hoist without the integrator [N].
+        """
+        # At the first instant, or where time restarts, the time that was counted last counts again.
+        # So does one that differs by the rounding of a clock only.
+        since = t - self._t
+        is_usual = math.isclose(since, self._elapsed, rel_tol=SAME_PERIOD)
+        if 0.0 < since < math.inf and not is_usual:
+            self._elapsed = since
+        self._t = t
+
+        # Anti-windup: at the limit an error counts only where it takes the command back.
+        integral = self.integral + error * self._elapsed
+        total = effort + self.integral_gain * integral
+        if abs(total) <= self.limit or error * total < 0.0:
+            self.integral = integral
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
         """Return the affine form, see `cranedyn.controllers.affine`; None if the controller was

@@ -21,6 +21,18 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion, motion_efforts
 
+BRYSON_ERRORS = {
+    ("revolute", True): (0.01, 0.05),
+    ("prismatic", True): (0.1, 0.5),
+    ("revolute", False): (0.01, 0.01),
+    ("prismatic", False): (0.1, 0.1),
+}
+"""Errors that weigh alike, ours, by kind of joint and whether it is driven: of the coordinate [rad
+or m] and of its rate [per second]."""
+
+BRYSON_EFFORTS = {"revolute": 2.0e4, "prismatic": 1.0e3}
+"""Efforts beyond the feed-forward that weigh alike, ours, by kind of joint [N m or N]."""
+
 
 class Linearised(NamedTuple):
     """Feed-forward at every row of a motion, and a linear model for each stretch of it.
@@ -148,8 +160,9 @@ def riccati(
             ) from error
     cost[-1] = weight_matrix("final weight", final_weight, nz, definite=False)
     with _solvable():
-        # With P the cost-to-go of the next instant, K = (R + BᵀPB)⁻¹ BᵀP A, and the cost-to-go is
-        # Q + AᵀP (A - B K). It is kept symmetric, since round-off would grow over the sweep.
+        # With P the cost-to-go of the next instant, the gain is K = (R + BᵀPB)⁻¹ BᵀP A, and the
+        # cost-to-go Q + AᵀP (A - B K). It is kept symmetric, since round-off would grow over the
+        # sweep.
         for k in range(len(a) - 1, -1, -1):
             input_cost = b[k].T @ cost[k + 1]
             gain[k] = np.linalg.solve(effort_weight + input_cost @ b[k], input_cost @ a[k])
@@ -187,28 +200,17 @@ def _solvable() -> Iterator[None]:
         ) from error
 
 
-ERROR = {
-    ("revolute", True): (0.01, 0.05),
-    ("prismatic", True): (0.1, 0.5),
-    ("revolute", False): (0.01, 0.01),
-    ("prismatic", False): (0.1, 0.1),
-}
-"""Errors that weigh alike, ours, by kind of joint and whether it is driven: of the coordinate [rad
-or m] and of its rate [per second]."""
-
-EFFORT = {"revolute": 2.0e4, "prismatic": 1.0e3}
-"""Efforts beyond the feed-forward that weigh alike, ours [N m or N]."""
-
-
 def state_weight_of(crane: Crane) -> np.ndarray:
-    """Return Q for coordinates and rates by Bryson's rule, shape (2 n, 2 n)."""
-    errors = np.array([ERROR[joint.kind, joint.driven] for joint in crane.layout.joints])
+    """Return Q for coordinates and rates by Bryson's rule, shape (2 n, 2 n): one over the square of
+    an error that is as bad as each of the others.
+    """
+    errors = np.array([BRYSON_ERRORS[joint.kind, joint.driven] for joint in crane.layout.joints])
     return np.diag(1.0 / errors.T.ravel()) ** 2
 
 
 def effort_weight_of(crane: Crane) -> np.ndarray:
     """Return R for the drives by the same rule, shape (m, m)."""
-    return np.diag([1.0 / EFFORT[joint.kind] for joint in crane.layout.driven]) ** 2
+    return np.diag([1.0 / BRYSON_EFFORTS[joint.kind] for joint in crane.layout.driven]) ** 2
 
 
 def lqr(

@@ -32,7 +32,14 @@ HOIST = (4.0e4, 1.0e4, 1.2e4)
 def trolley_plane(
     mass: float, trolley: float, length: float, gravity: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a and b of Eqs. (7), (8): M ẍ = F_x - m g φ and l φ̈ = ẍ - g φ, for [x, ẋ, φ, φ̇]."""
+    """Return a and b of Eqs. (7), (8): M ẍ = F_x - m g φ and l φ̈ = ẍ - g φ, for [x, ẋ, φ, φ̇].
+
+    Args:
+        mass: Mass of the load, m [kg].
+        trolley: Mass of the trolley, M [kg].
+        length: Cable length, l [m].
+        gravity: Gravity, g [m/s²].
+    """
     drive = np.array([0.0, 0.0, -mass * gravity / trolley, 0.0])
     a = np.array([[0, 1, 0, 0], drive, [0, 0, 0, 1], (drive - [0, 0, gravity, 0]) / length])
     return a, np.array([[0.0], [1.0 / trolley], [0.0], [1.0 / (trolley * length)]])
@@ -42,7 +49,14 @@ def slew_plane(
     mass: float, inertia: float, radius: float, length: float, gravity: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a and b of Eqs. (9), (10): J γ̈ = T_γ - m g x θ and l θ̈ = x γ̈ - g θ, for [γ, γ̇, θ,
-    θ̇]; J is that of structure and trolley.
+    θ̇].
+
+    Args:
+        mass: Mass of the load, m [kg].
+        inertia: Moment of inertia of structure and trolley about the slew axis, J [kg m²].
+        radius: Position of the trolley, x [m].
+        length: Cable length, l [m].
+        gravity: Gravity, g [m/s²].
     """
     drive = np.array([0.0, 0.0, -mass * gravity * radius / inertia, 0.0])
     a = np.array(
@@ -67,7 +81,7 @@ def paper_controller(
         motion: What to track; its period is the control period.
         gravity: Gravity assumed by the controller [m/s²]; it may differ from that of the crane,
             which None takes.
-        hoist: k_p, k_i, k_d of the hoist.
+        hoist: k_p [N/m], k_i [N/(m s)] and k_d [N s/m] of the hoist.
         every: Control instants between linearisations.
 
     Raises:
@@ -75,63 +89,73 @@ def paper_controller(
         OutOfRange: If a gain of the hoist is negative or there are not three, gravity is not
             positive, or `every` is not at least 1.
     """
-    slew, trolley_joint, radial, tangential, cable = crane.layout.tower("The paper's control")
+    slew, trolley, radial, tangential, hoist_joint = crane.layout.tower("The paper's control")
     motion.check_fits("motion", crane.layout)
     every = min(whole("rows between linearisations", every, 1), len(motion.q))
     gravity = crane.gravity if gravity is None else number("gravity", gravity, "m/s²", "> 0")
     if finite("gains of the hoist", hoist, (3,)).min() < 0.0:
         raise OutOfRange("gains of the hoist", hoist, ">= 0")
-    mass = crane.payload_mass
-    trolley = crane.trolley_mass
-    n = len(motion.q)
-    radius = motion.q[:, trolley_joint]
-    length = motion.q[:, cable]
-    inertia = crane.slewing_inertia + trolley * radius**2
-    joints = crane.layout.n
-    rows = range(0, n, every)
-    drive = {role: crane.layout.drive_of(role) for role in ("slew", "trolley", "hoist")}
+    load_mass = crane.payload_mass
+    trolley_mass = crane.trolley_mass
+    rows = len(motion.q)
+    radius = motion.q[:, trolley]
+    length = motion.q[:, hoist_joint]
+    inertia = crane.slewing_inertia + trolley_mass * radius**2
+    trolley_planes = []
+    slew_planes = []
+    for k in range(0, rows, every):
+        trolley_planes.append(trolley_plane(load_mass, trolley_mass, length[k], gravity))
+        slew_planes.append(slew_plane(load_mass, inertia[k], radius[k], length[k], gravity))
 
-    # A plane's state is the drive, its rate, the swing and its rate; the columns are theirs.
-    gain = np.zeros((n, crane.layout.m, 2 * joints))
-    trolley_planes = [trolley_plane(mass, trolley, length[k], gravity) for k in rows]
-    columns = [trolley_joint, joints + trolley_joint, radial, joints + radial]
+    # The state of a plane is the drive, its rate, the swing and its rate. In the state of the crane
+    # a rate is n columns behind its coordinate.
+    n = crane.layout.n
+    gain = np.zeros((rows, crane.layout.m, 2 * n))
+    drive = {role: crane.layout.drive_of(role) for role in ("slew", "trolley", "hoist")}
+    columns = [trolley, n + trolley, radial, n + radial]
     gain[:, drive["trolley"], columns] = _plane_gains(
-        trolley_planes, TROLLEY_WEIGHTS, motion.period, n, every
+        trolley_planes, TROLLEY_WEIGHTS, motion.period, rows, every
     )
-    slew_planes = [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in rows]
-    columns = [slew, joints + slew, tangential, joints + tangential]
+    columns = [slew, n + slew, tangential, n + tangential]
     gain[:, drive["slew"], columns] = _plane_gains(
-        slew_planes, SLEW_WEIGHTS, motion.period, n, every
+        slew_planes, SLEW_WEIGHTS, motion.period, rows, every
     )
     k_p, k_i, k_d = hoist
-    gain[:, drive["hoist"], [cable, joints + cable]] = k_p, k_d
+    gain[:, drive["hoist"], hoist_joint] = k_p
+    gain[:, drive["hoist"], n + hoist_joint] = k_d
 
     # Of a load that hangs plumb: the inertia about the slew axis, the masses along the jib, and the
     # weight of the load on the hoist, whose coordinate grows downwards.
     feed_forward = np.stack(
         [
-            (inertia + mass * radius**2) * motion.a[:, slew],
-            (trolley + mass) * motion.a[:, trolley_joint],
-            mass * (motion.a[:, cable] - gravity),
+            (inertia + load_mass * radius**2) * motion.a[:, slew],
+            (trolley_mass + load_mass) * motion.a[:, trolley],
+            load_mass * (motion.a[:, hoist_joint] - gravity),
         ],
         axis=1,
     )
-    return HoistIntegral(
-        crane,
-        Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])),
-        k_i,
-        float(crane.effort_limit[drive["hoist"]]),
-    )
+    tracking = Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v]))
+    limit = float(crane.effort_limit[drive["hoist"]])
+    return HoistIntegral(crane, tracking, integral_gain=k_i, limit=limit)
 
 
 def _plane_gains(
     planes: list[tuple[np.ndarray, np.ndarray]],
     weights: tuple[np.ndarray, np.ndarray],
     period: float,
-    n: int,
-    stride: int,
+    rows: int,
+    every: int,
 ) -> np.ndarray:
-    """Return gains of the finite-horizon sweep for one plane, zero-order hold, shape (n, 4)."""
+    """Return the gains of the finite-horizon sweep for one plane, with the effort held for each
+    control period, shape (rows, 4).
+
+    Args:
+        planes: a and b at each linearisation.
+        weights: Q and R.
+        period: Control period [s].
+        rows: Rows of the motion.
+        every: Rows from one linearisation to the next.
+    """
     # exp(h [[A, B], [0, 0]]) = [[A_d, B_d], [0, 1]]: state and input after a period h in which the
     # input is held.
     block = np.zeros((len(planes), 5, 5))
@@ -141,7 +165,7 @@ def _plane_gains(
     discrete = scipy.linalg.expm(period * block)
     a = discrete[:, :4, :4]
     b = discrete[:, :4, 4:]
-    plane_of_row = np.arange(n) // stride
+    plane_of_row = np.arange(rows) // every
     state_weight, effort_weight = weights
     final_weight = stationary(a[-1], b[-1], state_weight, effort_weight)
     sweep = riccati(a[plane_of_row], b[plane_of_row], state_weight, effort_weight, final_weight)

@@ -11,13 +11,13 @@ lag and the delay of commands.
 * `DampingController` commands the rate that it computes anyway.
 * Any other controller of efforts or accelerations commands v + τ a.
 
-Feed-forward is commanded early by the delay, and compensated for the lag. All but the last two are
-affine in the state.
+Feed-forward is commanded early by the delay, and compensated for the lag. All controllers of this
+list but the last two are affine in the state.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,14 +59,20 @@ class _LagCompensation:
         """Delay and lag of each drive [s], shape (m,)."""
         return self.converters.lags + self.ahead
 
-    def undone(self, now: np.ndarray, later: np.ndarray) -> np.ndarray:
-        """Return commands whose ramps pass the reference rates, given those a period later, shape
-        (rows, m) each: a ramp that gains ρ per second at jerk J stays ρ²/(2 J) behind.
+    def commands_for(self, rates: np.ndarray, later_rates: np.ndarray) -> np.ndarray:
+        """Return the commands for which the ramps of the converters pass reference rates, shape
+        (rows, m).
+
+        A ramp generator takes the time a/J to reach an acceleration a at the jerk J. So a command
+        that rises at the slope a is followed by a ramp that stays a²/(2 J) behind it.
+
+        Args:
+            rates: Reference rates [rad/s or m/s], shape (rows, m).
+            later_rates: Those a period later, shape (rows, m).
         """
         limit = self.converters.accelerations
-        jerk = self.converters.jerks
-        gaining = np.clip((later - now) / self.period, -limit, limit)
-        return now + gaining * np.abs(gaining) / (2.0 * jerk)
+        slope = np.clip((later_rates - rates) / self.period, -limit, limit)
+        return rates + slope * np.abs(slope) / (2.0 * self.converters.jerks)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,9 +114,9 @@ class FollowVelocityCommand(ShortRepr):
 
     def _rates(self, times: np.ndarray) -> np.ndarray:
         """Return the rates to command at some times [s], shape (rows, m)."""
-        now = self._reference_rates(times + self.lead.ahead)
-        later = self._reference_rates(times + self.lead.ahead + self.lead.period)
-        return self.lead.undone(now, later)
+        rates = self._reference_rates(times + self.lead.ahead)
+        later_rates = self._reference_rates(times + self.lead.ahead + self.lead.period)
+        return self.lead.commands_for(rates, later_rates)
 
     def _reference_rates(self, times: np.ndarray) -> np.ndarray:
         """Return the rates r for which drives with a lag T have the rates v of the reference at
@@ -192,12 +198,17 @@ def as_velocity_command(
             number("damping of a hold controller for velocity drives", damping, "", "> 0")
         # At the rate k_p (setpoint - position) / k_d damping and stiffness balance. It is a hold
         # controller with the gain k_p / k_d that commands rates.
-        none = np.zeros(crane.layout.m)
-        return Hold(crane, controller.stiffness / controller.damping, none, none)
+        zero = np.zeros(crane.layout.m)
+        return Hold(
+            crane,
+            stiffness=controller.stiffness / controller.damping,
+            damping=zero,
+            feed_forward=zero,
+        )
     if isinstance(controller, Tracking):
-        return _tracking(crane, controller, lead)[0]
+        return _rate_tracking(crane, controller, lead)[0]
     if isinstance(controller, HoistIntegral):
-        tracking, rates_per_effort = _tracking(crane, controller.tracking, lead)
+        tracking, rates_per_effort = _rate_tracking(crane, controller.tracking, lead)
         hoist = crane.layout.drive_of("hoist")
         return replace(
             controller,
@@ -208,16 +219,23 @@ def as_velocity_command(
     if isinstance(controller, Follow):
         return FollowVelocityCommand(crane, controller.reference, lead)
     if isinstance(controller, DampingController):
-        names = [field.name for field in fields(DampingController)]
-        return DampingVelocityCommand(*(getattr(controller, name) for name in names))
+        return DampingVelocityCommand(
+            crane=controller.crane,
+            reference=controller.reference,
+            ratio=controller.ratio,
+            recovery=controller.recovery,
+            rates=controller.rates,
+            accelerations=controller.accelerations,
+            control_period=controller.control_period,
+        )
     return VelocityCommand(crane, controller, drive, lead.total)
 
 
-def _tracking(
+def _rate_tracking(
     crane: Crane, tracking: Tracking, lead: _LagCompensation
 ) -> tuple[Tracking, np.ndarray]:
-    """Return gains about a motion that command rates, and the rates per effort at its end, shape
-    (m, m).
+    """Return the tracking controller that commands the rates which the efforts of another one would
+    give, and the rates per effort at the end of the motion, shape (m, m).
     """
     layout = crane.layout
     n = layout.n
@@ -236,9 +254,13 @@ def _tracking(
         rates[k] = state.v[drives] + lead.converters.lags * a
         gains[k] = tau * (by_effort[drives] @ tracking.gain[k] - by_state[drives])
     gains[:, range(layout.m), n + drives] -= 1.0
+
+    def rates_at(times: np.ndarray) -> np.ndarray:
+        """Return the rates at some times [s], shape (times, m)."""
+        row, share = locate_many(times, tracking.period, len(rates))
+        return interpolate_many(rates, row, share)
+
     times = tracking.period * np.arange(len(rates)) + lead.ahead
-    now = interpolate_many(rates, *locate_many(times, tracking.period, len(rates)))
-    later_times = times + lead.period
-    later = interpolate_many(rates, *locate_many(later_times, tracking.period, len(rates)))
-    rate_tracking = Tracking(tracking.period, lead.undone(now, later), gains, tracking.setpoint)
+    commands = lead.commands_for(rates_at(times), rates_at(times + lead.period))
+    rate_tracking = Tracking(tracking.period, commands, gains, tracking.setpoint)
     return rate_tracking, tau * by_effort[drives]

@@ -23,7 +23,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
 from cranedyn.references.motion import Motion, motion_efforts
 
-CALM = {
+SMALL_DISTURBANCE = {
     ("revolute", True): 2e-4,
     ("prismatic", True): 0.02,
     ("revolute", False): 3e-3,
@@ -92,13 +92,22 @@ class CableFamily:
         table = self._at(k)
         share_of_length, d_rate, d_acceleration = (share * table[:3, self._hoist]).tolist()
         d = share_of_length + offset
+
+        # d²/2 and its derivatives by time.
         half_square = d**2 / 2.0
-        square_acceleration = d_acceleration * d + d_rate**2  # half the second derivative of d²
-        cross = 2.0 * d_rate * d
-        position = [1.0, 0.0, 0.0, d, 0.0, 0.0, half_square, 0.0, 0.0]
-        velocity = [0.0, 1.0, 0.0, d_rate, d, 0.0, d_rate * d, half_square, 0.0]
-        acceleration = [0.0, 0.0, 1.0, d_acceleration, 2.0 * d_rate, d]
-        acceleration += [square_acceleration, cross, half_square]
+        half_square_rate = d_rate * d
+        half_square_acceleration = d_acceleration * d + d_rate**2
+
+        # Factors of q, v and a, of their first and of their second derivatives by the length.
+        position = [1.0, 0.0, 0.0]
+        position += [d, 0.0, 0.0]
+        position += [half_square, 0.0, 0.0]
+        velocity = [0.0, 1.0, 0.0]
+        velocity += [d_rate, d, 0.0]
+        velocity += [half_square_rate, half_square, 0.0]
+        acceleration = [0.0, 0.0, 1.0]
+        acceleration += [d_acceleration, 2.0 * d_rate, d]
+        acceleration += [half_square_acceleration, 2.0 * d_rate * d, half_square]
         return [position, velocity, acceleration] @ table
 
     def _at(self, k: int) -> np.ndarray:
@@ -141,7 +150,8 @@ class LoadEstimateController(ShortRepr):
     delay: int = 0
     estimate: State | None = field(default=None, init=False)
     _t: float = field(default=0.0, init=False)
-    _since: deque[np.ndarray] = field(default_factory=deque, init=False)
+    # Efforts since the time of the last measurement.
+    _commands: deque[np.ndarray] = field(default_factory=deque, init=False)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return commands of the drives [N m or N], shape (m,); only the measured part of the state
@@ -154,22 +164,23 @@ class LoadEstimateController(ShortRepr):
             self.filter.correct(state)
         else:
             check_next_call(t, self._t, self.period)
-            if len(self._since) > self.delay:
-                self.filter.step(self._since.popleft(), state)
+            if len(self._commands) > self.delay:
+                self.filter.step(self._commands.popleft(), state)
         # The filter stands at the time of the last measurement; the efforts since then take it to
         # the present.
         estimate = self.filter.state
-        for effort in self._since:
+        for effort in self._commands:
             estimate = self.filter.advanced(estimate, effort, self.period)
         self.estimate = estimate
         self._t = t
         row = min(max(round(t / self.period), 0), len(self.efforts) - 1)
         planned = self.family.planned(row)
-        adapted = self.family.row(row, *self.filter.cable)
+        cable = self.filter.cable
+        adapted = self.family.row(row, cable.offset, cable.share)
         equivalent = State(*(np.array(estimate) - adapted[:2] + planned[:2]))
         command = np.asarray(self.controller(t, equivalent, setpoint), dtype=float)
         command = command + self._motion_effort(adapted) - self.efforts[row]
-        self._since.append(command.clip(-self.effort_limit, self.effort_limit))
+        self._commands.append(command.clip(-self.effort_limit, self.effort_limit))
         return command
 
     def _motion_effort(self, row: np.ndarray) -> np.ndarray:
@@ -209,7 +220,7 @@ def with_load_estimate(
         cable_std: Standard deviation of the cable over its length at the start, once as an offset
             and once as a share of the reading; 0 for a cable of exactly the length that is read.
         disturbance: Standard deviations of the accelerations that the model lacks, shape (n,); None
-            for `CALM`.
+            for `SMALL_DISTURBANCE`.
         noise: Standard deviations of measured coordinates [rad or m] and rates [per second], shape
             (2 n,); None for `cranedyn.estimation.sensor_model.noise_of`.
         delay: Delay of the measurements [control periods].
@@ -227,7 +238,7 @@ def with_load_estimate(
     length = float(motion.q[0, hoist])
     offset_std = number("cable_std", cable_std, "", ">= 0") * abs(length)
     if disturbance is None:
-        disturbance = [CALM[joint.kind, joint.driven] for joint in layout.joints]
+        disturbance = [SMALL_DISTURBANCE[joint.kind, joint.driven] for joint in layout.joints]
     disturbance = standard_deviations("disturbance of the observer", disturbance, layout.n)
     noise_covariance = _noise_covariance(crane, sensors, noise)
     first = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
@@ -299,13 +310,16 @@ def _initial_covariance(
 
 
 def _family(crane: Crane, motion: Motion, spread: float) -> CableFamily:
-    """Return the motion on a cable shorter and longer by a spread [m]; for a crane that is no tower
-    crane the hoist alone differs, and the controller answers for the different swing.
+    """Return a motion and the same on cables shorter and longer by a spread [m].
+
+    For a crane that is no tower crane only the hoist differs in them, and the controller has to
+    damp the different swing.
     """
     hoist = crane.layout.role("hoist", "An observer of the load")
     is_tower_crane = {joint.role for joint in crane.layout.joints} == set(ROLES)
 
     def on_cable(by: float) -> Motion:
+        """Return the motion on a cable longer by a length [m]."""
         if is_tower_crane:
             return with_longer_cable(crane, motion, by)
         q = motion.q.copy()
@@ -339,6 +353,7 @@ def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
     columns = [slew, trolley, radial, tangential, hoist]
 
     def changes(q: np.ndarray) -> np.ndarray:
+        """Return by how much coordinates change on the longer cable, shape (rows, n)."""
         result = np.zeros_like(q)
         result[:, columns] = _longer_cable_changes(q[:, columns], by)
         return result

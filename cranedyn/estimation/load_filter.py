@@ -44,6 +44,18 @@ _OFFSET = -2
 _SHARE = -1
 
 
+class CableError(NamedTuple):
+    """By how much the length of a cable differs from its reading: l = (1 + share) reading + offset.
+
+    Attributes:
+        offset: Offset [m].
+        share: Share of the reading.
+    """
+
+    offset: float
+    share: float
+
+
 class FilterSource(NamedTuple):
     """What a filter was made from, besides its first mean and covariance.
 
@@ -142,9 +154,9 @@ class LoadFilter:
         return float(1.0 / self.mean[_INVERSE_LOAD])
 
     @property
-    def cable(self) -> tuple[float, float]:
-        """Offset [m] and share of l = (1 + share) reading + offset."""
-        return float(self.mean[_OFFSET]), float(self.mean[_SHARE])
+    def cable(self) -> CableError:
+        """By how much the cable differs from its reading."""
+        return CableError(float(self.mean[_OFFSET]), float(self.mean[_SHARE]))
 
     def step(self, effort: np.ndarray, reading: State) -> None:
         """Predict one control period under efforts [N m or N], shape (m,), then correct by the
@@ -264,8 +276,8 @@ class LoadFilter:
         return by_state, inverse_mass @ cost / self.mean[_INVERSE_LOAD] ** 2
 
     def _turning(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rates at a gyroscope on the load in its frame [rad/s], shape (3,), and their
-        derivatives by the state, shape (3, 2 n).
+        """Return the angular velocity of the load in its own frame, which a gyroscope measures
+        [rad/s], shape (3,), and its derivatives by the state, shape (3, 2 n).
         """
         model = self.crane.model
         data = self._data
@@ -275,10 +287,12 @@ class LoadFilter:
         return np.array(data.v[self._body].angular), np.hstack([by_q[3:], by_v[3:]])
 
     def _believe(self) -> None:
-        """Set the load of the crane to that of the mean; its rotational inertia stays."""
+        """Give the load of the crane the mass that is estimated; its rotational inertia stays."""
         self._load.mass = self._planned / self.mean[_INVERSE_LOAD]
         if self.crane.springs.bifilar is not None:
-            self.crane = replace(self.crane)  # two falls carry the new load
+            # The stiffness of two falls follows from the weight that they carry: a copy of the
+            # crane computes it again.
+            self.crane = replace(self.crane)
             self._joint = JointForces.of(self.crane)
 
 

@@ -111,15 +111,16 @@ class PredictiveController(ShortRepr):
     last: Solution | None = None
     _instant: int = -1
     _correction: np.ndarray = field(init=False)
-    _closed: np.ndarray = field(init=False)
-    _steered: np.ndarray = field(init=False)
+    _closed_loop: np.ndarray = field(init=False)
+    _by_decision: np.ndarray = field(init=False)
+    # What the LQR alone predicts from a unit deviation, by the stretch at the beginning.
     _by_deviation: dict[int, _Horizon] = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute the closed-loop matrices of each stretch."""
         # With u = -K z + c and c = root w the deviation moves by z' = (A - B K) z + B root w.
-        self._closed = self.model.a - self.model.b @ self.sweep.gain
-        self._steered = self.model.b @ self.root
+        self._closed_loop = self.model.a - self.model.b @ self.sweep.gain
+        self._by_decision = self.model.b @ self.root
         self._by_deviation = {}
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -131,6 +132,7 @@ class PredictiveController(ShortRepr):
         """
         row, share = locate(t, self.model.period, len(self.model.efforts))
         instant = math.floor(t / self.model.period + ROW_TOLERANCE) // self.ratio
+        # A time that does not increase is that of another run, or of another state.
         if instant != self._instant or self.last is None or t <= self.last.t:
             check_finite(state)
             deviation = np.concatenate(state) - interpolate(self.model.setpoint, row, share)
@@ -234,28 +236,30 @@ class PredictiveController(ShortRepr):
             )
         return solution[bounds : bounds + m]
 
-    def _predicted(self, stretches: np.ndarray, z: np.ndarray, free: int) -> _Horizon:
+    def _predicted(self, stretches: np.ndarray, z: np.ndarray, decision_size: int) -> _Horizon:
         """Return corrections and bounded quantities over the horizon.
 
-        The columns are first those of some deviations, then the derivatives by each number decided.
+        The first columns are those of some deviations, the others the derivatives by each number
+        that is decided, period by period.
 
         Args:
             stretches: Stretches of the motion over the horizon, shape (horizon,).
             z: Deviations at its beginning, in columns, shape (2 n, deviations).
-            free: How many numbers are decided in each period: m, or 0 for the LQR alone.
+            decision_size: How many numbers are decided in each period: m, or 0 for the LQR alone.
         """
-        width = z.shape[1] + free * self.horizon
+        width = z.shape[1] + decision_size * self.horizon
         corrections = np.zeros((self.horizon, self.root.shape[1], width))
         bounded = np.zeros((self.horizon, len(self.bound), width))
         for j, k in enumerate(stretches.tolist()):
             # A deviation depends on the decisions of the periods before it only: z grows by the
             # columns of one period in each.
-            now = z.shape[1]
-            later = now + free
-            corrections[j, :, :now] = -self.sweep.gain[k] @ z
-            corrections[j, :, now:later] = self.root[k][:, :free]
-            z = np.concatenate([self._closed[k] @ z, self._steered[k][:, :free]], axis=1)
-            bounded[j, :, :later] = z[self.bounded]
+            decided = z.shape[1]
+            end = decided + decision_size
+            corrections[j, :, :decided] = -self.sweep.gain[k] @ z
+            corrections[j, :, decided:end] = self.root[k][:, :decision_size]
+            by_decision = self._by_decision[k][:, :decision_size]
+            z = np.concatenate([self._closed_loop[k] @ z, by_decision], axis=1)
+            bounded[j, :, :end] = z[self.bounded]
         bounded /= self.bound[:, None]
         return _Horizon(corrections.reshape(-1, width), bounded.reshape(-1, width))
 

@@ -58,13 +58,11 @@ def _each(crane: Crane, table: Mapping[tuple[str, bool], float]) -> np.ndarray:
     """Return a number for each joint from a table, shape (n,); a joint held by a spring counts as
     one held by a drive.
     """
-    elastic = crane.springs.stiffness > 0.0
-    return np.array(
-        [
-            table[joint.kind, joint.driven or bool(has_spring)]
-            for joint, has_spring in zip(crane.layout.joints, elastic, strict=True)
-        ]
-    )
+    has_spring = (crane.springs.stiffness > 0.0).tolist()
+    numbers = []
+    for joint, is_elastic in zip(crane.layout.joints, has_spring, strict=True):
+        numbers.append(table[joint.kind, joint.driven or is_elastic])
+    return np.array(numbers)
 
 
 def kalman_gain(cross: np.ndarray, spread: np.ndarray) -> np.ndarray:
@@ -144,7 +142,7 @@ class Correction(NamedTuple):
     covariance: np.ndarray
 
 
-_SETTLED = 1e-14
+_SETTLED_CHANGE = 1e-14
 """Change of a covariance from one correction to the next, relative to the standard deviations, from
 which on it is round-off, and the gain counts as settled."""
 
@@ -169,7 +167,8 @@ class KalmanGains(ShortRepr):
     disturbance: np.ndarray
     noise: np.ndarray
     covariance: np.ndarray
-    # By the row of the motion at which an observer begins.
+    # The corrections that are computed so far, and whether they have settled, by the row of the
+    # motion at which an observer begins.
     _corrections: dict[int, list[Correction]] = field(default_factory=dict)
     _settled: set[int] = field(default_factory=set)
 
@@ -179,16 +178,17 @@ class KalmanGains(ShortRepr):
         """
         corrections = self._corrections.setdefault(first, [])
         while len(corrections) <= k and first not in self._settled:
-            row = first + len(corrections) - 1  # from which the covariance is predicted
             if not corrections:
                 corrections.append(self._corrected(self.covariance))
                 continue
+            # The covariance is predicted from the row of the correction before.
+            row = first + len(corrections) - 1
             before = corrections[-1].covariance
             corrections.append(self._corrected(self._predicted(before, row)))
             if row >= len(self.model.stretch) - 1:
                 change = np.abs(corrections[-1].covariance - before)
                 std = np.sqrt(before.diagonal())
-                if (change <= _SETTLED * np.outer(std, std)).all():
+                if (change <= _SETTLED_CHANGE * np.outer(std, std)).all():
                     self._settled.add(first)
         return corrections[min(k, len(corrections) - 1)]
 
@@ -243,11 +243,13 @@ class ObserverController(ShortRepr):
     delay: int = 0
     start: np.ndarray | None = None
     estimate: State | None = field(default=None, init=False)
+    # Row of the motion at which the run began, and the number of corrections since.
     _first: int = field(init=False)
     _count: int = field(default=0, init=False)
     _t: float = field(default=0.0, init=False)
+    # Deviation at the time of the last measurement, and the commands since.
     _deviation: np.ndarray = field(init=False)
-    _since: deque[_Command] = field(default_factory=deque, init=False)
+    _commands: deque[_Command] = field(default_factory=deque, init=False)
 
     def __post_init__(self) -> None:
         """Begin without deviation."""
@@ -268,18 +270,18 @@ class ObserverController(ShortRepr):
             self._correct(row, state)
         else:
             check_next_call(t, self._t, model.period)
-            if len(self._since) > self.delay:
-                self._deviation = self._stepped(self._deviation, self._since.popleft())
-                # A late measurement is that of the oldest command left.
-                self._correct(self._since[0].row if self._since else row, state)
+            if len(self._commands) > self.delay:
+                self._deviation = self._stepped(self._deviation, self._commands.popleft())
+                # A late measurement was made when the oldest command left began to act.
+                self._correct(self._commands[0].row if self._commands else row, state)
         deviation = self._deviation
-        for past_command in self._since:
+        for past_command in self._commands:
             deviation = self._stepped(deviation, past_command)
         self.estimate = State(*(model.setpoint[row] + deviation).reshape(2, -1))
         command = np.asarray(self.controller(t, self.estimate, setpoint), dtype=float)
         # The drives do not exert more than their limits, whatever is commanded.
         effort = command.clip(-self.effort_limit, self.effort_limit)
-        self._since.append(_Command(row, effort - model.efforts[row]))
+        self._commands.append(_Command(row, effort - model.efforts[row]))
         self._t = t
         return command
 

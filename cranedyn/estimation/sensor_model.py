@@ -10,22 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.checks import ShortRepr, number, whole
+from cranedyn.checks import ShortRepr, number, short_repr, whole
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 
 ENCODER = {"rad": 1e-4, "m": 1e-3}
-"""Standard deviations of encoders of drives, ours: 0.1 mrad and 1 mm."""
+"""Standard deviations of encoders of drives by unit [rad or m], ours: 0.1 mrad and 1 mm."""
 
 ENCODER_RATE = {"rad": 1e-4, "m": 2e-3}
-"""Standard deviations of the rates of drives [rad/s or m/s], ours."""
+"""Standard deviations of the rates of drives by unit [rad/s or m/s], ours."""
 
-GYROSCOPE = {"rad": 1e-3, "m": 1e-3}
-"""Standard deviations of passive joints, whose swing a camera or a gyroscope measures: 1 mrad."""
+SWING_SENSOR = {"rad": 1e-3, "m": 1e-3}
+"""Standard deviations of passive joints by unit [rad or m], whose swing a camera or a gyroscope
+measures, ours: 1 mrad."""
 
-GYROSCOPE_RATE = {"rad": 3e-3, "m": 3e-3}
-"""Standard deviations of the rates of passive joints: 3 mrad/s."""
+SWING_SENSOR_RATE = {"rad": 3e-3, "m": 3e-3}
+"""Standard deviations of the rates of passive joints by unit [rad/s or m/s], ours: 3 mrad/s."""
 
 
 def noise_of(crane: Crane) -> np.ndarray:
@@ -35,8 +36,12 @@ def noise_of(crane: Crane) -> np.ndarray:
     coordinates = []
     rates = []
     for joint in crane.layout.joints:
-        coordinates.append((ENCODER if joint.driven else GYROSCOPE)[joint.unit])
-        rates.append((ENCODER_RATE if joint.driven else GYROSCOPE_RATE)[joint.unit])
+        if joint.driven:
+            coordinates.append(ENCODER[joint.unit])
+            rates.append(ENCODER_RATE[joint.unit])
+        else:
+            coordinates.append(SWING_SENSOR[joint.unit])
+            rates.append(SWING_SENSOR_RATE[joint.unit])
     return np.array([*coordinates, *rates])
 
 
@@ -44,6 +49,12 @@ def standard_deviations(
     name: str, deviations: Any, count: int, allowed: str = ">= 0"
 ) -> np.ndarray:
     """Check the number and the range of standard deviations; return them, shape (count,).
+
+    Args:
+        name: What they are of, for an error.
+        deviations: The standard deviations, in any shape.
+        count: How many there must be.
+        allowed: Range of each of them, see `cranedyn.checks.number`.
 
     Raises:
         OutOfRange: If their number is another, or one is out of range.
@@ -115,5 +126,7 @@ def with_sensor_model(
     delay = whole("delay of the sensors", delay, 0, "control periods")
     noise = noise_of(crane) if noise is None else noise
     deviations = standard_deviations("noise of the sensors", noise, 2 * crane.layout.n)
+    if not isinstance(rng, np.random.Generator):
+        raise OutOfRange("rng", short_repr(rng), "a generator, such as numpy.random.default_rng(0)")
     # With so many readings at most the first one in the queue is `delay` periods old.
     return SensorModelController(controller, deviations, rng, deque(maxlen=delay + 1))

@@ -113,7 +113,7 @@ def finite_form(
             f"The controller {type(controller).__name__} is not affine in the state, or has run "
             f"before; {program} runs tables, not Python."
         )
-    lacking = form.lacking()
+    lacking = form.not_finite_field()
     if lacking:
         name = f"{lacking} of the controller"
         raise OutOfRange(name, "not finite in some row", "finite numbers")

@@ -1,4 +1,8 @@
-"""Checked records of a crane: times, drives, swing."""
+"""Checked records of a crane: times, drives, swing.
+
+`load_record` reads a file, and `Record.of` checks its columns. Columns of drives whose derivatives
+would be noise are replaced by smooth curves, see `cranedyn.identification.sampling`.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,7 @@ MIN_PERIODS = 2.0
 MIN_ROWS = 40
 """Least number of rows of a record."""
 
-LARGEST_OFFSET = 0.25
+MAX_OFFSET_SHARE = 0.25
 """Largest offset of a recorded position, as a share of the range of its drive."""
 
 _MAX_SWING = math.pi / 2
@@ -64,6 +68,12 @@ _MIN_LEVELS = 20
 
 _MAX_STEP = 3.0
 """Largest usual step of a clock [s], a few rows in a period of a long rope."""
+
+_TIME_ROUNDING = 1e-9
+"""Round-off of times of rows [s]."""
+
+_POSITION_ROUNDING = 1e-6
+"""Round-off of positions of drives [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,10 +270,9 @@ def _checked_columns(
     for key in relevant_columns(crane, columns):
         if key != "t_s":
             recorded[key] = as_array(f"{key} of {name}", columns[key], (len(t),))
-    # Nothing outside of these times is judged. A nanosecond keeps the rows at both ends in spite of
-    # round-off.
+    # Nothing outside of these times is judged.
     if since > -math.inf or until < math.inf:
-        mask = (t >= since - 1e-9) & (t <= until + 1e-9)
+        mask = (t >= since - _TIME_ROUNDING) & (t <= until + _TIME_ROUNDING)
         t = t[mask]
         recorded = {key: values[mask] for key, values in recorded.items()}
     t = finite(f"t_s of {name}", t, ("rows",), unit="s")
@@ -312,8 +321,13 @@ class _FreshRows:
 def _resample(crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _FreshRows:
     """Return the rows in which a swing is fresh, with smooth motions of the drives.
 
-    A column that is sampled in each row, by a regular clock, and whose differences are no noise,
-    stays as it is.
+    A column of a drive that is sampled in each row, by a regular clock, and whose derivatives are
+    no noise, stays as it is.
+
+    Args:
+        crane: Crane with prior values.
+        t: Times [s], shape (rows,).
+        columns: Columns by their names, shape (rows,) each.
     """
     remarks = list[str]()
     rows = np.arange(len(t))
@@ -324,7 +338,8 @@ def _resample(crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) ->
             f"{len(rows)} of {len(t)} rows bring a fresh swing, every "
             f"{1e3 * sampled_swings[0].interval:.0f} ms; the others are left out."
         )
-    t = t - t[0]  # the first row is fresh
+    # The first row is always fresh: times count from there.
+    t = t - t[0]
     fresh = {key: values[rows] for key, values in columns.items()}
     curves = dict[str, SmoothCurve]()
     unsmoothed = dict[str, np.ndarray]()
@@ -336,8 +351,10 @@ def _resample(crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) ->
                 unsmoothed[key] = columns[key][rows]
             fresh |= _on_curve(crane, key, curve.spline, t[rows])
             remarks.append(_smoothing_remark(key, joint, curve))
-        if position in columns and rate in columns and position not in curves:
-            fresh |= _without_noise(t, columns, joint, rows)
+        has_both = position in columns and rate in columns
+        if has_both and position not in curves and not samples(t, columns[rate]).is_exact(1):
+            # The positions are exact: their derivative is better than the recorded rate.
+            fresh[rate] = CubicSpline(t, columns[position])(t[rows], 1)
     return _FreshRows(t[rows], fresh, curves, unsmoothed, remarks)
 
 
@@ -348,12 +365,14 @@ def _smooth_curves(
     they are recorded and need smoothing.
     """
     position, rate = joint.columns
-    # A position tells more than its derivative, which is that of its curve then. The order is that
-    # of the derivative that counts: an acceleration, or the rate of a setpoint.
-    motion_order = 2 if position in columns else 1
-    orders = {position if position in columns else rate: motion_order, joint.setpoint_column: 1}
+    # Where both are recorded the position tells more than the rate, which is then the derivative of
+    # its curve. Of a motion the acceleration counts: the second derivative of a position, or the
+    # first one of a rate. Of a setpoint its rate counts.
+    candidates = [(rate, 1), (joint.setpoint_column, 1)]
+    if position in columns:
+        candidates = [(position, 2), (joint.setpoint_column, 1)]
     curves = {}
-    for key, order in orders.items():
+    for key, order in candidates:
         if key not in columns or np.ptp(columns[key]) <= _STANDSTILL_RANGE:
             continue
         sampled = samples(t, columns[key])
@@ -382,16 +401,6 @@ def _on_curve(crane: Crane, key: str, curve: BSpline, t: np.ndarray) -> dict[str
         if key == position:
             return {position: curve(t), rate: curve.derivative()(t)}
     return {key: curve(t)}
-
-
-def _without_noise(
-    t: np.ndarray, columns: Mapping[str, np.ndarray], joint: Joint, rows: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Return the rate of a drive by its exact positions where its own column is coarse or noisy."""
-    position, rate = joint.columns
-    if samples(t, columns[rate]).is_exact(1):
-        return {}
-    return {rate: CubicSpline(t, columns[position])(t[rows], 1)}
 
 
 def _smoothing_remark(key: str, joint: Joint, curve: SmoothCurve) -> str:
@@ -488,10 +497,20 @@ def load_record(
 
 
 def _check_clock(name: str, t: np.ndarray) -> None:
-    """Check that times increase, by steps that can be seconds."""
+    """Check that times increase, by steps that can be seconds.
+
+    Raises:
+        DataError: If they do not, or there are not even two.
+    """
+    if len(t) < 2:
+        raise DataError(
+            f"{name} has {len(t)} rows to go by; allowed are {MIN_ROWS} or more. Where only a part "
+            "of it is looked at, its rows may lie outside of that time."
+        )
     steps = np.diff(t)
-    if len(t) < 2 or not (steps > 0.0).all():
-        row = int(np.argmin(steps)) + 2 if len(t) > 1 else len(t)
+    if not (steps > 0.0).all():
+        # The first row is row 1, and the first step leads to row 2.
+        row = int(np.argmin(steps)) + 2
         raise DataError(
             f"{name}: t_s does not increase at row {row} of {len(t)}, a clock that jumps back; "
             "allowed are times that increase."
@@ -505,9 +524,14 @@ def _check_clock(name: str, t: np.ndarray) -> None:
 
 
 def _check_positions(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) -> None:
-    """Check that positions and setpoints of the drives are in their ranges, but for an offset."""
+    """Check that positions and setpoints of the drives are in their ranges, but for an offset.
+
+    Raises:
+        DataError: If one is not.
+    """
     for joint, i in zip(crane.layout.driven, crane.layout.drives.tolist(), strict=True):
-        offset = LARGEST_OFFSET * (crane.upper[i] - crane.lower[i]) + 1e-6  # round-off
+        drive_range = crane.upper[i] - crane.lower[i]
+        offset = MAX_OFFSET_SHARE * drive_range + _POSITION_ROUNDING
         low = crane.lower[i] - offset
         high = crane.upper[i] + offset
         for key in {joint.columns[0], joint.setpoint_column} & columns.keys():
@@ -522,7 +546,11 @@ def _check_positions(name: str, crane: Crane, columns: Mapping[str, np.ndarray])
 
 
 def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) -> list[str]:
-    """Return the names of swing columns that never move; at least one other does."""
+    """Return the names of swing columns that never move; at least one other does.
+
+    Raises:
+        DataError: If there is no swing, none moves, or one is beyond 90 degrees.
+    """
     present = _swing_columns(crane, columns)
     if not present:
         swings = [name for i in crane.swings.tolist() for name in crane.layout.joints[i].columns]
@@ -534,19 +562,21 @@ def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) ->
                 f"{name}: {key} is {peak:.4g} rad in some row; a swing is {_MAX_SWING:.4f} rad (90 "
                 f"degrees) at most. If it is in degrees, say so: --columns {key}={key}[deg]."
             )
-    dead = [
-        key for key in present if len(columns[key]) and np.ptp(columns[key]) <= _STANDSTILL_RANGE
-    ]
-    if dead == present:
+    constant = [key for key in present if np.ptp(columns[key]) <= _STANDSTILL_RANGE]
+    if constant == present:
         raise DataError(
-            f"{name}: {', '.join(dead)} never moves; a load that does not swing, or a sensor that "
-            "is not connected, says nothing."
+            f"{name}: {', '.join(constant)} never moves; a load that does not swing, or a sensor "
+            "that is not connected, says nothing."
         )
-    return dead
+    return constant
 
 
 def _check_rates(record: Record) -> None:
-    """Check that recorded rates of swings are those of swings of up to 90 degrees."""
+    """Check that recorded rates of swings are those of swings of up to 90 degrees.
+
+    Raises:
+        DataError: If they are not.
+    """
     for joint in record.swings:
         key = record.swing_column(joint)
         # An oscillation of the period T with the rate v has the amplitude v T / (2 π).
@@ -573,7 +603,7 @@ def _check_period(record: Record) -> list[str]:
     offset = 0.0
     if crane.winch is not None:
         hoist = int(crane.layout.drives[crane.winch])
-        offset = LARGEST_OFFSET * float(crane.upper[hoist] - crane.lower[hoist])
+        offset = MAX_OFFSET_SHARE * float(crane.upper[hoist] - crane.lower[hoist])
     possible = possible_periods(crane, record.mean_position, offset)
     swing = " and ".join(record.swing_column(joint) for joint in record.swings)
     heavy = _described_inertias(crane)
@@ -618,7 +648,11 @@ def _described_inertias(crane: Crane) -> str:
 
 
 def _check_length(record: Record) -> None:
-    """Check that a record is long enough and has no gap."""
+    """Check that a record is long enough and has no gap.
+
+    Raises:
+        DataError: If it has too few rows, lasts too few periods of its swing, or has a gap.
+    """
     name = record.name
     t = record.t
     if len(t) < MIN_ROWS:

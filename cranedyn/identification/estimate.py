@@ -25,10 +25,10 @@ from cranedyn.identification.record_prediction import Model
 CONFIDENCE = 0.95
 """Confidence level of the intervals."""
 
-WHITE = 1e-3
-"""Significance level of the test: share of white residuals that it rejects."""
+WHITENESS_LEVEL = 1e-3
+"""Significance level of the test for white residuals: the share of white ones that it rejects."""
 
-ENOUGH = 0.9
+EXPLAINED_SHARE = 0.9
 """Share of the variance of a swing that an estimate must explain to be believed."""
 
 SIGN_EVIDENCE = 10.0
@@ -119,12 +119,17 @@ class Estimate:
         return self._interval(name).margin
 
     def _interval(self, name: str) -> Interval:
+        """Return the interval of a parameter of the crane.
+
+        Raises:
+            UnknownName: If it was not estimated.
+        """
         if name not in self.intervals:
             raise UnknownName("parameter", name, self.intervals)
         return self.intervals[name]
 
     @cached_property
-    def factor(self) -> float:
+    def quantile(self) -> float:
         """Half width of an interval over the standard error: the quantile of Student's t."""
         rows = sum(residual.size for residual in self.residuals)
         return float(student.ppf(0.5 + CONFIDENCE / 2.0, max(rows - len(self.values), 1)))
@@ -132,7 +137,7 @@ class Estimate:
     @cached_property
     def intervals(self) -> dict[str, Interval]:
         """Values and half widths of all parameters of the crane, by name."""
-        margins = (self.factor * np.sqrt(np.diag(self.covariance))).tolist()
+        margins = (self.quantile * np.sqrt(np.diag(self.covariance))).tolist()
         values = self.values.tolist()
         # The parameters of the crane are the first ones; those of the records follow.
         return {p.name: Interval(values[i], margins[i]) for i, p in enumerate(self.model.own)}
@@ -200,10 +205,10 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
     """Estimate the parameters of a model by least squares, each channel weighted by its noise.
 
     Finite differences give the Jacobian; its columns are simulated in one batch. If the estimate
-    explains less than `ENOUGH` of a swing, the search begins again from other delays of the swing
-    sensor, with each sign of each swing that the user did not state, and the most likely estimate
-    counts; its `Estimate.model` has the records with the signs found, and `Estimate.signs` says how
-    likely each is.
+    explains less than `EXPLAINED_SHARE` of a swing, the search begins again from other delays of
+    the swing sensor, with each sign of each swing that the user did not state, and the most likely
+    estimate counts. Its `Estimate.model` has the records with the signs found, and `Estimate.signs`
+    says how likely each is.
 
     Args:
         model: Records and parameters.
@@ -215,7 +220,7 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
     """
     check_units(model)
     first = _fit(model, progress)
-    if first.least_explained[0] >= ENOUGH:
+    if first.least_explained[0] >= EXPLAINED_SHARE:
         return first
     results = [first]
     done = first.evaluations
@@ -233,8 +238,8 @@ def _turned_columns(estimate: Estimate) -> set[str]:
 
 
 def _preference(estimate: Estimate) -> float:
-    """Return by what estimates with swings of either sign are compared: the likelihood, and less
-    for each sign that is not the recorded one.
+    """Return the number by which estimates with swings of either sign are compared: the logarithm
+    of the likelihood, and `SIGN_EVIDENCE` less for each sign that is not the recorded one.
     """
     return estimate.log_likelihood - SIGN_EVIDENCE * len(_turned_columns(estimate))
 
@@ -331,7 +336,7 @@ def residual_noise(model: Model, residuals: tuple[np.ndarray, ...]) -> list[np.n
 
 def is_white(residual: np.ndarray) -> bool:
     """Return whether a residual has no autocorrelation, by the test of Ljung and Box (1978) at the
-    level `WHITE`.
+    level `WHITENESS_LEVEL`.
 
     Of white noise, Q = n (n + 2) Σ ρ_k² / (n - k) over the autocorrelations ρ_k of the first lags
     has a chi-squared distribution. A residual that is too short to be tested counts as white.
@@ -344,7 +349,7 @@ def is_white(residual: np.ndarray) -> bool:
     lags = np.arange(1, _WHITENESS_LAGS + 1)
     rho = np.array([deviation[k:] @ deviation[:-k] for k in lags.tolist()]) / power
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - lags)))
-    return bool(chi2.sf(statistic, _WHITENESS_LAGS) > WHITE)
+    return bool(chi2.sf(statistic, _WHITENESS_LAGS) > WHITENESS_LEVEL)
 
 
 def _covariance(
@@ -428,7 +433,8 @@ def _motion_covariance(
     if not any(record.curves for record in model.records):
         return covariance
     rng = np.random.default_rng(0)
-    # Stratified draws of where a grid lies: the middles of equal parts of -1/2 to 1/2.
+    # Where a grid lies is drawn evenly: each draw is the middle of one of equal parts of -1/2 to
+    # 1/2.
     strata = (np.arange(_REPEATED_MEASUREMENTS) + 0.5) / _REPEATED_MEASUREMENTS - 0.5
     for index, record in enumerate(model.records):
         # Each shift of a grid once for each drive, in an order of its own.

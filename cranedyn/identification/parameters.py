@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import UnknownName
-from cranedyn.identification.checked_record import LARGEST_OFFSET, Record
+from cranedyn.identification.checked_record import MAX_OFFSET_SHARE, Record
 from cranedyn.identification.prior import Prior
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
@@ -52,11 +52,8 @@ _MAX_INITIAL_SWING = 1.5
 _START_STRETCH = 0.8
 """First stretch of a record through which a parabola is laid to find how it begins [s]."""
 
-_RATE_ERRORS: tuple[tuple[Kind, str, float], ...] = (
-    ("rate bias", "rad/s", 1e-3),
-    ("rate drift", "rad/s²", 1e-5),
-)
-"""What a gyroscope adds to a rate, and how fast that changes: kind, unit and scale."""
+_MIN_START_ROWS = 4
+"""Least number of rows through which it is laid."""
 
 
 @dataclass(frozen=True)
@@ -118,14 +115,43 @@ def _device_parameters(crane: Crane) -> dict[str, Parameter]:
     """Return the parameters of the drives and sensors of a crane by name."""
     layout = crane.layout
     devices = [
-        Parameter("delay", "delay", "", "s", 0.0, MIN_DELAY, MAX_DELAY, 0.1),
-        Parameter("window", "window", "", "s", 0.2, 1e-3, 2.0 * MAX_DELAY, 0.1),
+        Parameter(
+            name="delay",
+            kind="delay",
+            of="",
+            unit="s",
+            start=0.0,
+            low=MIN_DELAY,
+            high=MAX_DELAY,
+            scale=0.1,
+        ),
+        Parameter(
+            name="window",
+            kind="window",
+            of="",
+            unit="s",
+            start=0.2,
+            low=1e-3,
+            high=2.0 * MAX_DELAY,
+            scale=0.1,
+        ),
     ]
     for drive in range(layout.m):
         devices += _drive_parameters(crane, drive)
     for i in crane.swings.tolist():
         symbol = layout.symbols[i]
-        devices.append(Parameter(f"{symbol}_bias", "bias", symbol, "rad", 0.0, -0.3, 0.3, 0.01))
+        devices.append(
+            Parameter(
+                name=f"{symbol}_bias",
+                kind="bias",
+                of=symbol,
+                unit="rad",
+                start=0.0,
+                low=-0.3,
+                high=0.3,
+                scale=0.01,
+            )
+        )
     return {p.name: p for p in devices}
 
 
@@ -135,46 +161,61 @@ def _drive_parameters(crane: Crane, drive: int) -> list[Parameter]:
     """
     joint = crane.layout.driven[drive]
     coordinate = int(crane.layout.drives[drive])
-    of = joint.symbol
-    unit = joint.unit
-    effort_unit = joint.effort_unit
-    max_offset = LARGEST_OFFSET * float(crane.upper[coordinate] - crane.lower[coordinate])
+    symbol = joint.symbol
+    max_offset = MAX_OFFSET_SHARE * float(crane.upper[coordinate] - crane.lower[coordinate])
     max_effort = float(crane.effort_limit[drive])
-    parameters = [
-        Parameter(f"{of}_offset", "offset", of, unit, 0.0, -max_offset, max_offset, 0.1),
-        Parameter(f"{of}_lag", "lag", of, "s", 0.1, 1e-3, 5.0, 0.1),
+    usual = hold_controller(crane)
+    return [
         Parameter(
-            name=f"{of}_friction",
+            name=f"{symbol}_offset",
+            kind="offset",
+            of=symbol,
+            unit=joint.unit,
+            start=0.0,
+            low=-max_offset,
+            high=max_offset,
+            scale=0.1,
+        ),
+        Parameter(
+            name=f"{symbol}_lag",
+            kind="lag",
+            of=symbol,
+            unit="s",
+            start=0.1,
+            low=1e-3,
+            high=5.0,
+            scale=0.1,
+        ),
+        Parameter(
+            name=f"{symbol}_friction",
             kind="friction",
-            of=of,
-            unit=effort_unit,
+            of=symbol,
+            unit=joint.effort_unit,
             start=1e-4 * max_effort,
             low=0.0,
             high=max_effort,
             scale=1e-3 * max_effort,
         ),
+        _gain_parameter(joint, "stiffness", float(usual.stiffness[drive])),
+        _gain_parameter(joint, "damping", float(usual.damping[drive])),
     ]
-    usual = hold_controller(crane)
-    stiffness = float(usual.stiffness[drive])
-    damping = float(usual.damping[drive])
-    gains: tuple[tuple[Kind, str, float], ...] = (
-        ("stiffness", f"{effort_unit}/{unit}", stiffness),
-        ("damping", f"{effort_unit} s/{unit}", damping),
+
+
+def _gain_parameter(joint: Joint, kind: Literal["stiffness", "damping"], usual: float) -> Parameter:
+    """Return a gain of the hold controller of a drive, up to a hundred times the usual one or as
+    many times less.
+    """
+    per = f"/{joint.unit}" if kind == "stiffness" else f" s/{joint.unit}"
+    return Parameter(
+        name=f"{joint.symbol}_{kind}",
+        kind=kind,
+        of=joint.symbol,
+        unit=joint.effort_unit + per,
+        start=usual,
+        low=1e-2 * usual,
+        high=1e2 * usual,
+        scale=0.1 * usual,
     )
-    for kind, gain_unit, gain in gains:
-        parameters.append(
-            Parameter(
-                name=f"{of}_{kind}",
-                kind=kind,
-                of=of,
-                unit=gain_unit,
-                start=gain,
-                low=1e-2 * gain,
-                high=1e2 * gain,
-                scale=0.1 * gain,
-            )
-        )
-    return parameters
 
 
 def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> list[str]:
@@ -184,6 +225,8 @@ def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> li
     names = []
     if winch is not None:
         names.append(f"{layout.driven[winch].symbol}_offset")
+
+    # Swings that are recorded, and those of them of which the angle is recorded.
     recorded = set()
     with_angle = set()
     for record in records:
@@ -225,7 +268,7 @@ def _default_drive_names(
 
 def bound_lateness(p: Parameter, records: Sequence[Record]) -> Parameter:
     """Return a parameter with bounds by which the swing is late by less than a quarter of its
-    period; an average is late by half its window.
+    period.
 
     A swing that is late by half a period is one of the other sign: without bounds, delay and sign
     could not be told apart.
@@ -234,6 +277,7 @@ def bound_lateness(p: Parameter, records: Sequence[Record]) -> Parameter:
     if p.kind == "delay":
         return replace(p, low=max(p.low, -quarter), high=min(p.high, quarter))
     if p.kind == "window":
+        # An average is late by half of its window.
         return replace(p, start=min(p.start, quarter), high=min(p.high, 2.0 * quarter))
     return p
 
@@ -245,39 +289,68 @@ def initial_parameters(record: Record, index: int, drives: Drives) -> list[Param
     parameters = list[Parameter]()
     for joint in record.swings:
         is_angle = joint.kind == "revolute"
-        ends = (-_MAX_INITIAL_SWING, _MAX_INITIAL_SWING) if is_angle else _UNBOUNDED
-        parameters += _start(record, index, joint, ends, 0.02)
-        if joint.columns[0] not in record.columns:  # a gyroscope
-            for kind, unit, scale in _RATE_ERRORS:
-                name = f"{joint.symbol} {kind}"
-                parameters.append(
-                    Parameter(name, kind, joint.symbol, unit, 0.0, *_UNBOUNDED, scale, index)
-                )
+        bounds = (-_MAX_INITIAL_SWING, _MAX_INITIAL_SWING) if is_angle else _UNBOUNDED
+        parameters += _initial_state(record, index, joint, bounds, 0.02)
+        if joint.columns[0] not in record.columns:
+            # A gyroscope adds a bias to the rate, which drifts.
+            parameters.append(_of_record(joint, index, "rate bias", "rad/s", 0.0, 1e-3))
+            parameters.append(_of_record(joint, index, "rate drift", "rad/s²", 0.0, 1e-5))
     if drives == "motion":
         return parameters
     for joint in record.crane.layout.driven:
         column = joint.columns[0]
         if not record.moves(column):
             continue
-        parameters += _start(record, index, joint, _UNBOUNDED, 0.01)
+        parameters += _initial_state(record, index, joint, _UNBOUNDED, 0.01)
         if drives == "hold" and joint.setpoint_column not in record.columns:
-            name = f"{joint.symbol}_setpoint"
+            # The drive is held at a setpoint that nobody recorded, about where it stands.
             mean = float(np.mean(record.columns[column]))
-            parameters.append(
-                Parameter(
-                    name, "setpoint", joint.symbol, joint.unit, mean, *_UNBOUNDED, 0.01, index
-                )
-            )
+            setpoint = _of_record(joint, index, "setpoint", joint.unit, mean, 0.01)
+            parameters.append(replace(setpoint, name=f"{joint.symbol}_setpoint"))
     return parameters
 
 
-def _start(
-    record: Record, index: int, joint: Joint, ends: tuple[float, float], scale: float
+def _of_record(
+    joint: Joint, index: int, kind: Kind, unit: str, start: float, scale: float
+) -> Parameter:
+    """Return an unbounded parameter of a joint in a record.
+
+    Args:
+        joint: The joint.
+        index: Index of the record.
+        kind: Kind of the parameter, which its name ends in.
+        unit: Its unit.
+        start: First value of the search.
+        scale: Its typical change.
+    """
+    low, high = _UNBOUNDED
+    return Parameter(
+        name=f"{joint.symbol} {kind}",
+        kind=kind,
+        of=joint.symbol,
+        unit=unit,
+        start=start,
+        low=low,
+        high=high,
+        scale=scale,
+        record=index,
+    )
+
+
+def _initial_state(
+    record: Record, index: int, joint: Joint, bounds: tuple[float, float], scale: float
 ) -> list[Parameter]:
     """Return the initial coordinate and rate of a joint, by a parabola through the first rows. Of a
     swing whose rate was recorded the coordinate follows from the slope of the rate.
+
+    Args:
+        record: The record.
+        index: Its index.
+        joint: The joint.
+        bounds: Bounds of the coordinate.
+        scale: Typical change of the coordinate and of the rate.
     """
-    rows = max(4, int(np.searchsorted(record.t, _START_STRETCH)))
+    rows = max(_MIN_START_ROWS, int(np.searchsorted(record.t, _START_STRETCH)))
     column = record.swing_column(joint)
     _, slope, value = np.polyfit(record.t[:rows], record.columns[column][:rows], 2)
     if column == joint.columns[1]:
@@ -287,15 +360,17 @@ def _start(
     else:
         rate = slope
         position = value
-    symbol = joint.symbol
-    unit = joint.unit
-    first = float(np.clip(position, *ends))
-    first_rate = float(rate)
-    rate_unit = f"{unit}/s"
-    return [
-        Parameter(f"{symbol}_start", "start", symbol, unit, first, *ends, scale, index),
-        Parameter(
-            f"{symbol}_dot_start", "start rate", symbol, rate_unit, first_rate, *_UNBOUNDED, scale,
-            index,
-        ),
-    ]  # fmt: skip
+    low, high = bounds
+    initial_position = Parameter(
+        name=f"{joint.symbol}_start",
+        kind="start",
+        of=joint.symbol,
+        unit=joint.unit,
+        start=float(np.clip(position, low, high)),
+        low=low,
+        high=high,
+        scale=scale,
+        record=index,
+    )
+    initial_rate = _of_record(joint, index, "start rate", f"{joint.unit}/s", float(rate), scale)
+    return [initial_position, replace(initial_rate, name=f"{joint.symbol}_dot_start")]

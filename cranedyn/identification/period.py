@@ -11,14 +11,17 @@ from scipy.signal import detrend
 from cranedyn.dynamics.equations_of_motion import natural_frequencies
 from cranedyn.model.crane import Crane
 
-MOST_SAMPLES = 2**16
+MAX_SAMPLES = 2**16
 """Largest number of samples of a spectrum; a longer record is resampled more coarsely."""
 
-LEAST_PERIODS = 2.0
+MIN_RECORDED_PERIODS = 2.0
 """Least number of periods in a record by which its period is told."""
 
 DOMINANT_SHARE = 0.5
 """Least share of the power of a spectrum that its peak holds, where one period dominates."""
+
+_MIN_ROWS = 8
+"""Least number of rows of a record whose spectrum is looked at."""
 
 _PEAK_BINS = 2
 """Bins to either side of the peak that belong to it: the main lobe of Hann's window."""
@@ -39,18 +42,18 @@ class PeriodRange(NamedTuple):
 
 def recorded_period(t: np.ndarray, values: np.ndarray, *, is_rate: bool) -> float | None:
     """Return the period of the largest oscillation of a swing [s], by its spectrum; None where no
-    period dominates, or fewer than `LEAST_PERIODS` of it were recorded.
+    period dominates, or fewer than `MIN_RECORDED_PERIODS` of it were recorded.
 
     Args:
         t: Times [s], increasing, shape (rows,).
         values: The swing or its rate, shape (rows,).
         is_rate: Whether it is the rate. Its spectrum is divided by the frequency, as an angle's.
     """
-    if len(t) < 8:
+    if len(t) < _MIN_ROWS:
         return None
-    count = min(len(t), MOST_SAMPLES)
-    even = np.linspace(t[0], t[-1], count)
-    samples = detrend(np.interp(even, t, values)) * np.hanning(count)
+    count = min(len(t), MAX_SAMPLES)
+    even_times = np.linspace(t[0], t[-1], count)
+    samples = detrend(np.interp(even_times, t, values)) * np.hanning(count)
     frequencies = np.fft.rfftfreq(count, (t[-1] - t[0]) / (count - 1))
     spectrum = np.abs(np.fft.rfft(samples)) ** 2
     power = spectrum.copy()
@@ -61,8 +64,9 @@ def recorded_period(t: np.ndarray, values: np.ndarray, *, is_rate: bool) -> floa
         power[1:] /= frequencies[1:] ** 2
         power[1:_PEAK_BINS] = 0.0
     total = float(power.sum())
-    peak = int(np.argmax(power))  # its bin is the number of periods in the record
-    if total <= 0.0 or not LEAST_PERIODS <= peak < len(power) - 1:
+    # The index of a bin is the number of its periods in the record.
+    peak = int(np.argmax(power))
+    if total <= 0.0 or not MIN_RECORDED_PERIODS <= peak < len(power) - 1:
         return None
     lobe = power[max(peak - _PEAK_BINS, 1) : peak + _PEAK_BINS + 1]
     if float(lobe.sum()) < DOMINANT_SHARE * total:

@@ -21,7 +21,12 @@ RECIPE = Path(__file__).with_name("record_template.txt").read_text(encoding="utf
 """What to measure, and how to go on."""
 
 _APPS = {
-    "phyphox": ("Time (s)", *(f"Gyroscope {axis} (rad/s)" for axis in "xyz")),
+    "phyphox": (
+        "Time (s)",
+        "Gyroscope x (rad/s)",
+        "Gyroscope y (rad/s)",
+        "Gyroscope z (rad/s)",
+    ),
     "Sensor Logger": ("seconds_elapsed", "x", "y", "z"),
 }
 """Columns of time and of the rates about three axes [rad/s] by app."""

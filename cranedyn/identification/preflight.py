@@ -20,18 +20,27 @@ from cranedyn.model.layout import Joint
 from cranedyn.references.simple import Spline
 from cranedyn.theory import point_period
 
-ALIKE = 0.95
-"""Correlation above which two parameters count as inseparable."""
+MAX_CORRELATION = 0.95
+"""Correlation, of either sign, from which on two parameters count as inseparable."""
 
 _NORMAL_QUANTILE = 1.959963984540054
 """Half width of a 95 % interval over the standard error, of a normal error."""
 
-_BLIND_SHARE = 0.25
+_UNDETERMINED_SHARE = 0.25
 """Half width of an interval from which on records hardly determine a parameter, as a share of the
 range between its bounds."""
 
 _NEW_CHANNEL_NOISE = 1e-4
 """Noise of a column that no record has yet, as a share of the range of its drive."""
+
+_ASSUMED_CABLE = 10.0
+"""Cable length by which the period of the swing is estimated for a crane without a winch [m]."""
+
+_MOVE_SIZES = {"m": 1.0, "rad": 0.15}
+"""Largest distance of a proposed move by the unit of its drive."""
+
+_MAX_MOVE_SHARE = 0.2
+"""Largest distance of a proposed move, as a share of the range of its drive."""
 
 
 class ParameterPair(NamedTuple):
@@ -65,24 +74,26 @@ class Preflight:
         margins: Half width of the 95 % interval that each parameter of the crane would have; inf
             where the records do not determine it.
         correlation: Correlations of these parameters, shape (parameters, parameters).
-        alike: Pairs that the records cannot separate.
-        blind: Parameters that the records hardly determine: half the interval is more than a
-            quarter of the range between the bounds, or than the value itself.
+        inseparable: Pairs that the records cannot separate.
+        undetermined: Parameters that the records hardly determine: half the interval is more than a
+            quarter of the range between the bounds, or, without bounds, than the value itself.
         advice: Effects of further records, the best first; none where all parameters are
             determined, or drives are not prescribed.
     """
 
     margins: dict[str, float]
     correlation: np.ndarray
-    alike: tuple[ParameterPair, ...]
-    blind: tuple[str, ...]
+    inseparable: tuple[ParameterPair, ...]
+    undetermined: tuple[str, ...]
     advice: tuple[Advice, ...] = ()
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Names of all parameters in `alike` and `blind`."""
-        paired = [name for pair in self.alike for name in (pair.first, pair.second)]
-        return tuple(dict.fromkeys([*paired, *self.blind]))
+        """Names of all parameters in `inseparable` and `undetermined`, each once."""
+        names = []
+        for pair in self.inseparable:
+            names += [pair.first, pair.second]
+        return tuple(dict.fromkeys([*names, *self.undetermined]))
 
 
 def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
@@ -102,12 +113,12 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
     names = [p.name for p in model.own]
     current = information(model, values, noise)
     margins, correlation = _margins_and_correlation(current)
-    alike = _inseparable_pairs(names, correlation)
+    inseparable = _inseparable_pairs(names, correlation)
     result = Preflight(
         margins=dict(zip(names, margins.tolist(), strict=True)),
         correlation=correlation,
-        alike=alike,
-        blind=_undetermined(model, margins, values),
+        inseparable=inseparable,
+        undetermined=_undetermined(model, margins, values),
     )
     if not result.doubtful:
         return result
@@ -116,7 +127,7 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
         further = _further_information(model, record, values, noise)
         reduced_margins, reduced_correlation = _margins_and_correlation(current + further)
         remaining = 0.0
-        for pair in alike:
+        for pair in inseparable:
             rho = reduced_correlation[names.index(pair.first), names.index(pair.second)]
             remaining = max(remaining, abs(rho))
         expected = dict(zip(names, reduced_margins.tolist(), strict=True))
@@ -131,23 +142,25 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
 
 
 def _inseparable_pairs(names: Sequence[str], correlation: np.ndarray) -> tuple[ParameterPair, ...]:
-    """Return the pairs of parameters whose correlation is `ALIKE` or more, of either sign."""
+    """Return the pairs of parameters whose correlation is `MAX_CORRELATION` or more, of either
+    sign.
+    """
     pairs = []
     for i, first in enumerate(names):
         for j, second in enumerate(names[:i]):
-            if abs(correlation[i, j]) >= ALIKE:
+            if abs(correlation[i, j]) >= MAX_CORRELATION:
                 pairs.append(ParameterPair(first, second, float(correlation[i, j])))
     return tuple(pairs)
 
 
 def _undetermined(model: Model, margins: np.ndarray, values: np.ndarray) -> tuple[str, ...]:
     """Return the parameters of the crane that the records hardly determine, see
-    `Preflight.blind`.
+    `Preflight.undetermined`.
     """
     names = []
     for p, margin, value in zip(model.own, margins, values.tolist(), strict=False):
         bounded_range = p.high - p.low
-        limit = _BLIND_SHARE * bounded_range if np.isfinite(bounded_range) else abs(value)
+        limit = _UNDETERMINED_SHARE * bounded_range if np.isfinite(bounded_range) else abs(value)
         if margin > limit:
             names.append(p.name)
     return tuple(names)
@@ -254,12 +267,11 @@ def propose_records(model: Model, values: np.ndarray) -> Iterator[tuple[str, Rec
     move = {joint.symbol: _Move(size, 0.5 * template.period, 2.0)}
     hoist = crane.layout.driven[crane.winch]
     yield from _other_lengths(model, values, template, hoist, text, move)
-    recorded = template.like.columns
-    missing = [
-        joint.columns[0]
-        for joint in crane.layout.driven
-        if joint.setpoint_column in recorded and joint.columns[0] not in recorded
-    ]
+    recorded = template.first.columns
+    missing = []
+    for drive in crane.layout.driven:
+        if drive.setpoint_column in recorded and drive.columns[0] not in recorded:
+            missing.append(drive.columns[0])
     if missing:
         record = template.record(move, with_positions=True)
         yield f"{text}, {', '.join(missing)} recorded, too", record
@@ -324,20 +336,22 @@ class _RecordTemplate:
             overrides: Other positions of drives to begin at, by symbol.
         """
         self.crane = model.prior.crane
-        self.like = model.records[0]
+        self.first = model.records[0]
         self.lags = {}
         for p, value in zip(model.own, values.tolist(), strict=False):
             if p.kind == "lag":
                 self.lags[p.of] = value
         layout = self.crane.layout
-        columns = self.like.columns
+        columns = self.first.columns
         self.positions = {}
         for joint, start in zip(layout.driven, self.crane.start.q[layout.drives], strict=True):
             column = columns.get(joint.columns[0], columns.get(joint.setpoint_column))
             self.positions[joint.symbol] = float(start if column is None else column[-1])
         self.positions |= overrides or {}
         hoist = self.crane.winch
-        length = 10.0 if hoist is None else self.positions[layout.driven[hoist].symbol]
+        length = _ASSUMED_CABLE
+        if hoist is not None:
+            length = self.positions[layout.driven[hoist].symbol]
         self.period = float(point_period(length, self.crane.gravity))
 
     def range_of(self, joint: Joint) -> tuple[float, float]:
@@ -346,19 +360,24 @@ class _RecordTemplate:
         return float(self.crane.lower[i]), float(self.crane.upper[i])
 
     def size(self, joint: Joint) -> float:
-        """Return the distance of a move: a metre or a tenth of a turn, towards the middle of the
-        range.
+        """Return the distance of a move [rad or m], negative where the drive would leave its range
+        otherwise.
         """
         low, high = self.range_of(joint)
-        distance = min(1.0 if joint.unit == "m" else 0.15, 0.2 * (high - low))
+        distance = min(_MOVE_SIZES[joint.unit], _MAX_MOVE_SHARE * (high - low))
         return distance if self.positions[joint.symbol] + distance < high else -distance
 
     def record(self, moves: Mapping[str, _Move], *, with_positions: bool = False) -> Record:
-        """Return the record of drives that move forth and back at once, by symbol; the hoist moves
-        forth only.
+        """Return the record of drives that move forth and back at once; the hoist moves forth only.
+
+        Args:
+            moves: Motions of the drives that move, by symbol.
+            with_positions: Whether positions are recorded of all drives with setpoints; otherwise
+                of those that the first record has.
         """
-        recorded = self.like.columns
-        t = np.arange(0.0, 4.0 + 5.0 * self.period, self.like.interval)
+        recorded = self.first.columns
+        # Long enough for moves that begin after some seconds, and for the swing that they leave.
+        t = np.arange(0.0, 4.0 + 5.0 * self.period, self.first.interval)
         columns: dict[str, np.ndarray] = {}
         for drive, joint in enumerate(self.crane.layout.driven):
             move = moves.get(joint.symbol, _STANDSTILL)
@@ -372,13 +391,13 @@ class _RecordTemplate:
                 columns[joint.setpoint_column] = setpoint
                 if position in recorded or with_positions:
                     lag = self.lags.get(joint.symbol, 0.0)
-                    columns[position] = lagged(setpoint, self.like.interval, lag)[0]
+                    columns[position] = lagged(setpoint, self.first.interval, lag)[0]
             else:
                 columns[position] = setpoint
             # Only how efforts and swings are predicted counts, not what is recorded of them: any
             # column that is not constant stands for them.
             if joint.effort_column in recorded:
                 columns[joint.effort_column] = np.sin(t)
-        for joint in self.like.swings:
-            columns[self.like.swing_column(joint)] = 1e-3 * np.sin(t)
-        return replace(self.like, name="a further record", t=t, columns=columns)
+        for joint in self.first.swings:
+            columns[self.first.swing_column(joint)] = 1e-3 * np.sin(t)
+        return replace(self.first, name="a further record", t=t, columns=columns)

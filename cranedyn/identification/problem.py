@@ -27,6 +27,15 @@ from cranedyn.model.layout import Joint
 _DELAY_START_SHARE = 0.6
 """Share of the bounds of a delay from which further searches begin."""
 
+_NEEDED_DRIVES = {
+    "lag": "motion",
+    "friction": "motion",
+    "stiffness": "hold",
+    "damping": "hold",
+}
+"""How the drives must be simulated for a parameter to have an effect, by its kind; all other kinds
+have one in any case."""
+
 
 class Channel(NamedTuple):
     """Column of a record that is predicted.
@@ -317,25 +326,26 @@ def _check_determined(p: Parameter, records: Sequence[Record], drives: Drives) -
         DataError: If the column is missing or constant.
         OutOfRange: If the parameter has no effect with these drives.
     """
-    needed_drives = {
-        "lag": "motion",
-        "friction": "motion",
-        "stiffness": "hold",
-        "damping": "hold",
-    }
-    if drives != needed_drives.get(p.kind, drives):
-        raise OutOfRange(f"drives beside {p.name}", drives, needed_drives[p.kind])
+    needed_drives = _NEEDED_DRIVES.get(p.kind, drives)
+    if drives != needed_drives:
+        raise OutOfRange(f"drives beside {p.name}", drives, needed_drives)
     for joint in records[0].crane.layout.joints:
-        needed_columns = {
-            "lag": joint.setpoint_column,
-            "friction": joint.effort_column,
-            "bias": joint.columns[0],
-        }
-        column = needed_columns.get(p.kind)
-        if joint.symbol != p.of or column is None:
+        if joint.symbol != p.of:
             continue
-        if any(record.moves(column) for record in records):
+        column = _needed_column(p, joint)
+        if column is None or any(record.moves(column) for record in records):
             continue
         is_recorded = any(column in record.columns for record in records)
         reason = "never moves" if is_recorded else "is not there"
         raise DataError(f"{p.name} cannot be found: {column} {reason}.")
+
+
+def _needed_column(p: Parameter, joint: Joint) -> str | None:
+    """Return the column that determines a parameter of a joint; None if it needs none of its
+    own.
+    """
+    if p.kind == "lag":
+        return joint.setpoint_column
+    if p.kind == "friction":
+        return joint.effort_column
+    return joint.columns[0] if p.kind == "bias" else None

@@ -17,7 +17,7 @@ from cranedyn.identification.estimate import Estimate
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 
-KINDS = ("value", "margin", "unit", "kind")
+ENTRY_KEYS = ("value", "margin", "unit", "kind")
 """Keys of each parameter in a file."""
 
 
@@ -95,10 +95,7 @@ def read_twin(path: str | Path) -> Twin:
         content = parse_json(read_text(path))
         identified = {str(name): dict(entry) for name, entry in content["identified"].items()}
         records = tuple(str(name) for name in content["records"])
-        is_valid = all(
-            set(entry) == set(KINDS) and np.isfinite([entry["value"], entry["margin"] or 0.0]).all()
-            for entry in identified.values()
-        )
+        is_valid = all(_is_valid_entry(entry) for entry in identified.values())
     except CraneError:
         raise
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
@@ -106,3 +103,13 @@ def read_twin(path: str | Path) -> Twin:
     if not is_valid:
         raise DataError(f"{path} is no twin; allowed is a file that `Twin.write` wrote.")
     return Twin(load_crane(from_record=path), identified, records)
+
+
+def _is_valid_entry(entry: Mapping[str, Any]) -> bool:
+    """Return whether an identified parameter has all of its keys, and finite numbers; its margin
+    may be None.
+    """
+    if set(entry) != set(ENTRY_KEYS):
+        return False
+    numbers = [entry["value"], entry["margin"] or 0.0]
+    return bool(np.isfinite(numbers).all())

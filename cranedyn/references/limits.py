@@ -17,8 +17,18 @@ from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion, motion_efforts
 
+_MIN_DURATION = 0.25
+"""Shortest duration of a move that is tried [s]."""
+
 _MAX_DURATION = 3600.0
 """Longest duration of a move that is tried [s]."""
+
+_DURATION_TOLERANCE = 1e-3
+"""Accuracy of a shortest duration [s]."""
+
+_FARTHEST_EXCESS = 1e3
+"""Excess over the limits that stands for any larger one, since a root finder needs finite
+numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +48,20 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Check the numbers and make tuples of them."""
-        for kind, per in (("rate", "s"), ("acceleration", "s²")):
-            values = getattr(self, f"{kind}s")
-            if np.ndim(values) != 1 or np.shape(values) != np.shape(self.rates):
-                allowed = "one number for each drive"
-                raise OutOfRange(f"{kind} limits", values, allowed, f"per {per}")
-            values = tuple(number(f"{kind} limit", value, f"per {per}", "> 0") for value in values)
-            object.__setattr__(self, f"{kind}s", values)
+        rates = self._checked("rate", self.rates, "per s")
+        accelerations = self._checked("acceleration", self.accelerations, "per s²")
+        object.__setattr__(self, "rates", rates)
+        object.__setattr__(self, "accelerations", accelerations)
+
+    def _checked(self, kind: str, values: Sequence[float], unit: str) -> tuple[float, ...]:
+        """Return limits of a kind if they are positive, as many as there are rates.
+
+        Raises:
+            OutOfRange: If they are not.
+        """
+        if np.ndim(values) != 1 or np.shape(values) != np.shape(self.rates):
+            raise OutOfRange(f"{kind} limits", values, "one number for each drive", unit)
+        return tuple(number(f"{kind} limit", value, unit, "> 0") for value in values)
 
     def for_crane(self, crane: Crane) -> Limits:
         """Return the limits with no rate above the crane's own.
@@ -108,8 +125,8 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
         except OutOfRange:
             return np.inf
 
-    low = 0.25
-    high = 0.5
+    low = _MIN_DURATION
+    high = 2.0 * low
     if excess(low) <= 0.0:
         return low
     while (over := excess(high)) > 0.0:
@@ -120,7 +137,11 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
                 f"such that some duration up to {_MAX_DURATION:g} s keeps them, not {over:g} beyond"
             )
             raise OutOfRange("limits of the drives", limits, allowed)
-    # The root finder needs finite numbers. A thousandth of a second more is on the safe side of the
-    # root, which it finds to as much.
-    root = scipy.optimize.brentq(lambda t: min(excess(t), 1e3), low, high, xtol=1e-3)
-    return float(root) + 1e-3
+    root = scipy.optimize.brentq(
+        lambda duration: min(excess(duration), _FARTHEST_EXCESS),
+        low,
+        high,
+        xtol=_DURATION_TOLERANCE,
+    )
+    # The root is found within the tolerance: so much more is on the safe side of it.
+    return float(root) + _DURATION_TOLERANCE

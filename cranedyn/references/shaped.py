@@ -81,7 +81,7 @@ def _decay(damping_ratio: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Shaped(Tabulating):
-    """A reference in parts.
+    """A reference in parts: the same command several times, each time later and smaller.
 
     Attributes:
         base: The reference without shaping.
@@ -110,7 +110,7 @@ def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> 
     Raises:
         OutOfRange: If a period is not positive, or there is none.
     """
-    periods = [period] if isinstance(period, float | int) else list(period)
+    periods = np.atleast_1d(period).tolist()
     if not periods:
         raise OutOfRange("swing periods", "none", "one or more", "s")
     delays = np.zeros(1)
@@ -122,7 +122,7 @@ def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> 
     return Shaped(base, delays, amplitudes)
 
 
-_REST = 30
+_REST_SAMPLES = 30
 """Samples at rest behind a curve: a cubic spline rings about a kink, less by 2 + √3 from sample to
 sample, so 30 of them leave 1e-17."""
 
@@ -147,13 +147,16 @@ class ShapedHoisting(Tabulating):
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
         inside = np.clip(times, 0.0, self.end)
-        position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]
-        columns = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
+        position, velocity, acceleration = self.curves
+        of_base = tabulated(self.base, times)
         # Copies, since the arrays may be the base's own.
-        setpoint = Setpoint(*map(np.array, tabulated(self.base, times)))
-        for target, column in zip(setpoint, columns, strict=True):
-            target[:, self.others] = column
+        setpoint = Setpoint(
+            of_base.position.copy(), of_base.velocity.copy(), of_base.acceleration.copy()
+        )
+        setpoint.position[:, self.others] = position(inside)
+        setpoint.velocity[:, self.others] = np.where(moving, velocity(inside), 0.0)
+        setpoint.acceleration[:, self.others] = np.where(moving, acceleration(inside), 0.0)
         return setpoint
 
 
@@ -185,32 +188,38 @@ def shaped_hoisting(
     role = crane.layout.role("hoist", "Shaped hoisting")
     hoist = crane.layout.drive(crane.layout.symbols[role])
     other_drives = np.delete(np.arange(crane.layout.m), hoist)
-    gravity = crane.gravity
     intervals("duration", duration, step)
     within("step of the shaped reference", step, 0.0, duration / 4.0, "s")
     count = round(duration / step)
-    longest = float(
-        tabulated(base, step * np.arange(count + 1), crane.layout.m).position[:, hoist].max()
-    )
+    of_base = tabulated(base, step * np.arange(count + 1), crane.layout.m)
+    longest = float(of_base.position[:, hoist].max())
     number("longest cable that the reference wants", longest, "m", "> 0")
-    slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
-    intervals("duration and swing period", duration + slowest * float(shaper.fractions[-1]), step)
-    t = step * np.arange(count + math.ceil(slowest * shaper.fractions[-1] / step) + 2 + _REST)
+    slowest_period = 2.0 * math.pi * math.sqrt(longest / crane.gravity)
+
+    # The last part comes up to this much after the command.
+    longest_delay = slowest_period * float(shaper.fractions[-1])
+    intervals("duration and swing period", duration + longest_delay, step)
+    t = step * np.arange(count + math.ceil(longest_delay / step) + 2 + _REST_SAMPLES)
     setpoint = tabulated(base, t)
     length = setpoint.position[:, hoist]
     number("shortest cable that the reference wants", length.min(), "m", "> 0")
-    # The phase ∫ω dt of the swing, and for each part and time the weight amplitude · l^(1/4) at the
-    # length at which the part comes; the weights of a time are scaled to add up to one.
-    phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
-    weights = (
-        shaper.amplitudes[:, None]
-        * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
-    )
-    velocities = (weights / weights.sum(axis=0))[:, :, None] * setpoint.velocity[:, other_drives]
+    phase = scipy.integrate.cumulative_trapezoid(np.sqrt(crane.gravity / length), t, initial=0.0)
+
+    # Of what is commanded at each time, the share of each part: its amplitude times l^(1/4) at the
+    # length at which the part comes, scaled so that the parts add up to one.
+    fractions = shaper.fractions[:, None]
+    length_of_part = np.interp(phase + 2.0 * math.pi * fractions, phase, length)
+    weights = shaper.amplitudes[:, None] * length_of_part**0.25
+    shares = weights / weights.sum(axis=0)
+
+    # How far each part has moved the drives up to the time at which it was commanded, shape (parts,
+    # times, drives).
+    velocities = shares[:, :, None] * setpoint.velocity[:, other_drives]
     displacements = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
     moved = np.zeros((len(t), len(other_drives)))
     for fraction, displacement in zip(shaper.fractions, displacements, strict=True):
-        # The time at which the part was commanded that comes at each time.
+        # A part comes when the swing has gone on by its fraction of a turn. So what has come up to
+        # a time was commanded up to that by which the phase was as much less.
         commanded = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
         moved += np.stack([np.interp(commanded, t, column) for column in displacement.T], axis=1)
     curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, other_drives] + moved, k=3)

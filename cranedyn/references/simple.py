@@ -55,16 +55,24 @@ class Still:
 def hold(crane: Crane, state: State | None = None) -> Reference:
     """Keep the drives of a crane where a state has them; None for where it starts."""
     q = crane.layout.as_state("state", crane.start if state is None else state).q
-    zero = np.zeros(crane.layout.m)
-    return Still(Setpoint(q[crane.layout.drives], zero, zero))
+    at_rest = np.zeros(crane.layout.m)
+    return Still(Setpoint(q[crane.layout.drives], at_rest, at_rest))
 
 
 def checked_reference(
     reference: Reference, layout: Layout, t_start: float, period: float
 ) -> Reference:
-    """Return a reference for a crane of a layout that checks its setpoints, see `as_setpoint`;
-    those of `Still`, which cannot change, only once. It is for control instants, a period apart
-    from a start on [s]: a method `at` is asked for a block of them.
+    """Return a reference that checks its setpoints at the control instants of a run, see
+    `as_setpoint`.
+
+    A reference with a method `at` is asked for many instants at once, which is faster. The setpoint
+    of `Still`, which cannot change, is checked only once.
+
+    Args:
+        reference: The reference.
+        layout: Coordinates of the crane.
+        t_start: First control instant [s].
+        period: Time between control instants [s].
 
     Raises:
         OutOfRange: If it is a `Motion` of another crane.
@@ -75,11 +83,13 @@ def checked_reference(
         as_setpoint(reference.setpoint, (layout.m,))
         return reference
 
-    def checked_reference(t: float) -> Setpoint:
+    def checked_setpoint(t: float) -> Setpoint:
+        """Return the setpoint at an instant, of which the reference is asked by itself."""
         return as_setpoint(reference(t), (layout.m,))
 
     @lru_cache(maxsize=1)
     def block(first: int) -> list[Setpoint]:
+        """Return the setpoints of a block of instants from one on; none if one of them raises."""
         times = t_start + period * np.arange(first, first + _BLOCK)
         # An error may be that of an instant that the run does not reach: then the reference is
         # asked for each instant by itself.
@@ -89,11 +99,12 @@ def checked_reference(
         return []
 
     def from_block(t: float) -> Setpoint:
+        """Return the setpoint at an instant from the block in which it is."""
         k = round((t - t_start) / period)
         rows = block(k - k % _BLOCK)
-        return rows[k % _BLOCK] if rows else checked_reference(t)
+        return rows[k % _BLOCK] if rows else checked_setpoint(t)
 
-    return from_block if hasattr(reference, "at") else checked_reference
+    return from_block if hasattr(reference, "at") else checked_setpoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +202,8 @@ def ramp(
     """
     direction = math.copysign(1.0, number("ramp distance", by)) * crane.layout.along(drive)
     speed = number("ramp rate", rate, "rad/s or m/s", "> 0")
-    return Ramp(base, speed * direction, number("ramp start", at, "s"), at + abs(by) / speed)
+    start = number("ramp start", at, "s")
+    return Ramp(base, rates=speed * direction, first=start, last=at + abs(by) / speed)
 
 
 PEAK_RATE = 15.0 / 8.0

@@ -11,7 +11,7 @@ from cranedyn.data.external import parse_sources
 from cranedyn.errors import DataError, OutOfRange, quoted
 from cranedyn.identification import Estimate, Model, Prior, load_record
 from cranedyn.identification.assumed import inertia_effects
-from cranedyn.identification.estimate import ENOUGH
+from cranedyn.identification.estimate import EXPLAINED_SHARE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.machines import read_machine
 from cranedyn.model.options import add_crane_options, add_values, load_options, parse_pairs
@@ -134,9 +134,9 @@ def _believed(subject: str, result: Identification) -> list[Claim]:
     bounds = result.estimate.at_bound
     return [
         Claim(
-            f"{subject}: the twin explains {100 * ENOUGH:g} % of the variance of each swing at "
-            f"least ({100 * share:.1f} % of {column}).",
-            share >= ENOUGH,
+            f"{subject}: the twin explains {100 * EXPLAINED_SHARE:g} % of the variance of each "
+            f"swing at least ({100 * share:.1f} % of {column}).",
+            share >= EXPLAINED_SHARE,
         ),
         Claim(
             f"{subject}: no parameter ended at a bound ({', '.join(bounds) or 'none did'}).",
@@ -247,7 +247,7 @@ def _trials_claims(
             errors[worst] <= 2.0,
         )
         yield _white(f"The trial, {columns}", result)
-    pairs = [p for p in alone.judged.alike if {p.first, p.second} == {"delay", "x_lag"}]
+    pairs = [p for p in alone.judged.inseparable if {p.first, p.second} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
     yield Claim(
         f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "

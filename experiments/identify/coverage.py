@@ -24,7 +24,7 @@ from cranedyn.export.crane_data import urdf_element
 from cranedyn.export.mjcf_file import mjcf
 from cranedyn.identification import Model, Prior, Record, identify
 from cranedyn.identification.drive_motion import SampledMotion
-from cranedyn.identification.estimate import WHITE
+from cranedyn.identification.estimate import WHITENESS_LEVEL
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.sweep import grid, sweep
@@ -302,7 +302,7 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
         # Four channels of each crane: two swings and the efforts of two drives.
         channels = 4 * count
         coloured = int(data["not_white"].sum())
-        bound = int(binom.ppf(1.0 - TAIL_PROBABILITY, channels, WHITE))
+        bound = int(binom.ppf(1.0 - TAIL_PROBABILITY, channels, WHITENESS_LEVEL))
         sentence = (
             f"{coloured} of {channels} residuals are not white; of white ones {bound} would be "
             "at most."

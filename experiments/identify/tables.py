@@ -223,8 +223,10 @@ def inertia_tables(estimate: Estimate, effects: Sequence[InertiaEffect]) -> list
 def doubts(result: Identification, subject: str) -> list[ResultTable]:
     """Return the tables of what records cannot tell, and of moves whose record would."""
     judged = result.judged
-    pairs = [(f"{p.first} from {p.second}", finite_or_none(p.correlation)) for p in judged.alike]
-    pairs += [(f"{name}, next to nothing", None) for name in judged.blind]
+    pairs = [
+        (f"{p.first} from {p.second}", finite_or_none(p.correlation)) for p in judged.inseparable
+    ]
+    pairs += [(f"{name}, next to nothing", None) for name in judged.undetermined]
     pairs_table = ResultTable(
         _titled("What these records cannot tell", subject),
         [("parameter", ""), ("correlation", "+.3f")],
@@ -237,9 +239,9 @@ def doubts(result: Identification, subject: str) -> list[ResultTable]:
         """Return the column of half the interval of a parameter."""
         return f"± {name}", ".2g", lambda advice: finite_or_none(advice.margins[name])
 
-    worst = max((abs(pair.correlation) for pair in judged.alike), default=0.0)
+    worst = max((abs(pair.correlation) for pair in judged.inseparable), default=0.0)
     columns = [margin(name) for name in judged.doubtful]
-    if judged.alike:
+    if judged.inseparable:
         columns.append(("correlation", ".3f", lambda advice: advice.correlation))
     moves_table = make_table(
         _titled("Moves that would tell", subject),

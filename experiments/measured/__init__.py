@@ -13,7 +13,7 @@ import numpy as np
 from cranedyn.dynamics.equations_of_motion import energy
 from cranedyn.errors import DataError
 from cranedyn.identification import Estimate, Model, Prior, Record, identify, twin_of
-from cranedyn.identification.estimate import ENOUGH
+from cranedyn.identification.estimate import EXPLAINED_SHARE
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import XACRO
@@ -159,9 +159,9 @@ def _outcome(singles: Sequence[Single], drives: Sequence[Log], count: int) -> Ou
     }
     claims = [
         Claim(
-            f"{name}: each record alone explains {100 * ENOUGH:g} % of its swing at least "
+            f"{name}: each record alone explains {100 * EXPLAINED_SHARE:g} % of its swing at least "
             f"({100 * share:.1f} % of {column}).",
-            share >= ENOUGH,
+            share >= EXPLAINED_SHARE,
         )
         for name, (share, column) in shares.items()
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,10 +17,13 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.estimation import mpc, with_load_estimate, with_observer, with_sensor_model
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
+from cranedyn.model.load import load_crane
 from cranedyn.references import hanging_reference, hold, ramp, spline
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, crane, states
+from tests.model.test_locked import JOINT, LINK
+from tests.model.test_mimics import MIMIC
 
 STILL = Setpoint(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))
 
@@ -48,6 +53,25 @@ def test_the_published_gain_is_the_default_and_the_weight_is_fed_forward() -> No
     assert brake.damping.tolist() == list(DAMPING.values())
     assert brake.feed_forward.tolist() == [0.0, 0.0, -2000 * crane().gravity]
     assert hold_controller(crane(), gravity=9.8).feed_forward[2] == -9800.0
+
+
+def test_a_drive_feeds_forward_the_weight_on_the_joints_that_follow_it(tmp_path: Path) -> None:
+    """A mast of two sections, of which the upper one rises half as far again as the lower one."""
+    follower = MIMIC.format("rise", 0.5, 0.0)
+    links = (("s1", 200), ("s2", 100), ("load", 50))
+    mast = (
+        '<robot name="mast"><link name="truck"/>'
+        + "".join(LINK.format(*link) for link in links)
+        + JOINT.format("rise", "prismatic", "truck", "s1", "0 0 1", "")
+        + JOINT.format("rise2", "prismatic", "s1", "s2", "0 0 1", follower)
+        + JOINT.format("swing", "revolute", "s2", "load", "0 1 0", "")
+        + "</robot>"
+    )
+    path = tmp_path / "mast.urdf"
+    path.write_text(mast.replace('rpy="0.1 0.2 0"', 'rpy="0 0 0"'), encoding="utf-8")
+    lifted = load_crane(path, driven=["rise"], payload="swing")
+    weight = (200.0 + 1.5 * (100.0 + 50.0)) * lifted.gravity
+    assert_allclose(hold_controller(lifted).feed_forward, [weight], rtol=1e-12)
 
 
 def test_one_gain_can_be_changed_alone() -> None:

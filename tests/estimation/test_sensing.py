@@ -13,7 +13,7 @@ from cranedyn.controllers import hold_controller, lqr
 from cranedyn.controllers.lqr import linearised
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation import with_observer, with_sensor_model
 from cranedyn.estimation.observer import (
     ObserverController,
@@ -120,6 +120,11 @@ def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says(
         # The slowest time constant is 4.6 s, that of squares half of it: 110 s are 24 independent
         # draws, of which a deviation is known to 1/√48.
         assert values.std() == pytest.approx(math.sqrt(covariance[i, i]), rel=3.0 / math.sqrt(48.0))
+
+
+def test_noise_is_drawn_by_a_generator_and_not_by_a_seed() -> None:
+    with pytest.raises(OutOfRange, match="rng is 5; allowed is a generator, such as"):
+        with_sensor_model(crane(), hold_controller(crane()), rng=5)  # type: ignore[arg-type]
 
 
 def test_sensors_of_one_run_are_refused_in_another() -> None:

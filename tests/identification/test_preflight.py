@@ -25,14 +25,14 @@ def test_setpoints_alone_do_not_tell_delay_and_lag_apart_and_positions_would() -
     values = np.array([TRUTH[one.name] for one in own])
     values = np.concatenate([values, np.zeros(len(alone.parameters) - len(own))])
     judged = preflight(_at(alone, values))
-    pairs = {frozenset((pair.first, pair.second)): pair.correlation for pair in judged.alike}
+    pairs = {frozenset((pair.first, pair.second)): pair.correlation for pair in judged.inseparable}
     assert pairs[frozenset(("delay", "x_lag"))] < -0.95
     best = judged.advice[0]
     assert "recorded, too" in best.move
     assert best.margins["delay"] < 0.5 * judged.margins["delay"]
     both = Model.of(PRIOR, [trial_record(PRIOR, positions=True)])
     kept = preflight(_at(both, values))
-    assert not {"delay", "x_lag"} & {name for pair in kept.alike for name in pair[:2]}
+    assert not {"delay", "x_lag"} & {name for pair in kept.inseparable for name in pair[:2]}
     assert kept.margins["delay"] <= best.margins["delay"]
 
 
@@ -58,8 +58,8 @@ def test_margins_foretold_are_those_that_come_out() -> None:
     plain = 1.96 * 2e-3 / np.sqrt(len(model.rows(0)))
     for name in ("phi_bias", "theta_bias"):
         assert plain * 0.9 < estimate.margin(name) < plain * 1.15
-    assert foretold.alike == ()
-    assert foretold.blind == ()
+    assert foretold.inseparable == ()
+    assert foretold.undetermined == ()
     assert foretold.advice == ()
 
 
@@ -74,8 +74,10 @@ def test_the_weight_of_a_load_that_only_swings_is_said_to_be_next_to_unknown() -
     )
     model = Model.of(PRIOR, [Record.of(PRIOR.crane, columns)], ["l_offset", "payload_mass"])
     judged = preflight(model)
-    assert judged.blind == ("payload_mass",)
-    assert [{pair.first, pair.second} for pair in judged.alike] == [{"l_offset", "payload_mass"}]
+    assert judged.undetermined == ("payload_mass",)
+    assert [{pair.first, pair.second} for pair in judged.inseparable] == [
+        {"l_offset", "payload_mass"}
+    ]
     assert judged.advice[0].margins["payload_mass"] < judged.margins["payload_mass"]
     assert any(" m, half the cable" in advice.move for advice in judged.advice)
 

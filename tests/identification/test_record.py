@@ -56,6 +56,15 @@ def test_what_is_no_record_is_refused_in_one_sentence(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("since", "rows"), [(1000.0, 0), (39.93, 1)])
+def test_a_record_with_no_row_in_the_time_that_is_looked_at_is_not_one_of_a_clock_that_jumps(
+    since: float, rows: int
+) -> None:
+    words = f"has {rows} rows to go by; allowed are 40 or more. .* outside of that time"
+    with pytest.raises(DataError, match=words):
+        Record.of(PRIOR.crane, columns(), since=since)
+
+
 def test_a_swing_that_never_moves_beside_one_that_does_is_left_out_and_said() -> None:
     record = Record.of(PRIOR.crane, changed(theta_rad=np.zeros(800)))
     assert [joint.symbol for joint in record.swings] == ["phi"]

@@ -30,7 +30,7 @@ def test_a_residual_is_white_where_ljung_and_boxs_test_of_statsmodels_says_so() 
         residual = 2.0 + _autoregressive(float(share), 300, rng)
         lags = [estimate._WHITENESS_LAGS]
         theirs = float(acorr_ljungbox(residual, lags=lags)["lb_pvalue"].iloc[0])
-        assert is_white(residual) == (theirs > estimate.WHITE)
+        assert is_white(residual) == (theirs > estimate.WHITENESS_LEVEL)
         verdicts.append(is_white(residual))
     assert 0.2 < np.mean(verdicts) < 0.8
 

@@ -57,7 +57,7 @@ def test_what_the_records_say_nothing_of_has_no_interval_in_the_file(tmp_path: P
     estimate = identify(Model.of(Prior(), [record], ["l_offset", "slewing_inertia"]))
     assert estimate.margin("slewing_inertia") == np.inf
     assert estimate.value("slewing_inertia") == Prior().value("slewing_inertia")
-    assert preflight(estimate.model, estimate).blind == ("slewing_inertia",)
+    assert preflight(estimate.model, estimate).undetermined == ("slewing_inertia",)
     file = twin_of(estimate).write(tmp_path / "twin.json")
     assert read_twin(file).identified["slewing_inertia"]["margin"] is None
 

@@ -72,6 +72,12 @@ def test_a_step_comes_in_the_parts_of_one_shaper_after_the_other(periods: list[f
         assert found(float(t)).position[1] == pytest.approx(there, abs=1e-12)
 
 
+@pytest.mark.parametrize("period", [7, np.int64(7), np.float32(7.0), np.array(7.0), [7.0]])
+def test_a_period_is_a_number_of_any_kind(period: float) -> None:
+    delays = shaped(hold(crane()), zv(), period).delays  # type: ignore[attr-defined]
+    assert delays.tolist() == [0.0, 3.5]
+
+
 def test_on_a_cable_that_keeps_its_length_both_shapers_are_one() -> None:
     """The one for a moving cable counts angles of a swing with g/l, and l is constant here."""
     of = big_crane()

@@ -25,6 +25,10 @@ Public names:
 * `site_simulation.simulate_site` steps all cranes by one clock, with late and lost messages; its
   run is written as a table, as a recording and, by `site_page.write_page`, as a page.
 
-`distance_proof.proven_apart`, `obstacles` and `supervisor` state what is proven. A cycle of the
-supervisor takes longer than its period where many boxes are close.
+To read the modules, begin with `crane_site` and `supervisor`, whose docstring says what is promised
+and why it holds. Then `brakes`, `guard` and `working_wind` follow a crane, `capsules`,
+`placed_capsules`, `distance_proof` and `obstacles` what is proven, and `site_simulation` a run.
+`plan`, `operators` and `adversaries` are what a site is used for.
+
+A cycle of the supervisor takes longer than its period where many boxes are close.
 """

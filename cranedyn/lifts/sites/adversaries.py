@@ -88,14 +88,17 @@ class Adversary:
         """Return the sign of the rate of each drive that moves the pivot, in plan, towards the
         nearest pivot of another crane, shape (N, m).
         """
-        poses = []
+        ropes = []
         for station, state in zip(self.site.stations, states, strict=True):
-            poses.append(station.rope(state.q))
-        my_pivot, _, motion = poses.pop(self.index)
-        offsets = np.array([pivot[:, :2] - my_pivot[:, :2] for pivot, _, _ in poses])
+            ropes.append(station.rope(state.q))
+        mine = ropes.pop(self.index)
+        if not ropes:
+            # There is no other crane to push towards.
+            return np.zeros(mine.motion.shape[:2])
+        offsets = np.array([other.pivot[:, :2] - mine.pivot[:, :2] for other in ropes])
         nearest = np.argmin((offsets * offsets).sum(axis=2), axis=0)
-        offset = offsets[nearest, np.arange(len(my_pivot))]
-        return np.sign((motion[:, :, :2] * offset[:, None]).sum(axis=2))
+        offset = offsets[nearest, np.arange(len(mine.pivot))]
+        return np.sign((mine.motion[:, :, :2] * offset[:, None]).sum(axis=2))
 
 
 class Attack(NamedTuple):

@@ -1,4 +1,9 @@
-"""A site with several cranes."""
+"""A site with several cranes: where they stand, and what is proven about their positions.
+
+Conventions of this module: a crane has m drives and n coordinates, the drives and two swing joints.
+A *box* is an interval of positions for each drive, shape (2, m): the lower ends, then the upper
+ends. A crane is named by its index among `CraneSite.stations`.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +44,25 @@ DISTANCE = 1.0
 SWING = 0.1
 """Largest swing of the ropes from plumb of a site that does not enter it [rad]."""
 
-_ARC = 13
-"""Points of an arc that a jib sweeps."""
+_ARC_POINTS = 13
+"""Number of points with which an arc is drawn that a jib sweeps."""
+
+_ROUNDING = 1e-9
+"""Rounding error of times and accelerations [s, rad/s² or m/s²]."""
+
+
+class RopePoses(NamedTuple):
+    """How the rope of a crane hangs in some rows, in the frame of the site.
+
+    Attributes:
+        pivot: The point from which it hangs [m], shape (rows, 3).
+        direction: Unit vector along the rope, from the pivot to the load, shape (rows, 3).
+        motion: Motion of the pivot by each drive [m/rad or m/m], shape (rows, m, 3).
+    """
+
+    pivot: np.ndarray
+    direction: np.ndarray
+    motion: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,23 +91,46 @@ class Station:
     entered: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        """Check that all drives have converters and brakes.
+        """Check that the foot is near enough, and that the drives brake as the brakes say.
 
         Raises:
-            OutOfRange: If not, a number is not finite or beyond `FARTHEST`, or brakes react sooner.
+            OutOfRange: If a number is not finite, the foot is beyond `FARTHEST`, not every drive
+                has a converter and a brake, or the drives react later or ramp more slowly than the
+                brakes.
         """
-        for x in finite(name := f"foot of {quoted(self.name)}", self.foot, (3,), unit="m"):
-            within(name, x, -FARTHEST, FARTHEST, "m")
+        name = f"foot of {quoted(self.name)}"
+        for coordinate in finite(name, self.foot, (3,), unit="m"):
+            within(name, coordinate, -FARTHEST, FARTHEST, "m")
         number(f"heading of {quoted(self.name)}", self.heading, "rad")
         self.converters.checked_for(self.crane)
-        if len(self.brakes.decelerations) != (m := self.crane.layout.m):
-            raise OutOfRange("number of brakes", len(self.brakes.decelerations), f"{m}")
-        drives = self.converters
-        reaction = self.brakes.reaction
-        least = CYCLE + drives.delay + (drives.lags + drives.accelerations / drives.jerks).max()
-        if reaction < least - 1e-9:
+        decelerations = self.brakes.decelerations
+        drive_count = self.crane.layout.m
+        if len(decelerations) != drive_count:
+            raise OutOfRange("number of brakes", len(decelerations), f"{drive_count}")
+
+        # Drives brake by the ramps of their converters: a guard that counted on more would let them
+        # run out of their box.
+        accelerations = self.converters.accelerations
+        for joint, brake, ramp in zip(
+            self.crane.layout.driven, decelerations, accelerations, strict=True
+        ):
+            if brake > ramp + _ROUNDING:
+                raise OutOfRange(
+                    f"deceleration of the brake of {joint.symbol} of {quoted(self.name)}",
+                    f"{brake:.4g}",
+                    f"up to {ramp:.4g}, by which its drive slows down",
+                    f"{joint.unit}/s²",
+                )
+
+        # A rate that a guard commands acts until the end of its cycle. It reaches the drive after
+        # the delay of the bus; the ramp takes the time acceleration / jerk to become as steep as
+        # it gets, and the drive follows it by its lag.
+        ramp_times = accelerations / self.converters.jerks
+        slowest = float((self.converters.lags + ramp_times).max())
+        least = CYCLE + self.converters.delay + slowest
+        if self.brakes.reaction < least - _ROUNDING:
             allowed = f">= {least:.3g}, a cycle, delay, lag and rounding of the drives"
-            raise OutOfRange("reaction time of brakes", reaction, allowed, "s")
+            raise OutOfRange("reaction time of brakes", self.brakes.reaction, allowed, "s")
 
     @cached_property
     def bodies(self) -> CraneBodies:
@@ -104,56 +150,80 @@ class Station:
     @property
     def turn(self) -> float:
         """Angle from the frame of the crane to that of the site about Z [rad]."""
-        return math.atan2(*self.bodies.foot[1::-1, 0])
+        # The first column of the rotation of the foot is the X axis of the crane.
+        x, y, _ = self.bodies.foot[:, 0]
+        return math.atan2(y, x)
 
     def in_crane_frame(self, solids: Sequence[Solid]) -> list[Solid]:
         """Return solids of the site in the frame of the crane."""
         turn = self.bodies.foot[:, :3].T
         return [solid.moved(turn, -turn @ np.asarray(self.foot)) for solid in solids]
 
-    def rope(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return pivots [m], shape (rows, 3), directions of the rope, shape (rows, 3), and motions
-        of the pivot by each drive [m/rad or m/m], shape (rows, m, 3), in the frame of the site, at
-        coordinates of shape (rows, n).
-        """
-        chain = self.bodies.columns[:-1]
+    def rope(self, q: np.ndarray) -> RopePoses:
+        """Return how the rope hangs at coordinates of shape (rows, n)."""
         crane = self.crane
-        ends = q[:, crane.layout.drives[chain]], q[:, crane.swings]
-        poses = rope_poses(self.ropes.repeat(len(q), axis=0), *ends)
+        # All drives but the winch move the pivot.
+        chain = self.bodies.columns[:-1]
+        chain_position = q[:, crane.layout.drives[chain]]
+        swing_angles = q[:, crane.swings]
+        poses = rope_poses(self.ropes.repeat(len(q), axis=0), chain_position, swing_angles)
         motion = np.zeros((len(q), crane.layout.m, 3))
         motion[:, chain] = poses[:, 6:].reshape(len(q), -1, 3)
-        return poses[:, :3], poses[:, 3:6], motion
+        return RopePoses(poses[:, :3], poses[:, 3:6], motion)
 
     def plumb(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return coordinates of the crane at rest, shape (rows, n), and points of its load in the
         frame of the site [m], shape (rows, 3), for positions of the drives, shape (rows, m).
         """
-        q = np.tile(self.crane.start.q, (len(position), 1))
-        q[:, self.crane.layout.drives], q[:, self.crane.swings] = position, 0.0
-        q[:, self.crane.swings] = -self.crane.swing_angles(q)
-        load, *_ = self.rope(q)
-        load[:, 2] -= position[:, self.crane.winch]
+        crane = self.crane
+        q = np.tile(crane.start.q, (len(position), 1))
+        q[:, crane.layout.drives] = position
+        # A swing joint is measured from the link before it, which leans where a jib luffs. So the
+        # angles at which the rope hangs plumb take back those that it has where the joints are at
+        # zero.
+        q[:, crane.swings] = 0.0
+        q[:, crane.swings] = -crane.swing_angles(q)
+        load = self.rope(q).pivot
+        load[:, 2] -= position[:, crane.winch]
         return q, load
 
     def outline(self, boxes: np.ndarray) -> np.ndarray:
-        """Return lines around the places of the rope's pivot in boxes of the drives, shape (rows,
-        2, m), and from there to the mast, in the frame of the crane [m], shape (rows, points, 3).
+        """Return the sectors in which the rope's pivot may be in boxes of the drives, as lines.
+
+        A line goes along the inner arc of the sector, to the mast, back along the outer arc, and
+        again to the mast. Drives other than slew and trolley are in the middle of their intervals.
+
+        Args:
+            boxes: The boxes, shape (rows, 2, m).
+
+        Returns:
+            Points in the frame of the crane [m], shape (rows, points, 3).
         """
+        # The first drive of the chain turns the jib, the last one moves the pivot along it.
         columns = self.bodies.columns
-        arc = np.linspace(0.0, 1.0, _ARC)
-        ends = [columns[0], columns[max(len(columns) - 2, 0)]]  # such as slew and trolley
-        inner, outer = (np.column_stack([arc, np.full(_ARC, end)]) for end in (0.0, 1.0))
-        share = np.full((2 * _ARC + 2, self.crane.layout.m), 0.5)
-        share[:, ends] = np.concatenate([inner[::-1], outer[:1], outer, outer[-1:]])
-        drives = boxes[:, :1] + share * np.diff(boxes, axis=1)
+        slew = columns[0]
+        trolley = columns[max(len(columns) - 2, 0)]
+
+        # Where each drive is in its interval, from 0 to 1. The points at the mast are put there
+        # below; until then they repeat an end of the outer arc.
+        arc = np.linspace(0.0, 1.0, _ARC_POINTS)
+        inner = np.zeros(_ARC_POINTS)
+        outer = np.ones(_ARC_POINTS)
+        shares = np.full((2 * _ARC_POINTS + 2, self.crane.layout.m), 0.5)
+        shares[:, slew] = np.concatenate([arc[::-1], arc[:1], arc, arc[-1:]])
+        shares[:, trolley] = np.concatenate([inner, outer[:1], outer, outer[-1:]])
+        drives = boxes[:, :1] + shares * np.diff(boxes, axis=1)
+
         q, _ = self.plumb(drives.reshape(-1, self.crane.layout.m))
-        lines = ((self.rope(q)[0] - self.foot) @ self.bodies.foot[:, :3]).reshape(len(boxes), -1, 3)
-        lines[:, [_ARC, -1], :2] = 0.0
+        points = (self.rope(q).pivot - self.foot) @ self.bodies.foot[:, :3]
+        lines = points.reshape(len(boxes), -1, 3)
+        at_mast = [_ARC_POINTS, -1]
+        lines[:, at_mast, :2] = 0.0
         return lines
 
     @cached_property
     def ropes(self) -> np.ndarray:
-        """Numbers of its foot, joints and rope, see
+        """Numbers of its foot, joints and rope in one row, see
         `cranedyn.lifts.sites.placed_capsules.rope_poses`.
         """
         return stacked([self.bodies]).ropes
@@ -231,9 +301,10 @@ class CraneSite:
                     f"The towers of {quoted(names[a])} and {quoted(names[b])} are "
                     f"{max(gap, 0.0):.2f} m apart; required is {self.distance:g} m."
                 )
-        for station in self.stations if self.solids else ():
-            bodies = [solid for solid in self.solids if not solid.zone]
-            collision = first_collision(station.parts_at_start, bodies)
+        # Zones are not solid: towers and jibs may be in them.
+        bodies = [solid for solid in self.solids if not solid.zone]
+        for station in self.stations:
+            collision = first_collision(station.parts_at_start, bodies) if bodies else None
             if collision is not None:
                 part, solid = collision
                 raise DataError(
@@ -267,66 +338,108 @@ class CraneSite:
         boxes: Sequence[np.ndarray],
         doubtful: np.ndarray | bool = True,
     ) -> np.ndarray:
-        """Return whether a crane with its drives in a box, shape (..., 2, m), is proven to keep the
-        required distance from each crane in its box, shape (..., 2, m) each, and at its own index
-        from all obstacles, shape (..., cranes); True wherever there is no doubt, in the same shape.
+        """Return whether a crane in a box is proven to keep the required distance from each other
+        crane in its box, and from all obstacles.
+
+        Args:
+            station: Index of the crane.
+            box: Its box, shape (..., 2, m).
+            boxes: Boxes of all cranes, shape (..., 2, m) each; its own one is not read.
+            doubtful: Whether there is something to prove about each crane, shape (..., cranes), and
+                at its own index about obstacles. What is not doubtful counts as proven: whoever
+                says so knows it from an earlier proof.
+
+        Returns:
+            Whether it keeps apart from each crane, shape (..., cranes), and at its own index from
+            all obstacles. False everywhere for a box whose ends are swapped or no numbers.
         """
         cranes = len(self.stations)
         shape = box.shape[:-2]
         sound = is_box(box).reshape(-1)
-        doubts = np.broadcast_to(doubtful, (*shape, cranes)).reshape(-1, cranes).copy()
-        doubts[:, station] &= len(self.solids) > 0
+        to_prove = np.broadcast_to(doubtful, (*shape, cranes)).reshape(-1, cranes).copy()
+        to_prove[:, station] &= len(self.solids) > 0
+
+        # Boxes of all cranes that a proof reads, in the columns of `bodies`.
         ends = np.zeros((*shape, cranes, 2, self.bodies.axis.shape[1] + 1))
-        for i in {station, *np.flatnonzero(doubts.any(axis=0)).tolist()}:
+        for i in {station, *np.flatnonzero(to_prove.any(axis=0)).tolist()}:
             ends[..., i, :, :] = self.positions(i, box if i == station else boxes[i])
         rows = ends.reshape(-1, *ends.shape[-3:])
-        proven = ~doubts
-        for row in np.flatnonzero(doubts[:, station]):
+
+        proven = ~to_prove
+        for row in np.flatnonzero(to_prove[:, station]):
             proven[row, station] = self.obstacles.proven_clear(
                 self.bodies, station, rows[row, station], self.distance, self.swing
             )
-        doubts[:, station] = False
-        pairs = np.nonzero(doubts)
-        if len(pairs[0]):
-            proven[pairs] = proven_apart(
+        to_prove[:, station] = False
+        pair_row, other = np.nonzero(to_prove)
+        if len(pair_row):
+            proven[pair_row, other] = proven_apart(
                 self.bodies,
-                np.full(len(pairs[0]), station),
-                rows[pairs[0], station],
-                pairs[1],
-                rows[pairs],
+                np.full(len(pair_row), station),
+                rows[pair_row, station],
+                other,
+                rows[pair_row, other],
                 self.distance,
                 self.swing,
             )
-        # Where there is no doubt, a box that is none is proven nothing either.
+
+        # A box that is no box is apart from nothing, also where nobody doubts it.
         proven[~sound] = False
         return proven.reshape(*shape, cranes)
 
     def pair_apart(
         self, a: int, box_a: np.ndarray, b: int, box_b: np.ndarray, factor: float = 1.0
     ) -> np.ndarray:
-        """Return whether two cranes in boxes, shape (..., 2, m), are proven to keep a multiple of
-        the required distance, shape (...); the same whichever crane is first.
+        """Return whether two cranes in boxes are proven to keep a multiple of the required distance
+        from each other, shape (...).
+
+        Args:
+            a: Index of a crane.
+            box_a: Its boxes, shape (..., 2, m).
+            b: Index of the other crane.
+            box_b: Its boxes, shape (..., 2, m).
+            factor: The multiple.
         """
+        # Rounding and the order in which halves of boxes are examined depend on which crane is
+        # first. In one order the answer is the same whoever asks.
         if a > b:
             return self.pair_apart(b, box_b, a, box_a, factor)
-        ends = np.broadcast_arrays(self.positions(a, box_a), self.positions(b, box_b))
-        first, second = (x.reshape(-1, *x.shape[-2:]) for x in ends)
-        rows = np.zeros(len(first), dtype=int)
-        distance = factor * self.distance
-        proven = proven_apart(self.bodies, rows + a, first, rows + b, second, distance, self.swing)
-        return proven.reshape(ends[0].shape[:-2])
+        first, second = np.broadcast_arrays(self.positions(a, box_a), self.positions(b, box_b))
+        shape = first.shape[:-2]
+        first = first.reshape(-1, *first.shape[-2:])
+        second = second.reshape(-1, *second.shape[-2:])
+        proven = proven_apart(
+            self.bodies,
+            np.full(len(first), a),
+            first,
+            np.full(len(first), b),
+            second,
+            factor * self.distance,
+            self.swing,
+        )
+        return proven.reshape(shape)
 
     def _tower_gap(self, a: int, b: int) -> float:
-        towers = []
-        for bodies in (self.stations[i].bodies for i in (a, b)):
-            still = bodies.joint == 0
-            ends = bodies.ends[still] @ bodies.foot[:, :3].T + bodies.foot[:, 3]
-            towers.append(PlacedCapsules(ends[None], bodies.radius[still], np.zeros(0)))
-        return float(least_distances(*towers)[0])
+        """Return the distance between all that stands still of two cranes [m]."""
+        first = _standing_capsules(self.stations[a].bodies)
+        second = _standing_capsules(self.stations[b].bodies)
+        return float(least_distances(first, second)[0])
+
+
+def _standing_capsules(bodies: CraneBodies) -> PlacedCapsules:
+    """Return the capsules of a crane that no drive moves, in the frame of the site."""
+    still = bodies.joint == 0
+    ends = bodies.ends[still] @ bodies.foot[:, :3].T + bodies.foot[:, 3]
+    return PlacedCapsules(ends[None], bodies.radius[still], np.zeros(0))
 
 
 def check_names(names: Sequence[str]) -> None:
-    """Raise `DataError` if two cranes or pairs of cranes would share the columns of a run."""
+    """Check that the columns of a run have different names: those of a crane begin with its name,
+    those of distances with the names of a pair.
+
+    Raises:
+        DataError: If two names are equal.
+    """
     pairs = ["_".join(pair) for pair in itertools.combinations([*names, "obstacles"], 2)]
     name, count = Counter([*names, *pairs]).most_common(1)[0]
     if count > 1:

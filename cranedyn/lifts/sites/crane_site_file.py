@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.dynamics.converters import ROUNDING, Converters, converters
-from cranedyn.errors import CraneError, DataError, quoted
+from cranedyn.errors import CraneError, quoted
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.planning.site_file import SOLIDS, read_fields, site_path, solids_of
 from cranedyn.lifts.planning.site_table import SiteTable, crane_values
@@ -29,8 +31,24 @@ SITES = Path(__file__).parent / "examples"
 EXAMPLES = ("two_towers", "four_towers", "luffing_between")
 """Names of the example sites."""
 
-_FIELDS = "name position heading model machine urdf values drives brakes reaction chart".split()
+_FIELDS = (
+    "name",
+    "position",
+    "heading",
+    "model",
+    "machine",
+    "urdf",
+    "values",
+    "drives",
+    "brakes",
+    "reaction",
+    "chart",
+)
+"""Fields of a crane."""
+
 _MODELS = ("tower_crane", "luffing_crane")
+"""Names of the cranes of this project; the first is the default."""
+
 _ENTERED_BY = {
     "brakes": ["brakes"],
     "reaction": ["reaction"],
@@ -38,7 +56,11 @@ _ENTERED_BY = {
     "crane": ["machine", "urdf", "values"],
     "load": ["urdf"],
 }
-"""Fields of a crane by which somebody enters what it assumes."""
+"""Fields of a crane by which somebody enters what is assumed of it, by the names of
+`Station.entered`."""
+
+_CONVERTER_BRAKING_SHARE = 0.9
+"""Largest deceleration of brakes by converters, over the acceleration of the drive."""
 
 
 def read_crane_site(path: str | Path) -> CraneSite:
@@ -57,10 +79,8 @@ def read_crane_site(path: str | Path) -> CraneSite:
     stations: list[Station] = []
     for entry in entries:
         stations.append(_station(entry, ground))
-        try:
+        with _blamed_on(entry, "name"):
             check_names([station.name for station in stations])
-        except DataError as error:
-            entry.fail("name", error)
     if not stations:
         top.fail("crane", "there is none; write each as [[crane]].")
     distance = top.number("distance", DISTANCE, "m", "> 0")
@@ -68,19 +88,34 @@ def read_crane_site(path: str | Path) -> CraneSite:
     wind = _working_wind(top, lines)
     entered = frozenset({"distance", "swing", "wind"} & top.values.keys())
     name = top.text("name", path.stem)
-    for count in range(1, len(stations) + 1):
-        try:
+
+    # The site is made of one crane, of two, and so on: the crane with which that fails first is the
+    # one whose line the error names.
+    for count, entry in enumerate(entries, start=1):
+        with _blamed_on(entry, "position"):
             site = CraneSite(
                 name, tuple(stations[:count]), ground, distance, swing, solids, wind, entered
             )
-        except CraneError as error:
-            entries[count - 1].fail("position", error)
     for station in stations:
-        try:
+        with _blamed_on(top, "wind"):
             gentle(station, swing, wind)
-        except CraneError as error:
-            top.fail("wind", error)
     return site
+
+
+@contextmanager
+def _blamed_on(entry: SiteTable, field: str) -> Iterator[None]:
+    """Raise an error of the block again with the line of a field; one that has a line already stays
+    as it is.
+
+    Raises:
+        DataError: If the block raises a `CraneError`.
+    """
+    try:
+        yield
+    except CraneError as error:
+        if str(error).startswith(f"{entry.path}, "):
+            raise
+        entry.fail(field, error)
 
 
 def _working_wind(top: SiteTable, lines: dict[tuple[str, int], dict[str, int]]) -> WorkingWind:
@@ -99,38 +134,48 @@ def _working_wind(top: SiteTable, lines: dict[tuple[str, int], dict[str, int]]) 
 
 
 def _station(entry: SiteTable, ground: float) -> Station:
+    """Return the crane of a table at its place, on a ground of a height [m] by default."""
     name = entry.text("name")
-    field = "name"
     foot = np.array(entry.numbers("position", 3, "-1e7 to 1e7", [0.0, 0.0, ground]))
     heading = entry.angle("heading", -math.pi / 2.0)
-    try:
-        own = field = next((k for k in ("urdf", "machine", "values") if k in entry.values), field)
+
+    # The field that says which crane it is: errors of its model are blamed on that.
+    model_field = "name"
+    for field in ("values", "machine", "urdf"):
+        if field in entry.values:
+            model_field = field
+    with _blamed_on(entry, model_field):
         crane, limits = _crane(entry)
         limits |= _of_drives(entry, "drives", crane, ["rates", "accelerations"])
-        slopes = limits.get("accelerations", {}).items()
-        jerks = {symbol: value / ROUNDING for symbol, value in slopes}
+        jerks = {}
+        for symbol, acceleration in limits.get("accelerations", {}).items():
+            jerks[symbol] = acceleration / ROUNDING
         drives = converters(crane, **limits, jerks=jerks)  # type: ignore[arg-type]
-        field = "brakes"
-        own_brakes = isinstance(entry.values.get("brakes"), dict)
+    with _blamed_on(entry, "brakes"):
         brake, drives = _brakes(entry, crane, drives)
-        field = "chart"
-        chart = read_chart(entry.file(field)) if field in entry.values else None
-        field = "reaction"
-        entered = {
-            value for value, fields in _ENTERED_BY.items() if entry.values.keys() & set(fields)
-        }
-        if "payload_mass" in entry.values.get("values", {}):
-            entered.add("load")
-        if own_brakes and "tolerances" in entry.values["brakes"]:
-            entered.add("tolerances")
-        station = Station(name, crane, foot, heading, drives, brake, chart, frozenset(entered))
-        field = own
+    chart = None
+    if "chart" in entry.values:
+        with _blamed_on(entry, "chart"):
+            chart = read_chart(entry.file("chart"))
+    with _blamed_on(entry, "reaction"):
+        station = Station(name, crane, foot, heading, drives, brake, chart, _entered(entry))
+    with _blamed_on(entry, model_field):
+        # Capsules are made when they are first asked for, which is here: not every crane has them.
         _ = station.bodies
-    except CraneError as error:
-        if str(error).startswith(f"{entry.path}, "):
-            raise
-        entry.fail(field, error)
     return station
+
+
+def _entered(entry: SiteTable) -> frozenset[str]:
+    """Return which values of a crane somebody entered, by the names of `Station.entered`."""
+    entered = set()
+    for value, fields in _ENTERED_BY.items():
+        if entry.values.keys() & set(fields):
+            entered.add(value)
+    if "payload_mass" in entry.values.get("values", {}):
+        entered.add("load")
+    if _has_own_brakes(entry) and "tolerances" in entry.values["brakes"]:
+        entered.add("tolerances")
+    return frozenset(entered)
 
 
 def _crane(entry: SiteTable) -> tuple[Crane, dict[str, dict[str, float]]]:
@@ -153,16 +198,31 @@ def _crane(entry: SiteTable) -> tuple[Crane, dict[str, dict[str, float]]]:
     model = entry.text("model", _MODELS[0])
     if model not in _MODELS:
         entry.fail("model", f"{quoted(model)} is not one of {', '.join(_MODELS)}.")
-    own = None if model == _MODELS[0] else XACRO.with_name(f"{model}.urdf.xacro")
-    return load_crane(own, values=values or None), {}
+    # None is the tower crane.
+    description = None if model == _MODELS[0] else XACRO.with_name(f"{model}.urdf.xacro")
+    return load_crane(description, values=values or None), {}
+
+
+def _has_own_brakes(entry: SiteTable) -> bool:
+    """Return whether a crane gives its brakes by numbers and not by name."""
+    return isinstance(entry.values.get("brakes"), dict)
 
 
 def _brakes(entry: SiteTable, crane: Crane, drives: Converters) -> tuple[Brakes, Converters]:
-    """Return brakes, and converters that ramp no faster than brakes other than theirs stop."""
-    own = isinstance(entry.values.get("brakes"), dict)
-    kind: Any = "converters" if own else entry.text("brakes", "converters")
+    """Return the brakes of a crane, and its converters as they are with these brakes.
+
+    Brakes by converters are limited by what the converters of this crane accelerate. With other
+    brakes, of gears or given by numbers, it is the other way round: the drives ramp no faster than
+    the brakes stop, so that a simulated crane brakes no better than is assumed.
+    """
+    has_own_brakes = _has_own_brakes(entry)
+    kind: Any = "converters" if has_own_brakes else entry.text("brakes", "converters")
     brake = brakes(crane, kind, reaction=entry.number("reaction", REACTION, "s", "> 0"))
-    if own:
+    if kind == "converters" and not has_own_brakes:
+        limit = _CONVERTER_BRAKING_SHARE * drives.accelerations
+        return replace(brake, decelerations=np.minimum(brake.decelerations, limit)), drives
+
+    if has_own_brakes:
         given = _of_drives(entry, "brakes", crane, ["decelerations", "tolerances"])
         if "decelerations" not in given:
             entry.fail("brakes", "decelerations is missing.")
@@ -171,27 +231,37 @@ def _brakes(entry: SiteTable, crane: Crane, drives: Converters) -> tuple[Brakes,
             brake = replace(brake, tolerances=np.array([*given["tolerances"].values()]))
         if (brake.decelerations > drives.accelerations).any():
             entry.fail("brakes", "decelerations are more than the drives accelerate.")
-    elif kind == "converters":
-        weakest = np.minimum(brake.decelerations, 0.9 * drives.accelerations)
-        return replace(brake, decelerations=weakest), drives
-    slopes = np.minimum(drives.accelerations, brake.decelerations)
-    return brake, replace(drives, accelerations=slopes, jerks=slopes / ROUNDING)
+    accelerations = np.minimum(drives.accelerations, brake.decelerations)
+    jerks = accelerations / ROUNDING
+    return brake, replace(drives, accelerations=accelerations, jerks=jerks)
 
 
 def _of_drives(
     entry: SiteTable, field: str, crane: Crane, keys: list[str]
 ) -> dict[str, dict[str, float]]:
-    """Return numbers of a table in a field, one for each drive by its symbol; angles in degrees."""
+    """Return numbers of the drives from a field that is a table, such as "drives".
+
+    Args:
+        entry: Table of the crane.
+        field: The field.
+        crane: The crane.
+        keys: Names of the lists that the field may have, with one number for each drive; those of
+            drives that turn are in degrees.
+
+    Returns:
+        The numbers in SI units, by the name of the list and by the symbol of the drive.
+    """
     values = entry.values.get(field, {})
     if not isinstance(values, dict):
         entry.fail(field, f"it must be a table with {' and '.join(keys)}.")
     table = SiteTable(entry.path, field, values, {"": entry.lines.get(field, 1)}, keys)
-    scale = [math.radians(1.0) if joint.unit == "rad" else 1.0 for joint in crane.layout.driven]
-    symbols = [joint.symbol for joint in crane.layout.driven]
-    return {
-        key: dict(
-            zip(symbols, np.multiply(scale, table.numbers(key, len(scale), "> 0")), strict=True)
-        )
-        for key in keys
-        if key in values
-    }
+    driven = crane.layout.driven
+    numbers: dict[str, dict[str, float]] = {}
+    for key in keys:
+        if key not in values:
+            continue
+        numbers[key] = {}
+        for joint, value in zip(driven, table.numbers(key, len(driven), "> 0"), strict=True):
+            scale = math.radians(1.0) if joint.unit == "rad" else 1.0
+            numbers[key][joint.symbol] = scale * value
+    return numbers

@@ -18,7 +18,7 @@ from cranedyn.compiled.code import DOUBLE, INTEGER, Code
 from cranedyn.compiled.machine import translate
 from cranedyn.dynamics.scalars import array, flag, larger, smaller, square_root
 from cranedyn.lifts.sites import capsules
-from cranedyn.lifts.sites.capsules import CAPSULE, JOINT, Capsule
+from cranedyn.lifts.sites.capsules import CAPSULE_SIZE, FOOT_SIZE, JOINT_SIZE, Capsule
 from cranedyn.lifts.sites.placed_capsules import CraneBodies, PlacedCapsules
 
 ROUNDING = 1e-6
@@ -30,13 +30,13 @@ MAX_POSITION = 1e9
 MAX_SWING = math.pi / 2.0
 """Largest swing of a rope about which anything is proven [rad]."""
 
-MOST = 100
+MAX_EXAMINED = 100
 """Pairs of capsules with halved intervals that are examined before a proof fails."""
 
-_CAPSULE = 7
+_PLACED_CAPSULE_SIZE = 7
 """Numbers of a capsule in the frame of the site: both ends and the radius."""
 
-_BALL = 4
+_BALL_SIZE = 4
 """Numbers of a ball: its centre and radius."""
 
 _FARTHER_THAN_ALL = 1e300
@@ -55,13 +55,13 @@ def proven_apart(
     """Return for each of N pairs of cranes whether no positions in two boxes bring them nearer to
     each other than a distance, shape (N,).
 
-    In the middle of a box a unit vector n separates two capsules by s = min n·a - max n·b - r_a -
-    r_b. Move the joints from the tip to the foot, each by half of its interval h at most: a joint
-    that turns about u through o shifts a point x along n by no more than
-    h |n·(u × (x - o))| + h S + h²/2 |u × (x - o)|, where S is the shift by the joints beyond it;
-    one that slides by no more than h |n·u|. Where s less all shifts is at least the distance, all
-    of the box is apart. Otherwise the interval with the largest shift is halved. Rope and load move
-    with their pivot. False says nothing about the pair.
+    In the middle of a box a unit vector n separates two capsules with ends a and b and radii r_a
+    and r_b by s = min n·a - max n·b - r_a - r_b. Each joint may be off the middle by half of its
+    interval at most. Moved one after the other, from the tip to the foot, the joints shift the
+    capsules along n by no more than `cranedyn.lifts.sites.capsules.shifts` says. Where s less all
+    shifts is at least the distance, the capsules are apart in all of the box. Otherwise the
+    interval with the largest shift is halved, and both halves are examined. Rope and load move with
+    their pivot. False says nothing about the pair.
 
     Comparisons are written so that a number that is not finite fails them, and intervals whose ends
     are swapped prove nothing: such a box is never apart from anything.
@@ -118,7 +118,9 @@ def least_distances(a: PlacedCapsules, b: PlacedCapsules) -> np.ndarray:
     first = _capsule_rows(a)
     second = _capsule_rows(b)
     rows = np.hstack([first, second])
-    measure = _compile_least_distance(first.shape[1] // _CAPSULE, second.shape[1] // _CAPSULE)
+    measure = _compile_least_distance(
+        first.shape[1] // _PLACED_CAPSULE_SIZE, second.shape[1] // _PLACED_CAPSULE_SIZE
+    )
     least = measure(rows)[:, 0]
     return np.where(np.isfinite(rows).all(axis=1), least, math.nan)
 
@@ -137,12 +139,13 @@ def _compile_least_distance(first: int, second: int) -> RowFunction:
     module = ir.Module()
     code = Code(module, "rows", ["given", "count", "answers", "shared"], 1)
     inputs = code.argument["given"]
-    width = _CAPSULE * (first + second)
+    width = _PLACED_CAPSULE_SIZE * (first + second)
     (least,) = code.variables([0.0])
 
     def capsule(start: ir.Value, which: ir.Value) -> np.ndarray:
-        offset = code.builder.add(start, code.product(which, _CAPSULE))
-        return array([code.spread(inputs, code.plus(offset, i)) for i in range(_CAPSULE)])
+        offset = code.builder.add(start, code.product(which, _PLACED_CAPSULE_SIZE))
+        indices = range(_PLACED_CAPSULE_SIZE)
+        return array([code.spread(inputs, code.plus(offset, i)) for i in indices])
 
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         start = code.product(row, width)
@@ -152,8 +155,8 @@ def _compile_least_distance(first: int, second: int) -> RowFunction:
             other = capsule(start, code.plus(b, first))
             one_ends = one[:6].reshape(2, 3)
             other_ends = other[:6].reshape(2, 3)
-            _, _, gap = capsules.separation(one_ends, other_ends, one[6] + other[6])
-            least.set(smaller(gap, least.get()))
+            separation = capsules.separation(one_ends, other_ends, one[6] + other[6])
+            least.set(smaller(separation.upper_bound, least.get()))
         code.store(least.get(), code.argument["answers"], row)
     code.end()
     return RowFunction(translate(module), "rows", width, 1)
@@ -193,12 +196,12 @@ class _RowLayout:
     @property
     def chain(self) -> int:
         """Numbers of the foot and the joints of a crane."""
-        return 12 + JOINT * self.joints
+        return FOOT_SIZE + JOINT_SIZE * self.joints
 
     @property
     def crane(self) -> int:
         """All numbers of a crane and its intervals."""
-        return self.ends + self.chain + CAPSULE * self.count
+        return self.ends + self.chain + CAPSULE_SIZE * self.count
 
     @property
     def row(self) -> int:
@@ -239,10 +242,10 @@ class _ProofEmitter:
         self._inputs = code.argument["given"]
         count = layout.count
 
-        # A pair of capsules adds one entry; each of the first of these and `MOST` entries that is
-        # examined adds two at most.
-        longest = 3 * count * count + 2 * MOST
-        self._balls = code.builder.alloca(DOUBLE, 2 * _BALL * count)
+        # A pair of capsules adds one entry. Each entry that is examined adds two at most, and no
+        # more are examined than these pairs and `MAX_EXAMINED`.
+        longest = 3 * count * count + 2 * MAX_EXAMINED
+        self._balls = code.builder.alloca(DOUBLE, 2 * _BALL_SIZE * count)
         self._queue = code.builder.alloca(DOUBLE, layout.entry * longest)
         self._tail = code.builder.alloca(INTEGER)
 
@@ -278,8 +281,8 @@ class _ProofEmitter:
         layout = self._layout
         crane = self._numbers(self._inputs, code.plus(offset, layout.ends), layout.chain)
         of_capsules = code.plus(offset, layout.ends + layout.chain)
-        first = code.builder.add(of_capsules, code.product(which, CAPSULE))
-        capsule = self._numbers(self._inputs, first, CAPSULE)
+        first = code.builder.add(of_capsules, code.product(which, CAPSULE_SIZE))
+        capsule = self._numbers(self._inputs, first, CAPSULE_SIZE)
         plumb = array([0.0, 0.0, -1.0])
         return capsules.place(crane, capsule, box[0], box[1], self._cone, plumb)
 
@@ -293,10 +296,12 @@ class _ProofEmitter:
                 capsule = self._placed(offset, which, box)
                 half = 0.5 * (capsule.ends[1] - capsule.ends[0])
                 no_direction = array([0.0, 0.0, 0.0])
-                _, moves = capsules.shifts(capsule, box[0], box[1], no_direction)
-                radius = capsule.radius + square_root(half @ half) + _sum(moves)
+                shifts = capsules.shifts(capsule, box[0], box[1], no_direction)
+                swept = _sum(shifts.in_any_direction)
+                radius = capsule.radius + square_root(half @ half) + swept
                 ball = [*(capsule.ends[0] + half), radius]
-                self._put(self._balls, code.product(code.plus(which, i * count), _BALL), ball)
+                begin = code.product(code.plus(which, i * count), _BALL_SIZE)
+                self._put(self._balls, begin, ball)
 
     def _emit_queue(self, required: Any) -> None:
         """Emit what puts all pairs in the queue whose balls are nearer than required."""
@@ -307,8 +312,8 @@ class _ProofEmitter:
         with code.loop(0, count) as a, code.loop(0, count) as b:
             # The balls of the second crane come after those of the first.
             b_ball = code.plus(b, count)
-            one = self._numbers(self._balls, code.product(a, _BALL), _BALL)
-            other = self._numbers(self._balls, code.product(b_ball, _BALL), _BALL)
+            one = self._numbers(self._balls, code.product(a, _BALL_SIZE), _BALL_SIZE)
+            other = self._numbers(self._balls, code.product(b_ball, _BALL_SIZE), _BALL_SIZE)
             delta = one[:3] - other[:3]
             near = one[3] + other[3] + required
             # Written so that NaN is looked at, and fails later.
@@ -325,7 +330,7 @@ class _ProofEmitter:
         """Emit the search through the queue, which proves a row or gives it up."""
         code = self._code
         build = code.builder
-        limit = code.plus(self._length(), MOST)
+        limit = code.plus(self._length(), MAX_EXAMINED)
         code.store(1.0, code.argument["answers"], row)
 
         # The length is read again in each turn: entries are appended.
@@ -333,18 +338,21 @@ class _ProofEmitter:
             pair = self._pair_in_queue(head)
             first, second = pair.capsules
             radii = first.radius + second.radius
-            apart, normal, gap = capsules.separation(first.ends, second.ends, radii)
+            separation = capsules.separation(first.ends, second.ends, radii)
             moves = []
             for capsule, box in zip(pair.capsules, pair.boxes, strict=True):
-                along_normal, _ = capsules.shifts(capsule, box[0], box[1], normal)
-                moves.extend(along_normal)
+                shifts = capsules.shifts(capsule, box[0], box[1], separation.normal)
+                moves.extend(shifts.along_normal)
             total = _sum(moves)
-            with code.when(build.not_(apart - total >= required)):
-                # In the middle of the intervals they are too near: no halving helps.
+            with code.when(build.not_(separation.lower_bound - total >= required)):
+                # Where they are too near in the middle of the intervals, no halving helps.
                 late = build.icmp_signed(">=", head, limit)
-                fails = code.either(build.not_(gap >= required), late)
+                fails = code.either(build.not_(separation.upper_bound >= required), late)
+
+                # The halves are appended in any case, since choosing a length takes no branch. A
+                # proof that fails sets the length to zero: a queue without entries behind the head
+                # ends the loop.
                 self._append_halves(pair, moves)
-                # A queue without entries behind the head ends the loop.
                 after = code.plus(self._length(), 2)
                 build.store(build.select(fails, code.integer(0), after), self._tail)
                 with code.when(fails):

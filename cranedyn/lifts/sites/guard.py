@@ -47,7 +47,13 @@ from cranedyn.dynamics.scalars import array, chosen, flag, larger, magnitude, sm
 from cranedyn.errors import OutOfRange, quoted
 from cranedyn.interfaces import State
 from cranedyn.lifts.sites.brakes import CYCLE, Brakes, largest_rate, stopping_distance
-from cranedyn.lifts.sites.capsules import JOINT, pivot_motions, rope_pose
+from cranedyn.lifts.sites.capsules import (
+    FOOT_SIZE,
+    JOINT_SIZE,
+    ROPE_DIRECTION_SIZE,
+    pivot_motions,
+    rope_pose,
+)
 from cranedyn.lifts.sites.crane_site import Station
 from cranedyn.lifts.sites.working_wind import CALM, GUST_RESPONSE, WorkingWind
 
@@ -553,8 +559,7 @@ class _StepLayout:
         m = self.drive_count
         joint_count = len(self.chain) + len(self.swings)
         lengths = {
-            # The foot has 12 numbers, the direction of the rope behind the last joint 3.
-            "rope": 12 + JOINT * joint_count + 3,
+            "rope": FOOT_SIZE + JOINT_SIZE * joint_count + ROPE_DIRECTION_SIZE,
             "reaction": 1,
             "gravity": 1,
             "max_swing": 1,
@@ -704,14 +709,13 @@ def _move_at_right_angles(station: Station) -> bool:
     Slew and trolley do, and slew and luff. A travelling gear below a slew does not.
     """
     lowest, highest = station.ranges
-    # A slew without ends gets some: whatever is several turns apart will do.
+    # A description may state a range of any size. Positions several turns apart will do.
     lowest = np.maximum(lowest, -MAX_RANGE_TRIED)
     highest = np.minimum(highest, MAX_RANGE_TRIED)
     rng = np.random.default_rng(0)
     positions = rng.uniform(lowest, highest, (POSITIONS_TRIED, len(lowest)))
     coordinates, _ = station.plumb(positions)
-    _, _, motions = station.rope(coordinates)
-    horizontal = motions[:, :, :2]
+    horizontal = station.rope(coordinates).motion[:, :, :2]
     lengths = np.linalg.norm(horizontal, axis=2)
     products = np.abs(horizontal @ horizontal.transpose(0, 2, 1))
     largest = lengths[:, :, None] * lengths[:, None, :]
@@ -931,9 +935,9 @@ def _rope_motion(
         coordinates = q + steps_ahead * EXTRAPOLATION_STEP * v
         chain_position = coordinates[chain_coordinates]
         swing_angles = coordinates[[*layout.swings]]
-        _, direction, motion = rope_pose(crane.rope, chain_position, swing_angles)
-        pivot_motions_over_time.append(motion[:, :2])
-        inclinations.append(direction[:2])
+        pose = rope_pose(crane.rope, chain_position, swing_angles)
+        pivot_motions_over_time.append(pose.motion[:, :2])
+        inclinations.append(pose.direction[:2])
 
     # At constant rates the pivot still accelerates if a drive turns it: b = dJ/dt · rates, with the
     # motions J of the pivot by each drive. The rope then swings about -b/g. Two such equilibria, a
@@ -981,7 +985,7 @@ def _swing_added_by_braking(
     # (v/l)/ω = v/√(g l).
     pivot_motion = _largest_pivot_motions(crane, box)
     by_acceleration = 2.0 * decelerations / crane.gravity
-    #
+
     # `by_speed` takes the present cable length l. If the winch first hoists to l', it is √(l/l')
     # larger, but grows by (l'/s)^1.5 only from then on; the product is below the (l/s)^1.5 by which
     # the sum is multiplied, see `_growth_by_hoisting`.

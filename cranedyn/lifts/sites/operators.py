@@ -1,7 +1,7 @@
 """Operators who lift loads on a site with several cranes, and what their cranes reach.
 
-They stand for the people in a cabin where a site is simulated: each lifts loads between random
-places of all that his crane reaches, and follows a load that swings.
+They stand for the people in the cabins of a simulated site: each lifts loads between random places
+that the crane reaches, and follows a load that swings.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from functools import cache
 
 import numpy as np
 
+from cranedyn.errors import CraneError, quoted
 from cranedyn.interfaces import State
 from cranedyn.lifts.sites.brakes import CYCLE
 from cranedyn.lifts.sites.crane_site import CraneSite
@@ -56,6 +57,27 @@ OPERATOR_RATE_RATIO = 0.9
 STANDSTILL_RATIO = 0.02
 """Rate below which a drive stands, over its largest."""
 
+# All four are chosen: an operator who brakes late enough not to waste time, and early enough not to
+# pass the goal.
+STOPPING_RATIO = 0.8
+"""Deceleration with which an operator means to stop at a goal, over the acceleration of the
+ramp."""
+
+STOPPING_LEAD = 0.5
+"""Time by which an operator is late to see how far it still is [s]."""
+
+CREEP_GAIN = 0.15
+"""Rate over the distance with which a drive creeps to its goal [1/s]."""
+
+CREEP_RANGE = 4.0
+"""Distance from the goal within which a drive creeps, in arrival tolerances."""
+
+RECOVERY_TIME = 2.0
+"""Time in which a drive can reach the rates from which an operator goes on [s]."""
+
+TOWER_CLEARANCE_RATIO = 1.5
+"""Distance that a crane keeps from the towers of others while it lifts, over the required one."""
+
 
 @dataclass
 class LiftOperator:
@@ -82,17 +104,46 @@ class LiftOperator:
     finished: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Begin with nothing to do."""
+        """Begin with nothing to do.
+
+        Raises:
+            CraneError: If no place of a lift can lie in the zone.
+        """
         self.station = self.site.stations[self.index]
         layout = self.station.crane.layout
         brakes = gentle(self.station, self.site.swing, self.site.working_wind)
         self.tolerances = np.array([ARRIVAL_TOLERANCE[joint.unit] for joint in layout.driven])
         self._rng = np.random.default_rng(self.seed)
         self._ramp = OPERATOR_RAMP_RATIO * brakes.decelerations
+        self._check_zone()
         # Rates without those that follow the load.
         self._base_rates = np.zeros(layout.m)
         self._waits_until = 0.0
         self._legs: list[np.ndarray] = []
+
+    def _check_zone(self) -> None:
+        """Check that places of lifts can lie in the zone: otherwise they would be drawn for ever.
+
+        Raises:
+            CraneError: If none can.
+        """
+        if self.zone is None:
+            return
+        winch = self.station.crane.winch
+        low, high = reach(self.site, self.index)
+        edge = EDGE_RATIO * (high - low)
+        lowest = low + edge
+        highest = high - edge
+        lowest[winch] = PLACING_RATIO * high[winch]
+        highest[winch] = lowest[winch]
+        for drive, joint in enumerate(self.station.crane.layout.driven):
+            zone_low, zone_high = self.zone[:, drive].tolist()
+            if not (lowest[drive] <= zone_high and zone_low <= highest[drive]):
+                raise CraneError(
+                    f"No place of a lift of {quoted(self.station.name)} lies in its zone: there "
+                    f"{joint.symbol} is from {zone_low:.4g} to {zone_high:.4g} {joint.unit}, and "
+                    f"places are from {lowest[drive]:.4g} to {highest[drive]:.4g} {joint.unit}."
+                )
 
     def places(self) -> np.ndarray:
         """Return where the next lift begins and ends, shape (2, m).
@@ -162,7 +213,9 @@ class LiftOperator:
         return bool(is_lowering and beside.any())
 
     def _has_arrived(self, gap: np.ndarray) -> bool:
-        """Return whether all drives stand at the end of the leg."""
+        """Return whether all drives are at the end of the leg and are commanded to stand, but for
+        what follows the load.
+        """
         stands = np.abs(self._base_rates) < STANDSTILL_RATIO * self.station.converters.rates
         return bool(((np.abs(gap) < self.tolerances) & stands).all())
 
@@ -177,11 +230,11 @@ class LiftOperator:
     def _rates_over(self, gap: np.ndarray) -> np.ndarray:
         """Return rates from which the drives can stop over the gap to the end of the leg."""
         distance = np.abs(gap)
-        # v² = 2 a d with 80 % of the ramp. The operator sees the end half a second too late.
-        remaining = np.maximum(distance - 0.5 * np.abs(self._base_rates), 0.0)
-        stopping = np.sqrt(1.6 * self._ramp * remaining)
+        # A drive at v that slows down by a stops over d with v² = 2 a d.
+        remaining = np.maximum(distance - STOPPING_LEAD * np.abs(self._base_rates), 0.0)
+        stopping = np.sqrt(2.0 * STOPPING_RATIO * self._ramp * remaining)
         # By these alone a drive would come to rest before it arrives: near the end it creeps.
-        creeping = 0.15 * distance * (distance < 4.0 * self.tolerances)
+        creeping = CREEP_GAIN * distance * (distance < CREEP_RANGE * self.tolerances)
         fastest = OPERATOR_RATE_RATIO * self.station.converters.rates
         return np.sign(gap) * np.minimum(stopping + creeping, fastest)
 
@@ -190,10 +243,9 @@ class LiftOperator:
         move the pivot towards the load.
         """
         # A guard may hold the drives back. Then the operator goes on from rates that they can reach
-        # within two seconds.
-        reachable = np.clip(
-            self._base_rates, velocity - 2.0 * self._ramp, velocity + 2.0 * self._ramp
-        )
+        # soon.
+        margin = RECOVERY_TIME * self._ramp
+        reachable = np.clip(self._base_rates, velocity - margin, velocity + margin)
         step = self._ramp * CYCLE
         self._base_rates = np.clip(wanted, reachable - step, reachable + step)
 
@@ -201,10 +253,12 @@ class LiftOperator:
         # ratio ζ. The distance is l times the inclination of the rope, and ω l = √(g l).
         crane = self.station.crane
         cable = abs(float(state.q[crane.layout.drives[crane.winch]]))
-        _, rope, motion = self.station.rope(state.q[None])
-        pivot_velocity = 2.0 * DAMPING_RATIO * math.sqrt(crane.gravity * cable) * rope[0, :2]
-        # The drives that move the pivot so, with the smallest rates; the winch does not move it.
-        drive_rates = pivot_velocity @ np.linalg.pinv(motion[0, :, :2], rcond=1e-3)
+        rope = self.station.rope(state.q[None])
+        inclination = rope.direction[0, :2]
+        pivot_velocity = 2.0 * DAMPING_RATIO * math.sqrt(crane.gravity * cable) * inclination
+        # Of all rates that move the pivot so the pseudoinverse gives the smallest; the winch does
+        # not move it.
+        drive_rates = pivot_velocity @ np.linalg.pinv(rope.motion[0, :, :2], rcond=1e-3)
         return self._base_rates + drive_rates
 
 
@@ -218,7 +272,9 @@ def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
 
     Returns:
         Lower and upper ends of the intervals of the drives [rad or m], shape (m,) each. The slew
-        goes from zero at most half around to either side, and stops before a tower.
+        goes from zero at most half around to either side. An end of it is the first whole degree at
+        which the crane would be nearer to a tower than `TOWER_CLEARANCE_RATIO` times the required
+        distance; `EDGE_RATIO` keeps lifts away from there.
     """
     station = site.stations[index]
     layout = station.crane.layout
@@ -242,9 +298,15 @@ def reach(site: CraneSite, index: int) -> tuple[np.ndarray, np.ndarray]:
 def _passes_towers(
     site: CraneSite, index: int, angle: float, ends: tuple[np.ndarray, np.ndarray]
 ) -> bool:
-    """Return whether a crane at a slew angle [rad] keeps away from the towers of all others.
+    """Return whether a crane keeps `TOWER_CLEARANCE_RATIO` times the required distance from the
+    towers of all others.
 
-    It has to keep half as much again as the required distance, with its other drives at either end.
+    Args:
+        site: The site.
+        index: Index of the crane.
+        angle: Its slew angle [rad].
+        ends: Lower and upper ends of its drives, shape (m,) each; its other drives are tried at
+            both.
     """
     bodies = site.bodies
     slew = site.stations[index].crane.layout.drive_of("slew")
@@ -252,6 +314,8 @@ def _passes_towers(
     my_capsules = np.nonzero(moves_with_crane)[0]
     is_other = np.arange(len(site.stations)) != index
     towers = np.argwhere((bodies.joint == 0) & is_other[:, None])
+    if not len(towers) or not len(my_capsules):
+        return True
     pairs = np.array(list(itertools.product(my_capsules, range(len(towers)))))
 
     for other_drives in ends:
@@ -263,6 +327,6 @@ def _passes_towers(
         moving = place_capsules(bodies, crane, pairs[:, 0], places, places, site.swing)
         still = place_capsules(bodies, tower[:, 0], tower[:, 1], 0 * places, 0 * places, 0.0)
         # `not >=` is true for NaN as well.
-        if not least_distances(moving, still).min() >= 1.5 * site.distance:
+        if not least_distances(moving, still).min() >= TOWER_CLEARANCE_RATIO * site.distance:
             return False
     return True

@@ -23,7 +23,15 @@ from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
 from cranedyn.lifts.planning.crane_bodies import shape_corners
 from cranedyn.lifts.planning.solids import rotation_z
-from cranedyn.lifts.sites.capsules import CAPSULE, JOINT, place, rope_pose, shifts
+from cranedyn.lifts.sites.capsules import (
+    CAPSULE_SIZE,
+    FOOT_SIZE,
+    JOINT_SIZE,
+    ROPE_DIRECTION_SIZE,
+    place,
+    rope_pose,
+    shifts,
+)
 from cranedyn.model.crane import Crane
 
 _MAX_GROUPS = 5
@@ -64,13 +72,13 @@ class CraneBodies:
         axis: Axis of each joint in its frame, shape (k, 3).
         revolute: Whether it is revolute, shape (k,).
         rope: Numbers of both swing joints, see `numbers`, and the direction of the rope behind
-            them, shape (2 `JOINT` + 3,).
+            them, shape (2 `JOINT_SIZE` + `ROPE_DIRECTION_SIZE`,).
         joint: Number of joints before each capsule, shape (n,).
         ends: Ends of its segment in the frame of its link [m], shape (n, 2, 3); of rope and load
             the pivot twice.
-        depth: Depth of these ends below the pivot in three numbers, shape (n, 2, 3): whether below
-            the end of the shortest cable or of the longest, the depth [m] below which they do not
-            follow it, and a length [m] that is added; 0 for what does not hang.
+        depth: Depth of these ends below the pivot in three numbers, shape (n, 2, 3): whether they
+            follow the end of the shortest cable (1) or of the longest (0), the depth [m] below
+            which they do not follow it, and a length [m] that is added; 0 for what does not hang.
         hangs: Whether it hangs, shape (n,).
         radius: Its radius without swing [m], shape (n,).
     """
@@ -94,13 +102,13 @@ class CraneBodies:
         """Numbers of the foot and the joints of several cranes in rows, see
         `cranedyn.lifts.sites.capsules.place`.
         """
-        joints = _columns(self.rotation, self.translation, self.axis, self.revolute)
+        joints = _side_by_side(self.rotation, self.translation, self.axis, self.revolute)
         return np.hstack([x.reshape(len(self.foot), -1) for x in (self.foot, joints)])
 
     @cached_property
     def capsules(self) -> np.ndarray:
-        """Numbers of their capsules, shape (cranes, n, `CAPSULE`)."""
-        return _columns(self.joint, self.ends, self.depth, self.hangs, self.radius)
+        """Numbers of their capsules, shape (cranes, n, `CAPSULE_SIZE`)."""
+        return _side_by_side(self.joint, self.ends, self.depth, self.hangs, self.radius)
 
     @cached_property
     def numbers(self) -> np.ndarray:
@@ -217,7 +225,7 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
         jib = math.atan2(outward[1], outward[0])
     of_chain = _placements(crane, joints.chain)
     of_swing_joints = _placements(crane, joints.swings)
-    hinges = _columns(*(array[None] for array in of_swing_joints))
+    swing_joints = _side_by_side(*(field[None] for field in of_swing_joints))
     drives = layout.drives.tolist()
     return CraneBodies(
         names=tuple(capsule.name for capsule in capsules),
@@ -227,7 +235,7 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
         foot=np.column_stack([rotation_z(heading - jib), foot]),
         axis=of_chain.axis,
         revolute=of_chain.revolute,
-        rope=np.append(hinges, _local_axis(crane, joints.hoist)),
+        rope=np.append(swing_joints, _local_axis(crane, joints.hoist)),
         joint=np.array([capsule.joint for capsule in capsules]),
         ends=np.array([capsule.ends for capsule in capsules]),
         depth=np.array([capsule.depth for capsule in capsules]),
@@ -358,9 +366,11 @@ def _placements(crane: Crane, joints: Sequence[int]) -> _Placements:
     )
 
 
-def _columns(*arrays: np.ndarray) -> np.ndarray:
-    """Return all numbers of each joint or capsule of several cranes in one axis."""
-    return np.concatenate([array.reshape(*array.shape[:2], -1) for array in arrays], axis=2)
+def _side_by_side(*fields: np.ndarray) -> np.ndarray:
+    """Return the fields of the joints or capsules of several cranes side by side, shape (cranes,
+    joints or capsules, numbers), from shapes (cranes, joints or capsules, ...).
+    """
+    return np.concatenate([field.reshape(*field.shape[:2], -1) for field in fields], axis=2)
 
 
 def _local_axis(crane: Crane, joint: int) -> np.ndarray:
@@ -536,11 +546,13 @@ def stacked(bodies: Sequence[CraneBodies]) -> CraneBodies:
     joint_count = max(len(crane.axis) for crane in bodies)
     capsule_count = max(len(crane.radius) for crane in bodies)
 
-    def with_joints(arrays: list[np.ndarray], missing: np.ndarray | float) -> np.ndarray:
-        return np.array([_padded(array, joint_count, missing) for array in arrays])
+    def with_joints(fields: list[np.ndarray], missing: np.ndarray | float) -> np.ndarray:
+        """Return a field of the joints of all cranes, as many of each crane."""
+        return np.array([_padded(of_crane, joint_count, missing) for of_crane in fields])
 
-    def with_capsules(arrays: list[np.ndarray]) -> np.ndarray:
-        return np.array([_padded(array, capsule_count, array[-1]) for array in arrays])
+    def with_capsules(fields: list[np.ndarray]) -> np.ndarray:
+        """Return a field of the capsules of all cranes, as many of each crane."""
+        return np.array([_padded(of_crane, capsule_count, of_crane[-1]) for of_crane in fields])
 
     return CraneBodies(
         names=(),
@@ -559,10 +571,10 @@ def stacked(bodies: Sequence[CraneBodies]) -> CraneBodies:
     )
 
 
-def _padded(array: np.ndarray, count: int, missing: np.ndarray | float) -> np.ndarray:
-    """Return an array with so many rows, of which those that it lacks have a given value."""
-    padding = np.broadcast_to(missing, (count - len(array), *array.shape[1:]))
-    return np.concatenate([array, padding.astype(array.dtype)])
+def _padded(rows: np.ndarray, count: int, missing: np.ndarray | float) -> np.ndarray:
+    """Return so many rows; those that are missing have a given value."""
+    padding = np.broadcast_to(missing, (count - len(rows), *rows.shape[1:]))
+    return np.concatenate([rows, padding.astype(rows.dtype)])
 
 
 class _Reader:
@@ -611,22 +623,22 @@ def place_capsules(
 @cache
 def _compile_place_capsules(joints: int) -> RowFunction:
     """Compile `place_capsules` for cranes with so many joints between foot and rope."""
-    chain_size = 12 + JOINT * joints
+    chain_size = FOOT_SIZE + JOINT_SIZE * joints
     position_size = joints + 1
 
     def placed(numbers: np.ndarray) -> list[Any]:
         reader = _Reader(numbers)
         chain = reader.take(chain_size)
-        local = reader.take(CAPSULE)
+        local = reader.take(CAPSULE_SIZE)
         low = reader.take(position_size)
         high = reader.take(position_size)
         (cone,) = reader.take(1)
         plumb = array([0.0, 0.0, -1.0])
         capsule = place(chain, local, low, high, cone, plumb)
-        _, in_any_direction = shifts(capsule, low, high, plumb)
-        return [*capsule.ends.flat, capsule.radius, *in_any_direction]
+        motion = shifts(capsule, low, high, plumb).in_any_direction
+        return [*capsule.ends.flat, capsule.radius, *motion]
 
-    return compile_rows(placed, chain_size + CAPSULE + 2 * position_size + 1, 7 + joints)
+    return compile_rows(placed, chain_size + CAPSULE_SIZE + 2 * position_size + 1, 7 + joints)
 
 
 def place_crane(
@@ -649,23 +661,23 @@ def place_crane(
 @cache
 def _compile_place_crane(joints: int, count: int) -> RowFunction:
     """Compile `place_crane` for so many joints between foot and rope, and so many capsules."""
-    chain_size = 12 + JOINT * joints
-    hinges_size = 2 * JOINT + 3
-    shared_size = chain_size + hinges_size + CAPSULE * count
+    chain_size = FOOT_SIZE + JOINT_SIZE * joints
+    rope_size = 2 * JOINT_SIZE + ROPE_DIRECTION_SIZE
+    shared_size = chain_size + rope_size + CAPSULE_SIZE * count
     position_size = joints + 1
 
     def placed(numbers: np.ndarray) -> list[Any]:
         reader = _Reader(numbers)
         chain = reader.take(chain_size)
-        hinges = reader.take(hinges_size)
-        capsules = reader.take(CAPSULE * count).reshape(count, CAPSULE)
+        rope = reader.take(rope_size)
+        capsules = reader.take(CAPSULE_SIZE * count).reshape(count, CAPSULE_SIZE)
         position = reader.take(position_size)
         angles = reader.take(2)
-        _, rope, _ = rope_pose(np.append(chain, hinges), position[:-1], angles)
+        direction = rope_pose(np.append(chain, rope), position[:-1], angles).direction
         ends: list[Any] = []
         for capsule in capsules:
             # An interval without a length, and a rope that is where it is: no swing.
-            ends.extend(place(chain, capsule, position, position, 0.0, rope).ends.flat)
+            ends.extend(place(chain, capsule, position, position, 0.0, direction).ends.flat)
         return ends
 
     return compile_rows(placed, position_size + 2, 6 * count, shared_size)
@@ -687,14 +699,14 @@ def rope_poses(ropes: np.ndarray, position: np.ndarray, angles: np.ndarray) -> n
 @cache
 def _compile_rope_poses(joints: int) -> RowFunction:
     """Compile `rope_poses` for cranes with so many joints between foot and rope."""
-    rope_size = 15 + JOINT * (joints + 2)
+    rope_size = FOOT_SIZE + JOINT_SIZE * (joints + 2) + ROPE_DIRECTION_SIZE
 
     def pose(numbers: np.ndarray) -> list[Any]:
         reader = _Reader(numbers)
         crane = reader.take(rope_size)
         position = reader.take(joints)
         angles = reader.take(2)
-        pivot, direction, motion = rope_pose(crane, position, angles)
-        return [*pivot.flat, *direction.flat, *motion.flat]
+        rope = rope_pose(crane, position, angles)
+        return [*rope.pivot.flat, *rope.direction.flat, *rope.motion.flat]
 
     return compile_rows(pose, rope_size + joints + 2, 6 + 3 * joints)

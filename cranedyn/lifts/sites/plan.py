@@ -272,10 +272,10 @@ def _follow(
 
     # With this lead the drives are commanded before a motion begins. The boxes of a motion are
     # reserved from the slice before its begin on, see `_guard_boxes`.
-    row = bisect_right(motions, t + SLICE, key=lambda motion: motion.begin) - 1
-    if row < 0:
+    begun = bisect_right(motions, t + SLICE, key=lambda motion: motion.begin)
+    if not begun:
         return np.zeros(len(lead))
-    scheduled = motions[row]
+    scheduled = motions[begun - 1]
     motion = scheduled.motion
     elapsed = t - scheduled.begin
     deviation = motion(elapsed).position - states[scheduled.crane].q[motion.drives]
@@ -446,7 +446,7 @@ def _check_chart(station: Station, load: np.ndarray) -> None:
     radii = np.linalg.norm((load - station.foot)[:, :2], axis=1)
     rated = float(station.chart.on().at(radii).min())
     mass = station.crane.payload_mass
-    number(f"load of {quoted(station.name)}", mass, "kg", f"0 to {rated:g}")
+    within(f"load of {quoted(station.name)}", mass, 0.0, rated, "kg")
 
 
 def _check_obstacles(site: CraneSite, crane: int, boxes: np.ndarray) -> None:
@@ -718,10 +718,10 @@ def _hang_through(
     # Near singular positions a step can be of any size, and the next would overflow.
     farthest_beyond = upper - lower
     for _ in range(_NEWTON_STEPS):
-        pivots, _, pivot_motion = station.rope(q)
-        to_pivot = pivots - load
+        rope = station.rope(q)
+        to_pivot = rope.pivot - load
         miss = to_pivot[:, None, :2] - to_pivot[:, None, 2:] * lean[:, None]
-        jacobian = pivot_motion[..., :2] - pivot_motion[..., 2:] * lean[:, None]
+        jacobian = rope.motion[..., :2] - rope.motion[..., 2:] * lean[:, None]
         square = jacobian.mT @ jacobian + _NEWTON_DAMPING * np.eye(2)
         step = (jacobian @ np.linalg.solve(square, miss.mT))[..., 0]
         q[:, drives] = np.clip(
@@ -1004,25 +1004,34 @@ class _Schedule:
         begin = first
         other = 0
         while other < len(self.boxes):
-            # Boxes of the other crane from this slice on; the last is for ever.
-            theirs = self.boxes[other][min(begin, len(self.boxes[other]) - 1) :]
-            row = None if other == crane else _first_near(self.site, crane, boxes, other, theirs)
-            if row is None:
+            if other == crane:
+                other += 1
+                continue
+            # Boxes of the other crane from the slice on in which the motion would begin; the last
+            # is for ever.
+            of_other = self.boxes[other]
+            theirs = of_other[min(begin, len(of_other) - 1) :]
+            meeting = _first_near(self.site, crane, boxes, other, theirs)
+            if meeting is None:
                 other += 1
                 continue
 
-            # In this row the motion meets the other crane. It begins later by so many slices that
-            # the other one is gone; a crane that has arrived by then must arrive later, too.
-            box = boxes[min(row, last)]
+            # So many slices after its begin the motion meets the other crane. It begins later, by
+            # as many slices as pass until the other one is clear of the box that is met.
+            box = boxes[min(meeting, last)]
             wait = None
-            for k, their_box in enumerate(self.boxes[other][begin + row :]):
+            for k, their_box in enumerate(of_other[begin + meeting :]):
                 if self.site.pair_apart(crane, box, other, their_box):
                     wait = k
                     break
             if wait is None:
                 # The other crane stands there for ever.
                 return None
-            begin += max(row - last, 0) + wait
+            # Where the crane had arrived before they meet, it is its last box that is met: it must
+            # not arrive before the other one is gone, either.
+            begin += max(meeting - last, 0) + wait
+
+            # A later begin may meet the cranes that were looked at before.
             other = 0
         return begin
 
@@ -1059,11 +1068,11 @@ class _Schedule:
 def _candidate_paths(
     site: CraneSite, crane: int, begin: _Position, ends: list[_Position]
 ) -> list[_Path]:
-    """Return paths of a crane to some ends, at least one of them for each end.
+    """Return paths on which a crane may get to one of some ends.
 
-    They go directly, and with the load raised before and lowered after, in one motion without a
-    stop or in several with stops. Where no such path is clear of obstacles, paths around these are
-    searched and added, since a search takes much longer.
+    To each end they go directly, and with the load raised before and lowered after, in one motion
+    without a stop or in several with stops. Where no such path is clear of obstacles, paths around
+    these are searched and added, since a search takes much longer.
     """
     station = site.stations[crane]
     paths: list[_Path] = []

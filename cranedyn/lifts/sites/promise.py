@@ -50,6 +50,7 @@ def site_assumptions(site: CraneSite) -> list[Assumption]:
 
 
 def _wind(site: CraneSite) -> Assumption:
+    """Return up to which wind the site works; where nobody entered one, in none."""
     wind = site.working_wind
     if "wind" not in site.entered and not wind.gust:
         return Assumption("wind", "no wind", Origin.DEFAULT)
@@ -58,11 +59,18 @@ def _wind(site: CraneSite) -> Assumption:
     )
 
 
-def _of_cranes(site: CraneSite, name: str, of: _OfCrane) -> list[Assumption]:
-    """Return what is assumed of each crane, those that share a value and its origin in one."""
+def _of_cranes(site: CraneSite, name: str, assumed_of: _OfCrane) -> list[Assumption]:
+    """Return what is assumed of each crane. Cranes with the same value and origin share an entry,
+    which names them unless it holds for all.
+
+    Args:
+        site: The site.
+        name: Name of the assumption.
+        assumed_of: Returns its value, and where that comes from, for a crane.
+    """
     names: dict[tuple[str, Origin], list[str]] = {}
     for station in site.stations:
-        names.setdefault(of(site, station), []).append(station.name)
+        names.setdefault(assumed_of(site, station), []).append(station.name)
     assumptions = []
     for (value, origin), cranes in names.items():
         whose = "" if len(cranes) == len(site.stations) else f" of {', '.join(cranes)}"
@@ -71,6 +79,7 @@ def _of_cranes(site: CraneSite, name: str, of: _OfCrane) -> list[Assumption]:
 
 
 def _origin(station: Station, value: str) -> Origin:
+    """Return whether somebody entered a value of a crane, see `Station.entered`."""
     return Origin.ENTERED if value in station.entered else Origin.DEFAULT
 
 

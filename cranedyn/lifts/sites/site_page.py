@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cranedyn.assumptions import check_entered
@@ -14,15 +15,15 @@ from cranedyn.lifts.judging.lift_tables import Row, Table
 from cranedyn.lifts.judging.report_page import page_figures, page_tables, write_html_or_pdf
 from cranedyn.lifts.sites.brakes import CYCLE
 from cranedyn.lifts.sites.promise import site_assumptions
-from cranedyn.lifts.sites.site_simulation import SiteRun
+from cranedyn.lifts.sites.site_simulation import SiteContact, SiteRun
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.html import render, worst_first
 from cranedyn.plotting.style import COLOURS, run_colour
 from cranedyn.recording.shapes import CONTACT
 from cranedyn.verdict import Check
 
-_SCALE = 20.0
-"""Scale of distances over time, in required ones."""
+_DISTANCE_RANGE = 20.0
+"""Largest distance that is drawn over time, in required distances."""
 
 
 def write_page(run: SiteRun, path: str | Path) -> Path:
@@ -40,7 +41,7 @@ def site_html(run: SiteRun) -> str:
     kind = "under the supervisor" if run.boxes else "without a supervisor"
     lost = lost_time(run)
     figures = [
-        LiftFigure(_plan(run), "Towers, reach, ways of hooks, obstacles, and contacts in red."),
+        LiftFigure(_plan(run), "Towers, reach, paths of hooks, obstacles, and contacts in red."),
         LiftFigure(_histories(run, lost), "Distances, the required one dashed, and lost time."),
     ]
     return render(
@@ -54,100 +55,187 @@ def site_html(run: SiteRun) -> str:
 
 
 def lost_time(run: SiteRun) -> list[np.ndarray]:
-    """Return the time at full rate [s] of the way of each drive that was commanded and not passed
-    on up to each row, shape (rows, m) for each crane.
+    """Return how much time the drives of each crane have lost up to each row [s], shape (rows, m)
+    each: the time at full rate for the travel that was commanded and not passed on to them.
     """
     lost = []
     for station, command, passed in zip(run.site.stations, run.commands, run.passed, strict=True):
         rates = station.converters.rates
-        short = np.clip(np.nan_to_num(command), -rates, rates) - passed
-        lost.append(np.cumsum(CYCLE * np.abs(short) / rates, axis=0))
+        # No drive goes faster than its largest rate, and NaN is no rate.
+        wanted = np.clip(np.nan_to_num(command), -rates, rates)
+        lost.append(np.cumsum(CYCLE * np.abs(wanted - passed) / rates, axis=0))
     return lost
 
 
 def _checks(run: SiteRun) -> list[Check]:
-    site, violation = run.site, run.violation
-    broken = run.broken_assumptions
-    swing, allowed = np.degrees([run.swing.max(), site.swing]).tolist()
+    """Return what is judged of a run, a sentence each."""
+    site = run.site
+    violation = run.violation
+    swing = float(np.degrees(run.swing.max()))
+    allowed = float(np.degrees(site.swing))
     distance = f"{max(run.least_distance, 0.0):.2f} m, required {site.distance:g} m"
-    return [
+    checks = [
         Check(f"{len(run.contacts)} contacts.", not run.contacts),
         Check(f"Least distance of two cranes {distance}.", run.least_distance >= site.distance),
         Check(f"Largest swing of a rope {swing:.1f}°, allowed {allowed:.1f}°.", swing <= allowed),
         Check(f"The model {violation or 'holds'}.", not violation),
-        # Neither can be a pass: what rests on a default, or was never promised, is not judged.
-        *(Check(f"Outside of what the site assumes: {words}.", None) for words in broken),
-        check_entered(site_assumptions(site)),
     ]
+    # Neither of what follows can pass: what was never promised, or rests on a default, is not
+    # judged.
+    for words in run.broken_assumptions:
+        checks.append(Check(f"Outside of what the site assumes: {words}.", None))
+    checks.append(check_entered(site_assumptions(site)))
+    return checks
 
 
 def _tables(run: SiteRun, lost: list[np.ndarray]) -> list[Table]:
-    """Return the tables that have rows."""
-    drives: list[Row] = []
-    columns = run.site.stations, run.commands, run.passed, lost
-    for station, *rates, losses in zip(*columns, strict=True):
-        seconds = CYCLE * np.abs(np.nan_to_num(rates) / station.converters.rates).sum(axis=1)
-        for joint, *row in zip(station.crane.layout.driven, *seconds, losses[-1], strict=True):
-            drives.append([station.name, joint.role or joint.name, *row])
-    gaps: list[Row] = [[k, max(x.min(), 0.0), run.t[x.argmin()]] for k, x in run.gaps().items()]
-    crane, t = ("crane", ""), ("time [s]", ".1f")
-    numbers = [(name, ".1f") for name in ("commanded [s]", "passed on [s]", "lost [s]")]
-    bodies = [(name, "") for name in ("crane or obstacle", "body", "of the second")]
-    assumed: list[Row] = [[x.name, x.value, x.origin.value] for x in site_assumptions(run.site)]
-    about = [("what the promise rests on", ""), ("assumed", ""), ("from", "")]
-    waits = run.waits
-    chain = [t, ("for [s]", ".1f"), ("cranes", "")]
+    """Return the tables that have rows.
+
+    Args:
+        run: The run.
+        lost: Its lost time, see `lost_time`.
+    """
     tables = [
-        Table("Ways of drives at full rate", [crane, ("drive", ""), *numbers], drives),
-        Table("Least distances", [("pair", ""), ("distance [m]", ".2f"), t], gaps),
-        Table(f"{len(run.contacts)} contacts", [t, crane, *bodies], [[*c] for c in run.contacts]),
-        Table(f"{len(waits)} waits in a circle", chain, [[*wait] for wait in waits]),
-        Table("Assumptions", about, assumed),
+        _travel_table(run, lost),
+        _distance_table(run),
+        _contact_table(run),
+        _wait_table(run),
+        _assumption_table(run),
     ]
     return [table for table in tables if table.rows]
 
 
+def _travel_table(run: SiteRun, lost: list[np.ndarray]) -> Table:
+    """Return how long each drive would have travelled at full rate as commanded, as passed on, and
+    as lost.
+    """
+    rows: list[Row] = []
+    for i, station in enumerate(run.site.stations):
+        rates = station.converters.rates
+        # An operator may command NaN, which is no rate.
+        commanded = CYCLE * np.abs(np.nan_to_num(run.commands[i]) / rates).sum(axis=0)
+        passed = CYCLE * np.abs(np.nan_to_num(run.passed[i]) / rates).sum(axis=0)
+        for drive, joint in enumerate(station.crane.layout.driven):
+            times = [commanded[drive], passed[drive], lost[i][-1, drive]]
+            rows.append([station.name, joint.role or joint.name, *times])
+    columns = [("crane", ""), ("drive", "")]
+    columns += [("commanded [s]", ".1f"), ("passed on [s]", ".1f"), ("lost [s]", ".1f")]
+    return Table("Travel of drives at full rate", columns, rows)
+
+
+def _distance_table(run: SiteRun) -> Table:
+    """Return the least distance of each pair, and when it was."""
+    rows: list[Row] = []
+    for pair, distances in run.gaps().items():
+        rows.append([pair, max(distances.min(), 0.0), run.t[distances.argmin()]])
+    columns = [("pair", ""), ("distance [m]", ".2f"), ("time [s]", ".1f")]
+    return Table("Least distances", columns, rows)
+
+
+def _contact_table(run: SiteRun) -> Table:
+    """Return the contacts."""
+    rows: list[Row] = []
+    for contact in run.contacts:
+        bodies = [contact.first_body, contact.second_body]
+        rows.append([contact.t, contact.first, contact.second, *bodies])
+    columns = [("time [s]", ".1f"), ("crane", ""), ("crane or obstacle", "")]
+    columns += [("body", ""), ("of the second", "")]
+    return Table(f"{len(run.contacts)} contacts", columns, rows)
+
+
+def _wait_table(run: SiteRun) -> Table:
+    """Return the times in which cranes waited for each other in a circle."""
+    rows: list[Row] = []
+    for wait in run.waits:
+        rows.append([wait.begin, wait.duration, wait.words])
+    columns = [("time [s]", ".1f"), ("for [s]", ".1f"), ("cranes", "")]
+    return Table(f"{len(rows)} waits in a circle", columns, rows)
+
+
+def _assumption_table(run: SiteRun) -> Table:
+    """Return all that the promise of the site rests on."""
+    rows: list[Row] = []
+    for assumption in site_assumptions(run.site):
+        rows.append([assumption.name, assumption.value, assumption.origin.value])
+    columns = [("what the promise rests on", ""), ("assumed", ""), ("from", "")]
+    return Table("Assumptions", columns, rows)
+
+
 def _plan(run: SiteRun) -> Figure:
-    """Draw the site from above; at contacts the hook that touches, or the jib."""
+    """Draw the site from above: obstacles, and each crane with its reach, the path of its hook and
+    its contacts.
+    """
     figure, (ax,) = panels(height=6.5)
     for solid in run.site.solids:
         ax.add_collection(solid_outlines(solid, 0, 1))
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     for i, (station, path) in enumerate(zip(run.site.stations, run.trajectories, strict=True)):
         foot = station.foot[:2]
-        drives = station.crane.layout.drives
         colour = run_colour(i)
         reach = np.linalg.norm(station.outline(station.ranges[None])[..., :2], axis=-1).max()
         circle = foot[:, None] + reach * np.array([np.cos(angle), np.sin(angle)])
-        pivot, rope, _ = station.rope(path.q)
-        hook = (pivot + path.q[:, drives[station.bodies.columns[-1:]]] * rope)[:, :2]
+        rope = station.rope(path.q)
+        winch = station.crane.layout.drives[station.crane.winch]
+        cable = path.q[:, [winch]]
+        hook = (rope.pivot + cable * rope.direction)[:, :2]
         ax.plot(*circle, ":", color=colour, linewidth=1.0)
         ax.plot(*hook.T, color=colour, linewidth=1.0)
         ax.plot(*foot, "s", color=colour, markersize=9)
         ax.text(foot[0], foot[1], f"\u00a0\u00a0{station.name}", color=colour, va="center")
-        for t, *names, first, second in run.contacts:
-            if station.name in names:
-                point = hook[round(t / CYCLE)]
-                jib = foot, foot + (point - foot) * reach / np.linalg.norm(point - foot)
-                hangs = (first, second)[names.index(station.name)] in ("rope", "load")
-                line = np.transpose([point] if hangs else jib)
-                ax.plot(*line, "x-" if hangs else "-", color=CONTACT, linewidth=1.0, zorder=3.0)
+        for contact in run.contacts:
+            body = _touching_body(contact, station.name)
+            if body:
+                _draw_contact(ax, body, foot, hook[round(contact.t / CYCLE)], reach)
     ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     return figure
 
 
+def _touching_body(contact: SiteContact, crane: str) -> str:
+    """Return the body of a crane that touches in a contact; "" if the crane has no part in it."""
+    if contact.first == crane:
+        return contact.first_body
+    # An obstacle may have the name of a crane, but it has no body.
+    return contact.second_body if contact.second == crane else ""
+
+
+def _draw_contact(ax: Axes, body: str, foot: np.ndarray, hook: np.ndarray, reach: float) -> None:
+    """Draw a contact seen from above: at the hook if rope or load touch, else along the jib.
+
+    Args:
+        ax: Where to draw.
+        body: Name of the body that touches.
+        foot: Place of the mast [m], shape (2,).
+        hook: Place of the hook [m], shape (2,).
+        reach: Length of the jib [m].
+    """
+    line = hook[None]
+    style = "x-"
+    if body not in ("rope", "load"):
+        tip = foot + (hook - foot) * reach / np.linalg.norm(hook - foot)
+        line = np.array([foot, tip])
+        style = "-"
+    ax.plot(line[:, 0], line[:, 1], style, color=CONTACT, linewidth=1.0, zorder=3.0)
+
+
 def _histories(run: SiteRun, lost: list[np.ndarray]) -> Figure:
-    """Draw distances and lost time."""
-    figure, (near, late) = panels(2, height=2.8, sharex=True)
-    for i, (pair, values) in enumerate(run.gaps().items()):
-        near.plot(run.t / 60.0, values, color=run_colour(i), label=pair)
-    near.axhline(run.site.distance, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
+    """Draw the distances of all pairs and the lost time of all cranes over time.
+
+    Args:
+        run: The run.
+        lost: Its lost time, see `lost_time`.
+    """
+    figure, (distance_ax, lost_ax) = panels(2, height=2.8, sharex=True)
+    minutes = run.t / 60.0
+    for i, (pair, distances) in enumerate(run.gaps().items()):
+        distance_ax.plot(minutes, distances, color=run_colour(i), label=pair)
+    distance_ax.axhline(run.site.distance, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     for contact in run.contacts:
-        near.plot(contact.t / 60.0, 0.0, "x", color=CONTACT, clip_on=False)
-    near.set(ylabel="distance [m]", ylim=(0.0, _SCALE * run.site.distance))
+        distance_ax.plot(contact.t / 60.0, 0.0, "x", color=CONTACT, clip_on=False)
+    distance_ax.set(ylabel="distance [m]", ylim=(0.0, _DISTANCE_RANGE * run.site.distance))
     for i, (station, seconds) in enumerate(zip(run.site.stations, lost, strict=True)):
-        late.plot(run.t / 60.0, seconds.max(axis=1), color=run_colour(i), label=station.name)
-    late.set(ylabel="lost time [s]", xlabel="time [min]")
-    for ax in (near, late):
+        # Of the drives of a crane the one that lost most.
+        lost_ax.plot(minutes, seconds.max(axis=1), color=run_colour(i), label=station.name)
+    lost_ax.set(ylabel="lost time [s]", xlabel="time [min]")
+    for ax in (distance_ax, lost_ax):
         ax.legend(*ax.get_legend_handles_labels(), loc="upper left", ncols=4, fontsize=9)
     return figure

@@ -1,4 +1,12 @@
-"""Simulate the cranes of a site by one clock, with messages that come late or never."""
+"""Simulate the cranes of a site by one clock, with messages that come late or never.
+
+Conventions of this module:
+
+* m drives, n coordinates (the drives and two swing joints), N copies of a site in lockstep.
+* Rows of a run are a `CYCLE` apart: one for each cycle of guards and supervisor, at its beginning.
+* A crane is named by its index among `CraneSite.stations`.
+* The *pairs* of a site are those of `itertools.combinations` of its cranes, in this order.
+"""
 
 from __future__ import annotations
 
@@ -52,14 +60,39 @@ _TIME_ROUNDING = 1e-9
 """Rounding error of times of messages, which are multiples of the cycle plus the latency [s]."""
 
 _SOLIDS = -2
-"""Partner of a crane that stands for the solids of the site, see `_Watch`."""
+"""Index that stands for the solids of the site, see `_Pair`."""
 
 _ZONES = -1
-"""Partner of a crane that stands for the zones of the site, see `_Watch`."""
+"""Index that stands for the zones of the site, see `_Pair`."""
 
-_Deadlock = tuple[float, tuple[int, ...], dict[int, np.ndarray]]
-"""Time [s], the cranes that wait in a circle, and where each crane withdraws that lets another
-pass [rad or m]."""
+
+class Deadlock(NamedTuple):
+    """A cycle in which cranes wait for each other in a circle.
+
+    Attributes:
+        t: Time [s].
+        cranes: Cranes each of which waits for the next, and the last for the first.
+        refuges: Positions of the drives to which each crane withdraws that lets another pass
+            [rad or m], by its index.
+    """
+
+    t: float
+    cranes: tuple[int, ...]
+    refuges: dict[int, np.ndarray]
+
+
+class Wait(NamedTuple):
+    """A time in which the same cranes wait for each other in a circle.
+
+    Attributes:
+        begin: Time at which they begin to [s].
+        duration: For how long [s].
+        words: Which crane waits for which, and which one lets another pass where.
+    """
+
+    begin: float
+    duration: float
+    words: str
 
 
 class MessageChannel(NamedTuple):
@@ -75,12 +108,14 @@ class MessageChannel(NamedTuple):
 
 
 class SiteContact(NamedTuple):
-    """Beginning of a contact.
+    """Beginning of a contact of two cranes, or of a crane and an obstacle.
 
     Attributes:
         t: Time [s].
-        first, second: Names of the cranes, or of a crane and an obstacle.
-        first_body, second_body: Names of the bodies that touch; "" for an obstacle.
+        first: Name of the crane, of two cranes the first of the site.
+        second: Name of the other crane, or of the obstacle.
+        first_body: Name of the body of the first that touches, see `CraneBodies.names`.
+        second_body: Name of the body of the other crane; "" for an obstacle.
     """
 
     t: float
@@ -106,10 +141,9 @@ class SiteRun:
             zones [m], shape (rows, cranes); inf where there are none.
         contacts: Beginnings of contacts: in a row, or not proven to be none between two rows.
         swing: Largest angle of each rope from rest [rad], shape (cranes,).
-        outside: Largest way of a drive of each crane out of its box [rad or m], shape (cranes,);
-            negative inside, -inf without a supervisor.
-        deadlocks: Times at which cranes waited for each other in a circle [s], which, and where
-            cranes that withdrew let another pass: positions of drives [rad or m].
+        outside: Largest distance by which a drive of each crane left its box [rad or m], shape
+            (cranes,); negative inside, -inf without a supervisor.
+        deadlocks: All cycles in which cranes waited for each other in a circle.
         boxes: Box in which each crane was kept [rad or m], shape (rows, 2, m) each; none without a
             supervisor.
         wind_speed: Wind on the loads [m/s], shape (rows,).
@@ -126,7 +160,7 @@ class SiteRun:
     contacts: tuple[SiteContact, ...]
     swing: np.ndarray
     outside: np.ndarray
-    deadlocks: tuple[_Deadlock, ...]
+    deadlocks: tuple[Deadlock, ...]
     boxes: tuple[np.ndarray, ...] = ()
     wind_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
     wind_area: float = 0.0
@@ -143,8 +177,7 @@ class SiteRun:
         )
         waits = self.waits
         if waits:
-            _, _, chain = waits[0]
-            text += f"; waits in a circle: {len(waits)}, first {chain}"
+            text += f"; waits in a circle: {len(waits)}, first {waits[0].words}"
         if self.violation:
             text += f"; the model {self.violation}"
         for words in self.broken_assumptions:
@@ -168,7 +201,8 @@ class SiteRun:
             broken.append(
                 f"wind of up to {largest:.1f} m/s, from {self.t[rows[0]]:.1f} s on; {stated}"
             )
-        elif np.any(self.wind_speed) and not self.wind_area <= limit.area:
+        # A site that states no wind states no drag area, either.
+        if limit.gust and np.any(self.wind_speed) and not self.wind_area <= limit.area:
             broken.append(
                 f"loads with a drag area of {self.wind_area:g} m²; the site states {limit.area:g} "
                 "m²"
@@ -195,28 +229,29 @@ class SiteRun:
         return f"fails from {t:.1f} s on: {why}"
 
     @property
-    def waits(self) -> list[tuple[float, float, str]]:
-        """Times [s] from which cranes waited in a circle, how long [s], who, and who let pass."""
-        # A circle that lasts for several cycles is recorded in each of them.
-        spells: list[list[_Deadlock]] = []
+    def waits(self) -> list[Wait]:
+        """Times in which cranes waited for each other in a circle, in their order."""
+        # A deadlock that lasts for several cycles is recorded in each of them.
+        lasting: list[list[Deadlock]] = []
         for deadlock in self.deadlocks:
-            if spells and _continues(spells[-1][-1], deadlock):
-                spells[-1].append(deadlock)
+            if lasting and _continues(lasting[-1][-1], deadlock):
+                lasting[-1].append(deadlock)
             else:
-                spells.append([deadlock])
+                lasting.append([deadlock])
         waits = []
-        for spell in spells:
-            begin, circle, _ = spell[0]
+        for deadlocks in lasting:
+            first = deadlocks[0]
             refuges: dict[int, np.ndarray] = {}
-            for _, _, in_cycle in spell:
-                refuges.update(in_cycle)
-            waits.append((begin, CYCLE * len(spell), self._in_words(circle, refuges)))
+            for deadlock in deadlocks:
+                refuges.update(deadlock.refuges)
+            words = self._in_words(first.cranes, refuges)
+            waits.append(Wait(first.t, CYCLE * len(deadlocks), words))
         return waits
 
-    def _in_words(self, circle: tuple[int, ...], refuges: dict[int, np.ndarray]) -> str:
-        """Return who waits for whom in a circle, and where which crane lets another pass."""
+    def _in_words(self, deadlocked: tuple[int, ...], refuges: dict[int, np.ndarray]) -> str:
+        """Return who waits for whom in a deadlock, and where which crane lets another pass."""
         names = [station.name for station in self.site.stations]
-        words = " for ".join(names[i] for i in (*circle, circle[0]))
+        words = " for ".join(names[i] for i in (*deadlocked, deadlocked[0]))
         for i, refuge in refuges.items():
             drives = zip(self.site.stations[i].crane.layout.driven, refuge, strict=True)
             position = ", ".join(f"{joint.symbol} {q:.2f} {joint.unit}" for joint, q in drives)
@@ -291,10 +326,13 @@ class SiteRun:
         """
         station = self.site.stations[i]
         solids = station.in_crane_frame(self.site.solids) if i == 0 else []
-        obstacles = [Obstacle(s.name, s.vertices, s.triangles, s.zone) for s in solids]
+        obstacles = []
+        for solid in solids:
+            obstacles.append(Obstacle(solid.name, solid.vertices, solid.triangles, solid.zone))
         reserved = None
         if self.boxes:
             boxes = self.boxes[i]
+            # A sector stays as it is drawn until the next one: only changes are recorded.
             changed = np.append(True, np.diff(boxes, axis=0).any(axis=(1, 2)))
             reserved = self.t[changed], station.outline(boxes[changed])
         scenery = None
@@ -320,18 +358,19 @@ class SiteRun:
                 f"- {contact.t:.1f} s: {contact.first_body} of {contact.first} and "
                 f"{contact.second_body} {contact.second}"
             )
-        for t, duration, chain in self.waits:
-            lines.append(f"\n**Waiting:** {chain}, {duration:.1f} s from {t:.1f} s on.")
+        for wait in self.waits:
+            lines.append(
+                f"\n**Waiting:** {wait.words}, {wait.duration:.1f} s from {wait.begin:.1f} s on."
+            )
         if self.boxes:
             lines.append("\nSectors beside jibs are what is reserved for their cranes.")
         return "\n".join(lines)
 
 
-def _continues(last: _Deadlock, next_one: _Deadlock) -> bool:
-    """Return whether the same cranes wait in a circle in the cycle after that of the last one."""
-    last_t, last_circle, _ = last
-    t, circle, _ = next_one
-    return round(t / CYCLE) == round(last_t / CYCLE) + 1 and circle == last_circle
+def _continues(earlier: Deadlock, later: Deadlock) -> bool:
+    """Return whether a deadlock is that of the same cranes in the cycle after an earlier one."""
+    is_next_cycle = round(later.t / CYCLE) == round(earlier.t / CYCLE) + 1
+    return is_next_cycle and later.cranes == earlier.cranes
 
 
 def simulate_site(
@@ -425,7 +464,7 @@ class _SiteRecording:
         self._passed: list[list[np.ndarray]] = []
         self._boxes: list[list[np.ndarray]] = []
         self._wind_speeds: list[float] = []
-        self._deadlocks: list[_Deadlock] = []
+        self._deadlocks: list[Deadlock] = []
 
     def run_cycle(self, t: float) -> None:
         """Run all cranes for a cycle from a time on [s]."""
@@ -446,8 +485,10 @@ class _SiteRecording:
             reading = self._reading(t, wind_speed)
             passed = [rates[0] for rates in self._network.step(t, measured, requested, reading)]
             boxes = [guard.box[0] for guard in self._network.guards]
-            if circle := self._network.supervisor.deadlock():
-                self._deadlocks.append((t, circle, self._network.supervisor.refuges()))
+            supervisor = self._network.supervisor
+            deadlocked = supervisor.deadlock()
+            if deadlocked:
+                self._deadlocks.append(Deadlock(t, deadlocked, supervisor.refuges()))
 
         for crane, rates in zip(self._cranes, passed, strict=True):
             self._in_turn = crane.name
@@ -472,11 +513,13 @@ class _SiteRecording:
         site = self._site
         cranes = self._cranes
         rows = len(self._commands)
-        end = (rows - 0.5) * CYCLE
         trajectories = []
         for crane in cranes:
             trajectory = crane.trajectory()
-            trajectories.append(trajectory if len(trajectory.t) == rows else trajectory.before(end))
+            if len(trajectory.t) > rows:
+                # This crane was stepped in the cycle in which another one ended the run.
+                trajectory = trajectory.before((rows - 0.5) * CYCLE)
+            trajectories.append(trajectory)
         swings = []
         for crane, run in zip(cranes, trajectories, strict=True):
             swings.append(np.linalg.norm(crane.crane.swing_angles(run.q), axis=1).max())
@@ -493,6 +536,9 @@ class _SiteRecording:
             chunk = [run.q[first : first + _ROWS_AT_ONCE, None] for run in trajectories]
             measured_rows.append(watch.measure(chunk)[:, 0])
         measured = np.concatenate(measured_rows)
+
+        # The columns of the watch: pairs of cranes, then each crane with the solids, then each with
+        # the zones.
         pair_count = math.comb(len(cranes), 2)
         clearances = np.full((rows, len(cranes)), np.inf)
         if site.solids:
@@ -544,13 +590,14 @@ def _checked(
 
 
 class SiteExtremes(NamedTuple):
-    """What N copies of a site came to.
+    """Contacts and extreme values of runs of N copies of a site.
 
     Attributes:
         contacts: Number of contacts, shape (N,).
         least: Least distance of any two cranes in a row [m], shape (N,).
         swing: Largest angle of any rope from rest [rad], shape (N,).
-        outside: Largest way of a drive out of its box [rad or m], shape (N,); negative inside.
+        outside: Largest distance by which a drive left its box [rad or m], shape (N,); negative
+            inside.
     """
 
     contacts: np.ndarray
@@ -754,8 +801,7 @@ class _Pair(NamedTuple):
 
     Attributes:
         first: Index of the crane.
-        second: Index of another crane, or `_SOLIDS` or `_ZONES`. These count from the end: they are
-            indices, too, of the pair of margins of `Obstacles.margins`.
+        second: Index of another crane, or `_SOLIDS` or `_ZONES`, which are negative.
     """
 
     first: int
@@ -804,8 +850,9 @@ class _Watch:
 
         Args:
             paths: Coordinates of each crane, shape (rows, N, n) each.
-            within: Distances that are of interest [m], shape (N, 1). Where the motion since the
-                last measurement proves a pair beyond that, its distance is a lower bound.
+            within: Distances that are of interest [m], shape (N, 1). Where the last distance of a
+                pair, less the motion since then, is beyond that, this lower bound is returned in
+                place of its distance.
         """
         is_first_call = self._last_ends is None
         after = [self._place(i, path) for i, path in enumerate(paths)]
@@ -828,8 +875,9 @@ class _Watch:
             if near.any():
                 distances[near, k] = self._least(pair, [placed[near] for placed in after])
 
-        # On straight lines the distance between two rows is at least half of their sum less the
-        # motion. Bodies are off these lines by `_BEND` each, so 2 `_BEND` together.
+        # While two bodies move by d together, between distances a and b, no distance is less than
+        # (a + b - d)/2, see `_proven`. That is on straight lines: bodies are off them by up to
+        # `_BEND` each, 2 `_BEND` together. So no contact is possible where a + b - d > 4 `_BEND`.
         preceding = distances[:1] if is_first_call else last_distances
         in_all_rows = np.concatenate([preceding, distances])
         spare = in_all_rows[1:] + in_all_rows[:-1] - motion
@@ -913,7 +961,7 @@ class _Watch:
         gaps = []
         for k, segment in enumerate(ends[pair.first]):
             margins = self._site.obstacles.margins(segment, radii[k], hangs=hangs[k])
-            gaps.append(margins[pair.second])
+            gaps.append(margins.from_solids if pair.second == _SOLIDS else margins.from_zones)
         return np.array(gaps)
 
     def _contact(

@@ -13,8 +13,9 @@ from cranedyn.lifts.planning.solids import Solid, hull
 from cranedyn.lifts.sites.placed_capsules import group_shapes
 from cranedyn.model.crane import Crane
 
-TOUCHES = 1e-3
-"""Way by which the corners of a shape are drawn in before they count [m]."""
+TOUCH_TOLERANCE = 1e-3
+"""Distance by which the corners of a shape are moved inwards before they count [m], so that what
+only touches an obstacle is not in it."""
 
 
 class StartPart(NamedTuple):
@@ -45,7 +46,8 @@ def parts_at_start(crane: Crane, foot: np.ndarray) -> list[StartPart]:
         # A foot that stands on a slab touches it, and is not in it.
         inward = corners.mean(axis=0) - corners
         lengths = np.linalg.norm(inward, axis=1, keepdims=True)
-        corners = corners + TOUCHES * inward / np.maximum(lengths, TOUCHES)
+        step = TOUCH_TOLERANCE * inward / np.maximum(lengths, TOUCH_TOLERANCE)
+        corners = corners + step
         parts.append(StartPart(name, corners))
     return parts
 
@@ -88,5 +90,5 @@ def _part_name(crane: Crane, joint: int, load: int) -> str:
         return "tower"
     if joint == load:
         return "load"
-    role = crane.layout.joints[joint - 1].role
-    return {"slew": "slewing part", "trolley": "trolley"}.get(role, "moving part")
+    names = {"slew": "slewing part", "trolley": "trolley"}
+    return names.get(crane.layout.joints[joint - 1].role, "moving part")

@@ -1,18 +1,27 @@
 """Reservation: each crane keeps inside a box of positions that no other crane's box comes near.
 
-The box of a crane is an interval for each of its drives, in which it can always stop by its own
-brakes. A guard on each crane (`cranedyn.lifts.sites.guard`) keeps it there whatever messages
-arrive. The `Supervisor` enlarges a box only where it is proven apart from all others. Neither reads
-a clock of
-the other: a grant answers one numbered request, and a guard accepts none but that for its last.
+The *box* of a crane is an interval of positions for each of its drives, in which it can always stop
+by its own brakes. A guard on each crane (`cranedyn.lifts.sites.guard`) keeps it there whatever
+messages arrive. The `Supervisor` enlarges a box only where it is proven apart from all others.
+Neither reads a clock of the other: a grant answers one numbered request, and a guard accepts no
+grant but that for its last request.
 
-Invariant: each crane can stop in its box (guard), its box lies in what the supervisor has reserved
-for it (a guard gives back before it asks, and the supervisor enlarges before it answers), and
-reserved boxes are proven the required distance apart, with the load of each anywhere in its cone.
-So nothing meets, as long as what `cranedyn.lifts.sites.promise` lists holds: brakes no
-weaker, ropes that swing no farther and a wind no stronger than entered, among others. Messages that
-are late or
-lost only make cranes wait, and so do messages that are not sound: each end checks what it receives.
+Invariant:
+
+* Each crane can stop in its box: its guard sees to that.
+* Its box lies in the one that the supervisor has reserved for it, since a guard gives back before
+  it asks, and the supervisor enlarges before it answers.
+* Reserved boxes are proven the required distance apart, with the load of each crane anywhere in the
+  cone in which it may swing.
+
+So nothing meets, as long as what `cranedyn.lifts.sites.promise` lists holds: brakes no weaker,
+ropes that swing no farther and a wind no stronger than entered, among others. Messages that are
+late or lost only make cranes wait, and so do messages that are not sound: each end checks what it
+receives.
+
+Cranes may wait for each other in a circle, each for the next and the last for the first: a
+*deadlock*. The supervisor then lets one of them *withdraw*: its guard takes it to a position where
+the crane that waits for it can pass.
 """
 
 from __future__ import annotations
@@ -27,25 +36,30 @@ from cranedyn.errors import DataError, quoted
 from cranedyn.lifts.sites.crane_site import CraneSite
 from cranedyn.lifts.sites.guard import NO_TARGET, BoxGrant, BoxRequest, is_index, is_request_number
 
-STUCK = 20
-"""Refused requests in a row after which a way out of a circle is sought, one trial a cycle."""
+# A refused crane asks once a cycle, so that 20 requests are 2 s: most cranes that wait are let go
+# on within that time.
+REFUSALS_BEFORE_WITHDRAWAL = 20
+"""Refused requests in a row after which a crane in a deadlock is tried to be freed. There is one
+trial a cycle."""
 
-PASSING = 100
-"""Requests of a crane without waiting after which the one that withdrew no longer lets it pass."""
+REQUESTS_BEFORE_RETURN = 100
+"""Requests of the crane that is let pass, none of which had to wait for the crane that withdrew,
+after which the latter may go where it wants again. They take 10 s."""
 
-AHEAD = (20.0, 5.0, 1.0, 0.2)
-"""How far ahead of what it wants a crane is let pass, as time at full rate [s]. The first that can
-be is taken."""
+PASSING_TIMES = (20.0, 5.0, 1.0, 0.2)
+"""How far ahead of what it wants a crane is let pass, as times at full rate [s], in the order in
+which they are tried."""
 
-FARTHEST = 60.0
-"""Longest way out of a circle for each drive, as time at full rate [s]."""
+MAX_WITHDRAWAL_TIME = 60.0
+"""Largest distance that a drive withdraws, as time at full rate [s]."""
 
-DRAWN = 16
-"""Positions that are drawn in a trial."""
+POSITIONS_DRAWN = 16
+"""Number of positions that are drawn at random in a trial."""
 
-# Short ways are drawn more often than long ones: half of the draws are within 3 % of `FARTHEST`.
+# Short distances are drawn more often than long ones: half of the draws are within 3 % of
+# `MAX_WITHDRAWAL_TIME`.
 _DRAW_POWER = 5
-"""Power of a uniform number, from -1 to 1, by which a way out is drawn."""
+"""Power of a uniform number, from -1 to 1, by which the distance of a withdrawal is drawn."""
 
 RANGE_ROUNDING = 1e-9
 """Rounding error of the ends of ranges [rad or m]."""
@@ -53,32 +67,31 @@ RANGE_ROUNDING = 1e-9
 _MORE_THAN_ALL_REFUSALS = 1 << 40
 """More requests than are ever refused in a row."""
 
-_SHARES = (1.0, 0.5, 0.2)
-"""Shares of an extension that are tried."""
+_EXTENSION_SHARES = (1.0, 0.5, 0.2)
+"""Shares of an extension that are tried, the largest first."""
 
 
-class _Deal(NamedTuple):
-    """A crane that withdraws, and the one that it lets pass.
+class _Withdrawal(NamedTuple):
+    """A crane that may withdraw, and the one that it then lets pass.
 
     Attributes:
-        loser: Index of the crane that withdraws.
-        winner: Index of the crane that it lets pass.
-        ahead: How far the winner is let pass, see `AHEAD` [s].
+        crane: Index of the crane that withdraws.
+        passing: Index of the crane that it lets pass.
+        passing_time: How far ahead the other is let pass, see `PASSING_TIMES` [s].
     """
 
-    loser: int
-    winner: int
-    ahead: float
+    crane: int
+    passing: int
+    passing_time: float
 
 
 class Supervisor:
     """The part of the supervision that all cranes share, on N copies of a site in lockstep.
 
-    Right of way has the crane whose requests have been refused longest, then the first: no other is
-    granted what it has asked for. Where cranes wait for each other in a circle, one withdraws to
-    let another pass: the ones that do not withdraw yet and have the least right of way are tried
-    first, one a cycle. A crane that withdraws has no right of way; what it wanted before still
-    counts in later circles.
+    The crane whose requests have been refused longest has the right of way, of several the first of
+    the site: no other crane is granted what it has asked for. In a deadlock one crane withdraws to
+    let another pass. The cranes that do not withdraw yet and have the least right of way are tried
+    first, one a cycle. A crane that withdraws has no right of way.
 
     Attributes:
         site: The site.
@@ -109,13 +122,15 @@ class Supervisor:
         self.passing = np.full((copies, cranes), -1)
         self.targets = [np.full((copies, box.shape[2]), NO_TARGET) for box in self.boxes]
 
-        # Number of the last request of each crane, how many were refused in a row, and how many
-        # requests of the crane that it lets pass did not wait.
+        # Of each crane: the number of its last request, and how many were refused in a row.
         self._numbers = np.zeros((copies, cranes), dtype=int)
         self._refused = np.zeros((copies, cranes), dtype=int)
-        self._free_since = np.zeros((copies, cranes), dtype=int)
 
-        # Number of the last trial of a way out of a circle on each copy.
+        # Of each crane that withdraws: how many requests in a row of the crane that it lets pass
+        # did not wait for it.
+        self._free_requests = np.zeros((copies, cranes), dtype=int)
+
+        # Number of the last trial to end a deadlock on each copy.
         self._trial = np.full(copies, -1)
 
         # Box that each crane wanted last, and the signs in which its ends went then while it did
@@ -128,9 +143,10 @@ class Supervisor:
                 name = quoted(site.stations[i].name)
                 raise DataError(f"At the start {name} is not proven to keep from an obstacle.")
             if not apart.all():
-                names = (quoted(site.stations[k].name) for k in (i, int(np.argmin(apart))))
+                first = quoted(site.stations[i].name)
+                second = quoted(site.stations[int(np.argmin(apart))].name)
                 raise DataError(
-                    f"At the start {' and '.join(names)} are not proven to be "
+                    f"At the start {first} and {second} are not proven to be "
                     f"{site.distance:g} m apart, with the load swinging by {site.swing:g} rad."
                 )
 
@@ -149,29 +165,34 @@ class Supervisor:
             Misshapen: If a field has another shape.
         """
         within("index of a crane", whole("index of a crane", station, 0), 0, len(self.boxes) - 1)
-        copies, number, reported, wanted = self._sound_requests(station, request)
+        copies, number, held, wanted = self._sound_requests(station, request)
         self._numbers[copies, station] = number
-        neighbours = self._others(station, copies)
+
+        # Reserve all that is wanted if it is proven apart, else what can be of it.
+        neighbours = self._boxes_to_keep_from(station, copies)
         apart = self.site.apart(station, wanted, neighbours)
         box = wanted.copy()
-        cut = ~apart.all(axis=1)
-        cut_neighbours = [boxes[cut] for boxes in neighbours]
-        box[cut] = self._extended(station, reported[cut], wanted[cut], cut_neighbours, ~apart[cut])
+        partly = ~apart.all(axis=1)
+        near_boxes = [boxes[partly] for boxes in neighbours]
+        box[partly] = self._extended(
+            station, held[partly], wanted[partly], near_boxes, ~apart[partly]
+        )
         self.boxes[station][copies] = box
         self._wanted[station][copies] = wanted
 
-        # A crane that withdraws wants to go where it was told to, not where it would go.
+        # A crane that withdraws asks for what takes it away, not for where it wants to go.
         goes = self.passing[copies, station] < 0
-        self._directions[station][copies[goes]] = np.sign(wanted - reported)[goes]
+        self._directions[station][copies[goes]] = np.sign(wanted - held)[goes]
 
-        # Less than an error of measurement is nothing to wait for.
-        short = np.abs(wanted - box) > self.site.stations[station].brakes.tolerances
-        blocking = ~apart & short.any(axis=(1, 2))[:, None]
+        # The crane waits for those that keep it from what it wants. Less than an error of
+        # measurement is nothing to wait for.
+        is_cut = np.abs(wanted - box) > self.site.stations[station].brakes.tolerances
+        blocking = ~apart & is_cut.any(axis=(1, 2))[:, None]
 
         # At its own index are obstacles, which never give way.
         blocking[:, station] = False
         self.waits[copies, station] = blocking
-        self._resolve(station, copies)
+        self._resolve_deadlocks(station, copies)
         waiting = blocking.any(axis=1) | (self.passing[copies, station] >= 0)
         self._refused[copies, station] = np.where(waiting, self._refused[copies, station] + 1, 0)
         return BoxGrant(copies, number, box, blocking, self.targets[station][copies])
@@ -214,23 +235,27 @@ class Supervisor:
         counts = known & first_rows & sound & is_new
         return BoxRequest(copies[counts], number[counts], held[counts], wanted[counts])
 
-    def _others(self, station: int, copies: np.ndarray) -> list[np.ndarray]:
-        """Return for each crane what another must keep apart from, shape (copies, 2, m) each.
+    def _boxes_to_keep_from(self, station: int, copies: np.ndarray) -> list[np.ndarray]:
+        """Return the box of each crane from which a crane must keep apart, shape (copies, 2, m)
+        each.
 
-        That is what is reserved for it, and all that it wants if it has right of way: so nobody
-        takes what it waits for. Right of way has the crane that was refused more often, then the
-        one with the smaller index; a crane that withdraws has none.
+        That is the reserved box of the other crane; or, where that has the right of way, all that
+        it wants, so that nobody takes what it waits for. Of two cranes the one that was refused
+        more often in a row has the right of way, then the one with the smaller index. A crane that
+        withdraws has none; but it need not leave others what they want, since it has to get out of
+        their way.
         """
         indices = np.arange(len(self.boxes))
         goes = self.passing[copies] < 0
 
-        # One number for each crane that is greater the more right of way it has.
+        # A number for each crane that is the greater, the more right of way it has.
         refused = goes * _MORE_THAN_ALL_REFUSALS + self._refused[copies]
         rank = refused * len(indices) - indices
-        yields = (rank > rank[:, [station]]) & goes[:, [station]]
+        has_right_of_way = (rank > rank[:, [station]]) & goes[:, [station]]
         boxes = [box[copies] for box in self.boxes]
-        for i in np.flatnonzero(yields.any(axis=0)):
-            boxes[i][yields[:, i]] = self._wanted[i][copies[yields[:, i]]]
+        for i in np.flatnonzero(has_right_of_way.any(axis=0)):
+            rows = has_right_of_way[:, i]
+            boxes[i][rows] = self._wanted[i][copies[rows]]
         return boxes
 
     def _extended(
@@ -240,7 +265,7 @@ class Supervisor:
         wanted: np.ndarray,
         neighbours: list[np.ndarray],
         doubtful: np.ndarray,
-        shares: Sequence[float] = _SHARES,
+        shares: Sequence[float] = _EXTENSION_SHARES,
     ) -> np.ndarray:
         """Return boxes enlarged towards wanted ones as far as they are proven apart.
 
@@ -262,26 +287,34 @@ class Supervisor:
             enlarged = np.repeat(box[rows][None], len(shares), axis=0)
             enlarged[..., end, drive] += np.outer(shares, (wanted - box)[rows, end, drive])
 
-            # Only the slab between the old end and the new one is left to prove.
+            # The box itself is proven already: only the slab between the old end and the new one
+            # is left to prove.
             slab = enlarged.copy()
             slab[..., 1 - end, drive] = box[rows, end, drive]
             beside = [boxes[rows] for boxes in neighbours]
             proven = self.site.apart(station, slab, beside, doubtful[rows]).all(axis=-1)
             granted = proven.any(axis=0)
+
+            # The shares descend, so that the first one that is proven is the largest.
             largest_share = proven.argmax(axis=0)
             box[rows[granted]] = enlarged[largest_share[granted], granted]
         return box
 
-    def _resolve(self, station: int, copies: np.ndarray) -> None:
-        """End withdrawals for a crane that has not waited for a while, and begin one if it waits in
-        a circle.
+    def _resolve_deadlocks(self, station: int, copies: np.ndarray) -> None:
+        """End withdrawals that let a crane pass which has not waited for a while, and try to begin
+        one if the crane has waited for long in a deadlock.
+
+        Args:
+            station: Index of the crane.
+            copies: Copies on which it has sent a request.
         """
         self._end_withdrawals(station, copies)
-        for copy in copies[self._refused[copies, station] >= STUCK].tolist():
-            circle = self.deadlock(copy, station)
-            # One crane of a circle acts for it, so that there is one trial a cycle.
-            if station == min(circle, default=None):
-                self._try_way_out(copy, circle)
+        is_stuck = self._refused[copies, station] >= REFUSALS_BEFORE_WITHDRAWAL
+        for copy in copies[is_stuck].tolist():
+            deadlocked = self.deadlock(copy, station)
+            # The first crane of a deadlock acts for all, so that there is one trial a cycle.
+            if station == min(deadlocked, default=None):
+                self._try_withdrawal(copy, deadlocked)
 
     def _end_withdrawals(self, station: int, copies: np.ndarray) -> None:
         """End the withdrawals of others that let a crane pass, once it has not waited for a while.
@@ -291,91 +324,108 @@ class Supervisor:
             copies: Copies on which it has sent a request.
         """
         lets_pass = self.passing[copies] == station
-        free_since = self._free_since[copies]
-        counted = np.where(self.waits[copies, station], 0, free_since + 1)
-        free_since = np.where(lets_pass, counted, free_since)
-        self._free_since[copies] = free_since
-        for row, withdrawn in np.argwhere(lets_pass & (free_since > PASSING)).tolist():
-            self._return(copies[row], withdrawn)
+        free_requests = self._free_requests[copies]
+        counted = np.where(self.waits[copies, station], 0, free_requests + 1)
+        free_requests = np.where(lets_pass, counted, free_requests)
+        self._free_requests[copies] = free_requests
+        has_passed = lets_pass & (free_requests > REQUESTS_BEFORE_RETURN)
+        for row, withdrawn in np.argwhere(has_passed).tolist():
+            self._end_withdrawal(copies[row], withdrawn)
 
-    def _try_way_out(self, copy: int, circle: tuple[int, ...]) -> None:
-        """Let a crane of a circle withdraw if a random position is found from where the one that
-        waits for it can pass; each call tries one crane and one length of its way.
+    def _try_withdrawal(self, copy: int, deadlocked: tuple[int, ...]) -> None:
+        """Let a crane of a deadlock withdraw if a position is found at which the one that waits for
+        it can pass. Each call tries one of the possible withdrawals.
 
         Args:
             copy: Index of the copy.
-            circle: Cranes each of which waits for the next, and the last for the first.
+            deadlocked: Cranes each of which waits for the next, and the last for the first.
         """
         self._trial[copy] += 1
-        deals = self._deals(copy, circle)
-        deal = deals[self._trial[copy] % len(deals)]
-        target = self._way_out(copy, deal)
+        withdrawals = self._possible_withdrawals(copy, deadlocked)
+        withdrawal = withdrawals[self._trial[copy] % len(withdrawals)]
+        target = self._refuge(copy, withdrawal)
         if target is None:
             return
-        self._return(copy, deal.winner)
-        self.targets[deal.loser][copy] = target
-        self.passing[copy, deal.loser] = deal.winner
-        self._free_since[copy, deal.loser] = 0
-        self._refused[copy, min(circle)] = 0
+        # A crane that is let pass goes where it wants to.
+        self._end_withdrawal(copy, withdrawal.passing)
+        self.targets[withdrawal.crane][copy] = target
+        self.passing[copy, withdrawal.crane] = withdrawal.passing
+        self._free_requests[copy, withdrawal.crane] = 0
+        self._refused[copy, min(deadlocked)] = 0
         self._trial[copy] = -1
 
-    def _deals(self, copy: int, circle: tuple[int, ...]) -> list[_Deal]:
-        """Return all deals in a circle in the order in which they are tried: first by the cranes
-        that do not withdraw yet and have the least right of way, then by how far another may pass.
+    def _possible_withdrawals(self, copy: int, deadlocked: tuple[int, ...]) -> list[_Withdrawal]:
+        """Return the withdrawals that may end a deadlock in the order in which they are tried:
+        first by the cranes that do not withdraw yet and have the least right of way, then by how
+        far the other may pass.
         """
         passing = self.passing[copy].tolist()
         refused = self._refused[copy].tolist()
-        ranked = sorted(circle, key=lambda i: (passing[i] >= 0, refused[i], -i))
-        deals = []
-        for loser in ranked:
-            # The crane before it in the circle waits for it.
-            winner = circle[circle.index(loser) - 1]
-            deals += [_Deal(loser, winner, ahead) for ahead in AHEAD]
-        return deals
+        ranked = sorted(deadlocked, key=lambda i: (passing[i] >= 0, refused[i], -i))
+        withdrawals = []
+        for crane in ranked:
+            # The crane before it waits for it; before the first is the last.
+            waiting = deadlocked[deadlocked.index(crane) - 1]
+            withdrawals += [_Withdrawal(crane, waiting, time) for time in PASSING_TIMES]
+        return withdrawals
 
-    def _return(self, copy: int, crane: int) -> None:
-        """End the withdrawal of a crane."""
+    def _end_withdrawal(self, copy: int, crane: int) -> None:
+        """Let a crane go where it wants again, if it withdraws."""
         self.targets[crane][copy] = NO_TARGET
         self.passing[copy, crane] = -1
 
-    def _way_out(self, copy: int, deal: _Deal) -> np.ndarray | None:
+    def _refuge(self, copy: int, withdrawal: _Withdrawal) -> np.ndarray | None:
         """Return a position to which a crane can withdraw so that another can pass, shape (m,);
         None if none is found.
 
-        It is the nearest in time of some that are drawn at random. All between is proven apart from
-        what is reserved for others.
+        It is the nearest in time of some that are drawn at random. All positions on the way there
+        are proven apart from what is reserved for other cranes.
         """
-        loser = self.site.stations[deal.loser]
-        box = self.boxes[deal.loser][copy]
-        rates = loser.converters.rates
+        crane = withdrawal.crane
+        station = self.site.stations[crane]
+        box = self.boxes[crane][copy]
+        rates = station.converters.rates
 
         # A seed that differs from trial to trial, and is the same when a run is repeated.
         rng = np.random.default_rng(self._numbers[copy].sum())
-        times = FARTHEST * rng.uniform(-1.0, 1.0, (DRAWN, len(rates))) ** _DRAW_POWER
+        draws = rng.uniform(-1.0, 1.0, (POSITIONS_DRAWN, len(rates)))
+        times = MAX_WITHDRAWAL_TIME * draws**_DRAW_POWER
+        # Each drive stays where it is with a probability of one half.
         is_moved = rng.integers(2, size=times.shape)
-        least, largest = loser.ranges - box
+        least, largest = station.ranges - box
         shifts = np.clip(times * is_moved * rates, least, largest)
         nearest_first = (abs(shifts) / rates).max(axis=1).argsort()
         moved = box + shifts[nearest_first, None]
 
-        passing = self._passing_box(copy, deal)
-        free = moved[self.site.pair_apart(deal.loser, moved, deal.winner, passing)][:1]
-        swept = np.stack([np.minimum(box[0], free[:, 0]), np.maximum(box[1], free[:, 1])], axis=1)
-        boxes = [of_crane[[copy] * len(free)] for of_crane in self.boxes]
-        doubtful = np.ones((len(free), len(boxes)), dtype=bool)
-        proven = self._extended(deal.loser, boxes[deal.loser], swept, boxes, doubtful, [1.0])
-        if not len(free) or not np.allclose(proven, swept):
+        # The nearest box that leaves the other crane room to pass; one row or none.
+        passing_box = self._passing_box(copy, withdrawal)
+        is_clear = self.site.pair_apart(crane, moved, withdrawal.passing, passing_box)
+        refuge = moved[is_clear][:1]
+        if not len(refuge):
             return None
-        return free[0].mean(axis=0)
 
-    def _passing_box(self, copy: int, deal: _Deal) -> np.ndarray:
+        # The crane can get there if all positions between are free: if its box may be extended to
+        # them, as a whole.
+        swept = np.stack(
+            [np.minimum(box[0], refuge[:, 0]), np.maximum(box[1], refuge[:, 1])], axis=1
+        )
+        boxes = [of_crane[[copy]] for of_crane in self.boxes]
+        doubtful = np.ones((1, len(boxes)), dtype=bool)
+        proven = self._extended(crane, boxes[crane], swept, boxes, doubtful, [1.0])
+        if not np.allclose(proven, swept):
+            return None
+        return refuge[0].mean(axis=0)
+
+    def _passing_box(self, copy: int, withdrawal: _Withdrawal) -> np.ndarray:
         """Return the box in which a crane passes: what it wants, and beyond that as far as it is
         let pass in the direction in which it goes, within its ranges; shape (2, m).
         """
-        winner = self.site.stations[deal.winner]
-        wanted = self._wanted[deal.winner][copy]
-        reach = deal.ahead * winner.converters.rates * self._directions[deal.winner][copy]
-        lowest, highest = winner.ranges
+        passing = withdrawal.passing
+        station = self.site.stations[passing]
+        wanted = self._wanted[passing][copy]
+        directions = self._directions[passing][copy]
+        reach = withdrawal.passing_time * station.converters.rates * directions
+        lowest, highest = station.ranges
         # What is wanted may lie beside the ranges by an error of measurement.
         low = np.minimum(lowest, wanted[0])
         high = np.maximum(highest, wanted[1])
@@ -387,13 +437,25 @@ class Supervisor:
         return {i: self.targets[i][copy].copy() for i in withdrawn}
 
     def deadlock(self, copy: int = 0, station: int | None = None) -> tuple[int, ...]:
-        """Return the indices of cranes of a copy each of which waits for the next, and the last for
-        the first: the shortest circle of one crane, or of the first that is in one; empty if there
-        is none. A crane that withdraws waits for the one that it lets pass.
+        """Return cranes of a copy each of which waits for the next, and the last for the first.
+
+        A crane that withdraws waits for the one that it lets pass.
+
+        Args:
+            copy: Index of the copy.
+            station: Index of a crane that is to be among them; None for the first of the site that
+                is in a deadlock.
+
+        Returns:
+            Indices of the cranes of the shortest such circle, that crane first; empty if there is
+            none.
         """
         waits = []
-        for i, passed in enumerate(self.passing[copy].tolist()):
-            waits.append([passed] if passed >= 0 else np.flatnonzero(self.waits[copy, i]).tolist())
+        for i, passing in enumerate(self.passing[copy].tolist()):
+            if passing >= 0:
+                waits.append([passing])
+            else:
+                waits.append(np.flatnonzero(self.waits[copy, i]).tolist())
 
         # Breadth first, so that the first circle that is found is the shortest: `paths` grows while
         # the loop goes through it.

@@ -24,7 +24,12 @@ from cranedyn.lifts.sites import site_page, site_simulation
 from cranedyn.lifts.sites.crane_site import CraneSite, SiteWind
 from cranedyn.lifts.sites.crane_site_file import read_crane_site
 from cranedyn.lifts.sites.plan import SLICE, SitePlan, plan_site
-from cranedyn.lifts.sites.site_simulation import SiteRun, simulate_site
+from cranedyn.lifts.sites.site_simulation import (
+    Deadlock,
+    SiteContact,
+    SiteRun,
+    simulate_site,
+)
 from cranedyn.recording import Run
 from tests.helpers import HOSTILE_NAMES, ROOT, long_after
 
@@ -258,7 +263,8 @@ def test_a_run_is_recorded_with_each_crane_at_its_place_and_written_as_one_table
     operators = [lambda t, states: np.array([0.02, 0.1, 0.1])] * 2
     run = simulate_site(site, operators, duration=2.0)
     withdrawn = ({}, {1: np.array([0.5, 20.0, 10.0])})
-    run = replace(run, deadlocks=tuple((1.0 + k / 10, (0, 1), withdrawn[k]) for k in (0, 1)))
+    deadlocks = [Deadlock(1.0 + k / 10, (0, 1), withdrawn[k]) for k in (0, 1)]
+    run = replace(run, deadlocks=tuple(deadlocks))
     chain = "north for south for north; south lets pass at gamma 0.50 rad, x 20.00 m, l 10.00 m"
     assert f"waits in a circle: 1, first {chain}" in repr(run)
     drawn: list[Run] = []
@@ -313,6 +319,13 @@ def test_a_page_of_a_run_shows_where_cranes_touch_and_what_is_lost(tmp_path: Pat
     assert np.linalg.norm(cross - load(run, 1, round(contact.t / 0.1))[:2]) < 0.5
 
 
+def test_a_crane_whose_name_an_obstacle_has_takes_no_part_in_a_contact_with_it() -> None:
+    touches_wall = SiteContact(1.0, "a", "b", "load", "")
+    assert site_page._touching_body(touches_wall, "a") == "load"
+    assert site_page._touching_body(touches_wall, "b") == ""
+    assert site_page._touching_body(touches_wall._replace(second_body="jib"), "b") == "jib"
+
+
 @slow
 @pytest.mark.parametrize("name", long_after(2, HOSTILE_NAMES[::-1]))
 def test_a_page_of_a_run_takes_names_for_data(name: str, tmp_path: Path) -> None:
@@ -365,6 +378,25 @@ def test_a_crane_of_a_site_has_its_own_machine_drives_brakes_and_chart(tmp_path:
         replace(first.chart.reevings[0], rated=np.array([10.0, 10.0])),)))  # fmt: skip
     with pytest.raises(CraneError, match="load of a"):
         plan_site(replace(site, stations=(heavy, second)), [("a", [0.0, -12.0, 10.0])])
+
+
+@slow
+@pytest.mark.parametrize(("excess", "is_carried"), [(1e-4, False), (-1e-4, True)])
+def test_a_load_is_compared_with_all_digits_of_the_rated_one(
+    tmp_path: Path, excess: float, is_carried: bool
+) -> None:
+    """A rated load of 1234.5678 kg is 1234.57 kg with six digits, which carries 0.1 g more."""
+    rated = 1234.5678
+    chart = f"[[falls]]\ncount = 1\nradii = [60.0]\nloads = [{rated}]\n"
+    (tmp_path / "chart.toml").write_text(f'name = "c"\nsource = "s"\n{chart}', "utf-8")
+    values = f"values = {{payload_mass = {rated + excess}}}\n"
+    site = site_from(tmp_path, f'{HEAD}{values}chart = "chart.toml"\n')
+    lift = [("a", site.stations[0].plumb(site.stations[0].ranges.mean(axis=0)[None])[1][0])]
+    if is_carried:
+        assert plan_site(site, lift).holds
+        return
+    with pytest.raises(CraneError, match="load of a"):
+        plan_site(site, lift)
 
 
 @slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,14 +13,16 @@ import pinocchio as pin
 import pytest
 
 from cranedyn.dynamics.converters import converters
-from cranedyn.errors import DataError, ModelError
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.crane_bodies import shape_corners
+from cranedyn.lifts.sites.adversaries import attacks_on
 from cranedyn.lifts.sites.brakes import brakes, largest_rate, stopping_distance
 from cranedyn.lifts.sites.crane_site import CraneSite, Station
 from cranedyn.lifts.sites.crane_site_file import EXAMPLES, SITES, read_crane_site
 from cranedyn.lifts.sites.distance_proof import proven_apart
 from cranedyn.lifts.sites.guard import BoxRequest, Guard
+from cranedyn.lifts.sites.operators import LiftOperator, reach
 from cranedyn.lifts.sites.placed_capsules import crane_bodies, place_capsules, segment_distance
 from cranedyn.lifts.sites.site_simulation import (
     MessageChannel,
@@ -327,7 +330,7 @@ def test_of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can
     operators = [lambda t, states, rate=rate: rate for rate in rates]
     run = simulate_site(site, operators, duration=90.0)
     assert keeps(run) and run.deadlocks
-    q = [states[round(run.deadlocks[0][0] / 0.1), [0, 1, 4]] for states in run.states]
+    q = [states[round(run.deadlocks[0].t / 0.1), [0, 1, 4]] for states in run.states]
     slack = [station.brakes.tolerances for station in site.stations]
     boxes = [np.array([[x - y, x + y]]) for x, y in zip(q, slack, strict=True)]
     ahead = [np.array([[0.0] * 3, [1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0], [0.0] * 3])]
@@ -454,6 +457,42 @@ def test_a_bad_site_is_refused_with_line_and_field(
     file.write_text(text.replace(old, new), "utf-8")
     with pytest.raises(DataError, match=words):
         read_crane_site(file)
+
+
+@slow
+def test_a_crane_alone_on_a_site_is_worked_and_attacked_like_any_other(tmp_path: Path) -> None:
+    file = tmp_path / "site.toml"
+    file.write_text('[[crane]]\nname = "a"\n', "utf-8")
+    alone = read_crane_site(file)
+    low, high = reach(alone, 0)
+    assert (low[0], high[0]) == (-np.pi, np.pi)
+    run = simulate_site(alone, [LiftOperator(alone, 0, 1)], duration=5.0)
+    assert not run.contacts and np.ptp(run.trajectories[0].q[:, 4]) > 0.1  # it hoists first
+    for attack in attacks_on(alone, 360.0, [1]):
+        assert attack.contacts == 0 and attack.outside < 0.0
+
+
+@slow
+def test_a_zone_in_which_no_place_lies_is_refused_and_not_searched_for_ever() -> None:
+    crane_site = site_of()
+    box = np.array([[-1.0, 10.0, 3.4], [1.0, 40.0, 20.0]])
+    words = "No place of a lift of north lies in its zone: there l is from 3.4 to 20 m, and places"
+    with pytest.raises(CraneError, match=words):
+        LiftOperator(crane_site, 0, 1, box)
+    box[1, 2] = 38.0
+    assert LiftOperator(crane_site, 0, 1, box).zone is box
+
+
+def test_no_brake_is_stronger_than_the_ramp_of_its_drive() -> None:
+    """Guards that counted on more would let the drives leave their boxes."""
+    station = site_of().stations[0]
+    brake = station.brakes
+    strong = replace(brake, decelerations=brake.decelerations * [1.0, 1.2, 1.0])
+    words = "deceleration of the brake of x of north is 0.6839 m/s²; allowed is up to 0.6332"
+    with pytest.raises(OutOfRange, match=words):
+        replace(station, brakes=strong)
+    ramps = replace(brake, decelerations=station.converters.accelerations)
+    assert replace(station, brakes=ramps).brakes is ramps
 
 
 def wall_crane(folder: Path, old: str, new: str) -> Crane:

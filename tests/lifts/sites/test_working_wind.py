@@ -179,6 +179,15 @@ def test_a_run_says_that_its_wind_is_outside_of_what_the_site_assumes(
     assert ("outside of what the site assumes" in repr(run)) == bool(words)
 
 
+@pytest.mark.slow
+def test_a_run_says_all_in_which_its_wind_is_outside_of_what_the_site_assumes() -> None:
+    site = replace(site_of(), working_wind=GUST)
+    wind = SiteWind(steady(9.1), area=5.0)
+    run = simulate_site(site, operators_at_rest(), duration=0.5, wind=wind)
+    speed, area = run.broken_assumptions
+    assert "wind of up to 9.1 m/s" in speed and "a drag area of 5 m²" in area
+
+
 def tight(tmp_path: Path, extra: str) -> CraneSite:
     """Return a site on which a load can hang beside the tower of another crane."""
     text = (SITES / "two_towers.toml").read_text("utf-8")
