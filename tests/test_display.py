@@ -24,7 +24,7 @@ from cranedyn.plotting.style import (
 )
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse
-from experiments.relatives.catalogue import RELATIVES, Relative, relative_crane
+from experiments.scenarios.crane_variants import RELATIVES, Relative, relative_crane
 from tests.helpers import constant, crane, quickly
 
 

@@ -166,3 +166,13 @@ def _weight(crane: Crane, joint: int, gravity: float) -> float:
     weights = pin.computeGeneralizedGravity(model, crane.data, crane.start.q)
     weight = (weights if crane.coupling is None else crane.coupling.gather(weights))[joint]
     return float(weight) * gravity / crane.gravity
+
+
+def zero_command(crane: Crane) -> Hold:
+    """Return a controller that commands zero to every drive.
+
+    Drives in prescribed motion then keep their speed, drives with efforts exert none, and drives
+    with frequency converters brake to a standstill.
+    """
+    zeros = np.zeros(crane.layout.m)
+    return Hold(crane, stiffness=zeros, damping=zeros, feed_forward=zeros)

@@ -22,7 +22,7 @@ from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE, Relative
+from experiments.scenarios.crane_variants import BRIDGE, HOOK, ROPE, Relative
 from tests.helpers import crane
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")

@@ -30,7 +30,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, Relative
+from experiments.scenarios.crane_variants import BRIDGE, HOOK, Relative
 from tests.export.c_tools import tool
 from tests.helpers import crane
 

@@ -35,7 +35,7 @@ from cranedyn.model.layout import ROLES
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, relative_crane
+from experiments.scenarios.crane_variants import BRIDGE, HOOK, RELATIVES, relative_crane
 from tests.helpers import G, crane, efforts, locked, quickly, states
 
 ROUND_OFF = 1e-11
