@@ -22,7 +22,7 @@ from cranedyn.recording import Run
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
-from experiments.scenarios.crane_variants import RELATIVES, Relative, moved, relative_crane
+from experiments.scenarios.crane_variants import CRANE_VARIANTS, CraneVariant, moved, variant_crane
 
 SWING = 0.1
 """Swing of the load at the start [rad]."""
@@ -54,7 +54,7 @@ class EngineAgreement(NamedTuple):
     """Result of one crane.
 
     Attributes:
-        relative: The crane.
+        variant: The crane.
         run: The move by Pinocchio.
         engines: Largest difference between compiled code and Pinocchio [rad, m, per second].
         mujoco: Largest difference between MuJoCo and Pinocchio; None if MuJoCo is not installed.
@@ -62,7 +62,7 @@ class EngineAgreement(NamedTuple):
         energy: Range of the energy in that move [J].
     """
 
-    relative: Relative
+    variant: CraneVariant
     run: Trajectory
     engines: float
     mujoco: float | None
@@ -72,27 +72,27 @@ class EngineAgreement(NamedTuple):
 
 def study(setup: Setup) -> Outcome:
     """Move every crane four times."""
-    results = [_compared(relative) for relative in RELATIVES]
+    results = [_compared(variant) for variant in CRANE_VARIANTS]
     return Outcome(
         [_table(results)],
         _claims(results),
-        trajectories={r.relative.name.replace(" ", "_"): r.run for r in results},
+        trajectories={r.variant.name.replace(" ", "_"): r.run for r in results},
         recording=[
-            Run(r.relative.name, relative_crane(r.relative), r.run, (*site, 0.0))
+            Run(r.variant.name, variant_crane(r.variant), r.run, (*site, 0.0))
             for site, r in zip(SITES, results, strict=True)
         ],
     )
 
 
-def _compared(relative: Relative) -> EngineAgreement:
+def _compared(variant: CraneVariant) -> EngineAgreement:
     """Move a crane by each engine."""
-    crane = relative_crane(relative)
+    crane = variant_crane(variant)
     run = _moved(crane)
     code = _moved(crane, engine="compiled")
     exact = _moved(crane, integrator=rk4, engine="compiled")
     difference = max(float(np.abs(code.q - run.q).max()), float(np.abs(code.v - run.v).max()))
     return EngineAgreement(
-        relative=relative,
+        variant=variant,
         run=run,
         engines=difference,
         mujoco=mujoco_deviation(crane, run) if find_spec("mujoco") else None,
@@ -189,8 +189,8 @@ def _table(results: Sequence[EngineAgreement]) -> ResultTable:
     return make_table(
         f"Three engines, {DURATION:g} s with all drives moving and the load swinging",
         results,
-        ("crane", "", lambda a: a.relative.name),
-        ("joints", "d", lambda a: relative_crane(a.relative).layout.n),
+        ("crane", "", lambda a: a.variant.name),
+        ("joints", "d", lambda a: variant_crane(a.variant).layout.n),
         ("Pinocchio - code", ".0e>1e-12", lambda a: a.engines),
         ("Pinocchio - MuJoCo", ".0e>1e-12", lambda a: a.mujoco),
         ("energy [J]", ".0f", lambda a: a.energy),

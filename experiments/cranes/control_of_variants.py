@@ -31,12 +31,12 @@ from cranedyn.simulation.simulate import simulate
 from experiments.cranes.agreement import ROUNDING
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.scenarios.crane_variants import (
-    RELATIVES,
-    Relative,
+    CRANE_VARIANTS,
+    CraneVariant,
     at_start,
     moved,
-    relative_crane,
     rest_at,
+    variant_crane,
 )
 from experiments.scenarios.moves import of_sampling
 
@@ -84,7 +84,7 @@ class ControlResult(NamedTuple):
     """Result of one crane.
 
     Attributes:
-        relative: The crane.
+        variant: The crane.
         pull: Bound of the deflection of the trolley under the hold controller [m]. The load pulls
             with m g φ against the stiffness k_p; applied at once, that deflects by twice m g φ/k_p.
         deflection: Largest deflection of the trolley in the run [m].
@@ -105,7 +105,7 @@ class ControlResult(NamedTuple):
         run: The move of least time.
     """
 
-    relative: Relative
+    variant: CraneVariant
     pull: float
     deflection: float
     left_by_hold: float
@@ -126,13 +126,13 @@ class ControlResult(NamedTuple):
 
 def study(setup: Setup) -> Outcome:
     """Control each crane by each controller."""
-    results = [_controlled(relative, setup.engine_of_runs) for relative in RELATIVES]
+    results = [_controlled(variant, setup.engine_of_runs) for variant in CRANE_VARIANTS]
     return Outcome([_table(results)], _claims(results))
 
 
-def _controlled(relative: Relative, engine: EngineName | None) -> ControlResult:
+def _controlled(variant: CraneVariant, engine: EngineName | None) -> ControlResult:
     """Control a crane by each controller, from a swing in all swing joints."""
-    crane = relative_crane(relative)
+    crane = variant_crane(variant)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
     reference = hanging_reference(crane, hold(crane, crane.start), 2 * PERIOD, PERIOD)
     regulator = lqr(crane, reference, dt=STEP)
@@ -148,7 +148,7 @@ def _controlled(relative: Relative, engine: EngineName | None) -> ControlResult:
     damped = run(regulator)
     observed = run(with_observer(regulator, crane, reference, dt=STEP))
     ahead = run(mpc(crane, reference, dt=STEP, period=10 * PERIOD, horizon=20))
-    motion, move = _least_time(relative, crane, engine)
+    motion, move = _least_time(variant, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
     # All that hangs: the bodies behind the radial swing joint, in chain order. Bodies count from 1.
@@ -156,7 +156,7 @@ def _controlled(relative: Relative, engine: EngineName | None) -> ControlResult:
     weight = sum(float(body.mass) for body in hanging) * crane.gravity
     blown, unexplained = _blown(crane, engine)
     return ControlResult(
-        relative=relative,
+        variant=variant,
         pull=2.0 * weight * SWING / float(brake.stiffness[drive]),
         deflection=float(np.abs(with_hold["x_m"] - with_hold["x_m"][0]).max()),
         left_by_hold=residual(with_hold),
@@ -168,7 +168,7 @@ def _controlled(relative: Relative, engine: EngineName | None) -> ControlResult:
         arrival=motion.arrival,
         residual=_swing_left(crane, goal, move, motion.arrival),
         sampling=_sampling(crane, goal, motion),
-        limits=max(use(crane, motion, relative.limits).values()),
+        limits=max(use(crane, motion, variant.limits).values()),
         blown=blown,
         open=unexplained,
         lanes=_lanes(crane, regulator, reference, start),
@@ -197,14 +197,12 @@ def _swing(crane: Crane, goal: State, q: np.ndarray, v: np.ndarray) -> float:
 
 
 def _least_time(
-    relative: Relative, crane: Crane, engine: EngineName | None
+    variant: CraneVariant, crane: Crane, engine: EngineName | None
 ) -> tuple[Motion, Trajectory]:
     """Return a motion of least time of the trolley, and a run in which an LQR tracks it."""
     goal = rest_at(crane, x=at_start(crane, "x") + WAY)
     still = [joint.symbol for joint in crane.layout.driven if joint.symbol != "x"]
-    motion = optimal(
-        crane, crane.start, goal, relative.limits, ramp=1.0, still=still, period=PERIOD
-    )
+    motion = optimal(crane, crane.start, goal, variant.limits, ramp=1.0, still=still, period=PERIOD)
     tracking = lqr(crane, motion, dt=STEP)
     duration = PERIOD * round((motion.arrival + 1.0) / PERIOD)
     return motion, simulate(crane, tracking, motion, duration=duration, engine=engine, **CLOCKS)
@@ -275,7 +273,7 @@ def _table(results: Sequence[ControlResult]) -> ResultTable:
     return make_table(
         "Control",
         results,
-        ("crane", "", lambda c: c.relative.name),
+        ("crane", "", lambda c: c.variant.name),
         ("yields [mm]", ".2f", lambda c: 1e3 * c.deflection),
         ("hold [mrad]", ".2f", lambda c: 1e3 * c.left_by_hold),
         ("LQR", ".2f", lambda c: 1e3 * c.left_by_lqr),

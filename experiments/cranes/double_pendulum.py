@@ -33,8 +33,8 @@ from experiments.scenarios.crane_variants import (
     POINT,
     at_start,
     moved,
-    relative_crane,
     rest_at,
+    variant_crane,
 )
 from experiments.scenarios.moves import instant, of_sampling
 
@@ -129,7 +129,7 @@ def _shaping(engine: EngineName | None) -> list[ModeResidual]:
     """Make an operator's slow move of the trolley as it is, and shaped for no, one or both
     modes.
     """
-    crane = relative_crane(HOOK)
+    crane = variant_crane(HOOK)
     slow, fast = theory.double_pendulum(at_start(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
     nudge = [JoystickPulse("x", NUDGE, 0.0, 3.0)]
     base = joystick(crane, crane.start, nudge, accelerations=(0.05, 0.5, 0.3))
@@ -166,7 +166,7 @@ def _trolley_moves(engine: EngineName | None) -> Iterator[ModeResidual]:
     """Move the trolley by four metres, with the whole model, and with that of a load on one
     cable.
     """
-    crane = relative_crane(HOOK)
+    crane = variant_crane(HOOK)
     simple = _one_pendulum()
     joints = crane.layout.at(*simple.layout.symbols)
     goal = rest_at(crane, x=at_start(crane, "x") + TRAVEL)
@@ -200,7 +200,7 @@ def _closed_loop_growth() -> tuple[float, float]:
     """Return the largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and
     of five joints on the crane with the hook.
     """
-    crane = relative_crane(HOOK)
+    crane = variant_crane(HOOK)
     simple = _one_pendulum()
     loop = sampled(crane, crane.start, **CLOCKS)
     indices = crane.layout.at(*simple.layout.symbols)
@@ -218,7 +218,7 @@ def _stirred(engine: EngineName | None) -> float:
     """Return the growth rate of the fast mode in a run under the LQR of five joints [1/s], from a
     small swing of the sling across the jib.
     """
-    crane = relative_crane(HOOK)
+    crane = variant_crane(HOOK)
     simple = _one_pendulum()
     run = simulate(
         crane,
@@ -271,7 +271,7 @@ def _table(title: str, results: Sequence[ModeResidual], note: str) -> ResultTabl
 
 def _later(result: ModeResidual) -> tuple[float, float]:
     """Return the amplitudes at the end of the run [rad]."""
-    crane = relative_crane(HOOK)
+    crane = variant_crane(HOOK)
     goal = rest_at(crane, x=float(result.run["x_setpoint_m"][-1]))
     return _amplitudes(crane, goal, result.run, float(result.run.t[-1]))
 
@@ -300,7 +300,7 @@ def _claims(
     least_time = moves[1]
     unaware = moves[3]
     # Of the fast mode.
-    crane = relative_crane(HOOK)
+    crane = variant_crane(HOOK)
     length = crane.gravity / float(free_modes(crane, crane.start).frequencies[-1]) ** 2
     peak = float(np.abs(least_time.run.q[:, crane.swings]).max())
     sampling = of_sampling(crane.gravity, length, PERIOD, peak)

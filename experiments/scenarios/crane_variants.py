@@ -22,7 +22,7 @@ POINT: dict[str, Any] = dict.fromkeys(
 
 
 @dataclass(frozen=True)
-class Relative:
+class CraneVariant:
     """A crane that is not the tower crane of five joints.
 
     Attributes:
@@ -49,25 +49,25 @@ class Relative:
         return Limits(self.rates, self.accelerations)
 
 
-HOOK = Relative(
+HOOK = CraneVariant(
     "hook and slung load",
     {"hook_mass": 300.0, "payload_mass": 2000.0, "sling_length": 5.0, **POINT},
 )
-ROPE = Relative("rope that stretches", {"rope_stiffness": 3e6})
-TWIST = Relative("tower that twists", {"tower_twist_stiffness": 2e7})
-BEND = Relative("tower that bends", {"tower_bend_stiffness": 1e8})
-JIB = Relative("jib that bends", {"jib_bend_stiffness": 4e7})
-BRIDGE = Relative(
+ROPE = CraneVariant("rope that stretches", {"rope_stiffness": 3e6})
+TWIST = CraneVariant("tower that twists", {"tower_twist_stiffness": 2e7})
+BEND = CraneVariant("tower that bends", {"tower_bend_stiffness": 1e8})
+JIB = CraneVariant("jib that bends", {"jib_bend_stiffness": 4e7})
+BRIDGE = CraneVariant(
     "overhead crane", {}, overhead=True, rates=(1.6, 0.8, 0.4), accelerations=(0.3, 0.3, 0.2)
 )
-RELATIVES = (HOOK, ROPE, TWIST, BEND, JIB, BRIDGE)
+CRANE_VARIANTS = (HOOK, ROPE, TWIST, BEND, JIB, BRIDGE)
 """All cranes of the catalogue."""
 
 
 @cache
-def relative_crane(relative: Relative) -> Crane:
+def variant_crane(variant: CraneVariant) -> Crane:
     """Return the crane of the catalogue, loaded once."""
-    return relative.crane()
+    return variant.crane()
 
 
 def moved(crane: Crane, **offsets: float) -> State:
