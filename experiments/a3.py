@@ -7,8 +7,8 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -46,46 +46,73 @@ DURATION = 70.0
 ANALYSED_FROM = 4.0
 """Start of the comparison [s]."""
 
-SMOOTHING = 11
-"""Samples in the Savitzky-Golay window (cubic) that turns the slew rate into a slew acceleration;
-ours, none is published."""
+SMOOTHING_SAMPLES = 11
+"""Samples in the window of the cubic Savitzky-Golay filter that turns the slew rate into a slew
+acceleration. The number is our choice, none is published."""
 
-STRONGEST = 1000.0
-"""Largest x γ̈ that a model of the swing is integrated with [m/s²], a hundred times gravity; there
-is no such crane."""
+MAX_EXCITATION = 1000.0
+"""Largest x γ̈ with which a model of the swing is integrated [m/s²].
+
+It is a hundred times gravity; no crane reaches it.
+"""
 
 DIGITS = Agreement(measured=1e-4, modelled=1e-4, correlation=1e-4, rms=1e-5)
-"""The last digits of the article's result: half of each is its rounding, half is left for our slew
-gains, which are round numbers."""
+"""One in the last digit of each number of the article's result.
+
+Half of it is the rounding of the article; half is left for our slew gains, which are round numbers.
+"""
 
 PUBLISHED = Agreement(measured=0.0504, modelled=0.0504, correlation=0.9994, rms=0.00047)
 """The article's result."""
 
-STIFF_SLEW = (1.0e7, 5.0e6)
-"""k_p [N m/rad] and k_d [N m s/rad] of a slew drive that follows the pulse."""
+
+class SlewGains(NamedTuple):
+    """Gains of the slew drive.
+
+    Attributes:
+        stiffness: k_p [N m/rad].
+        damping: k_d [N m s/rad].
+    """
+
+    stiffness: float
+    damping: float
+
+
+USUAL_SLEW = SlewGains(STIFFNESS["slew"], DAMPING["slew"])
+"""Gains of the hold controller, with which the slew drive is soft."""
+
+STIFF_SLEW = SlewGains(1.0e7, 5.0e6)
+"""Gains with which the slew drive follows the pulse."""
 
 EQUATION = "Eq. (10), γ̈ filtered"
 """Name of the paper's model, driven as in the article."""
 
 COLUMNS = ("t_s", "gamma_dot_rad_s", "x_m", "theta_rad", "theta_dot_rad_s", "l_m")
+"""Columns that a recorded file must have."""
 
 
 def filtered(t: np.ndarray, slew_rate: np.ndarray) -> np.ndarray:
-    """Return the slew acceleration as from a measurement: the derivative of a Savitzky-Golay fit.
+    """Return the slew acceleration as one would measure it: the derivative of a Savitzky-Golay fit.
+
+    Args:
+        t: Times [s], shape (rows,).
+        slew_rate: Slew rate [rad/s], shape (rows,).
 
     Raises:
-        DataError: If the samples are too few or not evenly spaced within 1 %.
+        DataError: If there are too few samples, or they are not evenly spaced to within 1 %.
     """
-    if len(t) < SMOOTHING or np.ptp(np.diff(t)) > 0.01 * (t[1] - t[0]):
+    if len(t) < SMOOTHING_SAMPLES or np.ptp(np.diff(t)) > 0.01 * (t[1] - t[0]):
         raise DataError(
-            f"The slew acceleration needs {SMOOTHING} rows or more, evenly spaced in time."
+            f"The slew acceleration needs {SMOOTHING_SAMPLES} rows or more, evenly spaced in time."
         )
-    return savgol_filter(slew_rate, SMOOTHING, 3, deriv=1, delta=float(t[1] - t[0]))
+    return savgol_filter(slew_rate, SMOOTHING_SAMPLES, 3, deriv=1, delta=float(t[1] - t[0]))
 
 
 def exact_acceleration(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the acceleration as the simulation has it: the change of rate over each control period
-    is exact; here at the instants between them.
+    """Return the acceleration of a drive as the simulation has it, shape (rows,).
+
+    Between two control instants it is the change of the rate over the time. At an instant it is the
+    mean of the two accelerations beside it.
     """
     change = np.diff(rate) / np.diff(t)
     return np.concatenate([[change[0]], (change[1:] + change[:-1]) / 2.0, [change[-1]]])
@@ -99,26 +126,35 @@ def paper_model(
     length: float,
     gravity: float,
 ) -> np.ndarray:
-    """Integrate Eq. (10) from the first measured state, driven by measured x(t) γ̈(t); shapes
-    (n,).
+    """Return θ by Eq. (10), integrated from the first measured state [rad], shape (rows,).
+
+    Args:
+        t: Times [s], shape (rows,).
+        theta: Measured θ [rad]; the first is the start.
+        theta_rate: Measured rate of θ [rad/s]; the first is the start.
+        excitation: Measured x γ̈ [m/s²], shape (rows,).
+        length: Cable length [m].
+        gravity: Gravity [m/s²].
     """
 
     def rates(s: float, y: np.ndarray) -> tuple[float, float]:
         push = float(np.interp(s, t, excitation))
-        angle = float(y[0])
-        return y[1], theory.tangential_paper(angle, length=length, gravity=gravity, excitation=push)
+        acceleration = theory.tangential_paper(
+            float(y[0]), length=length, gravity=gravity, excitation=push
+        )
+        return y[1], acceleration
 
-    return _integrate(rates, t, [theta[0], theta_rate[0]])[0]
+    return _integrated(rates, t, [theta[0], theta_rate[0]])[0]
 
 
 def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0) -> np.ndarray:
-    """Return θ by the equations with all rates (`theory.small_swing`), driven by the motion of the
-    drives as simulated; shape (n,).
+    """Return θ by the equations with all rates, `theory.small_swing`, under the simulated motion of
+    the drives [rad], shape (rows,).
 
     Args:
-        trajectory: The run, already cut to the comparison.
+        trajectory: The run from the start of the comparison on.
         gravity: Gravity of the world [m/s²].
-        extra_length: Length that rotational inertia adds to the restoring pendulum, I/(m l) [m].
+        extra_length: Length that rotational inertia adds to the pendulum, I/(m l) [m].
     """
     t = trajectory.t
     gamma_rate, x_rate, length_rate = trajectory.rates("gamma", "x", "l").T
@@ -131,20 +167,36 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
         "slew_rate": gamma_rate,
         "slew_acceleration": exact_acceleration(t, gamma_rate),
     }
-    drives = make_interp_spline(t, np.stack(list(columns.values()), axis=1), k=1)
+    motion_at = make_interp_spline(t, np.stack(list(columns.values()), axis=1), k=1)
 
     def derivative(s: float, y: np.ndarray) -> np.ndarray:
-        motion = dict(zip(columns, drives(s).tolist(), strict=True))
-        swing = theory.small_swing(y[:2], y[2:], gravity=gravity, **motion)
-        return np.concatenate([y[2:], swing * motion["length"] / (motion["length"] + extra_length)])
+        """Return the derivative of φ, θ and their rates."""
+        motion = dict(zip(columns, motion_at(s).tolist(), strict=True))
+        accelerations = theory.small_swing(y[:2], y[2:], gravity=gravity, **motion)
+        # Inertia makes the pendulum longer, and with it every acceleration smaller.
+        longer = motion["length"] + extra_length
+        return np.concatenate([y[2:], accelerations * motion["length"] / longer])
 
     start = np.hstack([trajectory.coordinates("phi", "theta"), trajectory.rates("phi", "theta")])[0]
-    return _integrate(derivative, t, start)[1]
+    return _integrated(derivative, t, start)[1]
 
 
-def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> np.ndarray:
-    exact: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": 0.05}
-    solution = solve_ivp(derivative, (t[0], t[-1]), start, method="DOP853", t_eval=t, **exact)
+def _integrated(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> np.ndarray:
+    """Return the solution of a differential equation at given times, shape (states, times).
+
+    Raises:
+        DataError: If it cannot be integrated up to the last time.
+    """
+    solution = solve_ivp(
+        derivative,
+        (t[0], t[-1]),
+        start,
+        method="DOP853",
+        t_eval=t,
+        rtol=1e-8,
+        atol=1e-10,
+        max_step=0.05,
+    )
     if not solution.success:
         end = solution.t[-1] if len(solution.t) else t[0]
         raise DataError(
@@ -155,7 +207,7 @@ def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> n
 
 def run(
     setup: Setup,
-    slew: Sequence[float] = (STIFFNESS["slew"], DAMPING["slew"]),
+    slew: SlewGains = USUAL_SLEW,
     *,
     crane: Crane | None = None,
     radius: float = RADIUS,
@@ -165,7 +217,7 @@ def run(
 
     Args:
         setup: The world.
-        slew: k_p [N m/rad] and k_d [N m s/rad] of the slew drive.
+        slew: Gains of the slew drive.
         crane: A crane other than that of the world.
         radius: Trolley radius [m].
         length: Cable length [m].
@@ -175,7 +227,7 @@ def run(
 
 def planned_slewing(
     crane: Crane,
-    slew: Sequence[float] = (STIFFNESS["slew"], DAMPING["slew"]),
+    slew: SlewGains = USUAL_SLEW,
     *,
     radius: float = RADIUS,
     length: float = LENGTH,
@@ -184,33 +236,58 @@ def planned_slewing(
 
     Args:
         crane: The crane.
-        slew: k_p [N m/rad] and k_d [N m s/rad] of the slew drive.
+        slew: Gains of the slew drive.
         radius: Trolley radius [m].
         length: Cable length [m].
     """
     start = crane.state(x=radius, l=length)
     controller = hold_controller(
         crane,
-        stiffness={"gamma": slew[0]},
-        damping={"gamma": slew[1]},
+        stiffness={"gamma": slew.stiffness},
+        damping={"gamma": slew.damping},
         gravity=STANDARD_GRAVITY,
     )
     half_period = math.pi * math.sqrt(length / STANDARD_GRAVITY)
     reference = pulse(crane, hold(crane, start), "gamma", PULSE, at=PULSE_AT, width=half_period)
-    label = f"slew k_p = {slew[0]:.0e}"
+    label = f"slew k_p = {slew.stiffness:.0e}"
     return PlannedRun(crane, controller, reference, start, DURATION, label)
 
 
+class PaperSwing(NamedTuple):
+    """Measured swing beside that by the paper's Eq. (10), from the start of the comparison on.
+
+    Attributes:
+        t: Times [s], shape (rows,).
+        measured: Measured θ [rad], shape (rows,).
+        modelled: θ by Eq. (10) [rad], shape (rows,).
+        excitation: x γ̈, by which it is driven [m/s²], shape (rows,).
+    """
+
+    t: np.ndarray
+    measured: np.ndarray
+    modelled: np.ndarray
+    excitation: np.ndarray
+
+    @property
+    def agreement(self) -> Agreement:
+        """How well the two agree."""
+        return agreement(self.measured, self.modelled)
+
+
 def by_paper(
-    data: Trajectory | dict[str, np.ndarray],
+    data: Trajectory | Mapping[str, np.ndarray],
     acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray] = filtered,
     gravity: float = STANDARD_GRAVITY,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return times, measured θ, θ by Eq. (10) and its push x γ̈ from the start of the comparison,
-    of a run or of recorded columns.
+) -> PaperSwing:
+    """Return the swing of a run, or of recorded columns, beside that by the paper's Eq. (10).
+
+    Args:
+        data: The run or the columns.
+        acceleration: Function that takes times and slew rates and returns slew accelerations.
+        gravity: Gravity of the model [m/s²].
 
     Raises:
-        DataError: If the record is too short or too coarse, or x γ̈ is beyond `STRONGEST`.
+        DataError: If the record is too short or too coarse, or x γ̈ is beyond `MAX_EXCITATION`.
     """
     late = data["t_s"] >= ANALYSED_FROM
     if np.count_nonzero(late) < 2:
@@ -218,96 +295,118 @@ def by_paper(
             f"The record ends at {data['t_s'][-1]:g} s; the comparison starts at {ANALYSED_FROM:g} "
             "s."
         )
-    t, x, theta, theta_rate, length = (
-        data[name][late] for name in COLUMNS if name != "gamma_dot_rad_s"
-    )
-    excitation = x * acceleration(data["t_s"], data["gamma_dot_rad_s"])[late]
-    if (strongest := float(np.abs(excitation).max())) > STRONGEST:
+    # All rows are filtered, so that the first ones of the comparison are not at an end.
+    slew_acceleration = acceleration(data["t_s"], data["gamma_dot_rad_s"])
+    excitation = (data["x_m"] * slew_acceleration)[late]
+    strongest = float(np.abs(excitation).max())
+    if strongest > MAX_EXCITATION:
         raise DataError(
             f"The jib accelerates the trolley sideways by up to {strongest:.3g} m/s²; allowed is "
-            f"up to {STRONGEST:g} m/s²."
+            f"up to {MAX_EXCITATION:g} m/s²."
         )
-    model = paper_model(t, theta, theta_rate, excitation, float(length.mean()), gravity)
-    return t, theta, model, excitation
+    t = data["t_s"][late]
+    theta = data["theta_rad"][late]
+    theta_rate = data["theta_dot_rad_s"][late]
+    length = float(data["l_m"][late].mean())
+    modelled = paper_model(t, theta, theta_rate, excitation, length, gravity)
+    return PaperSwing(t, theta, modelled, excitation)
 
 
 def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
-    """Return the agreement of one model after the other, each with one cause of error less."""
+    """Return the agreement of one model after the other with a run.
+
+    Each model has one cause of error less than the one before; its name says which.
+    """
     late = trajectory.since(ANALYSED_FROM)
     theta = late["theta_rad"]
-    g = crane.gravity
+    gravity = crane.gravity
     length = float(late["l_m"].mean())
-    inertia = (crane.payload_inertia[1, 1] + crane.dummy_inertia[1]) / (crane.payload_mass * length)
+
+    # Rotational inertia acts as a longer pendulum, and so does a finite swing, whose period is
+    # longer: the length goes with the square of the period.
+    inertia = crane.payload_inertia[1, 1] + crane.dummy_inertia[1]
+    inertia_length = inertia / (crane.payload_mass * length)
     amplitude = math.sqrt(2.0) * float(np.std(trajectory.since(DURATION / 2.0)["theta_rad"]))
-    slower = float(theory.amplitude_factor(amplitude)) ** 2
-    finite = inertia + (slower - 1.0) * (length + inertia)
+    longer = float(theory.amplitude_factor(amplitude)) ** 2 - 1.0
+    finite_swing_length = inertia_length + longer * (length + inertia_length)
+
     models = {
-        "Eq. (10), γ̈ filtered as measured": by_paper(trajectory)[2],
-        "Eq. (10), γ̈ exact": by_paper(trajectory, exact_acceleration)[2],
-        "and the gravity of the world": by_paper(trajectory, exact_acceleration, g)[2],
-        "and all rates kept": full_model(late, g),
-        "and rotational inertia": full_model(late, g, inertia),
-        "and the period of a finite swing": full_model(late, g, finite),
+        "Eq. (10), γ̈ filtered as measured": by_paper(trajectory).modelled,
+        "Eq. (10), γ̈ exact": by_paper(trajectory, exact_acceleration).modelled,
+        "and the gravity of the world": by_paper(trajectory, exact_acceleration, gravity).modelled,
+        "and all rates kept": full_model(late, gravity),
+        "and rotational inertia": full_model(late, gravity, inertia_length),
+        "and the period of a finite swing": full_model(late, gravity, finite_swing_length),
     }
-    return [(name, agreement(theta, model)) for name, model in models.items()]
+    return [(name, agreement(theta, modelled)) for name, modelled in models.items()]
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse recorded files."""
     if options.files:
-        files = harness.analyse_files(
-            options, COLUMNS, lambda _, data: agreement(*by_paper(data)[1:3])
-        )
+        files = harness.analyse_files(options, COLUMNS, lambda _, data: by_paper(data).agreement)
         rows = [(file, EQUATION, result) for file, result in files.results]
         return Outcome([files.noted(_table([*rows, ("article", "", PUBLISHED)]))])
     position = {"radius": options.radius, "length": options.length}
     soft = run(setup, **position)
     stiff = run(setup, STIFF_SLEW, **position)
     results = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}
-    rows = [(drive, name, a) for drive, models in results.items() for name, a in models]
+    rows = []
+    for drive, models in results.items():
+        rows += [(drive, name, result) for name, result in models]
+    as_published = options.radius == RADIUS and options.length == LENGTH
     return Outcome(
         tables=[_table([*rows, ("article", EQUATION, PUBLISHED)])],
-        claims=list(_claims(setup, results, position == {"radius": RADIUS, "length": LENGTH})),
+        claims=_claims(setup, results, as_published),
         parameters={
             **position,
-            "slew_soft": [STIFFNESS["slew"], DAMPING["slew"]],
+            "slew_soft": list(USUAL_SLEW),
             "slew_stiff": STIFF_SLEW,
-            "smoothing_samples": SMOOTHING,
+            "smoothing_samples": SMOOTHING_SAMPLES,
             "pulse_at_s": PULSE_AT,
         },
         trajectories={"a3": soft, "a3_stiff": stiff},
-        figures={"slewing": _slewing_figure(*by_paper(soft)), "stages": _stages_figure(results)},
+        figures={"slewing": _slewing_figure(by_paper(soft)), "stages": _stages_figure(results)},
         recording=harness.side_by_side({"soft slew drive": (setup.crane, soft)}),
     )
 
 
 def _claims(
     setup: Setup, results: Mapping[str, Sequence[tuple[str, Agreement]]], as_published: bool
-) -> Iterator[Claim]:
-    soft, stiff = ([result for _, result in models] for models in results.values())
+) -> list[Claim]:
+    """Return the claims.
+
+    Args:
+        setup: The world.
+        results: Name and agreement of each stage, by drive.
+        as_published: Whether the trolley and the cable are where the article has them.
+    """
+    soft = [result for _, result in results["soft"]]
+    stiff = [result for _, result in results["stiff"]]
     ours = soft[0]
-    hard = stiff[0]
-    last = (soft[-1].relative, stiff[-1].relative)
-    yield Claim(
-        f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew "
-        f"drive, {hard.correlation:+.4f} with a stiff one.",
-        min(ours.correlation, hard.correlation) > 0.99,
-    )
-    met = all(
+    of_stiff = stiff[0]
+    are_met = all(
         abs(getattr(ours, name) - getattr(PUBLISHED, name)) < getattr(DIGITS, name)
         for name in ("measured", "correlation", "rms")
     )
-    yield Claim(
-        f"Amplitude, correlation and RMS are the published within {DIGITS.measured:g} rad, "
-        f"{DIGITS.correlation:g} and {DIGITS.rms:.0e} rad, one of their last digits "
-        f"({ours.measured:.5f}, {ours.correlation:+.5f}, {ours.rms:.6f}).",
-        setup.judged(met) if as_published else None,
-    )
-    yield Claim(
-        "With every cause gone the rest is below 0.5 % of the amplitude "
-        f"({100 * last[0]:.2f} % soft, {100 * last[1]:.2f} % stiff).",
-        max(last) < 0.005,
-    )
+    return [
+        Claim(
+            f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew "
+            f"drive, {of_stiff.correlation:+.4f} with a stiff one.",
+            min(ours.correlation, of_stiff.correlation) > 0.99,
+        ),
+        Claim(
+            f"Amplitude, correlation and RMS are the published within {DIGITS.measured:g} rad, "
+            f"{DIGITS.correlation:g} and {DIGITS.rms:.0e} rad, one of their last digits "
+            f"({ours.measured:.5f}, {ours.correlation:+.5f}, {ours.rms:.6f}).",
+            setup.judged(are_met) if as_published else None,
+        ),
+        Claim(
+            "With every cause gone the rest is below 0.5 % of the amplitude "
+            f"({100 * soft[-1].relative:.2f} % soft, {100 * stiff[-1].relative:.2f} % stiff).",
+            max(soft[-1].relative, stiff[-1].relative) < 0.005,
+        ),
+    ]
 
 
 def _table(rows: Sequence[tuple[str, str, Agreement]]) -> ResultTable:
@@ -327,16 +426,20 @@ def _table(rows: Sequence[tuple[str, str, Agreement]]) -> ResultTable:
     )
 
 
-def _slewing_figure(
-    t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, excitation: np.ndarray
-) -> Figure:
+def _slewing_figure(swing: PaperSwing) -> Figure:
     """Draw the push x γ̈ above, measured and modelled swing below."""
     figure, (above, below) = panels(2, height=2.6, sharex=True)
-    above.plot(t, excitation, color=COLOURS["gamma"])
+    above.plot(swing.t, swing.excitation, color=COLOURS["gamma"])
     above.set_ylabel("x γ̈ [m/s²]")
-    below.plot(t, np.degrees(measured), color=COLOURS["theta"], label="θ simulated")
-    style: Any = {"color": COLOURS["unexplained"], "linewidth": 1.0}
-    below.plot(t, np.degrees(modelled), "--", label="θ by Eq. (10)", **style)
+    below.plot(swing.t, np.degrees(swing.measured), color=COLOURS["theta"], label="θ simulated")
+    below.plot(
+        swing.t,
+        np.degrees(swing.modelled),
+        "--",
+        color=COLOURS["unexplained"],
+        linewidth=1.0,
+        label="θ by Eq. (10)",
+    )
     below.set(ylabel="θ [°]", xlabel="time [s]")
     below.legend(loc="upper right", ncols=2)
     return figure
@@ -345,15 +448,17 @@ def _slewing_figure(
 def _stages_figure(results: Mapping[str, Sequence[tuple[str, Agreement]]]) -> Figure:
     """Draw the difference that is left as one cause after the other is removed."""
     figure, (ax,) = panels(1, height=3.0)
-    for (drive, models), colour, shift in zip(
-        results.items(), (COLOURS["theta"], COLOURS["gamma"]), (-0.18, 0.18), strict=True
+    names = [name for name, _ in results["soft"]]
+    positions = np.arange(len(names))
+    for drive, colour, shift in (
+        ("soft", COLOURS["theta"], -0.18),
+        ("stiff", COLOURS["gamma"], 0.18),
     ):
-        shares = [100 * result.relative for _, result in models]
-        positions = np.arange(len(models))
-        name = f"{drive} slew drive"
-        bars = ax.barh(positions + shift, shares, 0.34, color=colour, label=name)
+        shares = [100 * result.relative for _, result in results[drive]]
+        label = f"{drive} slew drive"
+        bars = ax.barh(positions + shift, shares, 0.34, color=colour, label=label)
         ax.bar_label(bars, fmt="%.2f %%", padding=3)
-    ax.set_yticks(range(len(models)), [name for name, _ in models])
+    ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.margins(x=0.12)
     ax.set_xlabel("RMS difference in θ [% of its amplitude]")

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from cranedyn.controllers.hold import zero_command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import Ground, box_corners, box_load, standing
 from cranedyn.dynamics.equations_of_motion import body_points, payload_position
@@ -30,7 +31,6 @@ from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.plotting.style import run_colour
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
-from experiments.oracles.bench import locked
 from experiments.scenarios.moves import instant
 
 MASS = 1000.0
@@ -274,7 +274,7 @@ def _run(
     """
     return setup.simulate(
         crane,
-        locked(crane),
+        zero_command(crane),
         None,
         start=start,
         duration=instant(duration, setup.control_period),

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from cranedyn import theory
 from cranedyn.analysis.swing import zero_crossings
 from cranedyn.controllers import follow
+from cranedyn.controllers.hold import zero_command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
@@ -24,8 +25,7 @@ from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
-from experiments.oracles.bench import locked
-from experiments.relatives.catalogue import POINT
+from experiments.scenarios.crane_variants import POINT
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
 """Masses of each dummy link [kg]; its inertia is 1 m² times that."""
@@ -51,7 +51,7 @@ def swing(setup: Setup, link: float) -> Trajectory:
     crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
     label = f"links of {link:g} kg"
-    drives = locked(crane)
+    drives = zero_command(crane)
     return setup.simulate(
         crane, drives, None, start=start, duration=DURATION, label=label, drive="motion"
     )

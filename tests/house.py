@@ -18,7 +18,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 PROTOCOL = frozenset(
-    "main run begin export experiment add_arguments emit study generate_launch_description".split()
+    "main run begin export experiment add_arguments emit study oracles "
+    "generate_launch_description".split()
 )
 """Public names that every module of a kind defines."""
 

@@ -27,7 +27,7 @@ from cranedyn.references.shaped import Shaper
 from cranedyn.references.simple import Spline
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
-from experiments.relatives.catalogue import moved
+from experiments.scenarios.crane_variants import moved
 from tests.helpers import crane
 from tests.system.fuzz.api import namespace
 

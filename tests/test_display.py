@@ -24,7 +24,7 @@ from cranedyn.plotting.style import (
 )
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse
-from experiments.relatives.catalogue import RELATIVES, Relative, relative_crane
+from experiments.scenarios.crane_variants import CRANE_VARIANTS, CraneVariant, variant_crane
 from tests.helpers import constant, crane, quickly
 
 
@@ -226,12 +226,12 @@ def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("relative", RELATIVES, ids=lambda relative: relative.name)
+@pytest.mark.parametrize("variant", CRANE_VARIANTS, ids=lambda variant: variant.name)
 def test_a_crane_of_any_topology_shows_itself_and_its_runs(
-    relative: Relative, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    variant: CraneVariant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cranedyn.recording.viewer.open_viewer", lambda path: None)
-    made = relative_crane(relative)
+    made = variant_crane(variant)
     run = cd.simulate(made, hold_controller(made), start=made.start, duration=0.05)
     rows = [line.split() for line in repr(made).splitlines()[2:]]
     assert [(row[0], row[1]) for row in rows] == [

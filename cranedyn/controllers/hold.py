@@ -211,3 +211,14 @@ def _weight(crane: Crane, joint: int, gravity: float) -> float:
         # A drive carries the weight on the joints that follow it, too.
         weights = crane.coupling.gather(weights)
     return float(weights[joint]) * gravity / crane.gravity
+
+
+
+def zero_command(crane: Crane) -> Hold:
+    """Return a controller that commands zero to every drive.
+
+    Drives in prescribed motion then keep their speed, drives with efforts exert none, and drives
+    with frequency converters brake to a standstill.
+    """
+    zeros = np.zeros(crane.layout.m)
+    return Hold(crane, stiffness=zeros, damping=zeros, feed_forward=zeros)

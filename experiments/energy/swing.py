@@ -12,6 +12,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from cranedyn.controllers import hold_controller
+from cranedyn.controllers.hold import zero_command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.equations_of_motion import energy
@@ -19,7 +20,6 @@ from cranedyn.interfaces import State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import spline
 from experiments.harness import PlannedRun, Setup
-from experiments.oracles.bench import locked
 
 SWING = 0.15
 """Swing at the start [rad]."""
@@ -183,7 +183,7 @@ def locked_off(setup: Setup, crane: Crane, swing: float, length: float) -> tuple
     validity: Validity = "stop" if setup.validity == "buffers" else setup.validity
     run = setup.simulate(
         crane,
-        locked(crane),
+        zero_command(crane),
         None,
         start=crane.state(l=length, phi=swing),
         duration=AUDIT,

@@ -126,6 +126,15 @@ class Setup:
         """Return the crane of this world with some more numbers changed."""
         return load_crane(gravity=self.gravity, values={**self.values, **values})
 
+    @property
+    def engine_of_runs(self) -> EngineName | None:
+        """The engine to hand to `cranedyn.simulation.simulate.simulate`.
+
+        It is None where Pinocchio is asked for: `simulate` then takes the compiled engine for
+        ground and for ropes that stretch or may go slack, which Pinocchio does not compute.
+        """
+        return None if self.engine == "pinocchio" else self.engine
+
     def make(self, planned: PlannedRun) -> Trajectory:
         """Make a planned run, see `simulate`."""
         return self.simulate(
@@ -162,7 +171,7 @@ class Setup:
             duration=duration,
             dt=self.dt,
             control_period=self.control_period,
-            engine=None if self.engine == "pinocchio" else self.engine,
+            engine=self.engine_of_runs,
             integrator=INTEGRATORS[self.integrator],
             monitors=[] if show is None else [lambda row, t, state: show(t)],
             # An experiment may ask for another validity than the command line.

@@ -22,7 +22,7 @@ from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE, Relative
+from experiments.scenarios.crane_variants import BRIDGE, HOOK, ROPE, CraneVariant
 from tests.helpers import crane
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
@@ -99,13 +99,13 @@ def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
-@pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
+@pytest.mark.parametrize("variant", [HOOK, ROPE, BRIDGE], ids=lambda variant: variant.name)
 @pytest.mark.slow
 def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_points(
-    relative: Relative, drive: DirectDrive
+    variant: CraneVariant, drive: DirectDrive
 ) -> None:
     rng = np.random.default_rng(4)
-    kinds = [relative.crane(), relative.crane(payload_mass=1500.0)]
+    kinds = [variant.crane(), variant.crane(payload_mass=1500.0)]
     c, n, m = kinds[0], kinds[0].layout.n, kinds[0].layout.m
     fleet = Fleet(kinds, COUNT, drive=drive, control_period=2e-2, dt=1e-3, forces=True)
     away, rates = rng.uniform(-0.01, 0.01, (COUNT, n)), rng.uniform(-0.01, 0.01, (COUNT, n))

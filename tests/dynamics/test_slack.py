@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn import theory
 from cranedyn.controllers import Hold, hold_controller
+from cranedyn.controllers.hold import zero_command
 from cranedyn.data.trajectory import Trajectory, join, read
 from cranedyn.dynamics.drives import EffortDrives, MotionDrives
 from cranedyn.dynamics.equations_of_motion import (
@@ -34,8 +35,7 @@ from cranedyn.lifts.judging.loads import loads
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.bench import locked
-from experiments.relatives.catalogue import POINT
+from experiments.scenarios.crane_variants import POINT
 from tests.oracles.contact_engine import RopeOfDrives
 
 pytestmark = pytest.mark.usefixtures("oracle")
@@ -54,7 +54,7 @@ def lifted(crane: Crane, by: float, **values: float) -> State:
 
 
 def run_of(crane: Crane, start: State, duration: float, **options: Any) -> Trajectory:
-    controller = options.pop("controller", None) or locked(crane)
+    controller = options.pop("controller", None) or zero_command(crane)
     return simulate(
         crane, controller, start=start, duration=duration, **{"drive": "motion", **options}
     )
@@ -82,7 +82,7 @@ def test_both_engines_go_through_the_same_phases(rope: str, drive: str) -> None:
     crane = slack_crane(rope, payload_inertia=300.0, dummy_mass=20.0)
     start = lifted(crane, 0.6, phi=0.3, theta_dot=0.2)
     for integrator in (semi_implicit_euler, rk4):
-        controller = hold_controller(crane) if drive == "effort" else locked(crane)
+        controller = hold_controller(crane) if drive == "effort" else zero_command(crane)
         options = {"drive": drive, "integrator": integrator, "controller": controller}
         plain, compiled = (
             run_of(crane, start, 1.5, engine=engine, **options) for engine in ("oracle", "compiled")
@@ -166,9 +166,9 @@ def test_lanes_of_a_batch_change_their_phases_on_their_own() -> None:
     crane = slack_crane()
     starts = [lifted(crane, by) for by in (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5)]
     options: Any = {"drive": "motion", "duration": 1.0, "integrator": rk4}
-    batch = simulate_batch(crane, locked(crane), start=starts, **options)
+    batch = simulate_batch(crane, zero_command(crane), start=starts, **options)
     for i, start in enumerate(starts):
-        alone = simulate(crane, locked(crane), start=start, **options)
+        alone = simulate(crane, zero_command(crane), start=start, **options)
         assert_allclose(batch.end.q[i], alone.q[-1], atol=1e-9)
 
 

@@ -115,8 +115,8 @@ def test_the_tour_without_control_waits_for_the_other_leg_by_leg() -> None:
 
 def test_strategies_that_are_shown_together_have_colours_of_their_own() -> None:
     from experiments.compare import RECORDED
-    from experiments.scenarios import robustness
+    from experiments.sweep import sweep_study
 
-    for together in (RECORDED, list(robustness.STRATEGIES)):
+    for together in (RECORDED, list(sweep_study.STRATEGIES)):
         shown = [strategy_colour(strategy) for strategy in together]
         assert len(set(shown)) == min(len(shown), len(RUN_COLOURS))

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn import theory
 from cranedyn.controllers import follow
+from cranedyn.controllers.hold import zero_command
 from cranedyn.dynamics.equations_of_motion import (
     acceleration,
     energy,
@@ -33,27 +34,28 @@ from cranedyn.recording.dashboard import extent
 from cranedyn.references import hold, ramp
 from cranedyn.references.shaped import zv
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.bench import locked
-from experiments.relatives.catalogue import (
+from experiments.cranes import modes
+from experiments.harness import Setup
+from experiments.scenarios.crane_variants import (
     BEND,
     BRIDGE,
+    CRANE_VARIANTS,
     HOOK,
     JIB,
     POINT,
-    RELATIVES,
     ROPE,
     TWIST,
-    Relative,
+    CraneVariant,
     at_start,
     moved,
-    relative_crane,
+    variant_crane,
 )
 from tests.helpers import big_crane
 from tests.rrd import numbers, rows
 
-FALLS = Relative("load on two falls", {"fall_spacing": 2.0})
-EACH = (*RELATIVES, FALLS)
-each = pytest.mark.parametrize("relative", EACH, ids=[relative.name for relative in EACH])
+FALLS = CraneVariant("load on two falls", {"fall_spacing": 2.0})
+EACH = (*CRANE_VARIANTS, FALLS)
+each = pytest.mark.parametrize("variant", EACH, ids=[variant.name for variant in EACH])
 
 
 # --- closed forms ---------------------------------------------------------------------------------
@@ -107,9 +109,9 @@ def test_convolved_shapers_leave_the_product_of_what_each_leaves(modes: tuple[fl
 @each
 @pytest.mark.parametrize("low", [0.5, -0.5])
 def test_springs_push_down_their_energy_and_the_tangent_is_how_they_do(
-    relative: Relative, low: float
+    variant: CraneVariant, low: float
 ) -> None:
-    springs = relative_crane(relative).springs
+    springs = variant_crane(variant).springs
     h = 1e-4
     n = len(springs.rest)
     q = np.random.default_rng(1).uniform(0.5, 2.0, n)
@@ -127,11 +129,11 @@ def test_springs_push_down_their_energy_and_the_tangent_is_how_they_do(
 
 @each
 def test_a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs(
-    relative: Relative,
+    variant: CraneVariant,
 ) -> None:
-    c = relative_crane(relative)
+    c = variant_crane(variant)
     by_state, _ = linearise(c, c.start, holding_effort(c, c.start.q))
-    run = simulate(c, locked(c), duration=0.05, dt=5e-3, control_period=5e-3, drive="motion")
+    run = simulate(c, zero_command(c), duration=0.05, dt=5e-3, control_period=5e-3, drive="motion")
     assert np.abs(run.q - c.start.q).max() < 1e-12  # rounding of the balance, over ten steps
     assert np.isfinite(by_state).all()
     away = moved(c, **{c.layout.symbols[i]: 0.01 for i in c.layout.passive})
@@ -141,11 +143,11 @@ def test_a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs(
 
 
 @each
-def test_the_linear_crane_has_its_springs(relative: Relative) -> None:
+def test_the_linear_crane_has_its_springs(variant: CraneVariant) -> None:
     """By central differences, good to about 1e-16/h + h² with h = 1e-5, of accelerations of some
     k/m.
     """
-    c, h = relative_crane(relative), 1e-5
+    c, h = variant_crane(variant), 1e-5
     effort = holding_effort(c, c.start.q)
     n = c.layout.n
     by_state, _ = linearise(c, c.start, effort)
@@ -162,7 +164,7 @@ def test_the_linear_crane_has_its_springs(relative: Relative) -> None:
 
 
 def test_a_rope_stretches_by_its_load_over_its_stiffness_at_its_length() -> None:
-    c = relative_crane(ROPE)
+    c = variant_crane(ROPE)
     weight = c.payload_mass * c.gravity
     stretch = weight * at_start(c, "l") / 3e6
     assert at_start(c, "rope_stretch") == pytest.approx(stretch, rel=1e-12)
@@ -182,7 +184,7 @@ def test_a_load_thrown_up_is_free_until_its_rope_is_taut_again(
     c = ROPE.crane(**POINT, rope_damping=damping)
     lifted = moved(c, rope_stretch_dot=-4.0)  # by more than what the rope holds
     how = {"duration": 1.5, "control_period": 5e-4, "drive": "motion", "integrator": rk4}
-    run = simulate(c, locked(c), start=lifted, engine=engine, **how)  # type: ignore[arg-type]
+    run = simulate(c, zero_command(c), start=lifted, engine=engine, **how)  # type: ignore[arg-type]
     joint = JointForces.of(c)
     tension = joint.tension(run.q.T, run.v.T)
     assert tension.min() == 0.0
@@ -196,14 +198,14 @@ def test_a_load_thrown_up_is_free_until_its_rope_is_taut_again(
 
 
 @pytest.mark.parametrize(
-    ("relative", "symbol", "number"),
+    ("variant", "symbol", "number"),
     [(TWIST, "gamma", "slew_drive_inertia"), (ROPE, "l", "drum_inertia")],
 )
 def test_a_motor_behind_something_elastic_has_an_inertia_of_its_own(
-    relative: Relative, symbol: str, number: str
+    variant: CraneVariant, symbol: str, number: str
 ) -> None:
     def felt(inertia: float) -> float:
-        c = relative.crane(**{number: inertia})
+        c = variant.crane(**{number: inertia})
         return float(np.diag(pin.crba(c.model, c.data, c.start.q))[c.layout.index(symbol)])
 
     assert felt(7e4) - felt(2e4) == pytest.approx(5e4, rel=1e-9)
@@ -219,30 +221,30 @@ def test_free_modes_of_the_tower_crane_are_its_compound_pendulums() -> None:
 
 
 @each
-def test_free_modes_are_normal_and_keep_their_amplitudes(relative: Relative) -> None:
+def test_free_modes_are_normal_and_keep_their_amplitudes(variant: CraneVariant) -> None:
     """In small motions of all modes at once, each keeps its own; what is not linear goes with the
     square of 1e-5.
     """
-    c = relative_crane(relative) if relative is not ROPE else ROPE.crane(**POINT)
+    c = variant_crane(variant) if variant is not ROPE else ROPE.crane(**POINT)
     modes = free_modes(c, c.start)
     assert_allclose(modes.weights @ modes.shapes, np.eye(len(modes.passive)), atol=1e-9)
     q = c.start.q.copy()
     q[modes.passive] += 1e-5 * modes.shapes.sum(axis=1) / np.abs(modes.shapes).max()
     clocks = {"duration": 0.5, "dt": 2e-4, "control_period": 5e-2}
-    run = simulate(c, locked(c), start=State(q, c.start.v), drive="motion", **clocks)
+    run = simulate(c, zero_command(c), start=State(q, c.start.v), drive="motion", **clocks)
     kept = modes.amplitudes(run.q, run.v)
     ripple = modes.frequencies.max() * 2e-4 / 2.0  # of the step: ω dt/2
     assert_allclose(kept, np.broadcast_to(kept[0], kept.shape), rtol=1.2 * ripple + 2e-4)
 
 
 def test_a_joint_that_a_spring_holds_is_believed_to_stand_as_still_as_a_drive() -> None:
-    for relative, symbol, like in (
+    for variant, symbol, like in (
         (TWIST, "tower_twist", "gamma"),
         (BEND, "tower_bend_x", "gamma"),
         (JIB, "jib_bend", "gamma"),
         (HOOK, "sling_radial", "phi"),
     ):
-        c = relative_crane(relative)
+        c = variant_crane(variant)
         joint, drive = c.layout.index(symbol), c.layout.index(like)
         assert initial_std_of(c)[joint] == initial_std_of(c)[drive]
         if like == "gamma":
@@ -266,11 +268,11 @@ def test_forces_in_steps_are_the_same_forces(values: dict[str, float]) -> None:
 def pictures(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]:
     """Cranes of two layouts in one recording."""
     runs = []
-    for relative in (HOOK, BRIDGE):
-        c = relative_crane(relative)
+    for variant in (HOOK, BRIDGE):
+        c = variant_crane(variant)
         start = moved(c, **{c.layout.symbols[i]: 0.1 for i in c.swings})
-        run = simulate(c, locked(c), start=start, duration=0.5, drive="motion")
-        runs.append(Run(relative.name, c, run, (0.0, 0.0, 0.0)))
+        run = simulate(c, zero_command(c), start=start, duration=0.5, drive="motion")
+        runs.append(Run(variant.name, c, run, (0.0, 0.0, 0.0)))
     return runs, record(tmp_path_factory.mktemp("pictures") / "two.rrd", runs, title="t")
 
 
@@ -304,9 +306,11 @@ def test_the_outline_of_the_setpoint_hangs_where_the_slung_load_hangs_at_rest(
 
 @pytest.mark.slow
 @each
-def test_all_that_can_be_seen_of_a_crane_is_in_its_box(relative: Relative) -> None:
-    c = relative_crane(relative)
-    run = Run("one", c, simulate(c, locked(c), duration=0.005, drive="motion"), (7.0, 0.0, 0.0))
+def test_all_that_can_be_seen_of_a_crane_is_in_its_box(variant: CraneVariant) -> None:
+    c = variant_crane(variant)
+    run = Run(
+        "one", c, simulate(c, zero_command(c), duration=0.005, drive="motion"), (7.0, 0.0, 0.0)
+    )
     low, high = extent(run)
     place = payload_position(c, c.start.q) + np.array([7.0, 0.0, 0.0])
     assert (low < place).all() and (place < high).all()
@@ -326,3 +330,13 @@ def test_hoisting_a_stretching_rope_steadily_does_not_make_it_bounce() -> None:
     run = simulate(c, drives, reference, start=start, **how)
     share = run["rope_stretch_m"] / run["l_m"] * 3e6 / (c.payload_mass * c.gravity)
     assert np.abs(share - 1.0).max() < 5e-4
+
+
+# --- the experiment -------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_frequencies_are_measured_by_the_default_engine_also_where_a_rope_stretches() -> None:
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    claims = modes.study(Setup()).claims
+    assert [claim.sentence for claim in claims if not claim.holds] == []

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from experiments.standards.derived import AGREES
-from experiments.standards.formulas import FORMULAS, Compared
+from experiments.factors.derived import AGREES
+from experiments.factors.formulas import FORMULAS, Compared
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST
 

@@ -18,8 +18,16 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Setpoint, State
 from experiments import harness, linear_vs_full
-from experiments.linear.model import Miss, all_rates, dropped, integrate, miss, paper
-from experiments.linear.moves import (
+from experiments.linear_vs_full import ALONE, OF_SLEWING
+from experiments.linear_vs_full.linear_equations import (
+    Miss,
+    all_rates,
+    dropped,
+    integrate,
+    miss,
+    paper,
+)
+from experiments.linear_vs_full.linear_moves import (
     SITES,
     Job,
     LinearCase,
@@ -30,7 +38,6 @@ from experiments.linear.moves import (
     short_slews,
     slow_slews,
 )
-from experiments.linear_vs_full import ALONE, OF_SLEWING
 from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, G, big_crane, crane, moved
@@ -96,7 +103,7 @@ def test_the_papers_equations_err_little_where_the_trolley_moves_alone_and_much_
     site = SITES[1]
     large = site.crane(setup)
     two = [job for job in jobs(site, large) if job.name in ("trolley", "slew")]
-    monkeypatch.setattr("experiments.linear.moves.jobs", lambda *_: two)
+    monkeypatch.setattr("experiments.linear_vs_full.linear_moves.jobs", lambda *_: two)
     cases = {case.job.name: case for case in run_cases(setup, site, large)}
     assert cases["trolley"].paper.rms < 1e-3 < 0.3 < cases["slew"].paper.rms
     # The equations with all rates are those of a small swing.

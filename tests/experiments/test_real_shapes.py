@@ -15,7 +15,7 @@ from cranedyn.lifts.sites.crane_site import CraneSite, Station
 from cranedyn.lifts.sites.crane_site_file import read_crane_site
 from cranedyn.lifts.sites.site_simulation import SiteRun, simulate_site
 from cranedyn.model.load import load_crane
-from experiments.oracles.real_shapes import real_distances
+from experiments.site.real_shapes import real_distances
 
 pytestmark = pytest.mark.slow
 

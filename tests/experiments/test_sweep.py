@@ -30,13 +30,13 @@ from cranedyn.references.simple import spline
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import Design, Progress, results
 from cranedyn.sweep import sweep as swept
-from experiments import sweep, sweep_results
+from experiments import sweep
 from experiments.harness.setup import Setup
 from experiments.report import page
-from experiments.scenarios import robustness as study
 from experiments.scenarios.moves import DRAG, MOVES, instant, on_converters
-from experiments.scenarios.robustness import AFTER, COMBINED, RANGES, SWEPT, drawn, robustness
 from experiments.scenarios.strategies import COMPILED_MPC, FLAT, LQR, PD, STRATEGIES
+from experiments.sweep import sweep_results, sweep_study
+from experiments.sweep.sweep_study import AFTER, COMBINED, RANGES, SWEPT, drawn, simulate_cases
 from tests.document_numbers import missing
 from tests.experiments.conftest import Ran, parse_strict
 from tests.helpers import ROOT
@@ -107,12 +107,12 @@ def _gust(crane: Crane, case: dict[str, Any]) -> Callable[[float, State], np.nda
 def test_a_case_is_the_move_of_that_crane_alone(
     strategy: str, drive: str, columns: Columns
 ) -> None:
-    found = robustness(columns)
+    found = simulate_cases(columns)
     row = len(columns["load"]) - 1
     random = "noise" in columns
     case = {name: column[row] for name, column in columns.items()}
     crane = SETUP.variant(payload_mass=case["load"] * SETUP.crane.payload_mass)
-    plan = study.STRATEGIES[strategy](SETUP, COMBINED)
+    plan = sweep_study.STRATEGIES[strategy](SETUP, COMBINED)
     if drive == "velocity":
         plan = on_converters(SETUP, plan)
     longer = case["cable_error_m"] * np.eye(crane.layout.n)[crane.layout.index("l")]
@@ -155,7 +155,7 @@ def test_a_case_is_the_move_of_that_crane_alone(
     if random:
         arrived = round(math.ceil(plan.arrives / 0.05 - 1e-9) * 0.05 / 1e-2)
         expected |= {"arrival_swing_rad": amplitude[arrived], "broken": 0.0}
-        quiet = robustness(columns | {"noise": 0.0 * columns["noise"]})
+        quiet = simulate_cases(columns | {"noise": 0.0 * columns["noise"]})
         assert abs(quiet["residual_swing_rad"][row] - amplitude[-1]) > 1e-6
     else:
         assert run.valid.all() and found["valid_until_s"].count() == 0
@@ -174,9 +174,9 @@ def test_rows_come_back_in_the_order_of_the_cases_whatever_their_plans() -> None
         load=1.0,
         cable_error_m=[0.0, 0.5, 0.5],
     )
-    together = robustness(mixed)["residual_swing_rad"]
+    together = simulate_cases(mixed)["residual_swing_rad"]
     for row in range(3):
-        alone = robustness({name: column[row : row + 1] for name, column in mixed.items()})
+        alone = simulate_cases({name: column[row : row + 1] for name, column in mixed.items()})
         # To the bit, whoever runs beside it.
         assert together[row] == alone["residual_swing_rad"][0]
 
@@ -191,19 +191,19 @@ def test_fewer_cases_of_a_seed_are_the_first_of_more_and_all_are_within_their_ra
         # the mean of 4000 even numbers is off by 0.0046 of their range, one standard deviation
         middle = 2.0 if name == "delay" else (low + high) / 2.0
         assert abs(values.mean() - middle) < 5.0 * 0.0046 * (high - low)
-    assert len(np.unique(many["load"])) == study.LEVELS
+    assert len(np.unique(many["load"])) == sweep_study.LEVELS
 
 
 def test_every_strategy_of_compare_is_drawn_for_or_it_is_said_why_not() -> None:
-    assert {*study.DRAWN} | {*study.UNBATCHED} == {*STRATEGIES}
+    assert {*sweep_study.DRAWN} | {*sweep_study.UNBATCHED} == {*STRATEGIES}
 
 
 @pytest.mark.slow
 def test_drives_that_follow_exactly_need_no_sensors() -> None:
     columns = at_random("spline alone")
     blind = columns | {name: 0.0 * columns[name] for name in ("noise", "delay", "lag")}
-    found = robustness(columns)["residual_swing_rad"]
-    assert np.array_equal(found, robustness(blind)["residual_swing_rad"])
+    found = simulate_cases(columns)["residual_swing_rad"]
+    assert np.array_equal(found, simulate_cases(blind)["residual_swing_rad"])
 
 
 @pytest.mark.slow
@@ -218,10 +218,10 @@ def test_a_trolley_out_of_its_range_is_broken_and_drives_that_cannot_follow_are_
         return simulate_batch(crane, follow(crane, way, 1e-2), way, **how, **COARSE)
 
     upper = strong.upper[strong.layout.index("x")]
-    assert study._whole(strong, run(strong, upper - 0.1)) == 1.0
-    assert study._whole(strong, run(strong, upper + 0.1)) == 0.0
+    assert sweep_study._whole(strong, run(strong, upper - 0.1)) == 1.0
+    assert sweep_study._whole(strong, run(strong, upper + 0.1)) == 0.0
     overtaxed = run(weak, upper - 0.1)
-    assert np.isfinite(overtaxed.valid_until).all() and study._whole(weak, overtaxed) == 1.0
+    assert np.isfinite(overtaxed.valid_until).all() and sweep_study._whole(weak, overtaxed) == 1.0
 
 
 # --- what is counted ------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits
 from cranedyn.references.shaped import shaped, zvd
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK
+from experiments.scenarios.crane_variants import BRIDGE, HOOK
 from tests.export.c_tools import STRICT, CompiledBlock, output, tool
 from tests.helpers import crane, long_after
 

@@ -30,7 +30,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, Relative
+from experiments.scenarios.crane_variants import BRIDGE, HOOK, CraneVariant
 from tests.export.c_tools import tool
 from tests.helpers import crane
 
@@ -326,11 +326,11 @@ def test_a_unit_for_another_platform_has_its_library(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("relative", [HOOK, BRIDGE], ids=lambda relative: relative.name)
+@pytest.mark.parametrize("variant", [HOOK, BRIDGE], ids=lambda variant: variant.name)
 def test_a_unit_of_a_crane_of_other_topology_moves_as_simulate_does(
-    tmp_path: Path, relative: Relative
+    tmp_path: Path, variant: CraneVariant
 ) -> None:
-    c = relative.crane()
+    c = variant.crane()
     steps = 200
     path = fmi.export(c, tmp_path / "crane.fmu", drive="motion")
     assert validate_fmu(path) == []

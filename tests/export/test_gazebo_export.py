@@ -33,8 +33,8 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
-from experiments.relatives.catalogue import OVERHEAD
 from experiments.scenarios import programs
+from experiments.scenarios.crane_variants import OVERHEAD
 from experiments.scenarios.moves import residual
 from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD
 from tests.helpers import FAST, ROOT

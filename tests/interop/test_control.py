@@ -23,7 +23,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE
+from experiments.scenarios.crane_variants import BRIDGE, HOOK, ROPE
 from tests.helpers import FAST, G, constant, crane
 
 ct = pytest.importorskip("control", reason="extra control (python-control) is not installed")

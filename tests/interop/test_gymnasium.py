@@ -20,7 +20,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import HOOK
+from experiments.scenarios.crane_variants import HOOK
 from tests.helpers import crane
 
 gym = pytest.importorskip("gymnasium", reason="extra gymnasium is not installed")

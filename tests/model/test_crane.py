@@ -23,7 +23,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, arguments, describe
 from cranedyn.model.layout import ROLES
 from cranedyn.model.load import load_crane
-from experiments.relatives.catalogue import POINT
+from experiments.scenarios.crane_variants import POINT
 from tests.helpers import G, crane, efforts, states, turned
 
 Load = Callable[..., Crane]

@@ -16,13 +16,14 @@ from scipy.integrate import quad
 from cranedyn import theory
 from cranedyn.compiled.plant.cranes import load_cranes
 from cranedyn.controllers import hold_controller
+from cranedyn.controllers.hold import zero_command
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import Drive
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.bench import crossing, locked
+from experiments.validate.reading import crossing
 from tests.helpers import crane, long_after
 
 FALLS = {"fall_spacing": 2.0, "payload_izz": 500.0, "hoist_init": 6.0}
@@ -33,7 +34,7 @@ TWISTED = {"phi": 0.2, "theta": -0.1, "load_yaw": 0.9, "l_dot": -0.3}
 @pytest.mark.parametrize("drive", ["effort", "motion", "velocity"])
 def test_both_engines_yaw_alike_and_keep_the_ledger(drive: Drive) -> None:
     c = crane(**FALLS, damp_yaw=20.0, hook_mass=200.0)
-    controller = hold_controller(c) if drive == "effort" else locked(c)
+    controller = hold_controller(c) if drive == "effort" else zero_command(c)
     options: Any = {"drive": drive, "start": c.state(**TWISTED), "duration": 2.0}
     plain, compiled = (
         simulate(c, controller, engine=engine, integrator=rk4, **options)
@@ -80,7 +81,7 @@ def test_the_period_is_that_of_two_falls_but_for_what_is_left_out(amplitude: flo
         return math.sqrt(moved / left) * 2.0 * s * math.cos(u) / math.cos(yaw / 2.0)
 
     start = c.state(load_yaw=amplitude)
-    run = simulate(c, locked(c), start=start, duration=4.0, drive="motion", integrator=rk4)
+    run = simulate(c, zero_command(c), start=start, duration=4.0, drive="motion", integrator=rk4)
     yaw = run["load_yaw_rad"]
     period = 2.0 * (crossing(run.t, yaw, 2) - crossing(run.t, yaw, 1))
     small = 2.0 * math.pi / theory.bifilar(mass, inertia, a, length, c.gravity)[1]

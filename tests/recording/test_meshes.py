@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose
 
+from cranedyn.controllers.hold import zero_command
 from cranedyn.errors import DataError
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
@@ -16,7 +17,6 @@ from cranedyn.recording.dashboard import extent
 from cranedyn.recording.recorder import describe_runs as markdown
 from cranedyn.recording.shapes import Shape, shapes
 from cranedyn.simulation.simulate import simulate
-from experiments.oracles.bench import locked
 
 EDGES = (1.0, 2.0, 4.0)
 
@@ -92,7 +92,7 @@ def test_meshes_are_drawn_only_with_a_folder_and_the_text_says_so(
     path = folder / "crane.urdf"
     path.write_text(_urdf("parts/beam.stl"))
     crane = load_crane(path)
-    run = simulate(crane, locked(crane), duration=0.1, drive="motion")
+    run = simulate(crane, zero_command(crane), duration=0.1, drive="motion")
     bare = Run("bare", crane, run)
     drawn = Run("drawn", crane, run, meshes=folder)
     for each, has_mesh in ((bare, False), (drawn, True)):

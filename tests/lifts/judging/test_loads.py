@@ -35,7 +35,7 @@ from cranedyn.model.layout import ROLES
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, relative_crane
+from experiments.scenarios.crane_variants import BRIDGE, CRANE_VARIANTS, HOOK, variant_crane
 from tests.helpers import G, crane, efforts, locked, quickly, states
 
 ROUND_OFF = 1e-11
@@ -80,9 +80,9 @@ def test_what_passes_through_a_joint_is_what_pinocchio_says(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("relative", RELATIVES, ids=lambda one: one.name)
-def test_cranes_of_other_topology_stand_on_what_they_weigh(relative: object) -> None:
-    of = relative_crane(relative)  # type: ignore[arg-type]
+@pytest.mark.parametrize("variant", CRANE_VARIANTS, ids=lambda one: one.name)
+def test_cranes_of_other_topology_stand_on_what_they_weigh(variant: object) -> None:
+    of = variant_crane(variant)  # type: ignore[arg-type]
     run = quickly(of, hold_controller(of), duration=0.05)
     found = loads(of, run)
     weight = sum(inertia.mass for inertia in of.model.inertias) * of.gravity
@@ -365,7 +365,7 @@ def test_rows_of_another_width_or_of_no_numbers_are_refused_by_name(name: str) -
 def test_a_run_of_another_crane_is_refused() -> None:
     run = simulate(crane(), locked, duration=0.005, drive="motion")
     with pytest.raises(OutOfRange, match="run is of joints"):
-        loads(relative_crane(BRIDGE), run)
+        loads(variant_crane(BRIDGE), run)
 
 
 def test_a_crane_that_slews_steadily_carries_what_its_closed_form_says() -> None:
@@ -465,7 +465,7 @@ def test_a_batch_carries_what_its_runs_carry_alone() -> None:
 
 
 def test_a_hook_hangs_on_the_rope_with_its_load_and_an_overhead_crane_has_no_ring() -> None:
-    hook, bridge = relative_crane(HOOK), relative_crane(BRIDGE)
+    hook, bridge = variant_crane(HOOK), variant_crane(BRIDGE)
     for of in (hook, bridge):
         run = simulate(of, Hold(of, *np.zeros((3, of.layout.m))), duration=0.05, drive="motion")
         found = loads(of, run)

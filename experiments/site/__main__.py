@@ -1,0 +1,5 @@
+"""The command ``python -m experiments.site``."""
+
+from experiments.site import main
+
+raise SystemExit(main())

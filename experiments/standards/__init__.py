@@ -1,1 +1,0 @@
-"""Factors of the standards: their formulas, the mechanics under them, and what control needs."""

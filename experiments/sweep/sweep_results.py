@@ -1,0 +1,281 @@
+"""Tables, claims and figures of the sweep: of cases on a grid, and of cases drawn at random."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from scipy.stats import binned_statistic_2d, binomtest
+
+from cranedyn.plotting.figures import panels
+from experiments.harness import Claim, ResultTable, make_table
+from experiments.harness.table import Cell
+from experiments.scenarios.moves import COMBINED, DRAG, IDEAL
+from experiments.scenarios.strategies import FLAT, PAPER, PD, strategy_colour
+from experiments.sweep.sweep_study import AFTER, RANGES, UNBATCHED
+
+LOADS = (0.5, 1.5)
+"""Range of the grid: mass of the payload over the planned one."""
+
+CABLES = (-1.5, 1.5)
+"""Range of the grid: true less measured cable length [m]."""
+
+DURATIONS = (13.0, 35.0)
+"""Range of the grid: duration of the move [s]."""
+
+MOST_LEFT = 5e-3
+"""Swing that may be left [rad]: 5 cm at the hook, on the 10 m of cable with which the move ends."""
+
+RARELY = 1e-3
+"""Share of cases in which a strategy may fail that is claimed not to."""
+
+CONFIDENCE = 0.95
+"""Confidence of the intervals."""
+
+MANY = 100_000
+"""Number of cases whose time is estimated."""
+
+CELLS = 12
+"""Cells of a map of drawn cases along each side."""
+
+Columns = Mapping[str, np.ndarray]
+
+
+def by_strategy(columns: Columns) -> dict[str, Columns]:
+    """Return the columns of each strategy, in the order of the cases."""
+    strategies = columns["strategy"]
+    return {
+        strategy: {name: column[strategies == strategy] for name, column in columns.items()}
+        for strategy in dict.fromkeys(strategies.tolist())
+    }
+
+
+def grid_table(columns: Columns, drive: str) -> ResultTable:
+    """Return the swing that each strategy leaves on the grid."""
+
+    def quantile(cases: Columns, share: float) -> float:
+        return 1e3 * float(np.nanquantile(cases["residual_swing_rad"], share))
+
+    drives = (
+        "Strategies without a controller in their name have drives that follow exactly."
+        if drive == IDEAL
+        else "All drives have typical frequency converters."
+    )
+    suffix = "" if drive == IDEAL else " on velocity drives"
+    return make_table(
+        f"Swing left by {len(columns['case']):,} moves{suffix}",
+        by_strategy(columns).items(),
+        ("strategy", "", lambda s: s[0]),
+        ("cases", ",d", lambda s: len(s[1]["case"])),
+        ("failed", "d", lambda s: int(np.isnan(s[1]["residual_swing_rad"]).sum())),
+        ("median [mrad]", ".3g", lambda s: quantile(s[1], 0.5)),
+        ("95 % below [mrad]", ".3g", lambda s: quantile(s[1], 0.95)),
+        ("worst [mrad]", ".3g", lambda s: quantile(s[1], 1.0)),
+        ("worst on the way [mrad]", ".3g", lambda s: 1e3 * np.nanmax(s[1]["peak_swing_rad"])),
+        ("worst off goal [mm]", ".3g", lambda s: 1e3 * np.nanmax(s[1]["off_goal_m"])),
+        note=f"Swing {AFTER:g} s after the arrival of the {COMBINED.name} move of {DURATIONS[0]:g} "
+        f"to {DURATIONS[1]:g} s. Loads are {LOADS[0]:g} to {LOADS[1]:g} times the planned one, "
+        f"cables up to {CABLES[1]:g} m off. {drives}",
+    )
+
+
+def _none_is_bad(columns: Columns, errors: int) -> Claim:
+    count = len(columns["case"])
+    return Claim(f"Each of the {count:,} cases is done and none is bad.", errors == 0)
+
+
+def grid_claims(columns: Columns, errors: int) -> list[Claim]:
+    """Return the claims on the grid."""
+    durations = len(np.unique(columns["duration_s"]))
+    residual = {
+        strategy: cases["residual_swing_rad"].reshape(durations, -1)
+        for strategy, cases in by_strategy(columns).items()
+    }
+    other_swings = np.array([swing for strategy, swing in residual.items() if strategy != FLAT])
+    pd = residual[PD]
+    paper = residual[PAPER]
+    return [
+        _none_is_bad(columns, errors),
+        Claim(
+            f"{FLAT} leaves less swing than any other strategy, case by case.",
+            bool((residual[FLAT] < other_swings).all()),
+        ),
+        Claim(
+            f"At every time for the move the worst that {PAPER} leaves is below the median of "
+            f"{PD}, which leaves less in {(paper >= pd).sum():,} of {pd.size:,} cases.",
+            bool((paper.max(axis=1) < np.median(pd, axis=1)).all()),
+        ),
+    ]
+
+
+def drawn_claims(columns: Columns, drive: str, errors: int) -> list[Claim]:
+    """Return the claims on drawn cases."""
+    claims = [_none_is_bad(columns, errors)]
+    if (flat := by_strategy(columns).get(FLAT)) is not None:
+        failed = failures(flat)
+        claims.append(
+            Claim(
+                f"On {drive} drives {FLAT} fails in at most {1e3 * RARELY:g} of a thousand cases "
+                f"({failed.sum()} of {len(failed):,}).",
+                bool(failed.sum() <= RARELY * len(failed)),
+            )
+        )
+    return claims
+
+
+def _too_much(columns: Columns) -> np.ndarray:
+    return ~(columns["residual_swing_rad"] <= MOST_LEFT)
+
+
+def failures(columns: Columns) -> np.ndarray:
+    """Return whether each case left a range, had a slack rope, diverged or left too much swing."""
+    return (columns["broken"] == 1.0) | _too_much(columns)
+
+
+def drawn_tables(columns: Columns, drive: str) -> list[ResultTable]:
+    """Return the tables of swing, failures and time of each strategy."""
+    strategies = by_strategy(columns)
+    drives = f"on {drive} drives"
+    return [_swings(strategies, drives), _failures(strategies, drives), _costs(strategies, drives)]
+
+
+def _swings(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
+    def quantile(cases: Columns, which: str, share: float) -> float | None:
+        """Return a quantile [mrad], None where infinite; NaN counts as infinite."""
+        swings = cases[f"{which}_swing_rad"]
+        swings = np.where(np.isfinite(swings), swings, math.inf)
+        value = 1e3 * float(np.quantile(swings, share, method="higher"))
+        return value if math.isfinite(value) else None
+
+    low, high = RANGES["load"]
+    return make_table(
+        f"Swing of moves that are drawn, {drives}",
+        strategies.items(),
+        ("strategy", "", lambda s: s[0]),
+        ("cases", ",d", lambda s: len(s[1]["case"])),
+        ("arrival, median [mrad]", ".3g", lambda s: quantile(s[1], "arrival", 0.5)),
+        ("arrival, 95 % below [mrad]", ".3g", lambda s: quantile(s[1], "arrival", 0.95)),
+        ("left, median [mrad]", ".3g", lambda s: quantile(s[1], "residual", 0.5)),
+        ("left, 95 % below [mrad]", ".3g", lambda s: quantile(s[1], "residual", 0.95)),
+        ("left, worst [mrad]", ".3g", lambda s: quantile(s[1], "residual", 1.0)),
+        note=f"Amplitude at the arrival of the {COMBINED.name} move and {AFTER:g} s later; a dash: "
+        f"diverged. Uniform random: load {low:g} to {high:g} times the planned one; cable up to "
+        f"{RANGES['cable_error_m'][1]:g} m off; gust of up to {RANGES['gust_m_s'][1]:g} m/s from "
+        f"any side on {DRAG:g} m² for {RANGES['gust_lasts_s'][0]:g} to "
+        f"{RANGES['gust_lasts_s'][1]:g} s, in the first {RANGES['gust_at_s'][1]:g} s; sensor noise "
+        f"up to {RANGES['noise'][1]:g} times the usual; sensors up to {RANGES['delay'][1] - 1:g} "
+        f"control periods late; lag of converters {RANGES['lag'][0]:g} to {RANGES['lag'][1]:g} "
+        "times the usual. Not in a batch: "
+        + "; ".join(f"{name}, because {why}" for name, why in UNBATCHED.items())
+        + ".",
+    )
+
+
+def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
+    rows: list[list[Cell]] = []
+    for strategy, cases in strategies.items():
+        failed = failures(cases)
+        interval = binomtest(int(failed.sum()), len(failed)).proportion_ci(CONFIDENCE, "exact")
+        shares = (
+            cases["broken"].mean(),
+            _too_much(cases).mean(),
+            failed.mean(),
+            interval.low,
+            interval.high,
+            np.isfinite(cases["valid_until_s"]).mean(),
+        )
+        rows.append([strategy, *(100.0 * float(share) for share in shares)])
+    headings = ["broken", "too much left", "fails", "at least", "at most", "beyond"]
+    return ResultTable(
+        f"How often moves fail that are drawn, {drives}",
+        [("strategy", ""), *((f"{heading} [%]", ".2f") for heading in headings)],
+        rows,
+        "Broken: a joint leaves its range, the rope goes slack or the load touches the ground, at "
+        f"20 instants a second. Too much left: more than {1e3 * MOST_LEFT:g} mrad. At least, at "
+        f"most: {100 * CONFIDENCE:g} % interval of the probability (Clopper and Pearson). Beyond: "
+        "broken, or a drive is asked for more than its limits.",
+    )
+
+
+def _costs(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
+    return make_table(
+        f"What moves cost that are drawn, {drives}",
+        [(strategy, float(np.median(cases["spent_s"]))) for strategy, cases in strategies.items()],
+        ("strategy", "", lambda s: s[0]),
+        ("a case [ms]", ".2f", lambda s: 1e3 * s[1]),
+        (f"{MANY:,} cases [min]", ".1f", lambda s: s[1] * MANY / 60.0),
+        note="Processor time on this machine, the median of batches; n processors share it.",
+    )
+
+
+Map = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Errors of the cable [m], loads, and the swing left [mrad], shape (loads, cables)."""
+
+
+def map_figure(columns: Columns) -> Figure:
+    """Plot the residual swing of each strategy over load and cable, for the median duration."""
+    durations = np.unique(columns["duration_s"])
+    duration = durations[len(durations) // 2]
+    maps: dict[str, Map] = {}
+    for strategy, cases in by_strategy(columns).items():
+        selected = cases["duration_s"] == duration
+        loads, cables = (np.unique(cases[name][selected]) for name in ("load", "cable_error_m"))
+        residual = 1e3 * cases["residual_swing_rad"][selected].reshape(len(loads), len(cables))
+        maps[strategy] = cables, loads, residual
+    return _maps(maps, f"swing left of a move in {duration:.3g} s [mrad]")
+
+
+def drawn_figure(columns: Columns) -> Figure:
+    """Plot the median residual swing of each strategy in cells of load and cable.
+
+    A cell without cases, or in which most diverge, stays empty.
+    """
+    maps: dict[str, Map] = {}
+    for strategy, cases in by_strategy(columns).items():
+        residual = 1e3 * cases["residual_swing_rad"]
+        median, loads, cables, _ = binned_statistic_2d(
+            cases["load"],
+            cases["cable_error_m"],
+            np.where(np.isfinite(residual), residual, np.inf),
+            statistic="median",
+            bins=CELLS,
+            range=[RANGES["load"], RANGES["cable_error_m"]],
+        )
+        across, up = ((edges[1:] + edges[:-1]) / 2.0 for edges in (cables, loads))
+        maps[strategy] = across, up, np.where(np.isfinite(median), median, np.nan)
+    return _maps(maps, "median of the swing left [mrad]")
+
+
+def _maps(maps: Mapping[str, Map], label: str) -> Figure:
+    swings = np.concatenate([medians[np.isfinite(medians)] for _, _, medians in maps.values()])
+    norm = LogNorm(swings.min(), swings.max()) if len(swings) else LogNorm(1.0, 10.0)
+    figure, axes = panels(-(-len(maps) // 4), 4, height=2.6, width=11.0, sharex=True, sharey=True)
+    for ax, (strategy, values) in zip(axes, maps.items(), strict=False):
+        mesh = ax.pcolormesh(*values, norm=norm, cmap="viridis", rasterized=True)
+        ax.set_title(strategy, fontsize=10.0)
+        ax.grid(visible=False)
+    for ax in axes[len(maps) :]:
+        ax.set_axis_off()
+    figure.supxlabel("cable longer than measured by [m]", fontsize=11.0)
+    figure.supylabel("payload over that planned for", fontsize=11.0)
+    figure.colorbar(mesh, ax=axes, label=label)
+    return figure
+
+
+def timing_figure(columns: Columns) -> Figure:
+    """Plot the residual swing of each strategy over the time for the move: median and range."""
+    figure, (ax,) = panels(height=4.6)
+    durations = np.unique(columns["duration_s"])
+    for k, (strategy, cases) in enumerate(by_strategy(columns).items()):
+        residual = [1e3 * cases["residual_swing_rad"][cases["duration_s"] == d] for d in durations]
+        lowest, middle, highest = np.nanquantile(np.array(residual), [0.0, 0.5, 1.0], axis=1)
+        colour = strategy_colour(strategy)
+        marker = "osv^D*Px"[k % 8]
+        ax.plot(durations, middle, marker=marker, markersize=4.0, color=colour, label=strategy)
+        ax.fill_between(durations, lowest, highest, color=colour, alpha=0.15, linewidth=0.0)
+    ax.set(yscale="log", xlabel="time for the move [s]", ylabel="swing left 10 s after it [mrad]")
+    ax.legend(ncols=2, fontsize=9.0)
+    return figure

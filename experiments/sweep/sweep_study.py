@@ -1,0 +1,353 @@
+"""What a chunk of the sweep is: strategies for the combined move, planned once each, by many cranes
+that are not quite those planned for, perhaps in everything at once, drawn at random.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.checks import whole
+from cranedyn.compiled.batch import Batch, simulate_batch
+from cranedyn.disturbances.wind import drag_force, gust_shape
+from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.equations_of_motion import payload_position
+from cranedyn.dynamics.validity import conditions, hoist_force, valid
+from cranedyn.estimation.sensor_model import noise_of
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+from cranedyn.references.shaped import zv, zvd
+from cranedyn.sweep import Design, cross, grid
+from experiments.harness.setup import Setup
+from experiments.scenarios import shaping, strategies
+from experiments.scenarios.moves import (
+    COMBINED,
+    DRAG,
+    IDEAL,
+    MovePlan,
+    Planner,
+    RestToRest,
+    instant,
+    on_converters,
+)
+
+AFTER = 10.0
+"""How long after the arrival the residual swing is looked at [s]."""
+
+CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
+"""Columns of a design that say in which world it takes place, the same in every case."""
+
+
+SWEPT: dict[str, Planner] = {
+    strategies.PD: strategies.STRATEGIES[strategies.PD],
+    "spline alone": strategies.STRATEGIES["spline alone"],
+    "spline + ZV": shaping.shaped_plan(zv(), shaping.spline_base),
+    "spline + ZVD": shaping.shaped_plan(zvd(), shaping.spline_base),
+    "spline + ZV for a moving cable": shaping.plan_for_moving_cable(shaping.spline_base),
+    strategies.PAPER: strategies.STRATEGIES[strategies.PAPER],
+    strategies.LQR: strategies.STRATEGIES[strategies.LQR],
+    strategies.FLAT: strategies.STRATEGIES[strategies.FLAT],
+}
+"""Plans by name. Those without a controller in their name have drives that follow exactly, as stiff
+velocity-controlled drives do."""
+
+STRATEGIES = strategies.STRATEGIES | SWEPT
+"""All plans that there are."""
+
+
+NOISY_BATCH = 128
+"""Largest number of moves in a batch whose sensors have noise; each of them needs some MB."""
+
+ROW_INTERVAL = 0.05
+"""Time between the instants at which such moves are looked at [s]."""
+
+Cases = Mapping[str, np.ndarray]
+"""Columns of cases by name, shape (cases,) each."""
+
+
+def simulate_cases(cases: Cases) -> dict[str, np.ndarray]:
+    """Make moves and see what is left of them; a study for `cranedyn.sweep`.
+
+    Args:
+        cases: Columns ``strategy``; ``duration_s`` planned for the move; ``load``, mass of the
+            payload over that planned for; ``cable_error_m``, by how much the cable is longer than
+            measured; those of `CLOCKS`. Where there are: ``drive``, "ideal" or "velocity"; and of
+            moves that are drawn, those of `drawn`.
+
+    Returns:
+        Columns: largest swing and amplitude of the swing 10 s after the arrival [rad]; distance of
+        the payload from its goal then [m]; largest efforts over those of the drives; time at which
+        the model ceased to hold or drives could not follow [s], masked where that did not come. Of
+        moves that are drawn also the amplitude at the arrival [rad], whether a range was left or
+        the rope went slack (1 or 0), and the processor time of the case [s]; of a crane that
+        diverged what is not finite is masked.
+    """
+    gravity, dt, control_period = (float(cases[name][0]) for name in CLOCKS)
+    setup = Setup(gravity, dt=dt, control_period=control_period)
+    count = len(cases["strategy"])
+    drives = cases.get("drive", np.full(count, IDEAL))
+    strategies_of_cases = cases["strategy"].tolist()
+    durations = cases["duration_s"].tolist()
+    # Cases with one plan run as a batch.
+    kinds = list(zip(strategies_of_cases, durations, drives.tolist(), strict=True))
+    columns: dict[str, np.ndarray] = {}
+    for kind in dict.fromkeys(kinds):
+        rows = np.array([row for row, kind_of_case in enumerate(kinds) if kind_of_case == kind])
+        batches = math.ceil(len(rows) / NOISY_BATCH) if "noise" in cases else 1
+        for chunk in np.array_split(rows, batches):
+            of_chunk = {name: column[chunk] for name, column in cases.items()}
+            plan, move = _planned(gravity, dt, control_period, *kind)
+            for name, values in _made(setup, plan, move, of_chunk):
+                columns.setdefault(name, np.ma.masked_all(count))[chunk] = values
+    return columns
+
+
+@lru_cache(maxsize=64)
+def _planned(
+    gravity: float, dt: float, control_period: float, strategy: str, duration: float, drive: str
+) -> tuple[MovePlan, RestToRest]:
+    """Plan a move by a strategy, once for all chunks of a process."""
+    setup = Setup(gravity, dt=dt, control_period=control_period)
+    move = replace(COMBINED, duration=duration)
+    plan = STRATEGIES[strategy](setup, move)
+    return (plan if drive == IDEAL else on_converters(setup, plan)), move
+
+
+def _made(
+    setup: Setup, plan: MovePlan, move: RestToRest, cases: Cases
+) -> list[tuple[str, np.ndarray]]:
+    """Simulate moves by one plan as a batch and return the columns of results."""
+    began = time.process_time()
+    masses = (cases["load"] * setup.crane.payload_mass).tolist()
+    cranes = [_crane(setup.gravity, mass) for mass in masses]
+    errors = cases["cable_error_m"]
+    drawn = "noise" in cases
+    move_start, move_goal = move.ends(setup.crane)
+    start = _longer(setup.crane, move_start, errors)
+    goal = _longer(setup.crane, move_goal, errors)
+    # A plan that states no arrival has the duration of the move for it.
+    arrives = instant(plan.arrives or move.duration, setup.control_period)
+    ends = instant(arrives + AFTER, setup.control_period)
+    times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
+    stride = max(1, round(ROW_INTERVAL / setup.control_period))
+    # Drives that follow exactly need no sensors.
+    if plan.drive == "motion":
+        cases = {name: column for name, column in cases.items() if name not in SENSOR_CASES}
+    batch = simulate_batch(
+        cranes,
+        plan.controller(),
+        plan.reference,
+        start=start,
+        duration=ends,
+        dt=setup.dt,
+        control_period=setup.control_period,
+        drive=plan.drive,
+        force=gusts(setup.crane, cases, times) if drawn else None,
+        sensor_offset=readings(setup.crane, cases, len(times)),
+        sensor_delay=cases["delay"].astype(int).tolist() if "delay" in cases else 0,
+        converters=lagging(setup.crane, cases) if drawn and plan.drive == "velocity" else None,
+        record=stride if drawn else 0,
+        residual_from=ends,
+        threads=1,
+    )
+    result = [
+        ("peak_swing_rad", batch.peak_swing),
+        ("residual_swing_rad", batch.residual_swing),
+        ("off_goal_m", _away(cranes, batch.end.q, goal.q)),
+    ]
+    shares = batch.largest_effort / setup.crane.effort_limit
+    result += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(DRIVES)]
+    result.append(("valid_until_s", batch.valid_until))
+    if drawn:
+        row = int(np.searchsorted(batch.t, arrives - 1e-9))
+        spent = (time.process_time() - began) / len(masses)
+        result += [
+            ("arrival_swing_rad", _amplitudes(setup.crane, batch, row)),
+            ("broken", 1.0 - _whole(setup.crane, batch)),
+            ("spent_s", np.full(len(masses), spent)),
+        ]
+    masked = []
+    for name, values in result:
+        may_be_invalid = drawn or name == "valid_until_s"
+        masked.append((name, np.ma.masked_invalid(values) if may_be_invalid else values))
+    return masked
+
+
+DRIVES = ("slew", "trolley", "hoist")
+"""Names of the drives, in the order of the chain."""
+
+SENSOR_CASES = ("noise", "delay")
+"""Columns of cases that change sensors."""
+
+
+def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
+    """Return the forces of a gust on each load [N], shape (cranes, rows, 3 points).
+
+    Its speed rises and falls as (1 - cos)/2. The load's own velocity is neglected: the force is
+    that on a load at rest.
+    """
+    shape = gust_shape(times, cases["gust_at_s"][:, None], cases["gust_lasts_s"][:, None])
+    speed = cases["gust_m_s"][:, None] * shape
+    direction = cases["gust_to_rad"]
+    along = np.column_stack([np.cos(direction), np.sin(direction)])
+    first = 3 * crane.layout.points.index("payload")
+    force = np.zeros((*speed.shape, 3 * len(crane.points)))
+    force[..., first : first + 2] = drag_force(DRAG, speed[..., None] * along[:, None])
+    return force
+
+
+def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
+    """Return the errors of the sensors of coordinates and rates.
+
+    Args:
+        crane: The crane.
+        cases: The cases, with noise or without.
+        rows: Number of rows of a run.
+
+    Returns:
+        Errors by the cable, shape (cranes, 2 n); with noise, shape (cranes, rows, 2 n).
+    """
+    errors = cases["cable_error_m"]
+    hoist = crane.layout.index("l")
+    if "noise" not in cases:
+        added = np.zeros((len(errors), 2 * crane.layout.n))
+    else:
+        sizes = noise_of(crane)
+        added = np.empty((len(errors), rows, len(sizes)))
+        for noise, seed, number in zip(added, cases["seed"], cases["number"], strict=True):
+            # Of a case itself, so that it does not depend on how cases are put into batches.
+            bits = np.random.SFC64([int(seed), int(number)])
+            np.random.Generator(bits).standard_normal(out=noise)
+        added *= cases["noise"][:, None, None] * sizes
+    # The cable is longer than measured by the error. With noise there is an axis more, of rows.
+    cable_errors = errors if added.ndim == 2 else errors[:, None]
+    added[..., hoist] -= cable_errors
+    return added
+
+
+def lagging(crane: Crane, cases: Cases) -> list[Converters]:
+    """Return typical frequency converters with a lag of its own for each crane."""
+    typical = converters(crane)
+    return [replace(typical, lags=lag * typical.lags) for lag in cases["lag"].tolist()]
+
+
+def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarray:
+    """Return the distances of loads from their goals [m]; NaN where a crane diverged."""
+    distances = []
+    for crane, q, goal in zip(cranes, ends, goals, strict=True):
+        distance = math.nan
+        if np.isfinite(q).all():
+            offset = payload_position(crane, q) - payload_position(crane, goal)
+            distance = float(np.linalg.norm(offset))
+        distances.append(distance)
+    return np.array(distances)
+
+
+def _amplitudes(crane: Crane, batch: Batch, row: int) -> np.ndarray:
+    """Return amplitudes of the swing at a recorded row [rad], shape (cranes,)."""
+    q = batch.q[:, row]
+    v = batch.v[:, row]
+    swings = crane.swings
+    length = q[:, crane.layout.index("l")]
+    return swing_amplitude(q[:, swings], v[:, swings], length, crane.gravity)
+
+
+def _whole(crane: Crane, batch: Batch) -> np.ndarray:
+    """Return 1 where joints are in range, rope taut and load above ground, shape (cranes,)."""
+    shape = batch.q.shape[:2]
+    q = batch.q.reshape(-1, batch.q.shape[-1])
+    v = batch.v.reshape(-1, batch.v.shape[-1])
+    effort = batch.effort.reshape(-1, batch.effort.shape[-1])
+    # A crane that diverged has numbers that are not finite.
+    with np.errstate(invalid="ignore"):
+        holds = valid(conditions(crane, q, v, hoist_force(crane, effort))).reshape(shape)
+    return holds.all(axis=1).astype(float)
+
+
+def _longer(crane: Crane, state: State, by: np.ndarray) -> State:
+    """Return copies of a state with longer cables [m]."""
+    q = np.tile(state.q, (len(by), 1))
+    q[:, crane.layout.index("l")] += by
+    return State(q, np.zeros_like(q))
+
+
+@lru_cache(maxsize=4096)
+def _crane(gravity: float, payload_mass: float) -> Crane:
+    """Return the crane with another load, cached by load."""
+    return Setup(gravity).variant(payload_mass=payload_mass)
+
+
+RANGES = {
+    "load": (0.5, 1.5),
+    "cable_error_m": (-1.5, 1.5),
+    "gust_m_s": (0.0, 12.0),
+    "gust_to_rad": (-math.pi, math.pi),
+    "gust_at_s": (0.0, 8.0),
+    "gust_lasts_s": (4.0, 8.0),
+    "noise": (0.0, 2.0),
+    "delay": (0.0, 5.0),
+    "lag": (0.5, 2.0),
+}
+"""Lower and upper end of the range from which each number of a case is drawn evenly.
+
+These are the mass of the payload over the planned one; the true less the measured cable length [m];
+of a gust of wind the largest speed [m/s], the direction in which it blows, from the world's +X
+[rad], its beginning and its duration [s]; the noise of the sensors as a multiple of
+`sensor_model.noise_of`; their delay in whole control periods, 0 to 4; and the lags of frequency
+converters over the typical ones.
+"""
+
+LEVELS = 129
+"""Number of different loads, at equal distances: so not every case needs a crane of its own."""
+
+UNBATCHED = {
+    strategies.MPC: "its optimiser is called from Python; the compiled one stands for it",
+    strategies.YIELD: "its rates are not affine in the state",
+}
+"""Strategies that no batch runs, and why."""
+
+DRAWN = [name for name in strategies.STRATEGIES if name not in UNBATCHED]
+"""Strategies for which cases are drawn."""
+
+
+def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int) -> Design:
+    """Draw cases, the same for each strategy.
+
+    With the same seed, fewer cases are the first of more.
+
+    Args:
+        setup: Gravity and clocks.
+        names: Names of strategies.
+        drive: Kind of drives, "ideal" or "velocity".
+        count: Number of cases for each strategy.
+        seed: Seed of the random numbers.
+
+    Raises:
+        OutOfRange: If the seed is not a whole number from 0.
+        CraneError: If the table would not fit the memory.
+    """
+    seed = whole("seed", seed, 0)
+    plans = grid(
+        strategy=list(names),
+        drive=drive,
+        duration_s=COMBINED.duration,
+        gravity_m_s2=setup.gravity,
+        dt_s=setup.dt,
+        control_period_s=setup.control_period,
+        seed=seed,
+    )
+    low, high = np.array(list(RANGES.values())).T
+    shares = np.random.default_rng(seed).random((count, len(RANGES)))
+    columns = dict(zip(RANGES, (low + (high - low) * shares).T, strict=True))
+    lightest, heaviest = RANGES["load"]
+    levels = np.linspace(lightest, heaviest, LEVELS)
+    share = (columns["load"] - lightest) / (heaviest - lightest)
+    columns["load"] = levels[np.rint(share * (LEVELS - 1)).astype(int)]
+    columns["delay"] = np.floor(columns["delay"])
+    return cross(plans, Design(columns | {"number": np.arange(count, dtype=float)}))

@@ -1,0 +1,5 @@
+"""The command ``python -m experiments.validate``."""
+
+from experiments.validate import main
+
+raise SystemExit(main())
