@@ -189,7 +189,8 @@ def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
     library.run(8 // lanes, 1, starts.ctypes.data, ends.ctypes.data, peaks.ctypes.data, None)
     paper = Lagrangian(c.gravity)
     for start, end in zip(starts, ends, strict=True):
-        q, v = start[:5], start[5:]
+        q = start[:5]
+        v = start[5:]
         effort = (case.controller.feed_forward - case.controller.damping * v[[0, 1, 4]]).clip(
             -c.effort_limit, c.effort_limit
         )

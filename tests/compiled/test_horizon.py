@@ -91,7 +91,9 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
     layout = moved.layout
     shape = made.programme.shape(1)
     length = 0.05
-    n, z, w = layout.n, shape.states, shape.both
+    n = layout.n
+    z = shape.states
+    w = shape.both
     module = ir.Module()
     known = horizon_model.emit(module, shape, made.programme.plant, length)
     work = np.zeros(shape.size)
@@ -507,7 +509,8 @@ GLITCHES = (0.1, 1.0, 30.0, 1257.0, 1e8)
 
 @pytest.mark.parametrize("drive", ["effort", pytest.param("velocity", marks=pytest.mark.long)])
 def test_one_wrong_reading_of_any_size_leaves_nothing(drive: Drive) -> None:
-    goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
+    goal = at((0.3, 15.0, 12.0))
+    start = at((0.0, 10.0, 15.0))
     offset = np.zeros((1 + 10 * len(GLITCHES), 402, 10))
     for lane, (i, size) in enumerate(np.ndindex(10, len(GLITCHES)), 1):
         offset[lane, 400, i] = GLITCHES[size]  # at an instant of an optimisation
@@ -561,8 +564,10 @@ def test_a_reading_is_refused_a_range_beyond_the_range_and_at_ten_times_the_rate
     start = at((0.0, 12.0, 15.0))
     setpoint = Setpoint(start.q[drives], np.zeros(3), np.zeros(3))
     made(0.0, start, setpoint)
-    q, v = start.q.copy(), start.v.copy()
-    q[1], v[1] = x, x_dot
+    q = start.q.copy()
+    v = start.v.copy()
+    q[1] = x
+    v[1] = x_dot
     assert np.isfinite(made(5e-3, State(q, v), setpoint)).all()
     assert made.notes().get("refused_readings", 0) == refused
 
@@ -581,9 +586,11 @@ def test_after_each_failure_the_next_plan_begins_farther_from_its_bounds() -> No
 
 
 def test_sensors_that_fail_at_the_first_instant_or_for_a_second_are_outlived() -> None:
-    goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
+    goal = at((0.3, 15.0, 12.0))
+    start = at((0.0, 10.0, 15.0))
     offset = np.zeros((3, 602, 10))
-    offset[1, 0, 5], offset[2, 400:600, 2] = 1257.0, 1e3
+    offset[1, 0, 5] = 1257.0
+    offset[2, 400:600, 2] = 1e3
     how: Any = {"start": [start] * 3, "duration": 25.0, "sensor_offset": offset}
     batch = simulate_batch(crane(), receding(crane(), LIMITS), hold(crane(), goal), **how)
     np.testing.assert_array_equal(batch.refusals, [0, 1, 200])

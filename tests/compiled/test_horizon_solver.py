@@ -96,9 +96,11 @@ def test_the_cost_beyond_the_horizon_is_that_of_a_horizon_as_long_again() -> Non
     w = shape.both
     work = np.zeros(shape.size)
     last = work[shape.first :].reshape(shape.stages, shape.stride)[-1]
-    a, b = problem.a[-1], problem.b[-1]
+    a = problem.a[-1]
+    b = problem.b[-1]
     weight = np.zeros((w, w))
-    weight[:z, :z], weight[z:, z:] = problem.q, problem.r
+    weight[:z, :z] = problem.q
+    weight[z:, z:] = problem.r
     for i in range(w):
         work[shape.place("weight", i) :][:w] = weight[i]
     for i in range(z):

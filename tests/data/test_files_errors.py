@@ -146,7 +146,8 @@ def test_a_name_counts_when_content_and_folder_are_on_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[str] = []
-    sync, move = os.fsync, os.replace
+    sync = os.fsync
+    move = os.replace
 
     def synced(file: int) -> None:
         mode = os.fstat(file).st_mode

@@ -247,7 +247,8 @@ def test_the_move_of_least_time_is_held_against_the_fastest_flat_path_under_the_
 def test_the_predictive_controller_is_judged_by_its_longest_call_in_any_run(
     longest: float, holds: bool
 ) -> None:
-    quick, slow = np.full(20, 1e-3), np.full(20, 1e-3)
+    quick = np.full(20, 1e-3)
+    slow = np.full(20, 1e-3)
     slow[13] = longest
     moves = {
         case: {MPC: {case: _scored()._replace(calls=calls)}}

@@ -115,7 +115,8 @@ def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
             Score(10.0, 0.03, 1e-6, later, 0.0, 10.0, none, none, none, 1.0, 1.0, 0.0, 0.5)
         )
 
-    good, bad = {FLAT: {"as planned": scored(0.9e-3)}}, {FLAT: {"gust": scored(1.1e-3)}}
+    good = {FLAT: {"as planned": scored(0.9e-3)}}
+    bad = {FLAT: {"gust": scored(1.1e-3)}}
     assert [claim.holds for claim in claims.converter_claims({"one": good})] == [True]
     worst = {"one": good, "another": bad}
     assert [claim.holds for claim in claims.converter_claims(worst)] == [False]

@@ -99,7 +99,8 @@ def test_pieces_joined_are_the_run_in_one_go(pieces: list[Trajectory]) -> None:
 def test_residual_is_the_amplitude_of_a_known_swing(pieces: list[Trajectory]) -> None:
     run = join(pieces).before(20.0)
     swing = np.zeros_like(run.q)
-    swing[:, 2], swing[:, 3] = 0.03 * np.cos(run.t), 0.04 * np.sin(run.t)
+    swing[:, 2] = 0.03 * np.cos(run.t)
+    swing[:, 3] = 0.04 * np.sin(run.t)
     # rows 5 ms apart meet the tops within 1e-5
     assert residual(replace(run, q=swing)) == pytest.approx(0.05, rel=1e-5)
 
@@ -303,7 +304,8 @@ def test_ctrl_c_ends_a_demo_with_its_comparison_soon_and_leaves_everything_compl
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=120)
     assert (process.returncode, error) == (0, "")
-    run, bare = read(folder / "demo.parquet"), read(folder / "demo_before.parquet")
+    run = read(folder / "demo.parquet")
+    bare = read(folder / "demo_before.parquet")
     assert run.t[-1] >= 0.5  # the first piece at least
     assert bare.t[-1] == pytest.approx(run.t[-1], abs=0.51)  # a piece at most
     assert_covered(times(folder / "demo.rrd"), run.t)

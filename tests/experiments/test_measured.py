@@ -208,7 +208,8 @@ def test_a_file_of_a_commit_is_found_by_the_beginning_of_its_name(tmp_path: Path
 def test_programs_that_a_clone_names_do_not_run(setting: str, tmp_path: Path) -> None:
     """One that turns a file into text, one that shows it, and one that fetches a missing object."""
     clone, commit = committed(tmp_path, b"content")
-    ran, other = tmp_path / "ran", tmp_path / "other.git"
+    ran = tmp_path / "ran"
+    other = tmp_path / "other.git"
     subprocess.run(["git", "init", "-q", "--bare", str(other)], check=True)
     with (clone / ".git" / "config").open("a") as config:
         config.write(setting.format(ran=ran, other=other))
@@ -339,7 +340,8 @@ def test_a_crane_of_a_laboratory_is_drawn_in_its_size() -> None:
     low = np.array([np.inf] * 3)
     high = np.array([-np.inf] * 3)
     for _, points in visible_points(crane, crane.start.q, None):
-        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+        low = np.minimum(low, points.min(axis=0))
+        high = np.maximum(high, points.max(axis=0))
     # Of the span, the runway and the height; a girder and a trolley stand out on all sides.
     assert (high - low < 1.2 * np.array([2.0, 3.0, 2.0])).all()
     assert drawn_size(crane) == pytest.approx(0.2)

@@ -24,7 +24,8 @@ from tests.helpers import FAST, HOSTILE_NAMES, RESULT
 selenium = pytest.importorskip(
     "selenium.webdriver", reason="extra browser (selenium) is not installed"
 )
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+CHROMIUM = shutil.which("chromium")
+DRIVER = shutil.which("chromedriver")
 browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="Chromium and its driver are not installed"
 )
@@ -111,7 +112,8 @@ def test_every_figure_is_loaded_a_drawing_and_has_a_caption(made: Path, page: An
     figures = _all(page, "section figure")
     assert figures
     for figure in figures:
-        (image,), (caption,) = _all(figure, "img"), _all(figure, "figcaption")
+        (image,) = _all(figure, "img")
+        (caption,) = _all(figure, "figcaption")
         assert image.get_attribute("src").startswith("data:image/svg+xml")
         assert len(caption.text.split()) > 4
 

@@ -144,7 +144,8 @@ def test_a_gif_lasts_as_long_as_its_span_and_moves(file: Path, tmp_path: Path):
     size = (320, 240)
     path = animate(file, (0.0, 2.0), target, fps=5.0, size=size, progress=seen.append)
     image = Image.open(path)
-    frames, durations = [], []
+    frames = []
+    durations = []
     for k in range(image.n_frames):
         image.seek(k)
         frames.append(np.asarray(image.convert("RGB")).astype(int))

@@ -19,7 +19,8 @@ from cranedyn.identification.parameters import (
 
 PRIOR = Prior()
 T = np.arange(0.0, 40.0, 0.02)
-SIZE, PHASE = 0.1, 0.7
+SIZE = 0.1
+PHASE = 0.7
 
 
 def swinging(**columns: np.ndarray) -> Record:

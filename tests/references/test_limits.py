@@ -26,8 +26,15 @@ from tests.helpers import G, crane
 WIDE = Limits((10.0, 10.0, 10.0), (10.0, 10.0, 10.0))
 """More than any of these motions needs."""
 
-MASS, TROLLEY, LINKS = 1000.0, 500.0, 100.0
-"""Of load, trolley and the links between the swing joints [kg], of the crane of this project."""
+# Masses of the crane of this project.
+MASS = 1000.0
+"""Mass of the load [kg]."""
+
+TROLLEY = 500.0
+"""Mass of the trolley [kg]."""
+
+LINKS = 100.0
+"""Mass of the links between the swing joints [kg]."""
 
 
 def accelerated(gamma: float = 0.0, trolley: float = 0.0, hoist: float = 0.0) -> Motion:
@@ -102,7 +109,8 @@ def test_a_motion_uses_of_rate_and_acceleration_what_its_quintic_has(
 def test_the_shortest_section_is_that_of_the_drive_that_needs_most() -> None:
     of = crane()
     start = crane().state(x=10.0, l=15.0)
-    rates, accelerations = (1.0, 8.0, 4.0), (0.02, 0.3, 0.2)
+    rates = (1.0, 8.0, 4.0)
+    accelerations = (0.02, 0.3, 0.2)
     # By accelerations: each drive needs √(10/√3 · way / limit).
     needs = {
         drive: math.sqrt(10.0 / math.sqrt(3.0) * way / limit)

@@ -77,7 +77,8 @@ def test_a_run_is_made_again_from_its_file_alone_to_the_bit(
         validity="mark",
         disturbance=constant_force(made, payload=(30.0, 0.0, 0.0)),
     ).write(tmp_path / "run.parquet")
-    kept, again = read(path), replayed(path)
+    kept = read(path)
+    again = replayed(path)
     fitting = "compiled" if "rope_stiffness" in values else "pinocchio"
     assert kept.parameters["engine"] == (engine or fitting)
     for name in ("q", "v", "effort", "energy", "work", "dissipated", "outside"):
@@ -96,7 +97,8 @@ def test_a_run_is_made_again_from_the_gains_and_the_reference_in_its_file(tmp_pa
     ).write(tmp_path / "run.parquet")
     kept = read(path)
     again = load_crane(from_record=path)
-    control, base = kept.record["controller"], kept.record["reference"]
+    control = kept.record["controller"]
+    base = kept.record["reference"]
     assert (control["kind"], base["kind"]) == (
         "cranedyn.controllers.hold.Hold",
         "cranedyn.references.simple.Pulse",

@@ -48,7 +48,9 @@ effort="\S*" => name="" => effort of limit in joint yaw_joint in .* is ''; allow
 """
 """What is added to the crane, or takes the place of what, and what is said of it."""
 
-_MORE, _CHILD, _PARENT = '<link name="more"/>', '<child link="more"/>', '<parent link="hook_link"/>'
+_MORE = '<link name="more"/>'
+_CHILD = '<child link="more"/>'
+_PARENT = '<parent link="hook_link"/>'
 
 
 @pytest.mark.parametrize("row", REFUSED.strip().splitlines())

@@ -90,7 +90,8 @@ def test_a_batch_of_them_moves_as_each_does_alone() -> None:
 def test_ten_thousand_take_less_than_two_seconds() -> None:
     load_crane()
     began = time.process_time()
-    masses, lengths = np.linspace(500.0, 5000.0, 10_000), np.linspace(5.0, 25.0, 10_000)
+    masses = np.linspace(500.0, 5000.0, 10_000)
+    lengths = np.linspace(5.0, 25.0, 10_000)
     assert len(load_cranes(payload_mass=masses, l=lengths)) == 10_000
     assert time.process_time() - began < 2.0  # some 0.5 s
 

@@ -92,10 +92,12 @@ def _state(c: Crane, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
 def test_drag_in_still_air_holds_a_load_back_and_wind_takes_it_along() -> None:
     """Half of the density of air times area times the square of the speed through it."""
     c = crane()
-    made, (q, v) = _plant_of(c), _state(c)
+    made = _plant_of(c)
+    q, v = _state(c)
     area = 3.0
     areas = [area, *[0.0] * (len(c.points) - 1)]
-    body, lever = c.points[0].body, c.points[0].lever
+    body = c.points[0].body
+    lever = c.points[0].lever
     _, velocity = body_points(c.model, c.data, body, lever[None], q, v)
     speed = velocity[:, 0]
     for wind in (np.zeros(3), speed, np.array([9.0, -4.0, 0.0])):
@@ -151,9 +153,14 @@ def test_the_swing_of_a_pendulum_is_its_amplitude_by_energy() -> None:
     c = crane()
     made = _plant_of(c)
     layout = c.layout
-    q, v = c.start.q.copy(), np.zeros(layout.n)
+    q = c.start.q.copy()
+    v = np.zeros(layout.n)
     phi, theta, cable = (layout.index(name) for name in ("phi", "theta", "l"))
-    q[phi], q[theta], q[cable], v[phi], v[theta] = 0.03, -0.02, 11.0, 0.05, 0.01
+    q[phi] = 0.03
+    q[theta] = -0.02
+    q[cable] = 11.0
+    v[phi] = 0.05
+    v[theta] = 0.01
     square, amplitude = made.swing(q, v)
     assert square == pytest.approx(0.03**2 + 0.02**2)
     data = c.model.createData()
@@ -169,7 +176,8 @@ def test_the_ground_pushes_where_the_load_touches_and_its_power_is_force_times_s
     c = crane(hoist_max=40.0)
     contacts = Ground(box_corners(1.5, 3.0, 1.2), friction=0.3).contacts(c)
     made = replace(_plant_of(c), contacts=contacts)
-    q, v = c.start.q.copy(), 0.05 * np.random.default_rng(4).normal(size=c.layout.n)
+    q = c.start.q.copy()
+    v = 0.05 * np.random.default_rng(4).normal(size=c.layout.n)
     points = np.array(contacts.points)
     place, _ = body_points(c.model, c.data, contacts.body, points, q, v)
     q[c.layout.index("phi")] = 0.05  # so that two of them are in it, and two just above
@@ -229,13 +237,17 @@ def test_a_prescribed_motion_costs_what_inverse_dynamics_says() -> None:
 def test_buffers_push_a_drive_back_into_its_range() -> None:
     """Springs and dampers at 20 rad/s, half critical: by hand 400 M and 20 M for a drive of M."""
     c = crane()
-    layout, (q, v) = c.layout, _state(c, 6)
-    trolley, hoist = layout.index("x"), layout.index("l")
+    layout = c.layout
+    q, v = _state(c, 6)
+    trolley = layout.index("x")
+    hoist = layout.index("l")
     start = c.start.q.copy()
     start[layout.passive] = 0.0
     inertia = np.diag(pin.crba(c.model, c.data, start))
-    q[trolley], v[trolley] = c.upper[trolley] + 0.03, 0.2
-    q[hoist], v[hoist] = c.lower[hoist] - 0.02, -0.1
+    q[trolley] = c.upper[trolley] + 0.03
+    v[trolley] = 0.2
+    q[hoist] = c.lower[hoist] - 0.02
+    v[hoist] = -0.1
     push = np.zeros(layout.n)
     push[trolley] = -inertia[trolley] * (400.0 * 0.03 + 20.0 * 0.2)
     push[hoist] = inertia[hoist] * (400.0 * 0.02 + 20.0 * 0.1)
@@ -261,8 +273,11 @@ def test_an_inextensible_rope_holds_while_it_pulls_and_falls_free_while_it_does_
     hanging = 0 if drive == "motion" else -c.payload_mass * c.gravity  # nearly
     if drive == "effort":
         command[-1] = hanging
-    q, v = c.start.q.copy(), np.zeros(layout.n)
-    q[layout.index("phi")], v[layout.index("phi")], v[layout.index("theta")] = 0.2, 0.1, -0.1
+    q = c.start.q.copy()
+    v = np.zeros(layout.n)
+    q[layout.index("phi")] = 0.2
+    v[layout.index("phi")] = 0.1
+    v[layout.index("theta")] = -0.1
     mass = np.triu(pin.crba(c.model, data, q))
     mass = mass + np.triu(mass, 1).T
     resisting = pin.rnea(c.model, data, q, v, np.zeros(layout.n)) + c.damping * v
@@ -295,14 +310,16 @@ def test_conditions_tell_what_the_model_does_not_hold_for() -> None:
     c = crane()
     layout = c.layout
     hoist_force = -c.payload_mass * c.gravity
-    trolley, hoist = layout.index("x"), layout.index("l")
+    trolley = layout.index("x")
+    hoist = layout.index("l")
 
     def broken(drive: str = "effort", needed: float = 0.0, level: float = 0.0, **at: float) -> int:
         made = _plant_of(c, drive)
         if level:
             contacts = Ground(box_corners(1.0, 1.0, 1.0), height=level).contacts(c)
             made = replace(made, contacts=contacts)
-        q, v = c.start.q.copy(), np.zeros(layout.n)
+        q = c.start.q.copy()
+        v = np.zeros(layout.n)
         q[hoist] = at.get("l", q[hoist])
         v[trolley] = at.get("x_dot", 0.0)
         efforts = np.array([0.0, needed * c.effort_limit[1], hoist_force])
@@ -335,7 +352,8 @@ def test_a_load_that_hangs_askew_swings_about_where_it_hangs() -> None:
     hanging = [0.02 + 8e-3 + 24e-3, -0.03 + 2e-3 - 12e-3]
     assert_allclose(askew.hanging_angles(q[c.layout.drives]), hanging)
     phi, theta = c.swings.tolist()
-    q[phi], q[theta] = 0.1, 0.2
+    q[phi] = 0.1
+    q[theta] = 0.2
     assert askew.swing_angles(q) == pytest.approx({phi: 0.1 - hanging[0], theta: 0.2 - hanging[1]})
     assert made.plumb_at_zero and not askew.plumb_at_zero
 

@@ -249,7 +249,8 @@ def test_bad_packets_are_counted_and_print_no_tracebacks(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     plant = ServedCrane(load_crane(), duration=1.0)
-    opcua, modbus = (HOST, free_port()), (HOST, free_port())
+    opcua = (HOST, free_port())
+    modbus = (HOST, free_port())
     with serve.servers(plant, opcua, modbus):
         for place in (opcua, modbus):
             for packet in (b"HELF" + struct.pack("<I", 60) + bytes(52), bytes(range(256)) * 4):
@@ -391,7 +392,8 @@ def test_only_the_user_with_the_password_and_a_trusted_certificate_gets_in(tmp_p
     from asyncua.crypto.cert_gen import setup_self_signed_certificate
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
-    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.der"
+    key = tmp_path / "key.pem"
+    certificate = tmp_path / "certificate.der"
     uses = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
     names = {}
     uri = "urn:freeopcua:python:server"

@@ -32,8 +32,11 @@ from cranedyn.lifts.planning.optimal import optimal  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
-RATE, ACCELERATION = 1.0, 0.4
-"""Of the hoist."""
+RATE = 1.0
+"""Largest rate of the hoist [m/s]."""
+
+ACCELERATION = 0.4
+"""Largest acceleration of the hoist [m/s²]."""
 
 
 def durations(monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -99,7 +102,8 @@ def test_no_combined_move_takes_less_than_its_slew_alone(monkeypatch: pytest.Mon
 
 def test_a_preference_costs_no_more_time_than_it_is_worth(monkeypatch: pytest.MonkeyPatch) -> None:
     found = durations(monkeypatch)
-    start, goal = crane().state(x=10.0, l=15.0), crane().state(x=11.0, l=15.0)
+    start = crane().state(x=10.0, l=15.0)
+    goal = crane().state(x=11.0, l=15.0)
     worth = (1e-4, 0.03)
     motions = [
         optimal(crane(), start, goal, LIMITS, ramp=0.2, preference=Preference(longer=longer))
@@ -208,9 +212,11 @@ def test_among_obstacles_drives_stay_inside_their_ranges_as_far_as_start_and_goa
     moves: list[Move] = []
     monkeypatch.setattr(module, "problem", lambda move, _: moves.append(move))
     monkeypatch.setattr(transcription, "solve", lambda problem, guess, **_: guess)
-    start, goal = crane().state(x=12.0, l=15.0), crane().state(x=21.9998, l=15.0)
+    start = crane().state(x=12.0, l=15.0)
+    goal = crane().state(x=21.9998, l=15.0)
     optimal(crane(), start, goal, LIMITS, clearance=clearance(swing=0.2))
-    (low, high), own = moves[0].ranges, np.array([crane().lower, crane().upper])
+    low, high = moves[0].ranges
+    own = np.array([crane().lower, crane().upper])
     assert low[1] == own[0, 1] + 1e-3
     assert high[1] == 21.9998
     assert high[4] == own[1, 4] - 1e-3
@@ -221,7 +227,8 @@ def test_a_motion_whose_rope_leans_more_than_the_site_allows_is_not_returned(
 ) -> None:
     """Nothing stands in the way of a quick move, and the rope of a guess leans as it will."""
     monkeypatch.setattr(transcription, "solve", lambda problem, guess, **_: guess)
-    start, goal = crane().state(x=12.0, l=15.0), crane().state(x=18.0, l=15.0)
+    start = crane().state(x=12.0, l=15.0)
+    goal = crane().state(x=18.0, l=15.0)
     made = optimal(crane(), start, goal, LIMITS, clearance=clearance(swing=0.2))
     leans = float(clearance().tilt(made.q).max())
     assert 0.01 < leans < 0.2
@@ -284,7 +291,8 @@ def test_drives_reach_no_farther_between_two_times_than_is_said(seed: int) -> No
 
 def test_limits_of_a_drive_that_stands_still_do_not_matter() -> None:
     slow = Limits((1e-3, 1e-3, RATE), (1e-3, 1e-3, ACCELERATION))
-    start, goal = crane().state(l=15.0), crane().state(l=14.0)
+    start = crane().state(l=15.0)
+    goal = crane().state(l=14.0)
     still = ("gamma", "x")
     motion = optimal(crane(), start, goal, slow, still=still, interval=0.5, ramp=0.0)
     assert motion.arrival == pytest.approx(2.0 * np.sqrt(1.0 / ACCELERATION), abs=5e-3)

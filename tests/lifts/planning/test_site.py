@@ -203,7 +203,8 @@ end_header
 """A triangle of which a corner has a number too large for its type."""
 
 
-MESH, PRISM = '[[mesh]]\nname = "m"\n', '[[prism]]\nname = "p"\n'
+MESH = '[[mesh]]\nname = "m"\n'
+PRISM = '[[prism]]\nname = "p"\n'
 
 
 @pytest.mark.parametrize(
@@ -260,7 +261,8 @@ def test_meshes_models_and_neighbours_that_are_none_are_refused(
 
 
 def test_a_mesh_behind_a_link_out_of_the_folder_of_the_site_is_refused(tmp_path: Path) -> None:
-    outside, folder = tmp_path / "outside", tmp_path / "site"
+    outside = tmp_path / "outside"
+    folder = tmp_path / "site"
     outside.mkdir(), folder.mkdir()
     content = trimesh.creation.box([1.0, 1.0, 1.0]).export(file_type="stl")
     (outside / "cube.stl").write_bytes(content)

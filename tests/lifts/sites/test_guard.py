@@ -202,7 +202,8 @@ def room(
     command[0, probe] = 0.3
     lowest, highest = station.ranges
     box = np.array([[np.maximum(lowest, -9.0), np.minimum(highest, 50.0)]])
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     while high - low > 1e-7:
         middle = (low + high) / 2.0
         state = at_rest(station)
@@ -226,7 +227,8 @@ def test_a_guard_intervenes_at_95_percent_of_the_largest_swing_of_a_rope_of_its_
 
 def test_a_guard_leaves_room_for_a_swing_that_grows_by_the_power_1_5_of_the_shortening() -> None:
     guard = guard_of()
-    cable, rate = 6.0, 1.1
+    cable = 6.0
+    rate = 1.1
     # The winch goes on for the reaction time, then brakes by 0.6 m/s²: 1.58 m.
     shortened = cable - rate * (guard.station.brakes.reaction + rate / (2.0 * 0.6))
     assert shortened == pytest.approx(4.42, abs=0.01)
@@ -280,7 +282,8 @@ def test_drives_that_push_a_pivot_in_one_direction_add_up() -> None:
     # A tower that travels and a carriage, both along the jib. Each stops at once, which adds
     # v/√(g l) to the amplitude: together twice that, and not √2 times.
     guard = Guard(travelling_station(), SWING)
-    speed, cable = 0.02, 3.0
+    speed = 0.02
+    cable = 3.0
     alone = speed / math.sqrt(guard.station.crane.gravity * cable)
     for first, second, count in ((1.0, 0.0, 1), (0.0, 1.0, 1), (1.0, 1.0, 2), (1.0, -1.0, 2)):
         rates = (first * speed, second * speed, 0.0)
@@ -289,7 +292,9 @@ def test_drives_that_push_a_pivot_in_one_direction_add_up() -> None:
 
 def test_drives_at_right_angles_add_up_as_such_vectors_do() -> None:
     guard = guard_of()
-    cable, slew, trolley = 20.0, 1e-3, 0.03
+    cable = 20.0
+    slew = 1e-3
+    trolley = 0.03
     # The box reaches to 50 m.
     together = math.hypot(50.0 * slew, trolley) / math.sqrt(guard.station.crane.gravity * cable)
     assert 0.095 - room(guard, cable, (slew, trolley, 0.0)) == pytest.approx(together, rel=2e-2)
@@ -297,7 +302,8 @@ def test_drives_at_right_angles_add_up_as_such_vectors_do() -> None:
 
 def test_the_larger_of_measured_and_commanded_rates_counts() -> None:
     guard = guard_of()
-    cable, speed = 20.0, 0.1
+    cable = 20.0
+    speed = 0.1
     added = speed / math.sqrt(guard.station.crane.gravity * cable)
     fast = (0.0, speed, 0.0)
     slow = (0.0, 0.3 * speed, 0.0)

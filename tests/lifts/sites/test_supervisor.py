@@ -132,7 +132,8 @@ def test_a_box_whose_ends_are_swapped_inside_of_the_reserved_one_is_no_held_box(
     supervisor = supervisor_of()
     request = honest(supervisor)
     middle = request.held.mean(axis=1)
-    request.held[0, 0], request.held[0, 1] = middle + 1e-4, middle - 1e-4
+    request.held[0, 0] = middle + 1e-4
+    request.held[0, 1] = middle - 1e-4
     assert_is_ignored(supervisor, request)
 
 
@@ -140,7 +141,8 @@ def test_of_two_rows_of_a_message_for_one_copy_the_first_counts() -> None:
     supervisor = supervisor_of(2)
     one = honest(supervisor)
     wider = one.wanted + np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]])
-    copies, number = np.array([1, 1]), np.array([1, 2])
+    copies = np.array([1, 1])
+    number = np.array([1, 2])
     held = np.concatenate([one.held] * 2)
     wanted = np.concatenate([one.wanted, wider])
     grant = supervisor.receive(0, BoxRequest(copies, number, held, wanted))
