@@ -162,7 +162,8 @@ def test_a_double_pendulum_is_compared_by_those_that_run_any_crane() -> None:
     able = [one for one in CONTESTANTS if one.any_crane and not one.missing()]
     assert {"plain loop", "compiled closed loop"} <= {one.name for one in able}
     ready, refused = sort(hook, able)
-    assert refused == [] and len(ready) == len(able)
+    assert refused == []
+    assert len(ready) == len(able)
 
 
 # --- C --------------------------------------------------------------------------------------------

@@ -201,7 +201,8 @@ def test_the_figure_of_few_strategies_shows_its_label_whole_and_says_which_move_
     figure = swing_figure(COMBINED, {f"strategy {i}": still for i in range(count)})
     figure.draw_without_rendering()
     label = figure._supylabel.get_window_extent()  # type: ignore[attr-defined]
-    assert figure.bbox.y0 <= label.y0 and label.y1 <= figure.bbox.y1
+    assert figure.bbox.y0 <= label.y0
+    assert label.y1 <= figure.bbox.y1
     assert "combined move" in figure.axes[0].get_title(loc="left")
 
 

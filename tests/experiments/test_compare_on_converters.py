@@ -124,7 +124,8 @@ def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
     assert [claim.holds for claim in claims.converter_claims(broken)] == [False]
     assert list(claims.converter_claims({"one": {PD: {"as planned": scored(1.0)}}})) == []
     table = tables.drives_table(MOVES[0], good)
-    assert table.columns[-1][0] == "beyond [s]" and table.rows[0][-1] == 0.5
+    assert table.columns[-1][0] == "beyond [s]"
+    assert table.rows[0][-1] == 0.5
 
 
 def test_the_command_says_which_drives_it_took(tmp_path: Path) -> None:

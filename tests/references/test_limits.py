@@ -179,13 +179,15 @@ def test_a_hanging_reference_covers_its_duration_and_ends_at_rest(duration: floa
     ):
         motion = hanging_reference(of, reference, duration)
         assert motion.arrival == pytest.approx(duration, abs=1e-12)
-        assert not motion.v[-1].any() and not motion.a[-1].any()
+        assert not motion.v[-1].any()
+        assert not motion.a[-1].any()
         before = reference(duration - motion.period)
         np.testing.assert_allclose(motion.v[-2, motion.drives], before.velocity, atol=1e-12)
         np.testing.assert_allclose(motion.a[-2, motion.drives], before.acceleration, atol=1e-12)
         for answer in (motion(duration), motion(duration + 1.0)):
             np.testing.assert_allclose(answer.position, reference(duration).position, atol=1e-12)
-            assert not answer.velocity.any() and not answer.acceleration.any()
+            assert not answer.velocity.any()
+            assert not answer.acceleration.any()
 
 
 # --- rows ----------------------------------------------------------------------------------------
@@ -198,7 +200,8 @@ def test_between_rows_is_where_a_straight_line_says(t: float, period: float) -> 
     rows, shares = locate_many(np.array([t]), period, len(table))
     expected = np.interp(t, period * np.arange(len(table)), table)
     for index, part in ((row, share), (int(rows[0]), float(shares[0]))):
-        assert 0 <= index < len(table) and 0.0 <= part < 1.0
+        assert 0 <= index < len(table)
+        assert 0.0 <= part < 1.0
         there = table[index] + (part * (table[index + 1] - table[index]) if part else 0.0)
         # A time within 1e-6 of a period of a row counts as that of the row; steps up to 14.
         assert there == pytest.approx(expected, abs=2e-5)
@@ -214,7 +217,8 @@ def test_a_motion_moves_from_its_first_row_to_its_last_and_stands_still_beyond()
             assert answer.acceleration.tolist() == (-v[row, ::-1]).tolist()
     for t, row in ((-1e-3, 0), (1.001, 2)):
         for answer in (motion(t), Setpoint(*(part[0] for part in motion.at(np.array([t]))))):
-            assert not answer.velocity.any() and not answer.acceleration.any()
+            assert not answer.velocity.any()
+            assert not answer.acceleration.any()
             assert answer.position == pytest.approx(0.1 * v[row, ::-1])
     assert motion.arrival == 1.0
 

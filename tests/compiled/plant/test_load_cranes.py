@@ -103,7 +103,8 @@ def test_an_overhead_crane_has_them_too() -> None:
         payload_mass=some(1000.0, 9000.0),
         bridge_mass=some(5e3, 2e4),
     )
-    assert len(cranes[3:5]) == 2 and cranes[3].payload_mass != cranes[4].payload_mass
+    assert len(cranes[3:5]) == 2
+    assert cranes[3].payload_mass != cranes[4].payload_mass
 
 
 def test_starts_are_coordinates_and_rates_by_name() -> None:

@@ -126,7 +126,8 @@ def test_a_move_that_begins_in_motion_takes_what_is_left_of_a_trapezoid(
     # intervals of half a second do not end where the jerk should switch
     assert least * (1.0 - 1e-6) < found[-1] < least + 0.05
     assert motion.v[0, 4] == -RATE
-    assert not motion.v[-1].any() and not motion.a[-1].any()
+    assert not motion.v[-1].any()
+    assert not motion.a[-1].any()
 
 
 def test_a_move_that_ends_in_motion_ends_so_in_a_row() -> None:
@@ -134,7 +135,8 @@ def test_a_move_that_ends_in_motion_ends_so_in_a_row() -> None:
     least = 5.0 / RATE + 0.5 * (RATE / ACCELERATION + 0.5)
     # as above, and one row
     assert least <= motion.arrival < least + 0.055
-    assert motion.v[-1, 4] == -RATE and motion.q[-1, 4] == 10.0
+    assert motion.v[-1, 4] == -RATE
+    assert motion.q[-1, 4] == 10.0
     h = motion.period
     # the last row follows from the one before: order 5 of the plan, 1e-8 of IPOPT
     assert motion.q[-2, 4] + h * motion.v[-2, 4] == pytest.approx(10.0, abs=1e-6)
@@ -145,7 +147,8 @@ def test_a_swinging_load_is_brought_to_rest_where_it_hangs() -> None:
     start = crane().state(x=12.0, l=15.0, phi=0.05, phi_dot=0.02)
     goal = crane().state(x=12.0, l=15.0)
     motion = optimal(crane(), start, goal, LIMITS, still=("gamma", "l"), interval=0.5)
-    assert motion.q[0].tolist() == start.q.tolist() and motion.v[0].tolist() == start.v.tolist()
+    assert motion.q[0].tolist() == start.q.tolist()
+    assert motion.v[0].tolist() == start.v.tolist()
     assert max(use(crane(), motion, LIMITS).values()) < 1.0 + 1e-6
     amplitude = np.hypot(motion.q[-2, 2], motion.v[-2, 2] * np.sqrt(15.0 / crane().gravity))
     assert amplitude < 5e-6  # what the swing that was integrated differs from that of the plan

@@ -144,11 +144,14 @@ def step_with(value: float, where: str, column: int) -> None:
     before = guard.box.copy()
     inputs[0, column % inputs.shape[1]] = value
     rates, request = guard.step(0.0, state, command)
-    assert np.isfinite(rates).all() and np.isfinite(guard.box).all()
+    assert np.isfinite(rates).all()
+    assert np.isfinite(guard.box).all()
     if not abs(value) <= MAX_INPUT:
-        assert guard.fault.all() and not len(request.copies)
+        assert guard.fault.all()
+        assert not len(request.copies)
         assert (guard.box == before).all()
-        assert (np.abs(rates) < 0.1 * full).all() and (rates >= 0.0).all()
+        assert (np.abs(rates) < 0.1 * full).all()
+        assert (rates >= 0.0).all()
     lowest, highest = guard.station.ranges
     tolerances = guard.station.brakes.tolerances
     for wanted in request.wanted:
@@ -258,17 +261,22 @@ def test_a_guard_stops_work_above_its_wind_and_goes_on_below(reading: float) -> 
     guard.rates = 0.01 * full[None]
     before = guard.box.copy()
     rates, request = guard.step(0.0, at_rest(guard.station), full[None], reading)
-    assert guard.stopped_by_wind.all() and not guard.fault.any()
-    assert not len(request.copies) and (guard.box == before).all()
-    assert (rates >= 0.0).all() and (rates < 0.01 * full).all()
+    assert guard.stopped_by_wind.all()
+    assert not guard.fault.any()
+    assert not len(request.copies)
+    assert (guard.box == before).all()
+    assert (rates >= 0.0).all()
+    assert (rates < 0.01 * full).all()
     _, request = guard.step(0.1, at_rest(guard.station), full[None], 8.9)
-    assert not guard.stopped_by_wind.any() and len(request.copies)
+    assert not guard.stopped_by_wind.any()
+    assert len(request.copies)
 
 
 def test_a_guard_that_was_told_of_no_wind_stops_in_any() -> None:
     guard = guard_of()
     _, request = guard.step(0.0, at_rest(guard.station), np.ones((1, 3)), 0.1)
-    assert guard.stopped_by_wind.all() and not len(request.copies)
+    assert guard.stopped_by_wind.all()
+    assert not len(request.copies)
     _, request = guard.step(0.0, at_rest(guard.station), np.ones((1, 3)), 0.0)
     assert len(request.copies)
 
@@ -346,4 +354,5 @@ def test_a_copy_of_a_guard_goes_on_as_it_does_and_shares_nothing_with_it(copied:
     for k in range(5):
         passed, _ = guard.step(1.0 + CYCLE * k, state, guard.station.converters.rates[None])
         same_passed, _ = same.step(1.0 + CYCLE * k, state, guard.station.converters.rates[None])
-        assert (passed == same_passed).all() and (guard.box == same.box).all()
+        assert (passed == same_passed).all()
+        assert (guard.box == same.box).all()
