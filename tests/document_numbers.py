@@ -51,7 +51,8 @@ def _row(numbers: Iterable[float], form: str, separator: str = " | ") -> str:
 
 
 def _a1(result: Result) -> Sentences:
-    article, budget = result.table("Free swing beside"), result.table("Error budget")
+    article = result.table("Free swing beside")
+    budget = result.table("Error budget")
     periods = [abs(row["diff [%]"]) for row in result.table("Predicted")]
     causes = "payload inertia,dummy inertia,pivot spring,pivot damper,amplitude,gravity"
     residual = [
@@ -91,7 +92,8 @@ def _a2(result: Result) -> Sentences:
 
 def _a3(result: Result) -> Sentences:
     rows = result.table("Tangential swing")
-    amplitude, rms = f"{rows[0]['θ measured [rad]']:.4f}", f"{rows[0]['RMS [rad]']:.5f}"
+    amplitude = f"{rows[0]['θ measured [rad]']:.4f}"
+    rms = f"{rows[0]['RMS [rad]']:.5f}"
     correlation = f"{rows[0]['correlation']:+.4f}"
     soft, stiff = (
         [row["of amplitude [%]"] for row in rows if row["slew drive"] == drive]

@@ -267,7 +267,8 @@ def _fleet(draw: _Draw) -> np.ndarray:
     crane = draw.cranes[0]
     n = int(draw.rng.integers(1, 40))
     indices = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
-    q, v = np.tile(crane.start.q, (len(indices), 1)), np.zeros((len(indices), crane.layout.n))
+    q = np.tile(crane.start.q, (len(indices), 1))
+    v = np.zeros((len(indices), crane.layout.n))
     forces = bool(rng.random() < 0.5)
     drive = str(rng.choice(["motion", "effort"]))
     fleet = Fleet(draw.cranes, n, control_period=1e-2, drive=drive, forces=forces, threads=2)

@@ -69,7 +69,9 @@ def _explicit_euler(
     acceleration: Acceleration, faster: Add, further: Add, q: Any, v: Any, steps: int
 ) -> tuple[Any, Any]:
     for _ in range(steps):
-        q, v = further(q, v), faster(v, acceleration(q, v))
+        acceleration_before = acceleration(q, v)
+        q = further(q, v)
+        v = faster(v, acceleration_before)
     return q, v
 
 
@@ -92,7 +94,8 @@ def flow(
     """Coordinates and rates at given times, shape (times, n) each, under accelerations of the state
     or else under prescribed drive accelerations; by DOP853 to 1e-10.
     """
-    n, m = crane.layout.n, crane.layout.m
+    n = crane.layout.n
+    m = crane.layout.m
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         state = State(y[:n], y[n:])
@@ -196,10 +199,13 @@ def files(folder: Path) -> list[str]:
 
 def pendulum_period(length: float, gravity: float, amplitude: float = 0.0) -> float:
     """Gauss: 2π√(l/g) / AGM(1, cos(A/2)), by the arithmetic-geometric mean itself."""
-    a, b = 1.0, math.cos(amplitude / 2.0)
+    arithmetic = 1.0
+    geometric = math.cos(amplitude / 2.0)
     for _ in range(8):
-        a, b = (a + b) / 2.0, math.sqrt(a * b)
-    return 2.0 * math.pi * math.sqrt(length / gravity) / a
+        sum_before = arithmetic + geometric
+        geometric = math.sqrt(arithmetic * geometric)
+        arithmetic = sum_before / 2.0
+    return 2.0 * math.pi * math.sqrt(length / gravity) / arithmetic
 
 
 def _vector(*ranges: tuple[float, float]) -> st.SearchStrategy[np.ndarray]:

@@ -45,7 +45,10 @@ class Lagrangian:
         """T(q, v)."""
         _, x, phi, theta, length = q
         slew, x_dot, phi_dot, theta_dot, length_dot = v
-        sp, cp, st, ct = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
+        sp = np.sin(phi)
+        cp = np.cos(phi)
+        st = np.sin(theta)
+        ct = np.cos(theta)
         radius = x - length * ct * sp
         aside = -length * st
         radial = (

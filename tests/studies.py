@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import subprocess
 import time
 from collections.abc import Mapping
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -133,3 +135,14 @@ def deaf(seconds: int) -> None:
         with open(os.environ["SWEEP_LOG"], "a") as log:
             log.write(f"{os.getpid()} 0\n")
     ctypes.PyDLL(None).sleep(seconds)
+
+
+def killed_while_sending() -> str:
+    """A result of which half is sent to the parent before this process is killed."""
+
+    def send_half(connection: Connection, message: bytes) -> None:
+        os.write(connection.fileno(), message[: len(message) // 2])
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    Connection._send = send_half  # type: ignore[attr-defined]
+    return "a result"

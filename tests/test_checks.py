@@ -416,7 +416,9 @@ def test_a_value_out_of_range_is_a_sentence_that_says_what_was_given_and_what_is
 def test_lists_and_whole_numbers_are_arrays_of_doubles() -> None:
     lists = Hold(C, [1, 2, 3], [1, 2, 3], [0, 0, 0])  # type: ignore[arg-type]
     assert lists.stiffness.dtype == float
-    q, v, a = MOTION.q.tolist(), MOTION.v.astype(int).tolist(), MOTION.a.tolist()
+    q = MOTION.q.tolist()
+    v = MOTION.v.astype(int).tolist()
+    a = MOTION.a.tolist()
     assert Motion(5e-3, q, v, a, [0, 1, 4]).v.dtype == float  # type: ignore[arg-type]
     assert Shaper([0, 1], [1, 0]).fractions.dtype == float  # type: ignore[arg-type]
     assert Spline([0, 1], [[1, 2], [3, 4]])(0.5).position.tolist() == [2.0, 3.0]  # type: ignore[arg-type]
@@ -558,7 +560,8 @@ def test_a_cost_that_was_computed_is_not_blamed_on_a_weight_that_nobody_gave(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(riccati.__globals__, "stationary", lambda *_: -np.eye(18))
-    a, b = np.eye(18)[None], np.ones((1, 18, 1))
+    a = np.eye(18)[None]
+    b = np.ones((1, 18, 1))
     with pytest.raises(CraneError) as caught:
         riccati(a, b, np.eye(18), np.eye(1))
     sentence = str(caught.value)

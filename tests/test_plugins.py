@@ -80,7 +80,8 @@ def test_an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of
     written = cranedyn(lab, "export", "table", tmp_path / "joints.csv", *words)
     assert (written.returncode, written.stderr) == (0, "")
     rows = (tmp_path / "joints.csv").read_text().splitlines()
-    assert len(rows) == 6 and rows[-1].startswith("hoist_joint;")
+    assert len(rows) == 6
+    assert rows[-1].startswith("hoist_joint;")
     assert cranedyn(lab, "export", "mjcf", tmp_path / "crane.xml").returncode == 0
     assert "<mujoco" in (tmp_path / "crane.xml").read_text()
 
@@ -113,7 +114,8 @@ def test_a_broken_exporter_of_another_package_takes_no_other_with_it(
     (tmp_path / "broken_package" / "module.py").write_text('"""A module."""')
     (tmp_path / "lab-1.0.dist-info" / "entry_points.txt").write_text("\n".join(entries))
     listed = cranedyn(lab, "export", "--help")
-    assert listed.returncode == 0 and "Takes 100 %(s) of it." in listed.stdout
+    assert listed.returncode == 0
+    assert "Takes 100 %(s) of it." in listed.stdout
     assert " ".join(listed.stdout.split()).count("cannot be loaded") == 4
     assert cranedyn(lab, "export", "mjcf", tmp_path / "crane.xml").returncode == 0
     reasons = {name: reason for name, (_, reason) in BROKEN.items()}

@@ -72,7 +72,8 @@ def test_the_factor_of_finite_amplitude_is_that_of_the_arithmetic_geometric_mean
 def test_the_give_of_the_pivot_is_the_eigenvalue_of_trolley_and_load(
     length: float, stiffness: float, damping: float
 ) -> None:
-    m, trolley = 1000.0, 600.0
+    m = 1000.0
+    trolley = 600.0
     # trolley x, lag φ: M ẍ + k_d ẋ + k_p x = -m g φ, l φ̈ + g φ = ẍ
     mass = np.array([[trolley, 0.0], [-1.0, length]])
     spring = np.array([[stiffness, m * G], [0.0, G]])
@@ -104,7 +105,9 @@ def test_the_give_of_a_spring_is_the_published(length: float, percent: float) ->
 def test_the_give_of_the_hoist_is_that_of_an_elastic_pendulum(
     stiffness: float, damping: float
 ) -> None:
-    m, length, amplitude = 1000.0, 10.0, 0.1
+    m = 1000.0
+    length = 10.0
+    amplitude = 0.1
     omega = math.sqrt(G / length)
     turns = 8
 
@@ -179,7 +182,8 @@ def test_small_swing_is_the_limit_of_the_full_equations(
 ) -> None:
     c = big_crane()
     size = 1e-4
-    q, v = state.q.copy(), state.v.copy()
+    q = state.q.copy()
+    v = state.v.copy()
     q[2:4] *= size
     v[2:4] *= size
     drives = dict(x=q[1], x_rate=v[1], slew_rate=v[0], length=q[4], length_rate=v[4], gravity=G)
@@ -368,7 +372,9 @@ def test_a_quintic_of_some_durations_leaves_nothing(ratio: float) -> None:
 
 
 def test_the_period_under_a_rolling_trolley_is_the_eigenvalue_of_both() -> None:
-    mass, trolley, length = 1000.0, 500.0, 20.0
+    mass = 1000.0
+    trolley = 500.0
+    length = 20.0
     # (M + m) ẍ - m l φ̈ = 0 and l φ̈ + g φ = ẍ
     inertia = np.array([[trolley + mass, -mass * length], [-1.0, length]])
     values = np.linalg.eigvals(np.linalg.solve(inertia, np.array([[0.0, 0.0], [0.0, G]])))

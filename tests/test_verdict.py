@@ -54,7 +54,9 @@ def test_checks_hold_together_only_if_there_are_some_and_all_hold(
 def test_each_verdict_has_a_word_and_a_sign_of_its_own() -> None:
     assert [verdict.word for verdict in Verdict] == ["holds", "FAILS", "not judged"]
     marks = [mark_html(verdict) for verdict in Verdict]
-    assert len(set(marks)) == 3 and "✔" in marks[0] and not any("✔" in mark for mark in marks[1:])
+    assert len(set(marks)) == 3
+    assert "✔" in marks[0]
+    assert not any("✔" in mark for mark in marks[1:])
 
 
 def test_a_default_is_never_taken_for_an_entered_value() -> None:

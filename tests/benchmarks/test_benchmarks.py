@@ -162,7 +162,8 @@ def test_a_double_pendulum_is_compared_by_those_that_run_any_crane() -> None:
     able = [one for one in CONTESTANTS if one.any_crane and not one.missing()]
     assert {"plain loop", "compiled closed loop"} <= {one.name for one in able}
     ready, refused = sort(hook, able)
-    assert refused == [] and len(ready) == len(able)
+    assert refused == []
+    assert len(ready) == len(able)
 
 
 # --- C --------------------------------------------------------------------------------------------
@@ -189,7 +190,8 @@ def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
     library.run(8 // lanes, 1, starts.ctypes.data, ends.ctypes.data, peaks.ctypes.data, None)
     paper = Lagrangian(c.gravity)
     for start, end in zip(starts, ends, strict=True):
-        q, v = start[:5], start[5:]
+        q = start[:5]
+        v = start[5:]
         effort = (case.controller.feed_forward - case.controller.damping * v[[0, 1, 4]]).clip(
             -c.effort_limit, c.effort_limit
         )

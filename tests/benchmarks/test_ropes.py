@@ -18,4 +18,5 @@ def test_only_ropes_of_loads_that_bounce_go_slack_while_they_are_timed() -> None
     slack, changes, speed, ratio = zip(*named.values(), strict=True)
     assert [share > 0.0 for share in slack] == [False, False, True, True]
     assert [count > 0.0 for count in changes] == [False, False, True, True]
-    assert min(speed) > 0.0 and ratio[0] == 1.0
+    assert min(speed) > 0.0
+    assert ratio[0] == 1.0

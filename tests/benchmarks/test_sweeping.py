@@ -24,7 +24,8 @@ def test_a_pace_is_that_of_the_parts_and_not_of_the_start(monkeypatch: pytest.Mo
     monkeypatch.setattr(sweeping, "time", times)
     found = sweeping.pace(sweep_studies.waiting, ONE, 8, 1)
     assert found.first == 3.0
-    assert found.each == pytest.approx(0.05) and found.busy == pytest.approx(0.01)
+    assert found.each == pytest.approx(0.05)
+    assert found.busy == pytest.approx(0.01)
 
 
 @pytest.mark.slow
@@ -64,6 +65,7 @@ def test_dasks_workers_compute_what_processes_do() -> None:
     pytest.importorskip("distributed", reason="the extra dask is not installed")
     before = time.perf_counter()
     with sweeping.way("Dask", 1) as by:
-        assert by.name == "Dask, 1 worker" and by.scheduler.startswith("tcp://127.0.0.1:")
+        assert by.name == "Dask, 1 worker"
+        assert by.scheduler.startswith("tcp://127.0.0.1:")
         found = sweeping.pace(sweep_studies.nothing, by, 6, 10)
     assert 0.0 < found.each < time.perf_counter() - before

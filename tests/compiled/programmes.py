@@ -16,7 +16,9 @@ from cranedyn.compiled.machine import Machine, translate
 
 def random(rng: np.random.Generator, tight: float, shape: HorizonShape) -> HorizonProblem:
     """A stable model of any numbers, with bounds that are met the more, the tighter they are."""
-    z, m, n = shape.states, shape.inputs, shape.stages
+    z = shape.states
+    m = shape.inputs
+    n = shape.stages
     a = rng.normal(size=(z, z))
     a *= 0.99 / np.abs(np.linalg.eigvals(a)).max()
     both = shape.variables + m
@@ -59,7 +61,9 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     """By our solver."""
     shape = problem.shape
     work = np.zeros(problem.shape.size)
-    z, w, m = shape.states, shape.variables, shape.inputs
+    z = shape.states
+    w = shape.variables
+    m = shape.inputs
 
     def common(name: str, i: int = 0) -> np.ndarray:
         return work[shape.offset(name, i) :][: shape.row_length]
@@ -71,7 +75,8 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
         stages[:, place : place + values.shape[1]] = values
 
     for i in range(z):
-        common("weight", i)[:z], common("end", i)[:z] = problem.q[i], problem.end[i]
+        common("weight", i)[:z] = problem.q[i]
+        common("end", i)[:z] = problem.end[i]
         put("forward", np.hstack([problem.a[:, i], problem.b[:, i]]), i)
     for i, weights in enumerate(problem.r):
         common("weight", z + i)[z:w] = weights
@@ -80,7 +85,9 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     put("gradient", problem.gradient)
     put("extra_shift", problem.d, first=w)
     common("start")[:z] = problem.start
-    common("low")[:], common("high")[:], common("price")[:] = -1e9, 1e9, problem.price[0]
+    common("low")[:] = -1e9
+    common("high")[:] = 1e9
+    common("price")[:] = problem.price[0]
     for name in ("low", "high", "price"):
         common(name)[: w + m] = getattr(problem, name)
     common("report")[REPORT.index("barrier")] = 0.1 * problem.price[0]

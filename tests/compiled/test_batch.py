@@ -40,7 +40,8 @@ from tests.compiled.test_compiled import allowed_between, per_second, soft_hold
 from tests.helpers import G, crane
 from tests.system.test_properties import LAB, VARIANTS
 
-PERIOD, LASTS = 1e-2, 0.5
+PERIOD = 1e-2
+LASTS = 0.5
 CLOCK: dict[str, Any] = {"duration": LASTS, "dt": 1e-3, "control_period": PERIOD}
 ROWS = 51
 
@@ -131,7 +132,9 @@ def _pushed(rows: np.ndarray, interval: int = 1) -> Callable[[float, State], np.
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 20])
 @pytest.mark.slow
 def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
-    cranes, starts, references = _cranes(count), _starts(count), _references(count)
+    cranes = _cranes(count)
+    starts = _starts(count)
+    references = _references(count)
     rng = np.random.default_rng(6)
     force = rng.normal(size=(count, 10, 6)) * 200.0
     offsets = rng.normal(size=(count, 10)) * 0.01
@@ -158,7 +161,9 @@ def test_drives_and_stepping_rules_are_those_of_a_run_alone(
 ) -> None:
     count = 9
     how = {**CLOCK, "dt": dt, "drive": drive, "integrator": integrator, "t_start": 1.0}
-    cranes, starts, references = _cranes(count), _starts(count), _references(count)
+    cranes = _cranes(count)
+    starts = _starts(count)
+    references = _references(count)
     controllers: list[Any] = [hold_controller(crane())] * count
     if drive == "motion":
         controllers = [follow(crane(), reference, PERIOD) for reference in references]
@@ -353,7 +358,9 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
     rows = batch.t >= late - 1e-9
     ended = 0
     for i in range(count):
-        q, v, effort = batch.q[i], batch.v[i], batch.effort[i]
+        q = batch.q[i]
+        v = batch.v[i]
+        effort = batch.effort[i]
         # rounding.
         assert batch.peak_swing[i] == pytest.approx(np.hypot(q[:, 2], q[:, 3]).max(), rel=1e-14)
         amplitude = swing_amplitude(q[rows, 2:4], v[rows, 2:4], q[rows, 4], G)
@@ -524,7 +531,8 @@ def test_a_hold_controller_keeps_its_places_as_any_other_controller(places: int)
 def test_starts_of_their_own_take_a_fifth_more_memory_than_equal_ones_at_most() -> None:
     c = crane()
     count = 10_000
-    q, v = np.tile(c.start.q, (count, 1)), np.zeros((count, c.layout.n))
+    q = np.tile(c.start.q, (count, 1))
+    v = np.zeros((count, c.layout.n))
     own = q + np.linspace(0.0, 1.0, count)[:, None] * [0.0, 1.0, 0.0, 0.0, 0.0]
     run = partial(simulate_batch, c, hold_controller(c), **{**CLOCK, "duration": PERIOD})
     equal_peak, own_peak = (_peak(partial(run, start=State(start, v))) for start in (q, own))
@@ -610,5 +618,6 @@ def test_one_delay_is_that_of_all_and_none_is_no_other_code() -> None:
 
     one = end(sensor_delay=4)
     none = end()
-    assert (end(sensor_delay=[4] * 9) == one).all() and (one != none).any()
+    assert (end(sensor_delay=[4] * 9) == one).all()
+    assert (one != none).any()
     assert (end(sensor_delay=0) == none).all()

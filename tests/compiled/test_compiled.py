@@ -73,15 +73,14 @@ def allowed_between(c: Crane, run: Trajectory, per_second: float) -> dict[str, n
     )
     if run.parameters["drive"] == "motion":
         jumps = 8.0 * EPS * fastest / run.parameters["control_period_s"] * _inertia(c)
-        allowed["command"], allowed["effort"] = (
-            allowed["command"] + jumps,
-            allowed["effort"] + jumps,
-        )
+        allowed["command"] = allowed["command"] + jumps
+        allowed["effort"] = allowed["effort"] + jumps
         allowed["work"] = allowed["work"] + jumps * most * seconds
     allowed["work"] = allowed["work"] + len(run) * EPS * farthest * np.abs(run.effort).max(axis=0)
     # where nothing moves, rounding of the weight that is held
     weight = 1e-3 * per_second * seconds * run.parameters["gravity_m_s2"]
-    allowed["v"], allowed["q"] = allowed["v"] + weight, allowed["q"] + weight * seconds
+    allowed["v"] = allowed["v"] + weight
+    allowed["q"] = allowed["q"] + weight * seconds
     allowed["dissipated"] = allowed["dissipated"] + seconds * weight * (
         c.damping @ (2.0 * np.abs(run.v).max(axis=0, initial=0.0) + weight)
     )
@@ -114,7 +113,8 @@ def both(
 
 # --- whole runs -----------------------------------------------------------------------------------
 
-PERIOD, LASTS = 1e-2, 0.6
+PERIOD = 1e-2
+LASTS = 0.6
 CLOCK: dict[str, Any] = {"duration": LASTS, "dt": 1e-3, "control_period": PERIOD}
 
 
@@ -273,8 +273,10 @@ def _midpoint(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The explicit rule of order 2."""
     for _ in range(steps):
-        halfway = faster(v, 0.5 * acceleration(q, v))
-        q, v = move(q, halfway), faster(v, acceleration(move(q, 0.5 * v), halfway))
+        q_halfway = move(q, 0.5 * v)
+        v_halfway = faster(v, 0.5 * acceleration(q, v))
+        q = move(q, v_halfway)
+        v = faster(v, acceleration(q_halfway, v_halfway))
     return q, v
 
 
@@ -406,7 +408,8 @@ def test_at_its_limit_the_integrator_stops_alike_and_comes_back() -> None:
 @pytest.mark.parametrize("name", ["hold", "integral", "python", "follow"])
 def test_pieces_of_a_run_joined_are_the_whole(name: str) -> None:
     drive, made = CONTROLLERS[name]
-    c, controller = crane(), made()
+    c = crane()
+    controller = made()
     how = {**CLOCK, "drive": drive, "validity": "mark", "engine": "compiled"}
     whole = simulate(c, made(), _reference(), start=_start(), **how)
     pieces = list[Trajectory]()
@@ -671,7 +674,8 @@ def test_the_error_of_rk4_falls_with_the_fourth_power_of_the_step(engine: Any) -
         run = simulate(c, constant(*effort), start=start, duration=4.0, **how)
         return float(np.abs(np.concatenate(run.state(-1)) - exact).max())
 
-    coarse, fine = miss(0.1), miss(0.05)
+    coarse = miss(0.1)
+    fine = miss(0.05)
     assert 1e-8 < fine < 1e-4  # far above rounding and the reference
     # Order 4; the next order is 0.05 s times rates of 2/s.
     assert coarse / fine == pytest.approx(16.0, rel=0.15)

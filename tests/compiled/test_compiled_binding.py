@@ -217,7 +217,9 @@ def test_only_the_binding_takes_addresses_and_calls_compiled_code() -> None:
     ]
 
 
-_LANES, _CRANES, _PERIODS = 8, 11, 20
+_LANES = 8
+_CRANES = 11
+_PERIODS = 20
 _SIZES = BufferLayout.of(crane().layout)
 _GAINS, _SETPOINTS, _FORCE, _OFFSET = map(
     size, (_SIZES.gain_table, _SIZES.setpoint_table, _SIZES.force, _SIZES.offset)
@@ -567,10 +569,12 @@ def test_ctrl_c_is_answered_within_two_seconds_under_the_longest_horizon(
 @pytest.mark.parametrize("count", [0, 1, 8, 21])
 def test_compiled_columns_have_the_bits_of_numpy_and_are_all_there_are(count: int) -> None:
     def text(value: Callable[[float], Any], numbers: np.ndarray) -> list[Any]:
-        a, b = numbers[:3], numbers[3]
+        a = numbers[:3]
+        b = numbers[3]
         return [square_root((a * a).sum()) / value(0.1) + b * 3.0 * 0.7, a[2] - b]
 
-    code, (*a, b) = compile_columns(text, [3, 1], 2), np.random.default_rng(0).random((4, count))
+    code = compile_columns(text, [3, 1], 2)
+    *a, b = np.random.default_rng(0).random((4, count))
     first = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) / 0.1 + b * 3.0 * 0.7
     answers = code(np.array(a).T.copy().T, b[None])  # rows are not contiguous
     np.testing.assert_array_equal(answers, [first, a[2] - b])

@@ -106,9 +106,12 @@ def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_poin
 ) -> None:
     rng = np.random.default_rng(4)
     kinds = [variant.crane(), variant.crane(payload_mass=1500.0)]
-    c, n, m = kinds[0], kinds[0].layout.n, kinds[0].layout.m
+    c = kinds[0]
+    n = kinds[0].layout.n
+    m = kinds[0].layout.m
     fleet = Fleet(kinds, COUNT, drive=drive, control_period=2e-2, dt=1e-3, forces=True)
-    away, rates = rng.uniform(-0.01, 0.01, (COUNT, n)), rng.uniform(-0.01, 0.01, (COUNT, n))
+    away = rng.uniform(-0.01, 0.01, (COUNT, n))
+    rates = rng.uniform(-0.01, 0.01, (COUNT, n))
     start = State(c.start.q + away, rates)
     which = rng.integers(0, 2, COUNT)
     force = rng.uniform(-200.0, 200.0, (COUNT, 3 * len(c.points)))

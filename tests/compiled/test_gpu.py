@@ -40,7 +40,8 @@ HOOK = {"hook_mass": 300.0, "sling_length": 4.0}
 QUANTITIES = ("q", "v", "command", "effort", "energy")
 CLOCK: dict[str, Any] = {"dt": 1e-3, "control_period": 1e-2, "record": 1}
 RNG = np.random.default_rng(4)
-FORCE, OFFSET = RNG.normal(size=(9, 30, 6)) * 200.0, RNG.normal(size=(9, 30, 10)) * 0.01
+FORCE = RNG.normal(size=(9, 30, 6)) * 200.0
+OFFSET = RNG.normal(size=(9, 30, 10)) * 0.01
 
 
 def _whirling() -> dict[str, Any]:
@@ -121,7 +122,8 @@ def _apart(one: Batch, other: Batch) -> float:
     assert np.array_equal(one.valid_until, other.valid_until)
     found = []
     for name in (*QUANTITIES, "peak_swing", "residual_swing", "largest_effort"):
-        a, b = getattr(one, name), getattr(other, name)
+        a = getattr(one, name)
+        b = getattr(other, name)
         assert np.isfinite(a).all()
         found.append(np.abs(a - b).max() / (np.abs(a).max() or 1.0))
     return float(np.max(found))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -82,60 +82,104 @@ def settled(run: Trajectory, goal: State, moved: Crane, within: float = 0.01) ->
 # ---------------- what is predicted
 
 
-@pytest.mark.parametrize("which", long_after(1, ["tower", "overhead"]))
-def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane(
-    which: str,
-) -> None:
-    moved = crane() if which == "tower" else overhead()
-    made = receding(moved, _limits(moved), drive="motion")
-    layout = moved.layout
+class Linearised(NamedTuple):
+    """What compiled code makes of a stage: two affine functions of its node, which holds the
+    coordinates, rates and accelerations of the drives at its begin.
+
+    Attributes:
+        slope: Slopes of the state at the end of the stage, shape (states, node).
+        shift: That state at a node of zeros, shape (states,).
+        effort_slope: Slopes of the efforts at the begin of the stage, shape (drives, node).
+        effort_shift: Those efforts at a node of zeros, shape (drives,).
+    """
+
+    slope: np.ndarray
+    shift: np.ndarray
+    effort_slope: np.ndarray
+    effort_shift: np.ndarray
+
+
+def linearised(made: Receding, length: float, nodes: np.ndarray) -> list[Linearised]:
+    """Return what compiled code makes of stages of a length [s] that begin at nodes."""
     shape = made.programme.shape(1)
-    length = 0.05
-    n, z, w = layout.n, shape.states, shape.variables
     module = ir.Module()
     known = horizon_model.emit(module, shape, made.programme.plant, length)
     work = np.zeros(shape.size)
     stages = work[shape.first_stage :].reshape(shape.stages, shape.stage_size)
     for name, i, lane, value in known:
         stages[:, shape.offset(name, i) + lane] = value
-    rng = np.random.default_rng(1)
-    nodes = np.concatenate([moved.start.q, np.zeros(w - n)]) + 0.03 * rng.normal(size=(8, w))
-    stages[:8, shape.offset("node") :][:, :w] = nodes
+    count, width = nodes.shape
+    stages[:count, shape.offset("node") :][:, :width] = nodes
     machine = translate(module)
     machine.function("linearise", 1)(work.ctypes.data)
 
+    def matrix(stage: np.ndarray, name: str) -> np.ndarray:
+        rows = shape.stage_rows[name]
+        values = stage[shape.offset(name) :][: rows * shape.row_length]
+        return values.reshape(rows, shape.row_length)
+
+    # In that row the efforts come after the states and inputs.
+    efforts = slice(shape.variables, shape.variables + shape.inputs)
+    return [
+        Linearised(
+            matrix(stage, "forward")[:, : shape.variables],
+            matrix(stage, "shift")[0, : shape.states],
+            matrix(stage, "extra")[:, : shape.variables],
+            matrix(stage, "extra_shift")[0, efforts],
+        )
+        for stage in stages[:count]
+    ]
+
+
+def slopes(function: Callable[[np.ndarray], np.ndarray], node: np.ndarray) -> np.ndarray:
+    """Return the slopes of a function by central differences of 1e-5, one column a variable."""
+    columns = []
+    for step in 1e-5 * np.eye(len(node)):
+        columns.append((function(node + step) - function(node - step)) / 2e-5)
+    return np.column_stack(columns)
+
+
+@pytest.mark.parametrize("which", long_after(1, ["tower", "overhead"]))
+def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane(
+    which: str,
+) -> None:
+    moved = crane() if which == "tower" else overhead()
+    made = receding(moved, _limits(moved), drive="motion")
+    n = moved.layout.n
+    length = 0.05
+
     def flow(node: np.ndarray) -> np.ndarray:
+        """Return the state at the end of the stage, integrated to 1e-11."""
+        command = node[2 * n :]
+
         def rates(_: float, y: np.ndarray) -> np.ndarray:
-            a = prescribed_acceleration(moved, State(y[:n], y[n:]), node[z:])[0]
+            a = prescribed_acceleration(moved, State(y[:n], y[n:]), command)[0]
             return np.concatenate([y[n:], a])
 
-        return solve_ivp(rates, (0.0, length), node[:z], rtol=1e-11, atol=1e-13).y[:, -1]
+        start = node[: 2 * n]
+        return solve_ivp(rates, (0.0, length), start, rtol=1e-11, atol=1e-13).y[:, -1]
 
     def effort(node: np.ndarray) -> np.ndarray:
-        return prescribed_acceleration(moved, State(node[:n], node[n:z]), node[z:])[1]
+        state = State(node[:n], node[n : 2 * n])
+        return prescribed_acceleration(moved, state, node[2 * n :])[1]
 
+    rng = np.random.default_rng(1)
+    middle = np.concatenate([moved.start.q, np.zeros(n + moved.layout.m)])
+    nodes = middle + 0.03 * rng.normal(size=(8, len(middle)))
+    found = linearised(made, length, nodes)
     for k in (0, 5):
-        row = {
-            name: stages[k, shape.offset(name) :][: rows * shape.row_length].reshape(
-                rows, shape.row_length
-            )
-            for name, rows in shape.stage_rows.items()
-        }
-        ahead = row["forward"][:, :w]
         node = nodes[k]
-        # the next power of a stage's length times how its slopes change along it
-        moved_to = ahead @ node + row["shift"][0, :z]
-        np.testing.assert_allclose(moved_to, flow(node), atol=2e-3 * length**2)
-        besides = row["extra"][:, :w], row["extra_shift"][0, w : w + layout.m]
+        stage = found[k]
+        # The next power of a stage's length times how its slopes change along it.
+        ahead = stage.slope @ node + stage.shift
+        np.testing.assert_allclose(ahead, flow(node), atol=2e-3 * length**2)
+        np.testing.assert_allclose(stage.slope, slopes(flow, node), atol=0.1 * length**2)
         scale = np.abs(effort(node)).max()
-        np.testing.assert_allclose(besides[0] @ node + besides[1], effort(node), atol=1e-12 * scale)
-        for j in range(w):
-            near = 1e-5 * np.eye(w)[j]
-            slope = (flow(node + near) - flow(node - near)) / 2e-5
-            np.testing.assert_allclose(ahead[:, j], slope, atol=0.1 * length**2)
-            slope = (effort(node + near) - effort(node - near)) / 2e-5
-            # rounding of a difference of efforts
-            np.testing.assert_allclose(besides[0][:, j], slope, atol=1e-9 * scale / 1e-5)
+        needed = stage.effort_slope @ node + stage.effort_shift
+        np.testing.assert_allclose(needed, effort(node), atol=1e-12 * scale)
+        # Rounding of a difference of efforts.
+        rounding = 1e-9 * scale / 1e-5
+        np.testing.assert_allclose(stage.effort_slope, slopes(effort, node), atol=rounding)
 
 
 def _limits(moved: Crane) -> Limits:
@@ -509,7 +553,8 @@ GLITCHES = (0.1, 1.0, 30.0, 1257.0, 1e8)
 
 @pytest.mark.parametrize("drive", ["effort", pytest.param("velocity", marks=pytest.mark.long)])
 def test_one_wrong_reading_of_any_size_leaves_nothing(drive: Drive) -> None:
-    goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
+    goal = at((0.3, 15.0, 12.0))
+    start = at((0.0, 10.0, 15.0))
     offset = np.zeros((1 + 10 * len(GLITCHES), 402, 10))
     for lane, (i, size) in enumerate(np.ndindex(10, len(GLITCHES)), 1):
         offset[lane, 400, i] = GLITCHES[size]  # at an instant of an optimisation
@@ -563,8 +608,10 @@ def test_a_reading_is_refused_a_range_beyond_the_range_and_at_ten_times_the_rate
     start = at((0.0, 12.0, 15.0))
     setpoint = Setpoint(start.q[drives], np.zeros(3), np.zeros(3))
     made(0.0, start, setpoint)
-    q, v = start.q.copy(), start.v.copy()
-    q[1], v[1] = x, x_dot
+    q = start.q.copy()
+    v = start.v.copy()
+    q[1] = x
+    v[1] = x_dot
     assert np.isfinite(made(5e-3, State(q, v), setpoint)).all()
     assert made.notes().get("refused_readings", 0) == refused
 
@@ -583,9 +630,11 @@ def test_after_each_failure_the_next_plan_begins_farther_from_its_bounds() -> No
 
 
 def test_sensors_that_fail_at_the_first_instant_or_for_a_second_are_outlived() -> None:
-    goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
+    goal = at((0.3, 15.0, 12.0))
+    start = at((0.0, 10.0, 15.0))
     offset = np.zeros((3, 602, 10))
-    offset[1, 0, 5], offset[2, 400:600, 2] = 1257.0, 1e3
+    offset[1, 0, 5] = 1257.0
+    offset[2, 400:600, 2] = 1e3
     how: Any = {"start": [start] * 3, "duration": 25.0, "sensor_offset": offset}
     batch = simulate_batch(crane(), receding(crane(), LIMITS), hold(crane(), goal), **how)
     np.testing.assert_array_equal(batch.refusals, [0, 1, 200])

@@ -68,7 +68,8 @@ def test_a_spline_is_at_rest_at_every_waypoint_and_passes_through_it() -> None:
 
 def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
     start = crane().state(x=10.0, l=15.0)
-    rates, accelerations = (0.08, 0.8, 0.8), (0.02, 0.3, 0.4)
+    rates = (0.08, 0.8, 0.8)
+    accelerations = (0.02, 0.3, 0.4)
     for goal in ((0.6, 12.0, 15.0), (0.0, 20.0, 14.0), (0.01, 10.2, 5.0)):
         (duration,) = shortest(crane(), start, [goal], rates=rates, accelerations=accelerations)
         setpoint = spline(crane(), start, [goal], [duration]).at(np.linspace(0.0, duration, 4001))
@@ -152,7 +153,9 @@ def test_a_flat_motion_starts_and_ends_with_the_load_at_rest_where_asked() -> No
 
 def test_the_finite_horizon_tends_to_the_algebraic_riccati_equation() -> None:
     model = sampled(crane(), crane().state(l=10.0))
-    n, q, r = 6000, state_weight_of(crane()), effort_weight_of(crane())
+    n = 6000
+    q = state_weight_of(crane())
+    r = effort_weight_of(crane())
     gains = riccati(
         np.repeat(model.a[None], n, 0), np.repeat(model.b[None], n, 0), q, r, np.zeros((10, 10))
     ).gain
@@ -165,8 +168,11 @@ def test_the_finite_horizon_tends_to_the_algebraic_riccati_equation() -> None:
 
 def test_no_other_feedback_costs_less_than_the_riccati_sweep() -> None:
     rng = np.random.default_rng(7)
-    n, nz, nu = 12, 4, 2
-    a, b = rng.normal(size=(n, nz, nz)) / 2, rng.normal(size=(n, nz, nu))
+    n = 12
+    nz = 4
+    nu = 2
+    a = rng.normal(size=(n, nz, nz)) / 2
+    b = rng.normal(size=(n, nz, nu))
     q = np.eye(nz)
     r = 0.3 * np.eye(nu)
     final = 2.0 * np.eye(nz)

@@ -40,8 +40,10 @@ def test_hold_pushes_towards_what_is_setpoint_against_the_velocity_and_carries_t
 @given(states)
 def test_hold_does_not_see_the_swing(state: State) -> None:
     brake = hold_controller(crane())
-    q, v = state.q.copy(), state.v.copy()
-    q[2:4], v[2:4] = 0.0, 0.0
+    q = state.q.copy()
+    v = state.v.copy()
+    q[2:4] = 0.0
+    v[2:4] = 0.0
     assert brake(0.0, state, STILL).tolist() == brake(0.0, State(q, v), STILL).tolist()
 
 
@@ -160,7 +162,8 @@ def test_an_integrator_goes_by_the_period_of_its_loop(period: float, engine: Eng
     c = crane()
     # Where it stays: the drives accelerate by 1e-9 of the integral.
     away = c.state(l=c.start.q[c.layout.index("l")] - 0.5)
-    told, asked = _integral(), _integral()
+    told = _integral()
+    asked = _integral()
     for controller in (told, _asked(asked)):
         how = {"control_period": period, "engine": engine, "drive": "motion"}
         simulate(c, controller, hold(c, c.start), start=away, t_start=3.0, duration=1.0, **how)

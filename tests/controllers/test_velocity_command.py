@@ -55,7 +55,8 @@ def test_an_effort_becomes_the_rate_that_its_acceleration_leads_to() -> None:
 
 
 def test_gains_about_a_motion_ask_for_the_rates_that_their_efforts_give_to_first_order() -> None:
-    c, motion = crane(), planned()
+    c = crane()
+    motion = planned()
     tracking = lqr(c, motion)
     law, exact = (
         as_velocity_command(c, one, drive="effort")
@@ -82,7 +83,8 @@ def test_gains_about_a_motion_ask_for_the_rates_that_their_efforts_give_to_first
 
 @pytest.mark.parametrize("made", ["hold", "follow", "lqr", "integral"])
 def test_what_was_affine_in_the_state_still_is_and_answers_the_same(made: str) -> None:
-    c, motion = crane(), planned()
+    c = crane()
+    motion = planned()
     controller: Any = {
         "hold": lambda: hold_controller(c),
         "follow": lambda: follow(c, motion),
@@ -108,7 +110,8 @@ def test_what_was_affine_in_the_state_still_is_and_answers_the_same(made: str) -
 
 @pytest.mark.slow
 def test_a_planned_motion_is_followed_as_if_there_were_no_converters() -> None:
-    c, motion = crane(), planned()
+    c = crane()
+    motion = planned()
     made = HoistIntegral(c, lqr(c, motion), 4e3, 1e5)
     left = {}
     for drive, law in (

@@ -110,7 +110,8 @@ def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already
     for _ in range(2):
         with atomic_write(tmp_path / "a.csv") as draft:
             drafts.append(draft.name)
-    assert drafts[0] != drafts[1] and min(len(name) for name in drafts) > len(".a..csv") + 15
+    assert drafts[0] != drafts[1]
+    assert min(len(name) for name in drafts) > len(".a..csv") + 15
     (tmp_path / "precious").write_text("precious")
     (tmp_path / f".a.{b'guessed'.hex()}.csv").symlink_to("precious")
     monkeypatch.setattr("os.urandom", lambda count: b"guessed")
@@ -146,7 +147,8 @@ def test_a_name_counts_when_content_and_folder_are_on_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[str] = []
-    sync, move = os.fsync, os.replace
+    sync = os.fsync
+    move = os.replace
 
     def synced(file: int) -> None:
         mode = os.fstat(file).st_mode
@@ -178,7 +180,8 @@ def test_a_set_of_files_appears_together_or_not_at_all(tmp_path: Path) -> None:
     with atomic_write_set() as drafts:
         write_text(tmp_path / "a.csv", "new")
         write_text(tmp_path / "c.csv", "new")
-        assert (tmp_path / "a.csv").read_text() == "old" and not (tmp_path / "c.csv").exists()
+        assert (tmp_path / "a.csv").read_text() == "old"
+        assert not (tmp_path / "c.csv").exists()
         assert [draft.final.name for draft in drafts] == ["a.csv", "c.csv"]
         found = [digest(draft.path) for draft in drafts]
     assert files(tmp_path) == ["a.csv", "b.csv", "c.csv"]
@@ -232,7 +235,8 @@ def test_only_files_are_written_over(tmp_path: Path) -> None:
         pytest.fail("must not get here")
     with pytest.raises(DataError, match=r"/dev/null: it is no file but a device"):
         check_writable("/dev/null")
-    assert not Path("/dev/null").is_file() and not (tmp_path / "pipe").is_file()
+    assert not Path("/dev/null").is_file()
+    assert not (tmp_path / "pipe").is_file()
 
 
 @pytest.mark.parametrize("name", ["a" * 240 + ".csv", "ä" * 110 + ".csv"])
@@ -331,7 +335,8 @@ def test_an_error_is_one_printable_line_of_bounded_length_whatever_it_quotes() -
         DataError("a\nb\x1b[31m\udcff\u2028c" + "x" * 10**6),
         OutOfRange("n\r", "1\n2", "> 0"),
     ):
-        assert str(error).isprintable() and len(str(error)) < 2100
+        assert str(error).isprintable()
+        assert len(str(error)) < 2100
 
 
 @pytest.mark.parametrize(

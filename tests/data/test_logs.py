@@ -163,7 +163,8 @@ def topics(path: Path) -> Path:
 def test_a_topic_holds_its_value_until_its_next_one(tmp_path: Path) -> None:
     """Each fresh value keeps its own time; the few empty cells of the swing lie on lines."""
     table = read(topics(tmp_path / "a.csv"), filling="hold")
-    t, rope = table.columns["t_s"], table.columns["l_m"]
+    t = table.columns["t_s"]
+    rope = table.columns["l_m"]
     fresh = 0.01 + 0.1 * np.arange(10)
     both = np.sort(np.concatenate([T, fresh]))
     np.testing.assert_array_equal(t, both[(both >= 0.01) & (both <= fresh[-1])])

@@ -192,7 +192,8 @@ def test_the_ground_is_at_any_height_and_a_hull_is_like_the_platform_of_its_corn
         pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     low = -3.0
     box = Platform((2.0, 0.0), (1.0, 2.0), -2.5, 0.2)
-    (x, y), corners = box.centre, [[a, b] for a in (-0.5, 0.5) for b in (-1.0, 1.0)]
+    x, y = box.centre
+    corners = [[a, b] for a in (-0.5, 0.5) for b in (-1.0, 1.0)]
     turn = np.array([[math.cos(0.2), math.sin(0.2)], [-math.sin(0.2), math.cos(0.2)]])
     hull = Hull([[*row, z] for row in np.array(corners) @ turn + [x, y] for z in (low, -2.5)])
     start = {"z": low + HEIGHT / 2.0 + 0.1, "p": 0.1, "x_dot": 3.0}
@@ -258,7 +259,8 @@ def test_the_spring_of_a_sliding_point_carries_what_its_damper_leaves_of_the_fri
     stiffness = MASS / 4.0 * OMEGA**2
     slip_damping = 2.0 * MASS / 4.0 * OMEGA
     assert (contacts.stiffness, contacts.slip_damping) == pytest.approx((stiffness, slip_damping))
-    depth, speed = 0.003, 0.02
+    depth = 0.003
+    speed = 0.02
     limit = 0.4 * stiffness * depth
     damped = slip_damping * speed
     assert 0.2 * limit < damped < 0.8 * limit
@@ -296,7 +298,8 @@ def test_a_taut_rope_that_leans_lifts_off_lead_and_so_does_a_load_that_slides() 
     contacts = ground.contacts(tower)
     layout = tower.layout
     points = np.array(contacts.points)
-    q, v = [], []
+    q = []
+    v = []
     for lean, speed in ((0.5, 0.0), (1.5, 0.0), (-1.5, 0.0), (0.5, 0.02), (0.5, 0.005)):
         angle = math.radians(lean)
         state = standing(tower, ground, tower.state(l=26.0, phi=angle, sling_radial=-angle))
@@ -314,7 +317,8 @@ def test_a_taut_rope_that_leans_lifts_off_lead_and_so_does_a_load_that_slides() 
     q.append(raised)
     v.append(0.0 * v[0])
     rows = np.array(q), np.array(v)
-    taut, slack = np.full(len(q), TAUT), np.full(len(q), SLACK)
+    taut = np.full(len(q), TAUT)
+    slack = np.full(len(q), SLACK)
     expected = [ON_GROUND, *[OFF_LEAD] * 3, ON_GROUND, ON_GROUND, TAUT]
     assert ground_phases(tower, contacts, *rows, taut).tolist() == expected
     assert ground_phases(tower, contacts, *rows, slack).tolist() == [ON_GROUND] * 6 + [SLACK]
@@ -345,7 +349,8 @@ def test_a_point_rebounds_without_gravity_at_its_share_of_the_speed(restitution:
     def push_off(_: float, state: np.ndarray) -> float:
         return float(state[0] + 2.0 * ratio * state[1])
 
-    push_off.terminal, push_off.direction = True, -1.0  # type: ignore[attr-defined]
+    push_off.terminal = True  # type: ignore[attr-defined]
+    push_off.direction = -1.0  # type: ignore[attr-defined]
     impact = solve_ivp(lambda t, s: [s[1], -push_off(t, s)], (0.0, 50.0), [0.0, 1.0],
                        events=push_off, rtol=1e-10, atol=1e-12)  # fmt: skip
     assert -impact.y[1, -1] == pytest.approx(restitution, abs=1e-8)

@@ -52,7 +52,8 @@ def one(acceleration: float, jerk: float, lag: float = 1e6) -> Response:
 
 def ramp(response: Response, goal: float, dt: float, steps: int) -> np.ndarray:
     """Reference rate and how fast it changes after each step, shape (steps, 2)."""
-    reference, rising = [0.0], [0.0]
+    reference = [0.0]
+    rising = [0.0]
     rows = []
     for _ in range(steps):
         reference, rising = response.ramped([goal], reference, rising, reference, dt)
@@ -117,7 +118,8 @@ def test_no_ramp_overshoots_or_exceeds_its_limits(
 def test_a_reference_waits_for_a_drive_that_stalls() -> None:
     response = one(0.5, 5.0, lag=0.1)
     dt = 1e-3
-    reference, rising = [0.0], [0.0]
+    reference = [0.0]
+    rising = [0.0]
     for _ in range(3000):  # it could be at 1 m/s after 2.1 s
         reference, rising = response.ramped([1.0], reference, rising, [0.0], dt)
     assert reference[0] == pytest.approx(0.5 * 0.1, rel=1e-12)

@@ -22,7 +22,8 @@ PAPER = Lagrangian(G)
 UP = np.array([0.0, 0.0, G])
 DAMPED = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
 DAMPING = np.array([3e4, 200, 5e3, 5e3, 700])
-DRIVES, PASSIVE = crane().layout.drives, crane().layout.passive
+DRIVES = crane().layout.drives
+PASSIVE = crane().layout.passive
 
 
 # --- the equations of motion ----------------------------------------------------------------------
@@ -78,7 +79,8 @@ def test_linearisation_is_the_derivative_of_the_acceleration(
 ) -> None:
     c = DAMPED
     by_state, by_effort = dynamics.linearise(c, state, effort)
-    z, h = np.concatenate(state), 1e-5
+    z = np.concatenate(state)
+    h = 1e-5
 
     def a(z: np.ndarray) -> np.ndarray:
         return dynamics.acceleration(c, State(z[:5], z[5:]), effort)
@@ -100,7 +102,8 @@ def test_energy_changes_by_the_power_of_the_drives_less_dissipation(
     state: State, effort: np.ndarray
 ) -> None:
     c = DAMPED
-    a, h = dynamics.acceleration(c, state, effort), 1e-5
+    a = dynamics.acceleration(c, state, effort)
+    h = 1e-5
     after, before = (
         dynamics.energy(c, State(state.q + s * state.v + s**2 / 2 * a, state.v + s * a))
         for s in (h, -h)
@@ -142,10 +145,8 @@ def test_the_payload_hangs_where_the_angles_say(
 
 @given(states)
 def test_payload_and_pivot_stand_a_cable_length_apart(state: State) -> None:
-    payload, pivot = (
-        dynamics.payload_position(crane(), state.q),
-        dynamics.pivot_position(crane(), state.q),
-    )
+    payload = dynamics.payload_position(crane(), state.q)
+    pivot = dynamics.pivot_position(crane(), state.q)
     gamma, x, *_, length = state.q
     assert_allclose(payload, PAPER.payload(state.q), atol=1e-12)  # rounding
     # rounding.

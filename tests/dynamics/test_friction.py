@@ -72,7 +72,8 @@ def _width(cart: Crane) -> float:
 def test_the_width_is_the_rate_that_friction_takes_off_in_the_stopping_time(cart: Crane) -> None:
     assert _width(cart) == pytest.approx(STOPPING_TIME * FRICTION / MASS, rel=1e-12)
     (note,) = [text for text in cart.assumptions if "friction" in text]
-    assert "Dry friction of x: 50 N" in note and "0.0025 m/s" in note
+    assert "Dry friction of x: 50 N" in note
+    assert "0.0025 m/s" in note
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
@@ -166,6 +167,7 @@ def test_a_linear_crane_leaves_dry_friction_out(crane: Crane) -> None:
 
 def test_friction_survives_the_record_of_a_run(crane: Crane) -> None:
     again = load_crane(from_record={"crane": dict(crane.record)})
-    assert again.friction is not None and crane.friction is not None
+    assert again.friction is not None
+    assert crane.friction is not None
     assert again.friction.effort.tolist() == crane.friction.effort.tolist() == [50.0, 3.0, 20.0]
     assert again.friction.width.tolist() == crane.friction.width.tolist()

@@ -200,7 +200,8 @@ def test_velocities_are_those_of_half_a_step_earlier() -> None:
 
 def test_steps_taken_together_are_steps_taken_one_by_one() -> None:
     model = _robot("ur5_robot.urdf")
-    q, v = _start(model), np.linspace(-1.0, 1.0, model.nv)
+    q = _start(model)
+    v = np.linspace(-1.0, 1.0, model.nv)
     together = _advance(model, q, v, 2.0**-10, 8)
     for _ in range(8):
         q, v = _advance(model, q, v, 2.0**-10, 1)
@@ -210,7 +211,8 @@ def test_steps_taken_together_are_steps_taken_one_by_one() -> None:
 
 def test_what_goes_in_stays_as_it_was() -> None:
     model = _pendulum()
-    q, v = np.array([0.3]), np.array([0.1])
+    q = np.array([0.3])
+    v = np.array([0.1])
     _advance(model, q, v, 0.01, 5)
     assert (q.tolist(), v.tolist()) == ([0.3], [0.1])
     assert model.gravity.linear.tolist() == [0.0, 0.0, -9.81]

@@ -89,7 +89,8 @@ def test_both_engines_go_through_the_same_phases(rope: str, drive: str) -> None:
         )
         assert 0.0 < plain.phase.mean() < 1.0  # type: ignore[union-attr]
         for name in ("q", "v", "phase", "outside"):
-            ours, theirs = getattr(plain, name), getattr(compiled, name)
+            ours = getattr(plain, name)
+            theirs = getattr(compiled, name)
             assert_allclose(ours, theirs, rtol=0, atol=1e-8 * max(1.0, np.abs(ours).max()))
 
 

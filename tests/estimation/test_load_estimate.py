@@ -36,8 +36,10 @@ def shortened(controller: Controller, offset: float, share: float = 0.0) -> Cont
     """A controller whose hoist reads less than the cable has: l = (1 + share) reading + offset."""
 
     def misled(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        q, v = state.q.copy(), state.v.copy()
-        q[HOIST], v[HOIST] = (q[HOIST] - offset) / (1.0 + share), v[HOIST] / (1.0 + share)
+        q = state.q.copy()
+        v = state.v.copy()
+        q[HOIST] = (q[HOIST] - offset) / (1.0 + share)
+        v[HOIST] = v[HOIST] / (1.0 + share)
         return controller(t, State(q, v), setpoint)
 
     return misled
@@ -389,7 +391,9 @@ def test_a_motion_on_another_cable_is_that_of_a_tower_crane() -> None:
 
 def test_the_estimated_load_hangs_on_two_falls_as_that_of_a_crane_does() -> None:
     light, heavy = (crane(fall_spacing=2.0, payload_mass=mass) for mass in (1000.0, 1500.0))
-    (q, _), n, effort = heavy.state(load_yaw=0.8, phi=0.1), heavy.layout.n, np.ones(3)
+    q, _ = heavy.state(load_yaw=0.8, phi=0.1)
+    n = heavy.layout.n
+    effort = np.ones(3)
     state = State(q, np.full(n, 0.1))
     noise = np.eye(n + len(heavy.swings))
 

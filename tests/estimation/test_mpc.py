@@ -26,7 +26,8 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from tests.estimation.motions import REST, STILL, at_rest, combined, residual
 from tests.helpers import crane, quickly
 
-Q, R = state_weight_of(crane()), effort_weight_of(crane())
+Q = state_weight_of(crane())
+R = effort_weight_of(crane())
 SIZE = np.array([0.01, 0.05, 0.02, 0.02, 0.05, 0.002, 0.02, 0.02, 0.02, 0.02])
 """Deviations that bring no drive to its limit."""
 
@@ -68,7 +69,8 @@ def test_along_a_motion_without_a_limit_in_reach_it_is_the_lqr_of_the_whole_moti
     ]
     gain = riccati(np.array([m.a for m in models]), np.array([m.b for m in models]), Q, R).gain
     for i in (0, 1, 117, 200, 390, 400, 1000):
-        k, z = min(10 * i, 4000), SIZE * rng.normal(size=10)
+        k = min(10 * i, 4000)
+        z = SIZE * rng.normal(size=10)
         efforts = controller(
             0.05 * i, state_of(np.concatenate([motion.q[k], motion.v[k]]) + z), STILL
         )
@@ -92,7 +94,8 @@ def test_with_efforts_at_their_limits_it_is_the_optimum_of_bounded_least_squares
     right = [np.zeros(3 * n)]
     z = np.array([0.02, 0.1, 0.08, -0.06, 0.1, 0.0, 0.1, 0.02, 0.02, -0.1])
     for k in range(1, n + 1):
-        by_start, by_effort = model.a @ by_start, model.a @ by_effort
+        by_start = model.a @ by_start
+        by_effort = model.a @ by_effort
         by_effort[:, 3 * k - 3 : 3 * k] += model.b
         root = cholesky(p if k == n else Q)
         rows.append(root @ by_effort)
@@ -135,7 +138,8 @@ def test_where_the_lqr_saturates_and_overspeeds_it_keeps_force_and_rate() -> Non
 def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() -> None:
     motion = at_rest(crane())
     start = crane().state(**REST, phi=0.12, theta=0.12)
-    efforts, speeds = (4e4, 2e3, 1.2e4), (0.03, 0.4, 0.5)
+    efforts = (4e4, 2e3, 1.2e4)
+    speeds = (0.03, 0.4, 0.5)
     controller = mpc(crane(), motion, effort_limit=efforts, rate_limit=speeds, swing_limit=0.1)
     excess = []
 
@@ -216,7 +220,8 @@ def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
 def test_it_keeps_its_period_of_50_ms() -> None:
     motion = combined(crane())
     start = crane().state(**REST, phi=0.12, theta=0.12)
-    efforts, speeds = (6e4, 3e3, 1.2e4), (0.078, 1.28, 0.7)
+    efforts = (6e4, 3e3, 1.2e4)
+    speeds = (0.078, 1.28, 0.7)
     controller = mpc(crane(), motion, effort_limit=efforts, rate_limit=speeds, swing_limit=0.12)
     taken = []
 

@@ -30,7 +30,8 @@ from tests.helpers import crane, python, quickly
 
 MEASURED = crane().layout.measured
 NOISE = noise_of(crane())
-DISTURBANCE, INITIAL_STD = disturbance_of(crane()), initial_std_of(crane())
+DISTURBANCE = disturbance_of(crane())
+INITIAL_STD = initial_std_of(crane())
 
 
 def random_states(n: int) -> list[State]:
@@ -186,7 +187,8 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
     rng = np.random.default_rng(11)
     runs = 30
     model = sampled(crane(), crane().state(**REST))
-    shares, (values, vectors) = [], np.linalg.eigh(process_noise())
+    shares = []
+    values, vectors = np.linalg.eigh(process_noise())
     root = vectors * np.sqrt(values.clip(0.0))
     for _ in range(runs):
         observer = with_observer(lqr(crane(), motion), crane(), motion)

@@ -71,7 +71,8 @@ def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_th
     ],
 )
 def test_a_system_that_cannot_be_regulated_is_a_sentence(a: np.ndarray, b: np.ndarray) -> None:
-    q, r = np.eye(2), np.eye(1)
+    q = np.eye(2)
+    r = np.eye(1)
     with pytest.raises(CraneError, match="There is no linear-quadratic regulator"):
         stationary(a[0], b[0], q, r)
     reason = "There is no linear-quadratic regulator" if np.isfinite(a).all() else "a is inf"

@@ -201,7 +201,8 @@ def test_the_figure_of_few_strategies_shows_its_label_whole_and_says_which_move_
     figure = swing_figure(COMBINED, {f"strategy {i}": still for i in range(count)})
     figure.draw_without_rendering()
     label = figure._supylabel.get_window_extent()  # type: ignore[attr-defined]
-    assert figure.bbox.y0 <= label.y0 and label.y1 <= figure.bbox.y1
+    assert figure.bbox.y0 <= label.y0
+    assert label.y1 <= figure.bbox.y1
     assert "combined move" in figure.axes[0].get_title(loc="left")
 
 
@@ -247,7 +248,8 @@ def test_the_move_of_least_time_is_held_against_the_fastest_flat_path_under_the_
 def test_the_predictive_controller_is_judged_by_its_longest_call_in_any_run(
     longest: float, holds: bool
 ) -> None:
-    quick, slow = np.full(20, 1e-3), np.full(20, 1e-3)
+    quick = np.full(20, 1e-3)
+    slow = np.full(20, 1e-3)
     slow[13] = longest
     moves = {
         case: {MPC: {case: _scored()._replace(calls=calls)}}

@@ -115,7 +115,8 @@ def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
             Score(10.0, 0.03, 1e-6, later, 0.0, 10.0, none, none, none, 1.0, 1.0, 0.0, 0.5)
         )
 
-    good, bad = {FLAT: {"as planned": scored(0.9e-3)}}, {FLAT: {"gust": scored(1.1e-3)}}
+    good = {FLAT: {"as planned": scored(0.9e-3)}}
+    bad = {FLAT: {"gust": scored(1.1e-3)}}
     assert [claim.holds for claim in claims.converter_claims({"one": good})] == [True]
     worst = {"one": good, "another": bad}
     assert [claim.holds for claim in claims.converter_claims(worst)] == [False]
@@ -123,7 +124,8 @@ def test_a_claim_about_converters_that_does_not_hold_is_one() -> None:
     assert [claim.holds for claim in claims.converter_claims(broken)] == [False]
     assert list(claims.converter_claims({"one": {PD: {"as planned": scored(1.0)}}})) == []
     table = tables.drives_table(MOVES[0], good)
-    assert table.columns[-1][0] == "beyond [s]" and table.rows[0][-1] == 0.5
+    assert table.columns[-1][0] == "beyond [s]"
+    assert table.rows[0][-1] == 0.5
 
 
 def test_the_command_says_which_drives_it_took(tmp_path: Path) -> None:

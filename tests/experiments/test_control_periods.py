@@ -90,7 +90,8 @@ def test_a_finer_loop_does_the_same_the_more_exactly(strategy: str) -> None:
 def test_a_loop_at_another_period_than_the_rows_of_its_plan_does_not_spike(
     strategy: str, planned: float, period: float
 ) -> None:
-    meant, run = _run(strategy, planned, planned), _run(strategy, planned, period)
+    meant = _run(strategy, planned, planned)
+    run = _run(strategy, planned, period)
     assert _apart(run, meant) < 1e-3
     np.testing.assert_allclose(_peak(run), _peak(meant), rtol=0.12)
     # efforts change from one control instant to the next as fast as they are meant to, but not

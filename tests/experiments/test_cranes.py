@@ -147,7 +147,8 @@ def test_the_linear_crane_has_its_springs(variant: CraneVariant) -> None:
     """By central differences, good to about 1e-16/h + h² with h = 1e-5, of accelerations of some
     k/m.
     """
-    c, h = variant_crane(variant), 1e-5
+    c = variant_crane(variant)
+    h = 1e-5
     effort = holding_effort(c, c.start.q)
     n = c.layout.n
     by_state, _ = linearise(c, c.start, effort)
@@ -245,7 +246,8 @@ def test_a_joint_that_a_spring_holds_is_believed_to_stand_as_still_as_a_drive() 
         (HOOK, "sling_radial", "phi"),
     ):
         c = variant_crane(variant)
-        joint, drive = c.layout.index(symbol), c.layout.index(like)
+        joint = c.layout.index(symbol)
+        drive = c.layout.index(like)
         assert initial_std_of(c)[joint] == initial_std_of(c)[drive]
         if like == "gamma":
             assert disturbance_of(c)[joint] == disturbance_of(c)[drive]

@@ -99,7 +99,8 @@ def test_pieces_joined_are_the_run_in_one_go(pieces: list[Trajectory]) -> None:
 def test_residual_is_the_amplitude_of_a_known_swing(pieces: list[Trajectory]) -> None:
     run = join(pieces).before(20.0)
     swing = np.zeros_like(run.q)
-    swing[:, 2], swing[:, 3] = 0.03 * np.cos(run.t), 0.04 * np.sin(run.t)
+    swing[:, 2] = 0.03 * np.cos(run.t)
+    swing[:, 3] = 0.04 * np.sin(run.t)
     # rows 5 ms apart meet the tops within 1e-5
     assert residual(replace(run, q=swing)) == pytest.approx(0.05, rel=1e-5)
 
@@ -123,7 +124,9 @@ def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
         together = np.concatenate([getattr(part, name) for part in parts])
         assert_array_equal(together, getattr(whole, name))
     for part in parts:
-        assert not part.work[0].any() and not part.outside[0].any() and part.dissipated[0] == 0.0
+        assert not part.work[0].any()
+        assert not part.outside[0].any()
+        assert part.dissipated[0] == 0.0
         unexplained = whole.unexplained[(whole.t >= part.t[0]) & (whole.t <= part.t[-1])]
         # 1e-7: sums up to 2e6 J that begin at another row round at 5e-10 each
         assert_allclose(part.unexplained, unexplained - unexplained[0], rtol=0, atol=1e-7)
@@ -231,7 +234,8 @@ def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_th
     assert min(row[2] for row in before["rows"]) > 50.0
     assert {"demo.parquet", "demo_before.parquet", "demo.rrd", "swing.png"} <= {*files(flat.folder)}
     recording = (flat.folder / "demo.rrd").read_bytes()
-    assert b"control flat" in recording and b"without control" in recording
+    assert b"control flat" in recording
+    assert b"without control" in recording
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
@@ -247,7 +251,8 @@ def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
     last = read(long.folder / "demo.parquet")
     t = np.concatenate([part.t for part in (*parts, last)])
     assert_allclose(t, 0.005 * np.arange(len(t)), rtol=0, atol=1e-9)
-    assert len(parts) >= 1 and last.t[-1] - last.t[0] < 24.0
+    assert len(parts) >= 1
+    assert last.t[-1] - last.t[0] < 24.0
     note = f"What happened before t = {last.t[0]:.0f} s is in demo_from_0s.parquet"
     assert note in long.result["tables"][0]["note"]
     earlier = [times(path) for path in long.folder.glob("demo_from_*.rrd")]
@@ -255,7 +260,8 @@ def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
     assert_covered(times(long.folder / "demo.rrd"), last.t)
     if control != "none":
         bare = read(long.folder / "demo_before.parquet")
-        assert bare.t[0] == 0.0 and bare.t[-1] == pytest.approx(24.0)
+        assert bare.t[0] == 0.0
+        assert bare.t[-1] == pytest.approx(24.0)
         assert len(long.result["tables"][1]["rows"]) >= 1
 
 
@@ -303,7 +309,8 @@ def test_ctrl_c_ends_a_demo_with_its_comparison_soon_and_leaves_everything_compl
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=120)
     assert (process.returncode, error) == (0, "")
-    run, bare = read(folder / "demo.parquet"), read(folder / "demo_before.parquet")
+    run = read(folder / "demo.parquet")
+    bare = read(folder / "demo_before.parquet")
     assert run.t[-1] >= 0.5  # the first piece at least
     assert bare.t[-1] == pytest.approx(run.t[-1], abs=0.51)  # a piece at most
     assert_covered(times(folder / "demo.rrd"), run.t)

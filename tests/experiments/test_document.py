@@ -61,7 +61,8 @@ SHOWN = (
     "<!-- trial: -->\n\n**Move**\n\n| strategy | s | mrad | left |\n| --- | ---: | ---: | ---: |\n"
     "| a | 12.86 | 1.02e-05 | < 0.1 |\n| b | - | 5.52 | 0.7 |\n\n<!-- end -->\n"
 )
-A, B = ("a", 12.86, 1.02e-5, 0.055), ("b", None, 5.52, 0.69)
+A = ("a", 12.86, 1.02e-5, 0.055)
+B = ("b", None, 5.52, 0.69)
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,8 @@ FILES = {
 def test_trajectories_figures_recording_and_result_are_written_and_nothing_else(
     name: str, standard: Standard
 ) -> None:
-    folder, (trajectories, figures) = standard(name).folder, map(str.split, FILES[name])
+    folder = standard(name).folder
+    trajectories, figures = map(str.split, FILES[name])
     expected = {f"{t}.parquet" for t in trajectories} | {
         f"{f}{ending}" for f in figures for ending in (".png", ".svg")
     }

@@ -116,7 +116,8 @@ def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_t
 ) -> None:
     assert [claim["holds"] for claim in broken["claims"]] == [True, True, True]
     ratios, dampings = ({row[0]: row[1:] for row in table["rows"]} for table in broken["tables"])
-    ours, theirs = ratios["here, damper ΣI/dt"], ratios["Gazebo 11.1, rates overwritten"]
+    ours = ratios["here, damper ΣI/dt"]
+    theirs = ratios["Gazebo 11.1, rates overwritten"]
     closed = 100.0 / 5e-4 / (2.0 * math.sqrt(225500.0 * 9800.0 * 15.0))
     assert ours[0] == pytest.approx(closed, rel=0.0225 / 8)  # A²/8
     assert ours[2] == pytest.approx(theirs[2], abs=0.01)

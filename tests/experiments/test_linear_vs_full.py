@@ -122,7 +122,8 @@ def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: Si
     for job in (*jobs(site, large), *slow_slews(site, large), *short):
         setpoints = [job.reference(t) for t in np.linspace(0.0, job.arrival, 401)]
         position, velocity, acceleration = map(np.array, zip(*setpoints, strict=True))
-        (x, length), rates = position[:, 1:].T, (site.slew, site.trolley, site.hoist[1])
+        x, length = position[:, 1:].T
+        rates = (site.slew, site.trolley, site.hoist[1])
         assert 2.0 <= x.min() and x.max() <= site.jib * rounding
         assert 1.0 <= length.min() and length.max() <= site.height * rounding
         assert (np.abs(velocity) <= np.array(rates) * rounding).all()
@@ -241,7 +242,8 @@ def test_where_an_error_reaches_a_bound_is_found_by_its_power_law() -> None:
 def _cases() -> list[LinearCase]:
     """What a comparison might find, by round numbers."""
     run = moved(big_crane(), big_crane().start, 0.02, 0.02)
-    small, large = Miss(0.1, 0.001, 0.001, 0.01), Miss(0.1, 0.3, 0.4, 1.0)
+    small = Miss(0.1, 0.001, 0.001, 0.01)
+    large = Miss(0.1, 0.3, 0.4, 1.0)
     names = {
         "trolley, spline": small,
         "trolley": small,

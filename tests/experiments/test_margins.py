@@ -34,7 +34,8 @@ def test_the_map_tells_what_is_near_its_end(done: Ran) -> None:
     assert damping[margins.KEPT] < 0.0 < damping[PD] < 0.1 < 5.0 < damping[LQR]
     # a Kalman filter takes away what an LQR has of margins (Doyle 1978)
     assert stronger[margins.BLIND] < 1.1 < 10.0 < stronger[LQR]
-    assert late[margins.BLIND] < late[LQR] and late[PAPER] > 5.0
+    assert late[margins.BLIND] < late[LQR]
+    assert late[PAPER] > 5.0
     assert (done.folder / "margins_map.png").is_file()
 
 

@@ -148,7 +148,8 @@ def test_a_mat_file_has_times_and_angles() -> None:
 def test_without_data_it_says_how_to_get_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
     message = capsys.readouterr().err
-    assert message.count("git clone https://github.com/") == 2 and "--data DIR" in message
+    assert message.count("git clone https://github.com/") == 2
+    assert "--data DIR" in message
     assert main(["--data", "nowhere"]) == 2
 
 
@@ -208,7 +209,8 @@ def test_a_file_of_a_commit_is_found_by_the_beginning_of_its_name(tmp_path: Path
 def test_programs_that_a_clone_names_do_not_run(setting: str, tmp_path: Path) -> None:
     """One that turns a file into text, one that shows it, and one that fetches a missing object."""
     clone, commit = committed(tmp_path, b"content")
-    ran, other = tmp_path / "ran", tmp_path / "other.git"
+    ran = tmp_path / "ran"
+    other = tmp_path / "other.git"
     subprocess.run(["git", "init", "-q", "--bare", str(other)], check=True)
     with (clone / ".git" / "config").open("a") as config:
         config.write(setting.format(ran=ran, other=other))
@@ -248,7 +250,8 @@ def test_records_of_the_same_form_are_identified_and_predicted(
     printed, message = capsys.readouterr()
     assert not message
     assert "holds      gantry: each record alone explains 90 % of its swing" in printed
-    assert code in (0, 1) and "trolley" in printed
+    assert code in (0, 1)
+    assert "trolley" in printed
     assert "Then the offset of 92 % of the records at least agrees with the" in printed
     assert "of 2 intervals hold the mean" in " ".join(printed.split())
     # The sensor's lateness, average and bias are taken off the recorded swing. An average takes
@@ -272,7 +275,8 @@ def test_pendulums_of_two_lengths_tell_offset_and_gravity_within_their_intervals
         records.append(Record.of(crane, columns, name=str(seed)))
     found = fit(records, CANDIDATES[1])
     mean, agree = found.agreement
-    assert agree.all() and mean == pytest.approx(-0.038, abs=2e-4)
+    assert agree.all()
+    assert mean == pytest.approx(-0.038, abs=2e-4)
     value, margin = found.gravity
     assert abs(value - GRAVITY) <= margin < 0.005 * GRAVITY
 
@@ -303,7 +307,8 @@ def test_records_agree_with_their_mean_within_the_interval_of_the_difference() -
     # A difference from the mean of four has the deviation √(3/4) of one: 3 mm are 1.97 of 1.52 mm.
     for deviation, agreeing in ((1.70e-3, 3), (1.80e-3, 4)):
         mean, agree = together(offsets, np.full(4, 0.4), deviation).agreement
-        assert mean == pytest.approx(1e-3) and agree.sum() == agreeing
+        assert mean == pytest.approx(1e-3)
+        assert agree.sum() == agreeing
 
 
 def test_a_second_oscillation_is_found_while_the_trolley_stands() -> None:
@@ -312,7 +317,8 @@ def test_a_second_oscillation_is_found_while_the_trolley_stands() -> None:
     record = Record("1", load_crane(), t, columns)
     error = 0.002 * np.sin(1.3 * np.sqrt(GRAVITY / 0.35) * t) + np.where(t < 3.0, 0.1, 0.001)
     ratio, amplitude = residue(record, t, error, 0.35)
-    assert ratio == pytest.approx(1.3, abs=0.02) and amplitude == pytest.approx(0.002, rel=0.05)
+    assert ratio == pytest.approx(1.3, abs=0.02)
+    assert amplitude == pytest.approx(0.002, rel=0.05)
     assert np.isnan(residue(record, t[t < 8.0], error, 0.35)).all()
 
 
@@ -339,7 +345,8 @@ def test_a_crane_of_a_laboratory_is_drawn_in_its_size() -> None:
     low = np.array([np.inf] * 3)
     high = np.array([-np.inf] * 3)
     for _, points in visible_points(crane, crane.start.q, None):
-        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+        low = np.minimum(low, points.min(axis=0))
+        high = np.maximum(high, points.max(axis=0))
     # Of the span, the runway and the height; a girder and a trolley stand out on all sides.
     assert (high - low < 1.2 * np.array([2.0, 3.0, 2.0])).all()
     assert drawn_size(crane) == pytest.approx(0.2)

@@ -24,7 +24,8 @@ from tests.helpers import FAST, HOSTILE_NAMES, RESULT
 selenium = pytest.importorskip(
     "selenium.webdriver", reason="extra browser (selenium) is not installed"
 )
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+CHROMIUM = shutil.which("chromium")
+DRIVER = shutil.which("chromedriver")
 browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="Chromium and its driver are not installed"
 )
@@ -111,7 +112,8 @@ def test_every_figure_is_loaded_a_drawing_and_has_a_caption(made: Path, page: An
     figures = _all(page, "section figure")
     assert figures
     for figure in figures:
-        (image,), (caption,) = _all(figure, "img"), _all(figure, "figcaption")
+        (image,) = _all(figure, "img")
+        (caption,) = _all(figure, "figcaption")
         assert image.get_attribute("src").startswith("data:image/svg+xml")
         assert len(caption.text.split()) > 4
 
@@ -155,8 +157,11 @@ def test_at_1280_pixels_the_contents_stand_beside_one_screen_and_all_else_is_fol
     page.refresh()
     try:
         nav, main, header = (_all(page, name)[0].rect for name in ("nav", "main", "header"))
-        assert nav["x"] == 0 and nav["height"] == 800 and nav["width"] < 300
-        assert main["x"] >= nav["width"] and main["x"] + main["width"] <= 1280
+        assert nav["x"] == 0
+        assert nav["height"] == 800
+        assert nav["width"] < 300
+        assert main["x"] >= nav["width"]
+        assert main["x"] + main["width"] <= 1280
         assert header["y"] + header["height"] < 800
         assert not any(item.is_displayed() for item in _all(page, "section li, section figure"))
         for link in _all(page, "nav a[href='#mass_ratio'], .pictures a, section .claims a"):
@@ -177,7 +182,8 @@ def test_search_shows_the_claims_tables_and_figures_that_have_every_word(page: A
         page.execute_script("document.querySelectorAll('details').forEach(d => d.open = false)")
         field.send_keys("DAMPED pendulum")
         found = [item.text.lower() for item in _all(page, shown) if item.is_displayed()]
-        assert found and all("damped" in text and "pendulum" in text for text in found)
+        assert found
+        assert all("damped" in text and "pendulum" in text for text in found)
         assert page.find_element("css selector", "[role=status]").text == f"{len(found)} found"
         assert not page.find_element("id", "mass_ratio").is_displayed()
         field.clear()
@@ -220,7 +226,8 @@ def test_on_paper_no_table_is_wider_than_the_page_and_by_night_words_are_light(p
             "return Array.from(document.querySelectorAll('table'), t => "
             "t.getBoundingClientRect().right)"
         )
-        assert edges and max(edges) <= a4
+        assert edges
+        assert max(edges) <= a4
         shown = "return getComputedStyle(document.querySelector('nav')).display"
         assert page.execute_script(shown) == "none"
         emulate(media="screen", features=[{"name": "prefers-color-scheme", "value": "dark"}])
@@ -273,7 +280,8 @@ def test_two_experiments_run_side_by_side_and_one_that_fails_stops_no_other(
     monkeypatch.setattr(report, "COMMAND", (sys.executable, "-c", RUNNER, result))
     assert report.main(["--out", str(tmp_path), "--only", "energy", "mass_ratio", "--quick"]) == 1
     out, err = capsys.readouterr()
-    assert "Experiment 2 of 2: mass_ratio" in out and "noise" not in out
+    assert "Experiment 2 of 2: mass_ratio" in out
+    assert "noise" not in out
     assert "mass_ratio: 3 of 3 claims hold" in out
     assert "energy: error: a sentence" in out
     assert "Energy (energy) could not be made" in err
@@ -302,7 +310,8 @@ def test_an_experiment_is_marked_by_its_worst_claim_and_a_failing_one_is_on_the_
     (tmp_path / "result.json").write_text(json.dumps(RESULT | {"claims": claims}))
     first, _, section = report.page([tmp_path]).partition("<section")
     link = first[first.index('<a href="#a1">') : first.index("</nav>")]
-    assert f'class="mark {mark}"' in link and "A1, free swing" in link
+    assert f'class="mark {mark}"' in link
+    assert "A1, free swing" in link
     assert f"</span>{verdicts.count(True)} of {len(verdicts)}</span>" in section
     assert re.findall(r"a &lt; \d", first) == [
         f"a &lt; {i}" for i, holds in enumerate(verdicts) if holds is False
@@ -324,7 +333,9 @@ def test_what_a_result_says_is_data_of_the_page(name: str, tmp_path: Path) -> No
     (tmp_path / "result.json").write_text(json.dumps(RESULT | words))
     text = report.page([tmp_path])
     assert f"<code>{escape(name)}</code>" in text
-    assert f"</span>{escape(name)} <a" in text and "<img src=x" not in text and "<b>" not in text
+    assert f"</span>{escape(name)} <a" in text
+    assert "<img src=x" not in text
+    assert "<b>" not in text
     assert text.count("<script>") == 1
     # The style sheet hides the heading above a list that holds nothing, not even a space.
     assert '<h2>Newly found</h2>\n<ul class="claims"></ul>' in text

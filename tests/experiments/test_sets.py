@@ -172,7 +172,8 @@ def test_whatever_is_refused_at_the_last_file_has_written_none(
     before = contents(folder)
     for place in (folder, folder.parent / "new"):
         assert conducted(place, 900.0) == (2, "error: No.\n")
-    assert contents(folder) == before and not (folder.parent / "new").exists()
+    assert contents(folder) == before
+    assert not (folder.parent / "new").exists()
 
 
 @pytest.mark.parametrize("value", ["0", "OFF"])
@@ -281,4 +282,5 @@ def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path)
         live.append(
             simulate(crane(), hold_controller(crane()), t_start=t, start=start, duration=0.02)
         )
-    assert path.stat().st_ino == first.st_ino and path.stat().st_size > first.st_size
+    assert path.stat().st_ino == first.st_ino
+    assert path.stat().st_size > first.st_size

@@ -118,7 +118,8 @@ def test_the_dashboard_shows_scene_and_curves(file: Path, tmp_path: Path):
     right = picture[:, 720:]
     for name in ("x", "phi", "energy", "theta"):
         assert like(right, COLOURS[name]) > 100, f"curves of the colour of {name}"
-    assert np.count_nonzero(steel(left)) > 2000 and np.count_nonzero(load(left)) > 200
+    assert np.count_nonzero(steel(left)) > 2000
+    assert np.count_nonzero(load(left)) > 200
 
 
 @pytest.mark.slow
@@ -132,7 +133,8 @@ def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(
     picture = pixels(snapshot(path, [3.0], tmp_path, size=SIZE, dashboard=False)[0])
     red, _, blue = np.moveaxis(picture, -1, 0)
     second = (blue > 80) & (red < 0.3 * blue)
-    assert np.count_nonzero(load(picture)) > 200 and np.count_nonzero(second) > 200
+    assert np.count_nonzero(load(picture)) > 200
+    assert np.count_nonzero(second) > 200
     assert np.argwhere(second)[:, 1].mean() - np.argwhere(load(picture))[:, 1].mean() > 40
 
 
@@ -144,12 +146,15 @@ def test_a_gif_lasts_as_long_as_its_span_and_moves(file: Path, tmp_path: Path):
     size = (320, 240)
     path = animate(file, (0.0, 2.0), target, fps=5.0, size=size, progress=seen.append)
     image = Image.open(path)
-    frames, durations = [], []
+    frames = []
+    durations = []
     for k in range(image.n_frames):
         image.seek(k)
         frames.append(np.asarray(image.convert("RGB")).astype(int))
         durations.append(image.info["duration"])
-    assert image.size == size and sum(durations) == 2200 and seen == list(range(1, 12))
+    assert image.size == size
+    assert sum(durations) == 2200
+    assert seen == list(range(1, 12))
     assert np.count_nonzero(load(frames[0]) != load(frames[-1])) > 50
 
 

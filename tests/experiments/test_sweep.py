@@ -116,7 +116,8 @@ def test_a_case_is_the_move_of_that_crane_alone(
     if drive == "velocity":
         plan = on_converters(SETUP, plan)
     longer = case["cable_error_m"] * np.eye(crane.layout.n)[crane.layout.index("l")]
-    controller, (start, goal) = plan.controller(), COMBINED.ends(crane)
+    controller = plan.controller()
+    start, goal = COMBINED.ends(crane)
     seen = lambda t, state, setpoint: controller(t, State(state.q - longer, state.v), setpoint)  # noqa: E731
     options: dict[str, Any] = {"drive": plan.drive}
     if random:

@@ -102,7 +102,8 @@ def test_without_a_terminal_a_claim_is_one_line_and_columns_are_80(
     show(Outcome([table], [Claim("A long sentence. " * 12, True)]))
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines[:-2])) <= 80
-    assert lines[-2].startswith("holds      A long sentence.") and lines[-2].count("A long") == 12
+    assert lines[-2].startswith("holds      A long sentence.")
+    assert lines[-2].count("A long") == 12
     monkeypatch.setenv("COLUMNS", "250")
     show(Outcome([table], []))
     assert max(map(len, capsys.readouterr().out.splitlines())) > 150
@@ -123,7 +124,8 @@ def test_a_screen_has_24_lines_the_failed_claim_whole_and_says_what_is_left_out(
     assert left_out.count(" and ") == 1
     names = [line for line in lines if "some" in line]
     assert len(lines) <= 21 and max(map(cell_len, lines)) <= width  # and three of pointers
-    assert int(counts["row"]) == 30 - len(names) and counts["table"] == "1"
+    assert int(counts["row"]) == 30 - len(names)
+    assert counts["table"] == "1"
     assert int(counts["claim"]) == 30 - sum("Claim" in line for line in lines) == 25
     assert all(line.startswith("not judged") for line in lines if "Claim" in line)
     assert lines[-1] == "15 of 30 claims hold, 15 not judged."

@@ -54,7 +54,8 @@ def result(ran: Callable[..., Ran]) -> Ran:
 
 @pytest.mark.long
 def test_every_oracle_is_a_claim(result: Ran) -> None:
-    tables, claims = result.result["tables"], result.result["claims"]
+    tables = result.result["tables"]
+    claims = result.result["claims"]
     assert len(claims) == sum(len(table["rows"]) for table in tables) + 3  # order, two ledgers
     assert [table["title"] for table in tables] == [*validate.PARTS, "Ropes that go slack"]
 

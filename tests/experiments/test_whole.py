@@ -47,7 +47,8 @@ def test_every_claim_is_judged_and_holds(result: Ran) -> None:
 
 
 def test_documents_show_its_tables(result: Ran) -> None:
-    name, tables = result.result["experiment"], result.result["tables"]
+    name = result.result["experiment"]
+    tables = result.result["tables"]
     for document in (ROOT / "docs").rglob("*.md"):
         if re.search(f"<!-- {name}( csv)?:", document.read_text(encoding="utf-8")):
             made = [ResultTable.of(table) for table in tables]
@@ -55,7 +56,8 @@ def test_documents_show_its_tables(result: Ran) -> None:
 
 
 def test_its_files_are_those_it_lists_and_nothing_else(result: Ran) -> None:
-    name, figures = result.result["experiment"], result.result["figures"]
+    name = result.result["experiment"]
+    figures = result.result["figures"]
     expected = {f"{run}.parquet" for run in result.result["runs"]}
     expected |= {*figures, *(figure.replace(".png", ".svg") for figure in figures)}
     recording = () if name == "gazebo" else (f"{name}.rrd",)

@@ -21,7 +21,8 @@ EXAMPLES = ROOT / "examples" / "bridges"
 def main(name: str) -> Callable[..., Any]:
     """The entry of an example."""
     spec = importlib.util.spec_from_file_location(f"examples_{name}", EXAMPLES / f"{name}.py")
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.main
@@ -34,7 +35,8 @@ def control_design(out: Path) -> None:
     assert found["swing left [mrad]"] < 0.05
     margins = [value for name, value in found.items() if "margin" in name]
     # An LQR in continuous time has 60 degrees and 1; sampled at 200 Hz it has nearly that.
-    assert len(margins) == 6 and all(value > (58.0 if value > 2.0 else 0.95) for value in margins)
+    assert len(margins) == 6
+    assert all(value > (58.0 if value > 2.0 else 0.95) for value in margins)
 
 
 def cosimulation(out: Path) -> None:
@@ -50,8 +52,10 @@ def learn_to_stop_the_swing(out: Path) -> None:
     learned = main("learn_to_stop_the_swing")(
         ["--steps", "9700", "--cranes", "32", "--beside", "spline alone", "--out", str(out)]
     )
-    assert (out / "model.zip").exists() and (out / "curve.png").exists()
-    assert len(learned.curve) >= 1 and np.isfinite(learned.curve).all()
+    assert (out / "model.zip").exists()
+    assert (out / "curve.png").exists()
+    assert len(learned.curve) >= 1
+    assert np.isfinite(learned.curve).all()
     assert set(learned.scores) > {"spline alone", "learned"}
 
 
@@ -68,7 +72,8 @@ def soft_plc(out: Path) -> None:
         words = ["--url", f"opc.tcp://127.0.0.1:{port}/", "--to", "12", "--seconds", "7"]
         place = main("soft_plc")(words)
         clock.join()
-    assert place == pytest.approx(12.0, abs=0.02) and not crane.events
+    assert place == pytest.approx(12.0, abs=0.02)
+    assert not crane.events
 
 
 TESTS = {

@@ -103,7 +103,8 @@ def test_without_llvmlite_only_the_exporter_that_needs_it_is_missing(tmp_path: P
     assert python(script, "mjcf", tmp_path / "crane.xml").returncode == 0
     refused = python(script, "fmu", tmp_path / "crane.fmu")
     sentence = "error: The compiled engine needs llvmlite, which is not installed: pip install"
-    assert refused.returncode == 2 and refused.stderr.startswith(sentence)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith(sentence)
     assert [path.name for path in tmp_path.iterdir()] == ["crane.xml"]
 
 
@@ -115,7 +116,8 @@ def test_the_help_says_each_door_in_whole_sentences(capsys: pytest.CaptureFixtur
         said = " ".join(capsys.readouterr().out.split())
         for exporter in EXPORTERS if arguments == ["--help"] else arguments[:1]:
             about = (plugins.load("exporter", exporter).__doc__ or "").split("\n\n")[0]
-            assert about.rstrip().endswith(".") and " ".join(about.split()) in said
+            assert about.rstrip().endswith(".")
+            assert " ".join(about.split()) in said
 
 
 BAD = """
@@ -148,7 +150,9 @@ def test_what_cannot_be_exported_is_a_sentence_and_nothing_is_written(
     exporter, name, *words = line.split()
     assert main(["export", exporter, str(tmp_path / name), *words]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("error: ") and sentence in error and error.count("\n") == 1
+    assert error.startswith("error: ")
+    assert sentence in error
+    assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 

@@ -116,9 +116,12 @@ def test_predictive_control_in_c_agrees_with_python_at_random_states_within_its_
     rng = np.random.default_rng(3)
     block = controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
     compiled = CompiledBlock(block, tmp_path)
-    inputs, outputs = block.of_kind("input"), block.of_kind("output")
-    lower, upper = [v.lower for v in outputs], [v.upper for v in outputs]
-    found, expected = [], []
+    inputs = block.of_kind("input")
+    outputs = block.of_kind("output")
+    lower = [v.lower for v in outputs]
+    upper = [v.upper for v in outputs]
+    found = []
+    expected = []
     for _ in range(150):
         compiled.call("reset")
         controller.begin_run(0.0, 5e-3)
@@ -194,7 +197,8 @@ def test_a_crane_in_c_moves_as_in_simulate(drive: Any, precision: Any, tmp_path:
 def test_a_rope_in_c_goes_slack_as_in_simulate(tmp_path: Path) -> None:
     c = crane(rope_stiffness=2e6)
     commands = np.zeros((160, 3))
-    commands[20:80, 2], commands[80:, 2] = 12.0, -7.0
+    commands[20:80, 2] = 12.0
+    commands[80:, 2] = -7.0
     compiled = CompiledBlock(crane_block(c, drive="motion"), tmp_path)
     run = simulate(
         c,
@@ -306,7 +310,7 @@ def test_the_test_of_the_exported_folder_fails_if_a_gain_is_another(
     exported: Path, tmp_path: Path
 ) -> None:
     text = (exported / "controller.c").read_text()
-    (gain, *_) = re.findall(r"(?:self->x_dot|v\d+) \* (\d{3,}\.\d+)", text)
+    gain, *_ = re.findall(r"(?:self->x_dot|v\d+) \* (\d{3,}\.\d+)", text)
     for name in ("crane.c", "crane.h", "controller.h", "test.c"):
         shutil.copy(exported / name, tmp_path)
     (tmp_path / "controller.c").write_text(text.replace(gain, "0.5", 1))

@@ -133,7 +133,8 @@ def check_hostile(
     limits = np.array([[v.lower, v.upper] for v in block.of_kind("output")]) * (1.0 + slack)
     at_start = np.array([variable.start for variable in block.of_kind("output")])
     last = at_start
-    began, was_at_fault = 0, False
+    began = 0
+    was_at_fault = False
     for k, row in enumerate(table):
         reset = k % 30 == 0
         if reset:
@@ -148,7 +149,8 @@ def check_hostile(
             change = np.abs(outputs - last)
             assert (change <= largest_change(kind) * (1.0 + slack) + slack * np.abs(last)).all()
         began += fault and not was_at_fault
-        last, was_at_fault = outputs, fault
+        last = outputs
+        was_at_fault = fault
     return began
 
 

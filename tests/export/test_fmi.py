@@ -543,7 +543,8 @@ def test_the_description_names_the_derivatives_and_the_dimensions_of_its_variabl
     assert kinds["payload_mass"] == kinds["wind_x"] == ("parameter", "tunable")
     assert kinds["x"] == ("output", "continuous") and kinds["valid"] == ("output", "discrete")
     names = [variable.get("name", "") for variable in listed]
-    of, unit_of = {}, {}
+    of = {}
+    unit_of = {}
     for variable in listed:
         numbers = variable[0] if version == 2 else variable
         unit_of[variable.get("name", "")] = numbers.get("unit", "")

@@ -24,11 +24,14 @@ def test_the_file_has_the_matrices_with_names_and_units(drive: str, tmp_path: Pa
     assert len(system.a) == (16 if drive == "velocity" else 10)  # two commands on their way
     for name, matrix in (("A", system.a), ("B", system.b), ("C", system.c)):
         assert (content[name] == matrix).all()
-    assert content["D"].shape == (2, 3) and content["Ts"].item() == 1e-2
+    assert content["D"].shape == (2, 3)
+    assert content["Ts"].item() == 1e-2
     assert content["z0"].ravel().tolist() == np.concatenate(state).tolist()
     lists = {name: [cell.item() for cell in content[name].ravel()] for name in NAMES}
-    assert lists["states"] == system.states and lists["outputs"] == ["phi", "x"]
-    assert lists["output_units"] == ["rad", "m"] and len(lists["state_units"]) == len(system.a)
+    assert lists["states"] == system.states
+    assert lists["outputs"] == ["phi", "x"]
+    assert lists["output_units"] == ["rad", "m"]
+    assert len(lists["state_units"]) == len(system.a)
     units = {"effort": ["N m", "N", "N"], "motion": ["rad/s^2", "m/s^2", "m/s^2"]}
     assert lists["input_units"] == units.get(drive, ["rad/s", "m/s", "m/s"])
     assert lists["state_units"][9] == "m/s"

@@ -153,7 +153,8 @@ def test_the_frames_put_the_load_where_the_model_does(messages: Any, run: Trajec
         point = np.zeros(3)
         frame = "hook_link"
         while frame != "world":
-            moved, turned = frames[frame].transform.translation, frames[frame].transform.rotation
+            moved = frames[frame].transform.translation
+            turned = frames[frame].transform.rotation
             axis = np.array([turned.x, turned.y, turned.z])
             w = turned.w
             point = (

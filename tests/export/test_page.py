@@ -179,7 +179,8 @@ class Operator:
         """Half at once and half after half a period."""
         self.ramp(asked)
         self.past.append(self.rate)
-        table, hoist = self.assist["swing"], self.assist["hoist"]
+        table = self.assist["swing"]
+        hoist = self.assist["hoist"]
         period = np.interp(state.q[self.drives[hoist]], table["lengths"], table["periods"])
         late = len(self.past) - 1 - math.floor(0.5 * period / PERIOD + 0.5)
         half = 0.5 * (self.rate + (self.past[late] if late >= 0 else 0.0))
@@ -197,7 +198,8 @@ class Operator:
         self.ramp(asked)
         self.position = self.position + self.rate * PERIOD
         goal = np.concatenate([self.assist["lqr"]["rest"], np.zeros(len(state.q))])
-        goal[self.drives], goal[len(state.q) + self.drives] = self.position, self.rate
+        goal[self.drives] = self.position
+        goal[len(state.q) + self.drives] = self.rate
         table = self.assist["lqr"]
         where = [0.0 if table[name] < 0 else state.q[table[name]] for name in ("x", "l")]
         gain = self.gains(where)[0]
@@ -207,7 +209,8 @@ class Operator:
 @cache
 def in_python(kind: str, name: str, periods: int) -> Trajectory:
     """The same drive by `simulate`."""
-    crane, data = crane_of(kind), data_of(kind)
+    crane = crane_of(kind)
+    data = data_of(kind)
     controller: Controller = Operator(crane, data, name)
     reference = None
     if name == "predictive":
@@ -272,7 +275,8 @@ def test_every_assistance_moves_the_crane_as_simulate_does_for_a_minute() -> Non
 
 @pytest.mark.long
 def test_simd_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    crane, data = crane_of("tower"), data_of("tower")
+    crane = crane_of("tower")
+    data = data_of("tower")
     drives = converters(crane)
     code = partial(webassembly.webassembly, simd=False)
     monkeypatch.setattr(webassembly, "webassembly", code)

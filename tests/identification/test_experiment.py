@@ -67,7 +67,8 @@ def test_a_record_that_the_model_does_not_explain_ends_in_a_sentence_and_exit_co
 def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, out = tmp_path / "site.csv", tmp_path / "out"
+    file = tmp_path / "site.csv"
+    out = tmp_path / "out"
     _write_site(file, {"phi_rad": 1e-5, "theta_rad": 1e-5, "F_l_N": 1.0})
     words = [str(file), "--columns", "phi_rad=Angle[deg]", "--all", "--out", str(out)]
     assert identify.main(words) == 0

@@ -19,7 +19,8 @@ from cranedyn.identification.parameters import (
 
 PRIOR = Prior()
 T = np.arange(0.0, 40.0, 0.02)
-SIZE, PHASE = 0.1, 0.7
+SIZE = 0.1
+PHASE = 0.7
 
 
 def swinging(**columns: np.ndarray) -> Record:
@@ -54,7 +55,8 @@ def test_a_swing_begins_where_its_angle_or_its_rate_says(omega: float) -> None:
     assert len(by_angle) == 2
     # A gyroscope has a bias that drifts.
     assert [p.name for p in by_rate[2:]] == ["phi rate bias", "phi rate drift"]
-    assert [p.record for p in by_rate] == [3] * 4 and by_angle[0].record == 0
+    assert [p.record for p in by_rate] == [3] * 4
+    assert by_angle[0].record == 0
 
 
 def test_drives_that_are_held_begin_where_they_were_recorded_and_at_their_mean_setpoint() -> None:

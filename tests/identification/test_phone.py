@@ -62,7 +62,8 @@ def test_cable_damping_and_gravity_of_a_gyroscope_lie_within_their_intervals(
     estimate = identify(Model.of(prior, records, list(TRUTH)))
     for name, (value, margin) in estimate.intervals.items():
         assert abs(value - TRUTH[name]) <= margin <= 0.02 * TRUTH[name], name
-    assert estimate.least_explained[0] > 0.99 and estimate.not_white == ()
+    assert estimate.least_explained[0] > 0.99
+    assert estimate.not_white == ()
 
 
 def test_apps_differ_in_their_columns_only(tmp_path: Path) -> None:

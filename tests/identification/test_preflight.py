@@ -50,7 +50,8 @@ def test_margins_foretold_are_those_that_come_out() -> None:
     known = Prior(None, {name: TRUE[name] for name in ("payload_mass", "damp_swing")})
     names = ["l_offset", "delay", "phi_bias", "theta_bias"]
     model = Model.of(known, [Record.of(known.crane, columns)], names)
-    foretold, estimate = preflight(model), identify(model)
+    foretold = preflight(model)
+    estimate = identify(model)
     for name in names:
         assert abs(foretold.margins[name] / estimate.margin(name) - 1.0) < 0.15, name
     # A bias is the mean of what is left: its interval is 1.96 σ / sqrt(n), the noise being known

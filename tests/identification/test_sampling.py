@@ -72,7 +72,8 @@ def test_a_held_column_brings_fresh_values_at_its_own_interval() -> None:
     columns = logged(1)
     t = columns["t_s"]
     sampled = samples(t, columns["trolley_m"])
-    assert sampled.is_held and is_irregular(t)
+    assert sampled.is_held
+    assert is_irregular(t)
     assert sampled.interval == pytest.approx(0.030, abs=0.003)
     assert 4e-5 < sampled.resolution < 2e-4
     curve = smooth(t, columns["trolley_m"], sampled)
@@ -116,7 +117,8 @@ def test_the_step_of_a_grid_is_found_whatever_share_of_its_rows_repeats(step: fl
     position, _, _ = moved(T)
     rounded = step * np.round(position / step)
     share = np.mean(np.diff(rounded[200:700]) == 0.0)  # while it moves
-    assert (share > 0.5) == (step > 0.02) and (share < 0.05) == (step < 0.005)
+    assert (share > 0.5) == (step > 0.02)
+    assert (share < 0.05) == (step < 0.005)
     scale = np.radians(1.0)  # an angle counted in degrees has no round step in radians
     cases = {"as it is": rounded, "aside": rounded + 0.00333, "in degrees": scale * rounded,
              "printed": np.round(scale * rounded, 7)}  # fmt: skip
@@ -128,14 +130,17 @@ def test_the_step_of_a_grid_is_found_whatever_share_of_its_rows_repeats(step: fl
         assert grid_step(values) == pytest.approx(step * unit, rel=allowed), name
         assert is_rounded(values, grid_step(values)), name
     sampled = samples(T, rounded)
-    assert not sampled.is_held and not sampled.is_exact(2) and sampled.lateness == 0.0
+    assert not sampled.is_held
+    assert not sampled.is_exact(2)
+    assert sampled.lateness == 0.0
     assert sampled.resolution == pytest.approx(step)
     assert len(sampled.rows) == len(T)
 
 
 def test_exact_values_lie_on_no_grid_and_a_computed_ramp_on_one_of_its_making() -> None:
     position, _, _ = moved(T)
-    assert grid_step(position) == 0.0 and grid_step(np.full(5, 3.0)) == 0.0
+    assert grid_step(position) == 0.0
+    assert grid_step(np.full(5, 3.0)) == 0.0
     assert samples(T, position).is_exact(2)
     # A uniform acceleration: squares of the row's number times half a micrometre.
     ramp = 5e-7 * np.arange(400.0) ** 2
@@ -255,7 +260,8 @@ def test_a_position_that_is_no_smooth_motion_is_said(prior: Prior) -> None:
     slipping = 1e-3 * np.round(0.1 * (position - 8.0123) / 1e-3) + 0.1 * (np.floor(T / 7.0) % 2)
     columns = {"t_s": T, "trolley_m": slipping, "pendulum_rad": 0.1 * np.sin(5.0 * T)}
     record = Record.of(prior.crane, columns)
-    assert "trolley_m brings" in record.notes[0] and "changes so abruptly" in record.notes[0]
+    assert "trolley_m brings" in record.notes[0]
+    assert "changes so abruptly" in record.notes[0]
     assert "intervals may not hold the truth" in record.notes[0]
 
 

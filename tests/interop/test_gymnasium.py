@@ -38,7 +38,8 @@ from cranedyn.interop.task import (  # noqa: E402
     cranes_between,
 )
 
-DRIVES, PASSIVE = crane().layout.drives, crane().layout.passive
+DRIVES = crane().layout.drives
+PASSIVE = crane().layout.passive
 
 
 def many(count: int, **how: Any) -> TowerCraneVectorEnv:
@@ -130,7 +131,8 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
         for _ in range(400):
             a = task.accelerations(push.T, task.fleet.z)
             env.step(push)
-            q, v = task.fleet.z[:5], task.fleet.z[5:]
+            q = task.fleet.z[:5]
+            v = task.fleet.z[5:]
             assert (np.abs(a) <= np.array(limits.accelerations)[:, None] * (1.0 + 1e-9)).all()
             assert (np.abs(v[DRIVES]) <= np.array(limits.rates)[:, None] * (1.0 + 1e-9)).all()
             gap = np.minimum(
@@ -296,7 +298,8 @@ def test_pictures_have_one_scale_and_show_the_load_where_it_is() -> None:
         changed = (pictures[i] != pictures[k]).any(axis=2)
         return int(np.ptp(np.flatnonzero(changed.any(axis=0)))), int(changed.any(axis=1).sum())
 
-    across, down = columns_rows(0, 1), columns_rows(1, 2)
+    across = columns_rows(0, 1)
+    down = columns_rows(1, 2)
     # the trolley's 10 m are wider than what the load alone takes, which sinks by 8 m
     assert across[0] > 2 * down[0] and down[1] > 8.0 / 10.0 * 0.5 * across[0]
 
@@ -377,7 +380,8 @@ def test_a_seed_is_one_whole_number_for_all_cranes(seed: Any) -> None:
 
 
 def test_a_seed_of_numpy_is_the_same_as_that_of_python_and_gymnasiums_own_is_taken() -> None:
-    one, other = many(3), many(3)
+    one = many(3)
+    other = many(3)
     assert np.array_equal(one.reset(seed=np.int64(7))[0], other.reset(seed=7)[0])
     drawn = many(3)
     drawn.reset()

@@ -45,9 +45,11 @@ def radius(
     that is part of the state.
     """
     nz, m = plant.b.shape
-    k, n = len(law.a), nz + len(law.a) + periods
+    k = len(law.a)
+    n = nz + len(law.a) + periods
     reads = np.zeros((m, n))
-    reads[:, :nz], reads[:, nz : nz + k] = -law.d, -law.c
+    reads[:, :nz] = -law.d
+    reads[:, nz : nz + k] = -law.c
     acts = reads.copy()
     acts[drive] = factor * reads[drive]
     queue = np.zeros((periods, n))
@@ -58,7 +60,8 @@ def radius(
     moves = np.zeros((nz, n))
     moves[:, :nz] = plant.a
     remembers = np.zeros((k, n))
-    remembers[:, :nz], remembers[:, nz : nz + k] = law.b, law.a
+    remembers[:, :nz] = law.b
+    remembers[:, nz : nz + k] = law.a
     loop = np.vstack([moves + plant.b @ acts, remembers, queue])
     return float(np.abs(np.linalg.eigvals(loop)).max())
 

@@ -104,7 +104,8 @@ def test_a_file_of_ours_is_expanded_once_and_again_when_it_has_changed(
     monkeypatch.setattr(
         description, "_expand", lambda *given: expansions.append(given) or honest(*given)
     )
-    one, two = describe(own), describe(own)
+    one = describe(own)
+    two = describe(own)
     assert one == two
     assert len(expansions) == 1
     old, new = (f'name="payload_mass" default="{mass}"' for mass in (1000.0, 1001.0))

@@ -54,7 +54,8 @@ def oracle(tmp_path: Path, crane: Crane) -> tuple[pin.Model, np.ndarray]:
     """Pinocchio's own model of mimic joints, which must follow a joint that follows none, and the
     indices here of its coordinates.
     """
-    chained, direct = MIMIC.format("out2", 0.5, 0.0), MIMIC.format("out1", 0.4, 0.05)
+    chained = MIMIC.format("out2", 0.5, 0.0)
+    direct = MIMIC.format("out1", 0.4, 0.05)
     assert BOOM.count(chained) == 1
     model = pin.buildModelFromXML(BOOM.replace(chained, direct), mimic=True)
     model.gravity.linear = crane.model.gravity.linear
@@ -102,7 +103,8 @@ def test_accelerations_are_those_of_pinocchios_own_mimic_joints(
     data = model.createData()
     state = _random_state(crane, seed)
     effort = np.array([1e3, 2e3, -500.0])
-    q, v = state.q[at], state.v[at]
+    q = state.q[at]
+    v = state.v[at]
     upper = np.triu(pin.crba(model, data, q))
     mass = upper + np.triu(upper, 1).T
     np.testing.assert_allclose(crane.mass_matrix(state.q)[np.ix_(at, at)], mass, rtol=1e-12)

@@ -189,7 +189,8 @@ def test_random_trees_move_for_two_seconds_as_in_dart(tmp_path: Path) -> None:
     dart = pytest.importorskip(
         "dartpy", reason="dartpy is not installed: pip install 'cranedyn[dart]'"
     )
-    step, steps = 1e-3, 2000
+    step = 1e-3
+    steps = 2000
     for seed in range(12):
         # DART reads versions 1.4 to 1.6, 1.4 without its axes in the model frame.
         text = RandomSdf(seed, 5 + seed % 2, plain=True).text

@@ -42,7 +42,8 @@ def test_both_engines_yaw_alike_and_keep_the_ledger(drive: Drive) -> None:
     )
     assert plain["load_yaw_rad"].min() < -0.5
     for name in ("q", "v", "effort", "energy"):
-        ours, theirs = getattr(plain, name), getattr(compiled, name)
+        ours = getattr(plain, name)
+        theirs = getattr(compiled, name)
         assert_allclose(theirs, ours, rtol=0, atol=1e-12 * max(1.0, np.abs(ours).max()))
     # work and dissipation are summed by the trapezoidal rule
     assert np.abs(plain.unexplained).max() < 1e-5 * c.springs.energy(plain.q[0])

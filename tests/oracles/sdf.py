@@ -38,7 +38,8 @@ def build_probe() -> Path:
     """Compile the program that prints what libsdformat makes of a file, once for all tests; skip
     without libsdformat.
     """
-    compiler, config = shutil.which("g++"), shutil.which("pkg-config")
+    compiler = shutil.which("g++")
+    config = shutil.which("pkg-config")
     if compiler is None or config is None:
         pytest.skip("g++ or pkg-config is not installed: run .ci/sdformat as root")
     flags = subprocess.run(
@@ -183,7 +184,8 @@ def dynamics(
             i = names.index(name)
             jacobian[:, i] = _adjoint(turn) @ tree.screws[name]
             twist = np.zeros((4, 4))
-            twist[:3, :3], twist[:3, 3] = skew(tree.screws[name][:3]), tree.screws[name][3:]
+            twist[:3, :3] = skew(tree.screws[name][:3])
+            twist[:3, 3] = tree.screws[name][3:]
             turn = turn @ expm(twist * q[i])
         pose = turn @ body.pose
         rotation = pose[:3, :3]
@@ -261,7 +263,8 @@ class RandomSdf:
         return f"<inertial>{pose}<mass>{self.rng.uniform(0.5, 5.0)}</mass>{tensor}</inertial>"
 
     def _axis(self, tag: str, frames: list[str], bounded: bool) -> str:
-        attribute, flag = "", ""
+        attribute = ""
+        flag = ""
         if not self.plain and self.rng.random() < 0.5:
             if self.version >= 7:
                 attribute = f' expressed_in="{self.rng.choice([*frames, "__model__"])}"'

@@ -69,7 +69,8 @@ def test_a_film_that_cannot_be_made_is_refused_in_a_line(
         code = main(["view", *words.split()])
     except SystemExit as end:
         code = int(str(end.code))
-    assert code == 2 and sentence in capsys.readouterr().err
+    assert code == 2
+    assert sentence in capsys.readouterr().err
 
 
 def test_a_film_of_no_run_is_refused(tmp_path: Path) -> None:

@@ -141,7 +141,8 @@ def test_every_curve_has_a_column_and_every_quantity_its_colour(file: Path, cran
 
 def test_the_layout_travels_in_the_file(file: Path, crane: Crane) -> None:
     reader = RrdReader(file)
-    (layout,), (recording,) = reader.blueprints(), reader.recordings()
+    (layout,) = reader.blueprints()
+    (recording,) = reader.recordings()
     assert layout.application_id == recording.application_id
     names = set()
     spans = []
@@ -346,7 +347,8 @@ def test_a_full_disk_leaves_the_recording_that_was_there(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
     path = record(tmp_path / "a.rrd", [Run("run", crane, moving)], title="First")
-    before, (_, hard) = path.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = path.read_bytes()
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
     try:
         with pytest.raises(DataError, match="Cannot write"):

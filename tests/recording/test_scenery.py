@@ -56,7 +56,8 @@ def moving(crane: Crane) -> Trajectory:
 def turned(points: np.ndarray, angle: float) -> np.ndarray:
     """Points about the vertical, from X towards Y, by sine and cosine."""
     x, y, z = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
 
 
@@ -94,8 +95,14 @@ FACES = np.array(
 WALL = np.add(CUBE, [4.0, 0.0, 0.0])
 """The same box elsewhere."""
 
-SOLID, ZONE, NEAR = 0xB9AE9BFF, 0xCC33113C, 0xF22B05FF
-"""Grey and opaque, red and transparent, and the colour of what the load is near to."""
+SOLID = 0xB9AE9BFF
+"""Colour of an obstacle: grey and opaque."""
+
+ZONE = 0xCC33113C
+"""Colour of a forbidden zone: red and transparent."""
+
+NEAR = 0xF22B05FF
+"""Colour of what the load is near to."""
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +199,9 @@ def test_distances_and_contacts_stand_at_their_times(
 def test_shapes_are_as_large_as_in_the_urdf_and_turned_about_fixed_axes(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:
-    r, p, y = 0.3, -0.7, 1.1
+    r = 0.3
+    p = -0.7
+    y = 1.1
     origin = f'<origin xyz="0.1 0.2 0.3" rpy="{r} {p} {y}"/>'
     kinds = {
         "box": '<box size="1 2 4"/>',
@@ -221,7 +230,9 @@ def test_shapes_are_as_large_as_in_the_urdf_and_turned_about_fixed_axes(
     assert_allclose(found["cylinder"]["lengths"], [3.0], atol=1e-6)
     assert_allclose(found["sphere"]["half_sizes"], [[0.25, 0.25, 0.25]], atol=1e-6)
     # URDF: roll about X, then pitch about Y, then yaw about Z, all of the link.
-    a, b, c = r / 2.0, p / 2.0, y / 2.0
+    a = r / 2.0
+    b = p / 2.0
+    c = y / 2.0
     halves = {
         "x": np.sin(a) * np.cos(b) * np.cos(c) - np.cos(a) * np.sin(b) * np.sin(c),
         "y": np.cos(a) * np.sin(b) * np.cos(c) + np.sin(a) * np.cos(b) * np.sin(c),
@@ -380,7 +391,8 @@ def test_a_tangential_swing_is_paler_and_peaks_are_kept(
 ) -> None:
     runs = [Run("one", crane, moving), Run("two", crane, moving.since(1.0))]
     reader = RrdReader(record(tmp_path / "two.rrd", runs, title="Two"))
-    colours, policies = {}, {}
+    colours = {}
+    policies = {}
     for chunk in reader.stream(store=reader.blueprints()[0]):
         batch = chunk.to_record_batch()
         if "SeriesLines:names" not in batch.schema.names:
@@ -392,7 +404,8 @@ def test_a_tangential_swing_is_paler_and_peaks_are_kept(
     for run in ("one", "two"):
         assert (np.array(colours[f"θ · {run}"]) >= colours[f"φ · {run}"]).all()
         assert sum(colours[f"θ · {run}"]) > sum(colours[f"φ · {run}"])
-    extremes, mean = AggregationPolicy.MinMax.value, AggregationPolicy.Average.value
+    extremes = AggregationPolicy.MinMax.value
+    mean = AggregationPolicy.Average.value
     assert policies["F_l · one"] == policies["T_γ · one"] == extremes
     assert policies["φ · one"] == policies["dx/dt · one"] == mean
 

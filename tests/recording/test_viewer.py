@@ -60,7 +60,8 @@ def test_a_viewer_that_we_start_sends_nothing_and_leaves_the_users_own_setting_a
             policy = page.headers["Content-Security-Policy"]
             assert b"re_viewer" in page.read()
     allowed = server.data.removeprefix("rerun+").removesuffix("/proxy")
-    assert re.findall(r"\w+://[^ ;]*", policy) == [allowed] and "default-src 'self'" in policy
+    assert re.findall(r"\w+://[^ ;]*", policy) == [allowed]
+    assert "default-src 'self'" in policy
     assert list(tmp_path.iterdir()) == []
     assert "Every program on this machine can read what is served, and add to" in server.message
     assert server.address in server.message

@@ -71,7 +71,8 @@ def test_the_centre_of_oscillation_takes_the_path_and_the_rope_points_along_its_
     for k in range(100, 2400, 97):
         t = k * motion.period
         length = motion.q[k, 4]
-        pivot, load = pivot_position(of, motion.q[k]), payload_position(of, motion.q[k])
+        pivot = pivot_position(of, motion.q[k])
+        load = payload_position(of, motion.q[k])
         along_rope = (pivot - load) / np.linalg.norm(pivot - load)
         found = pivot - along_rope * oscillation_depth(inertia_over_mass, length)
         # A spline of seventh degree through samples 5 ms apart rounds at 1e-15 of 30 m.

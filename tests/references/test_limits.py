@@ -26,8 +26,15 @@ from tests.helpers import G, crane
 WIDE = Limits((10.0, 10.0, 10.0), (10.0, 10.0, 10.0))
 """More than any of these motions needs."""
 
-MASS, TROLLEY, LINKS = 1000.0, 500.0, 100.0
-"""Of load, trolley and the links between the swing joints [kg], of the crane of this project."""
+# Masses of the crane of this project.
+MASS = 1000.0
+"""Mass of the load [kg]."""
+
+TROLLEY = 500.0
+"""Mass of the trolley [kg]."""
+
+LINKS = 100.0
+"""Mass of the links between the swing joints [kg]."""
 
 
 def accelerated(gamma: float = 0.0, trolley: float = 0.0, hoist: float = 0.0) -> Motion:
@@ -102,7 +109,8 @@ def test_a_motion_uses_of_rate_and_acceleration_what_its_quintic_has(
 def test_the_shortest_section_is_that_of_the_drive_that_needs_most() -> None:
     of = crane()
     start = crane().state(x=10.0, l=15.0)
-    rates, accelerations = (1.0, 8.0, 4.0), (0.02, 0.3, 0.2)
+    rates = (1.0, 8.0, 4.0)
+    accelerations = (0.02, 0.3, 0.2)
     # By accelerations: each drive needs √(10/√3 · way / limit).
     needs = {
         drive: math.sqrt(10.0 / math.sqrt(3.0) * way / limit)
@@ -171,13 +179,15 @@ def test_a_hanging_reference_covers_its_duration_and_ends_at_rest(duration: floa
     ):
         motion = hanging_reference(of, reference, duration)
         assert motion.arrival == pytest.approx(duration, abs=1e-12)
-        assert not motion.v[-1].any() and not motion.a[-1].any()
+        assert not motion.v[-1].any()
+        assert not motion.a[-1].any()
         before = reference(duration - motion.period)
         np.testing.assert_allclose(motion.v[-2, motion.drives], before.velocity, atol=1e-12)
         np.testing.assert_allclose(motion.a[-2, motion.drives], before.acceleration, atol=1e-12)
         for answer in (motion(duration), motion(duration + 1.0)):
             np.testing.assert_allclose(answer.position, reference(duration).position, atol=1e-12)
-            assert not answer.velocity.any() and not answer.acceleration.any()
+            assert not answer.velocity.any()
+            assert not answer.acceleration.any()
 
 
 # --- rows ----------------------------------------------------------------------------------------
@@ -190,7 +200,8 @@ def test_between_rows_is_where_a_straight_line_says(t: float, period: float) -> 
     rows, shares = locate_many(np.array([t]), period, len(table))
     expected = np.interp(t, period * np.arange(len(table)), table)
     for index, part in ((row, share), (int(rows[0]), float(shares[0]))):
-        assert 0 <= index < len(table) and 0.0 <= part < 1.0
+        assert 0 <= index < len(table)
+        assert 0.0 <= part < 1.0
         there = table[index] + (part * (table[index + 1] - table[index]) if part else 0.0)
         # A time within 1e-6 of a period of a row counts as that of the row; steps up to 14.
         assert there == pytest.approx(expected, abs=2e-5)
@@ -206,7 +217,8 @@ def test_a_motion_moves_from_its_first_row_to_its_last_and_stands_still_beyond()
             assert answer.acceleration.tolist() == (-v[row, ::-1]).tolist()
     for t, row in ((-1e-3, 0), (1.001, 2)):
         for answer in (motion(t), Setpoint(*(part[0] for part in motion.at(np.array([t]))))):
-            assert not answer.velocity.any() and not answer.acceleration.any()
+            assert not answer.velocity.any()
+            assert not answer.acceleration.any()
             assert answer.position == pytest.approx(0.1 * v[row, ::-1])
     assert motion.arrival == 1.0
 

@@ -248,7 +248,8 @@ def test_the_rates_of_a_crane_narrow_the_limits_of_a_plan() -> None:
     slow = load_crane(trolley_velocity=0.5)
     kept = Limits((0.1, 1.5, 1.0), (0.02, 0.4, 0.4)).for_crane(slow)
     assert (kept.rates, kept.accelerations) == ((0.1, 0.5, 1.0), (0.02, 0.4, 0.4))
-    start, goal = slow.state(x=8.0), slow.state(x=18.0)
+    start = slow.state(x=8.0)
+    goal = slow.state(x=18.0)
     duration = fastest(slow, lambda t: flat(slow, start, goal, t), Limits((1, 9, 9), (9, 9, 9)))
     assert np.abs(flat(slow, start, goal, duration).v[:, 1]).max() == pytest.approx(0.5, rel=1e-3)
     (section,) = shortest(

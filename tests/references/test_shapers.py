@@ -34,7 +34,8 @@ def vibration(shaper: Shaper, damping: float, ratio: float = 1.0) -> float:
 def test_a_shaper_leaves_nothing_of_a_damped_swing_and_the_whole_of_the_way(damping: float) -> None:
     for shaper, fractions in ((zv(damping), [0.0, 0.5]), (zvd(damping), [0.0, 0.5, 1.0])):
         assert shaper.fractions.tolist() == fractions
-        assert shaper.amplitudes.sum() == pytest.approx(1.0) and (shaper.amplitudes > 0.0).all()
+        assert shaper.amplitudes.sum() == pytest.approx(1.0)
+        assert (shaper.amplitudes > 0.0).all()
         assert vibration(shaper, damping) == pytest.approx(0.0, abs=1e-12)
     # ZV's grows in proportion to an error of the frequency, that of ZVD by its square.
     one, two = (vibration(zv(damping), damping, 1.0 + e) for e in (1e-4, 2e-4))
@@ -111,7 +112,8 @@ def test_no_command_is_shaped_by_a_period_that_is_no_time(period: float) -> None
             assert not (math.isfinite(period) and period > 0.0)
             continue
         assert all(np.isfinite(part).all() for part in found)
-        assert math.isfinite(period) and period > 0.0
+        assert math.isfinite(period)
+        assert period > 0.0
 
 
 @pytest.mark.parametrize("length", [0.0, -3.0, math.nan])

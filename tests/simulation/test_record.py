@@ -77,7 +77,8 @@ def test_a_run_is_made_again_from_its_file_alone_to_the_bit(
         validity="mark",
         disturbance=constant_force(made, payload=(30.0, 0.0, 0.0)),
     ).write(tmp_path / "run.parquet")
-    kept, again = read(path), replayed(path)
+    kept = read(path)
+    again = replayed(path)
     fitting = "compiled" if "rope_stiffness" in values else "pinocchio"
     assert kept.parameters["engine"] == (engine or fitting)
     for name in ("q", "v", "effort", "energy", "work", "dissipated", "outside"):
@@ -96,7 +97,8 @@ def test_a_run_is_made_again_from_the_gains_and_the_reference_in_its_file(tmp_pa
     ).write(tmp_path / "run.parquet")
     kept = read(path)
     again = load_crane(from_record=path)
-    control, base = kept.record["controller"], kept.record["reference"]
+    control = kept.record["controller"]
+    base = kept.record["reference"]
     assert (control["kind"], base["kind"]) == (
         "cranedyn.controllers.hold.Hold",
         "cranedyn.references.simple.Pulse",
@@ -106,22 +108,19 @@ def test_a_run_is_made_again_from_the_gains_and_the_reference_in_its_file(tmp_pa
     assert isinstance(still, Still)
     reference = Pulse(still, np.array(base["step"]), base["first"], base["last"])
     run = simulate(again, Hold(again, *gains), reference, start=kept.state(0), duration=2.0)
-    assert np.array_equal(run.q, kept.q) and np.array_equal(run.effort, kept.effort)
+    assert np.array_equal(run.q, kept.q)
+    assert np.array_equal(run.effort, kept.effort)
 
 
 def test_the_record_says_what_there_is_in_numbers_or_by_a_checksum() -> None:
     start = crane().state(x=12.0)
     motion = hanging_reference(crane(), hold(crane(), start), 1.0)
     record = simulate(crane(), lqr(crane(), motion), motion, start=start, duration=0.1).record
-    assert (
-        record["crane"]["gravity"] == crane().gravity
-        and 'mass value="1000.0"' in record["crane"]["urdf"]
-    )
+    assert record["crane"]["gravity"] == crane().gravity
+    assert 'mass value="1000.0"' in record["crane"]["urdf"]
     assert record["controller"]["kind"] == "cranedyn.controllers.tracking.Tracking"
-    assert (
-        record["controller"]["gain"]["shape"] == [201, 3, 10]
-        and len(record["controller"]["gain"]["sha256"]) == 64
-    )
+    assert record["controller"]["gain"]["shape"] == [201, 3, 10]
+    assert len(record["controller"]["gain"]["sha256"]) == 64
     assert set(record["versions"]) >= {"cranedyn", "pin", "numpy", "python"}
     assert json.loads(json.dumps(record, allow_nan=False)) == record
 
@@ -161,10 +160,12 @@ def test_the_looks_of_our_own_crane_are_made_again_unless_they_are_of_another(
     made = load_crane(payload_mass=2345.0, pivot_height=29.0)
     run = simulate(made, hold_controller(made), duration=0.01)
     again = load_crane(from_record=read(run.write(tmp_path / "run.parquet")).record)
-    assert again.urdf == made.urdf != made.record["urdf"] and again.record == made.record
+    assert again.urdf == made.urdf != made.record["urdf"]
+    assert again.record == made.record
     for arguments in ({"payload_mass": 1.0}, {"gravity_of": 3.0}, {"payload_mass": -1.0}):
         strange = load_crane(from_record={"crane": {**made.record, "arguments": arguments}})
-        assert strange.urdf == made.record["urdf"] and strange.payload_mass == 2345.0
+        assert strange.urdf == made.record["urdf"]
+        assert strange.payload_mass == 2345.0
     for arguments in ({"payload_mass": "${1}"}, []):
         with pytest.raises(DataError, match="does not name its crane"):
             load_crane(from_record={"crane": {**made.record, "arguments": arguments}})

@@ -50,7 +50,8 @@ def test_both_ends_of_a_long_run_are_those_of_a_run_in_two_parts() -> None:
             duration=duration,
         )
 
-    whole, first = run(2.56), run(1.28)
+    whole = run(2.56)
+    first = run(1.28)
     then = run(1.28, 1.28, State(first.q[-1], first.v[-1]))
     for name in ("q", "v", "setpoint", "command", "effort"):
         parts = np.concatenate([getattr(first, name)[:-1], getattr(then, name)])

@@ -138,7 +138,8 @@ def test_a_controller_may_answer_with_a_buffer_of_its_own() -> None:
 
 @pytest.mark.slow
 def test_another_integrator_takes_its_place() -> None:
-    c, dt = big_crane(), 5e-3
+    c = big_crane()
+    dt = 5e-3
     found = simulate(
         c,
         locked,
@@ -342,7 +343,8 @@ def test_a_wide_conical_swing_gains_energy_slowly_and_in_proportion_to_the_step(
         thirds = np.array_split(moved(c, start, 96.0, dt, period=0.16).energy, 3)
         return float(thirds[2].mean() - thirds[0].mean()) / whole / 64.0
 
-    coarse, fine = gain(8e-3), gain(4e-3)
+    coarse = gain(8e-3)
+    fine = gain(4e-3)
     # Per second: the price of the rule where inertia depends on the angles; a limit we set, twice
     # what it is.
     assert 0.0 < fine < 2e-4

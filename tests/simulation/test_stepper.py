@@ -60,9 +60,8 @@ def test_a_loop_of_ones_own_goes_through_the_states_of_simulate_to_the_bit(
             engine=engine,
             **found,
         )
-        assert np.array_equal(run.q, [state.q for state in states]) and np.array_equal(
-            run.v, [state.v for state in states]
-        )
+        assert np.array_equal(run.q, [state.q for state in states])
+        assert np.array_equal(run.v, [state.v for state in states])
         assert stepper.t == pytest.approx(0.2, rel=1e-12)
 
 
@@ -127,7 +126,8 @@ def test_a_copy_goes_on_by_itself_from_where_the_original_was(
 
 def test_it_starts_where_the_urdf_says_and_its_states_cannot_be_written_to() -> None:
     stepper = Stepper(crane())
-    assert np.array_equal(stepper.state.q, crane().start.q) and stepper.t == 0.0
+    assert np.array_equal(stepper.state.q, crane().start.q)
+    assert stepper.t == 0.0
     with pytest.raises(ValueError, match="read-only"):
         stepper.step([0.0, 0.0, -9806.65]).q[0] = 1.0
 
@@ -145,7 +145,8 @@ def test_a_step_that_cannot_be_made_leaves_state_and_time() -> None:
     before = stepper.state
     with pytest.raises(CraneError):
         stepper.step([-5e3, -4e3, 6e3])  # moves beyond all bounds within the period
-    assert stepper.state is before and stepper.t == 0.0
+    assert stepper.state is before
+    assert stepper.t == 0.0
 
 
 @pytest.mark.slow
@@ -167,4 +168,5 @@ def test_a_load_stands_on_the_ground_of_a_stepper_as_in_simulate_and_in_a_copy(e
     run = simulate(tower, lambda t, state, _: command, duration=0.2, **common)
     assert np.array_equal(run.q[:21], [state.q for state in states])
     assert all(np.array_equal(run.q[-1], end.q) for end in ends)
-    assert run.phase is not None and run.phase[0] == 2.0 != run.phase[-1]
+    assert run.phase is not None
+    assert run.phase[0] == 2.0 != run.phase[-1]

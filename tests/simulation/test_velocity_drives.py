@@ -205,4 +205,5 @@ def test_without_efforts_given_rows_are_judged_as_before() -> None:
     rows = run.q, run.v, run.effort[:, 2]
     assert first_event(weak, conditions(weak, *rows)) is None
     event = first_event(weak, conditions(weak, *rows, needed=run.effort))
-    assert event is not None and event.joint == "yaw_joint"
+    assert event is not None
+    assert event.joint == "yaw_joint"

@@ -54,7 +54,8 @@ def test_a_worker_that_ends_while_it_is_idle_costs_no_chunk_a_try() -> None:
         _submit(pool, 3.0)
         ((rows, table),) = pool.wait()
     assert rows == CaseRange(0, 1)
-    assert table is not None and table["y"].to_pylist() == [9.0]
+    assert table is not None
+    assert table["y"].to_pylist() == [9.0]
 
 
 def test_a_worker_that_dies_fails_its_own_chunk_only() -> None:

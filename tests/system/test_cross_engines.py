@@ -101,7 +101,8 @@ def test_mujoco_has_the_same_accelerations_with_damping(engine: Any) -> None:
     same()
 
 
-DT, PERIOD = 5e-4, 5e-3
+DT = 5e-4
+PERIOD = 5e-3
 
 
 @cache

@@ -37,7 +37,8 @@ def test_an_example_runs_and_is_a_screenful(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     text = script.read_text(encoding="utf-8")
-    assert text.startswith('"""') and len(text.splitlines()) <= 45
+    assert text.startswith('"""')
+    assert len(text.splitlines()) <= 45
     if needs := re.search(r"Needs: (\w+)\.", text):
         if importlib.util.find_spec(needs[1]) is None:
             pytest.skip(f"{needs[1]} is not installed")
@@ -60,7 +61,8 @@ def test_an_example_runs_and_is_a_screenful(
         runpy.run_path(str(script), run_name="__main__")
         said, error = capsys.readouterr()
         assert error == ""
-    assert said and "nan" not in said.lower()
+    assert said
+    assert "nan" not in said.lower()
     assert _names(script.parent) == before
     for picture in tmp_path.glob("*.png"):
         assert picture.stat().st_size > 10_000

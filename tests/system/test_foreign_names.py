@@ -48,7 +48,9 @@ effort="\S*" => name="" => effort of limit in joint yaw_joint in .* is ''; allow
 """
 """What is added to the crane, or takes the place of what, and what is said of it."""
 
-_MORE, _CHILD, _PARENT = '<link name="more"/>', '<child link="more"/>', '<parent link="hook_link"/>'
+_MORE = '<link name="more"/>'
+_CHILD = '<child link="more"/>'
+_PARENT = '<parent link="hook_link"/>'
 
 
 @pytest.mark.parametrize("row", REFUSED.strip().splitlines())
@@ -97,11 +99,9 @@ def test_a_name_in_a_sentence_cannot_end_its_quotation_nor_be_endless() -> None:
     assert quoted("x'; allowed is anything") == '"x\'; allowed is anything"'
     assert quoted("""a'b"c\n""") == r"""'a\'b"c\n'"""
     assert len(quoted("x" * 10**6)) < 300
-    assert (
-        quoted(EVIL).isprintable()
-        and printable(EVIL).isprintable()
-        and quoted("\udcff") == r"'\udcff'"
-    )
+    assert quoted(EVIL).isprintable()
+    assert printable(EVIL).isprintable()
+    assert quoted("\udcff") == r"'\udcff'"
     assert printable("φ and θ") == "φ and θ"
     with pytest.raises(OutOfRange, match=r"mass is 'a\\nb'; allowed is a number \[kg\]\."):
         number("mass", "a\nb", "kg")
@@ -113,10 +113,12 @@ def test_names_of_files_forge_no_rows_and_no_colours_in_tables(
     table = ResultTable("Files", [("file", ""), ("l [m]", ".1f")], [(f"{EVIL}|b", 1.0)])
     assert table.shown()[0][0].isprintable()
     last = table.markdown().splitlines()[-1]
-    assert last.startswith(r"| a\nerror: all is well") and last.endswith(r"\|b | 1.0 |")
+    assert last.startswith(r"| a\nerror: all is well")
+    assert last.endswith(r"\|b | 1.0 |")
     show(Outcome([table], []))
     out = capsys.readouterr().out
-    assert "\x9b" not in out and "\u202e" not in out
+    assert "\x9b" not in out
+    assert "\u202e" not in out
     assert not any(line.startswith("error:") for line in out.splitlines())
 
 

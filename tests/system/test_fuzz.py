@@ -124,7 +124,8 @@ def test_each_kind_of_broken_promise_is_seen(
     monkeypatch.setattr("tests.system.fuzz.core.PATIENCE", 0.1)
     generator = Generator("trial", lambda rng: None, lambda case, folder: action())
     verdict = judged(generator, None)
-    assert fault in verdict.fault and bool(verdict.fault) is bool(fault)
+    assert fault in verdict.fault
+    assert bool(verdict.fault) is bool(fault)
 
 
 @pytest.mark.slow

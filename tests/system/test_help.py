@@ -84,7 +84,8 @@ def test_an_unknown_option_is_answered_with_the_nearest_on_one_line(
     example = help_of(command, capsys).partition("\n")[0].removeprefix("example: ")
     assert ended(command, [*arguments(example, command), "--hepl"]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("error: ") and error.count("\n") == 1
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
     assert "nearest is --help" in error
 
 
@@ -108,7 +109,8 @@ def test_what_is_not_known_is_answered_with_the_nearest_on_one_line(
 ) -> None:
     assert ended("cranedyn", shlex.split(line)) == 2
     error = capsys.readouterr().err
-    assert error.startswith("error: There is no ") and error.count("\n") == 1
+    assert error.startswith("error: There is no ")
+    assert error.count("\n") == 1
     assert f"; the nearest is {nearest}" in error
 
 
@@ -135,4 +137,5 @@ def test_the_list_has_every_experiment_once_by_subject(capsys: pytest.CaptureFix
     lines = capsys.readouterr().out.splitlines()
     named = [line.split()[0] for line in lines if line.startswith("  ") and line[2] != " "]
     assert sorted(named) == sorted(plugins.names("experiment"))
-    assert "The article" in lines and max(map(len, lines)) <= 80
+    assert "The article" in lines
+    assert max(map(len, lines)) <= 80

@@ -116,7 +116,9 @@ def test_hostile_descriptions_are_refused_within_30_seconds_and_400_megabytes(
     sentences = [json.loads(line) for line in run.stdout.splitlines()]
     assert len(sentences) == len(paths)
     for sentence in sentences:
-        assert sentence.endswith(".") and sentence.isprintable() and len(sentence) < 2100
+        assert sentence.endswith(".")
+        assert sentence.isprintable()
+        assert len(sentence) < 2100
 
 
 _WATCHED = """
@@ -149,7 +151,8 @@ def test_nothing_that_a_description_names_is_opened_or_fetched(urdf: str, tmp_pa
     assert opened == str([str(path)])
     assert fetched == "[]"
     handed_on = skeleton(parse_urdf(path.read_text(), path))  # to parsers that no audit hook sees
-    assert "mesh" not in handed_on and "b.dae" not in handed_on
+    assert "mesh" not in handed_on
+    assert "b.dae" not in handed_on
     assert load_crane(path).payload_mass == 1000.0
 
 
@@ -319,7 +322,8 @@ def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path:
         out = str(tmp_path / "out")
         with redirect_stderr(io.StringIO()) as err:
             code = harness.run_experiment(parser, lambda *_, o=outcome: o, ["--out", out])
-        assert code == 2 and words in err.getvalue()
+        assert code == 2
+        assert words in err.getvalue()
         assert err.getvalue().startswith("error: These arguments give a result that is not finite")
         assert files(tmp_path) == []
 
@@ -425,7 +429,8 @@ def test_a_gif_of_more_pictures_than_memory_holds_is_refused(
         OutOfRange, match=r"number of pictures is \S+; allowed is 1627 or fewer of 640 x 480 pixels"
     ):
         pictures.animate(tmp_path / "a.rrd", span, tmp_path / "a.gif")
-    assert not drawn and files(tmp_path) == []
+    assert not drawn
+    assert files(tmp_path) == []
 
 
 def test_pictures_are_not_even_drawn_where_the_moving_one_is_refused(
@@ -484,7 +489,8 @@ def test_a_result_of_another_shape_is_one_sentence_and_no_report(
     (folder / "result.json").write_text(text)
     assert report.main(["--out", str(tmp_path), "--only", "a1"]) == 2
     err = capsys.readouterr().err
-    assert err.startswith("error: Cannot read ") and err.count("\n") == 1
+    assert err.startswith("error: Cannot read ")
+    assert err.count("\n") == 1
     assert not (tmp_path / "report.html").exists()
 
 

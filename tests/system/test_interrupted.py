@@ -230,7 +230,8 @@ def _serving(folder: Path) -> tuple[subprocess.Popen[str], int, list[int]]:
             break
     viewer = next(int(line.split()[1]) for line in lines if line.startswith("viewer "))
     ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", lines[-1])]
-    assert len(ports) == 2 and not any(map(is_free, ports))
+    assert len(ports) == 2
+    assert not any(map(is_free, ports))
     return process, viewer, ports
 
 
@@ -273,7 +274,8 @@ def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: P
     assert python(_KILLED, path).returncode == -signal.SIGKILL
     assert path.read_text() == "old"
     stale = [name for name in files(tmp_path) if name != "a.csv"]
-    assert len(stale) == 1 and stale[0].startswith(".a.")
+    assert len(stale) == 1
+    assert stale[0].startswith(".a.")
     with atomic_write(path) as draft:
         draft.write_text("new")
     assert (path.read_text(), files(tmp_path)) == ("new", [*stale, "a.csv"])
@@ -318,7 +320,8 @@ def test_a_disk_that_is_full_at_any_file_is_one_sentence_and_no_half_file(tmp_pa
     lines = run.stderr.splitlines()
     codes = [line for line in lines if line.startswith("code")]
     sentences = [line for line in lines if line.startswith("error: Cannot write ")]
-    assert len(codes) >= 5 and set(codes) == {"code 2"}
+    assert len(codes) >= 5
+    assert set(codes) == {"code 2"}
     assert len(sentences) == len(codes)
     assert all("File too large." in sentence for sentence in sentences)
     assert [name for name in files(tmp_path) if "/." in name] == []

@@ -45,7 +45,8 @@ def name(page: Path) -> str:
 def test_a_page_begins_with_a_sentence_and_an_example(page: Path) -> None:
     title, first, *others = re.split(r"\n\n+", page.read_text(encoding="utf-8"))
     assert title.startswith("# ")
-    assert first.endswith((".", ":")) and not first.startswith(("|", "!", "```"))
+    assert first.endswith((".", ":"))
+    assert not first.startswith(("|", "!", "```"))
     assert any(part.startswith("```") for part in others[:3])
 
 

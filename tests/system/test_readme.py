@@ -30,7 +30,8 @@ def test_the_japanese_readme_has_commands_pictures_and_numbers_of_the_english_on
     japanese = (ROOT / "docs/README.ja.md").read_text(encoding="utf-8")
     for pattern in (r"```.*?```", r"!\[.*?\]\((?:docs/)?(.*?)\)", r"`cranedyn .*?`"):
         english, other = (re.findall(pattern, text, re.DOTALL) for text in (README, japanese))
-        assert english == other and english
+        assert english == other
+        assert english
     english, other = (re.findall(r"^\|.*(?:mrad|`).*", text, re.M) for text in (README, japanese))
     assert len(english) > 10
     for rows in zip(english, other, strict=True):
@@ -61,7 +62,8 @@ def test_the_python_of_the_readme_runs_and_makes_what_it_says(
     made: dict[str, object] = {}
     exec(compile(script, "README.md", "exec"), made)
     run = made["run"]
-    assert isinstance(run, cd.Trajectory) and run.t[-1] == 20.0
+    assert isinstance(run, cd.Trajectory)
+    assert run.t[-1] == 20.0
     assert (tmp_path / "run.csv").stat().st_size > 100_000
     assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
 
@@ -93,6 +95,7 @@ def test_version_changelog_and_citation_agree_on_a_dated_release() -> None:
         (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),
         re.MULTILINE,
     )
-    assert newest is not None and newest[1] == cd.__version__
+    assert newest is not None
+    assert newest[1] == cd.__version__
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {newest[1]}\ndate-released: {newest[2]}\n" in citation

@@ -90,7 +90,8 @@ def test_a_batch_of_them_moves_as_each_does_alone() -> None:
 def test_ten_thousand_take_less_than_two_seconds() -> None:
     load_crane()
     began = time.process_time()
-    masses, lengths = np.linspace(500.0, 5000.0, 10_000), np.linspace(5.0, 25.0, 10_000)
+    masses = np.linspace(500.0, 5000.0, 10_000)
+    lengths = np.linspace(5.0, 25.0, 10_000)
     assert len(load_cranes(payload_mass=masses, l=lengths)) == 10_000
     assert time.process_time() - began < 2.0  # some 0.5 s
 
@@ -102,7 +103,8 @@ def test_an_overhead_crane_has_them_too() -> None:
         payload_mass=some(1000.0, 9000.0),
         bridge_mass=some(5e3, 2e4),
     )
-    assert len(cranes[3:5]) == 2 and cranes[3].payload_mass != cranes[4].payload_mass
+    assert len(cranes[3:5]) == 2
+    assert cranes[3].payload_mass != cranes[4].payload_mass
 
 
 def test_starts_are_coordinates_and_rates_by_name() -> None:

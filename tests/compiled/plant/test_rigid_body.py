@@ -147,7 +147,8 @@ def test_a_joint_of_another_kind_is_named(joint: object) -> None:
 @given(states)
 def test_a_load_on_its_rope_moves_as_in_pinocchio_wherever_its_centre_is(state: State) -> None:
     c = crane(damp_swing=0)
-    model, data = c.model.copy(), c.model.createData()
+    model = c.model.copy()
+    data = c.model.createData()
     model.inertias[5] = pin.Inertia(800.0, np.array([0.3, -0.2, 0.5]), np.zeros((3, 3)))
     tree = _tree(model)
     effort = np.array([1e4, -2e3, 30.0, -40.0, -9e3])

@@ -74,7 +74,8 @@ def test_the_ramp_word_is_the_time_to_full_speed() -> None:
 
 def test_encoders_count_the_way_and_sensors_read_what_the_crane_does() -> None:
     plant = driving()
-    readings, q = plant.image.readings, plant.state.q
+    readings = plant.image.readings
+    q = plant.state.q
     assert abs(readings["x.encoder"] * 1e-4 - q[1]) <= 0.5e-4 + 1e-12
     assert abs(readings["phi.angle"] * 1e-4 - q[2]) <= 0.5e-4 + 1e-12
     # the load cell feels weight, swing and hoisting: m (g cos φ cos θ + l φ'²) at a steady speed
@@ -255,7 +256,8 @@ IMPOSSIBLE += [None, "1", True, [1]]
 
 @pytest.mark.parametrize("value", IMPOSSIBLE, ids=repr)
 def test_a_command_that_is_no_number_of_its_type_leaves_the_last_one(value: object) -> None:
-    plant, same = driving(), driving()
+    plant = driving()
+    same = driving()
     go(plant, 0.5, x__speed=value, l__ramp=value, wind=value, inject=value)  # type: ignore[arg-type]
     go(same, 0.5)
     assert np.array_equal(np.concatenate(plant.state), np.concatenate(same.state))

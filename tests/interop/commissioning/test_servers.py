@@ -249,7 +249,8 @@ def test_bad_packets_are_counted_and_print_no_tracebacks(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     plant = ServedCrane(load_crane(), duration=1.0)
-    opcua, modbus = (HOST, free_port()), (HOST, free_port())
+    opcua = (HOST, free_port())
+    modbus = (HOST, free_port())
     with serve.servers(plant, opcua, modbus):
         for place in (opcua, modbus):
             for packet in (b"HELF" + struct.pack("<I", 60) + bytes(52), bytes(range(256)) * 4):
@@ -307,7 +308,8 @@ def test_ctrl_c_ends_within_two_seconds_and_a_second_one_loses_nothing(tmp_path:
                 time.sleep(0.01)
         assert after - before < 2.0
         assert process.wait(60.0) == 0
-        assert len(read(out / "serve.parquet")) > 0 and (out / "serve.rrd").is_file()
+        assert len(read(out / "serve.parquet")) > 0
+        assert (out / "serve.rrd").is_file()
     finally:
         process.kill()
         process.wait()
@@ -335,9 +337,11 @@ def test_a_client_that_is_killed_or_falls_silent_stops_the_crane(way: str, serve
     process = subprocess.Popen(command, stdout=subprocess.PIPE)
     try:
         for _ in range(40):
-            assert process.stdout is not None and process.stdout.readline()
+            assert process.stdout is not None
+            assert process.stdout.readline()
             served.run(0.05)
-        assert served.plant.state.v[1] > 0.5 and not served.plant.fault
+        assert served.plant.state.v[1] > 0.5
+        assert not served.plant.fault
         if way == "killed":
             process.kill()
         else:
@@ -391,7 +395,8 @@ def test_only_the_user_with_the_password_and_a_trusted_certificate_gets_in(tmp_p
     from asyncua.crypto.cert_gen import setup_self_signed_certificate
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
-    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.der"
+    key = tmp_path / "key.pem"
+    certificate = tmp_path / "certificate.der"
     uses = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
     names = {}
     uri = "urn:freeopcua:python:server"
@@ -451,9 +456,11 @@ def test_the_command_keeps_the_clock_records_the_run_and_replaces_nothing(
     assert main(command) == 0
     assert time.perf_counter() - began > 1.49
     printed = capsys.readouterr().out
-    assert "1200 cycles of 1.25 ms" in printed and w.FAULTS[w.WATCHDOG_FAULT] in printed
+    assert "1200 cycles of 1.25 ms" in printed
+    assert w.FAULTS[w.WATCHDOG_FAULT] in printed
     run = read(out / "serve.parquet")
-    assert len(run) == 1200 and (out / "serve.rrd").stat().st_size > 10_000
+    assert len(run) == 1200
+    assert (out / "serve.rrd").stat().st_size > 10_000
     assert run.record["notes"]["events"][0][1] == w.FAULTS[w.WATCHDOG_FAULT]
     assert np.ptp(run["x_m"]) > 0.001
     assert main(command) == 2

@@ -52,7 +52,8 @@ def test_it_is_never_above_the_chart(made: RatedLoads, share: float) -> None:
     # A straight line of the loads is above, and so is the point before; both to round-off.
     chord = np.interp(radius, made.radii, made.rated)
     before = made.rated[max(int(np.searchsorted(made.radii, radius, "right")) - 1, 0)]
-    assert rated <= chord * (1.0 + 1e-12) and rated <= before
+    assert rated <= chord * (1.0 + 1e-12)
+    assert rated <= before
     assert rated >= made.rated[-1] * (1.0 - 1e-12)
 
 
@@ -80,7 +81,8 @@ def test_a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more() -> 
     used, stops = assess_run(of, up, LABORATORY)
     np.testing.assert_allclose(used[0], 0.8 * (1.0 + 1.5 / of.gravity), rtol=1e-11)
     assert [one.kind for one in stops] == ["warning", "cut-out"]
-    assert stops[1].t == pytest.approx(0.025) and stops[1].most == pytest.approx(used[-1])
+    assert stops[1].t == pytest.approx(0.025)
+    assert stops[1].most == pytest.approx(used[-1])
 
 
 BY_HAND = Chart(
@@ -135,7 +137,8 @@ def test_the_fewest_falls_come_first_whatever_the_order_of_the_file(tmp_path: Pa
     file.write_text(text + more.format(4, 9e3) + more.format(1, 1e3) + more.format(2, 5e3))
     chart = read_chart(file)
     assert [falls.count for falls in chart.reevings] == [1, 2, 4]
-    assert chart.on().at(10.0) == 1000.0 and chart.on(4).at(10.0) == 9000.0
+    assert chart.on().at(10.0) == 1000.0
+    assert chart.on(4).at(10.0) == 9000.0
     file.write_text(text + more.format(2, 9e3) + more.format(2, 5e3))
     sentence = r"line 8, \[falls\] count: another \[\[falls\]\] has 2 falls, too"
     with pytest.raises(DataError, match=sentence):

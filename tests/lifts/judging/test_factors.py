@@ -55,7 +55,8 @@ def test_psi_h_is_the_worst_of_all_durations_of_a_carriage_braked_by_a_constant_
         return np.array([y[2], y[3], -pull / ratio, pull - (1.0 + ratio)])
 
     y = solve_ivp(rates, (0.0, times[-1]), np.zeros(4), t_eval=times, rtol=1e-10, atol=1e-12).y
-    swing, rate = y[0] - y[1], y[2] - y[3]
+    swing = y[0] - y[1]
+    rate = y[2] - y[3]
     # The mean deceleration is 1, the pull over the mass of the load is the swing.
     # Steps of 1.6e-3 in phase miss a maximum by less than their square.
     assert np.hypot(swing, rate).max() == pytest.approx(factors.psi_h(ratio), rel=1e-5)
@@ -139,11 +140,14 @@ def test_winds_have_the_numbers_of_their_formulas() -> None:
 def test_a_load_leans_by_the_balance_of_moments_and_in_a_sudden_wind_by_that_of_work(
     share: float,
 ) -> None:
-    mass, gravity, length = 870.0, 9.81, 12.0
+    mass = 870.0
+    gravity = 9.81
+    length = 12.0
     force = share * mass * gravity
     lean = wind_standards.wind_lean(force, mass, gravity)
     moment = force * length * math.cos(lean) - mass * gravity * length * math.sin(lean)
-    assert moment == pytest.approx(0.0, abs=1e-9) and lean * share >= 0.0
+    assert moment == pytest.approx(0.0, abs=1e-9)
+    assert lean * share >= 0.0
     gust = wind_standards.gust_lean(force, mass, gravity)
     done = force * length * math.sin(gust)
     assert done == pytest.approx(mass * gravity * length * (1.0 - math.cos(gust)), abs=1e-9)

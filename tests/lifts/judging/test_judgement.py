@@ -277,7 +277,8 @@ def test_what_was_not_computed_or_entered_is_not_judged_and_no_go(
 
 
 def test_a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further() -> None:
-    speeds, swing = np.array([4.0, 8.0, 9.0]), np.array([0.01, 0.05, 0.2])
+    speeds = np.array([4.0, 8.0, 9.0])
+    swing = np.array([0.01, 0.05, 0.2])
     blown = WindLimit(speeds, {"swing": swing}, {"swing": 0.1}, 3)
     case = small(wind=blown)
     assert case.requirements.wind == 8.0 and red(case) == []

@@ -56,7 +56,8 @@ def pinocchio_wrench(
     tau = over_all_joints(of, effort) + JointForces.of(of).effort(*state)
     a = pin.aba(model, data, *state, tau, outside)
     pin.rnea(model, data, *state, a, outside)
-    at, held = data.oMi[joint + 1], data.f[joint + 1]
+    at = data.oMi[joint + 1]
+    held = data.f[joint + 1]
     return -at.rotation @ held.linear, -at.rotation @ held.angular, at.translation
 
 
@@ -371,7 +372,9 @@ def test_a_run_of_another_crane_is_refused() -> None:
 def test_a_crane_that_slews_steadily_carries_what_its_closed_form_says() -> None:
     point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
     of = crane(trolley_inertia=0.0, **point)
-    radius, length, rate = 15.0, 12.0, 0.3
+    radius = 15.0
+    length = 12.0
+    rate = 0.3
     out = theory.slewing_swing(radius, length, rate, G)
     start = of.state(x=radius, l=length, phi=out, gamma_dot=rate)
     run = simulate(of, locked, start=start, duration=0.05, drive="motion")
@@ -431,7 +434,8 @@ def test_a_rope_pulls_what_hangs_on_it_where_a_buffer_takes_of_it_or_adds_to_it(
 ) -> None:
     """Of a plumb load at rest the rope is what moves it, whatever the drive does besides."""
     of = crane()
-    hoist, (q, v) = of.layout.index("l"), of.state(x=12.0)
+    hoist = of.layout.index("l")
+    q, v = of.state(x=12.0)
     q[hoist] = of.upper[hoist] + 0.02 if end == "longest" else of.lower[hoist] - 0.02
     efforts = np.array([[0.0, 0.0, effort]])
     met, free = (
@@ -465,7 +469,8 @@ def test_a_batch_carries_what_its_runs_carry_alone() -> None:
 
 
 def test_a_hook_hangs_on_the_rope_with_its_load_and_an_overhead_crane_has_no_ring() -> None:
-    hook, bridge = variant_crane(HOOK), variant_crane(BRIDGE)
+    hook = variant_crane(HOOK)
+    bridge = variant_crane(BRIDGE)
     for of in (hook, bridge):
         run = simulate(of, Hold(of, *np.zeros((3, of.layout.m))), duration=0.05, drive="motion")
         found = loads(of, run)

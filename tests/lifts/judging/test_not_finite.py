@@ -79,7 +79,8 @@ def test_no_chart_is_made_of_numbers_that_are_none(
     except CraneError:
         return
     assert 0.0 <= least <= radius <= radii[-1] <= 1e4
-    assert min(loads) * (1.0 - 1e-12) <= found <= max(loads) and 1e-3 <= min(loads)
+    assert min(loads) * (1.0 - 1e-12) <= found <= max(loads)
+    assert 1e-3 <= min(loads)
 
 
 @given(ANY, ANY)
@@ -94,7 +95,8 @@ def test_a_load_below_the_chart_is_one_by_exact_comparison(pull: float, radius: 
         except CraneError:
             return
     if used <= 1.0:
-        assert 2.0 <= radius <= 20.0 and pull <= 9.80665 * rated(radius) * (1.0 + 1e-12)
+        assert 2.0 <= radius <= 20.0
+        assert pull <= 9.80665 * rated(radius) * (1.0 + 1e-12)
 
 
 @given(st.lists(ANY, min_size=1, max_size=4))
@@ -150,8 +152,11 @@ def test_no_corner_stands_by_a_number_that_is_not_finite(
             corners = corner_forces(Base(spacing, mass), foot, gravity)
         except CraneError:
             return
-    assert np.isfinite([*wrench, spacing, mass, gravity]).all() and np.isfinite(corners).all()
-    assert spacing > 0.0 and mass >= 0.0 and gravity > 0.0
+    assert np.isfinite([*wrench, spacing, mass, gravity]).all()
+    assert np.isfinite(corners).all()
+    assert spacing > 0.0
+    assert mass >= 0.0
+    assert gravity > 0.0
 
 
 @pytest.mark.parametrize("value", WORST)
@@ -184,7 +189,8 @@ def test_no_lift_is_required_to_bear_what_is_no_number(name: str, value: float) 
     except CraneError:
         return
     assert name in ("wind", "swing", "risk")  # a number of lifts is a whole one
-    assert math.isfinite(getattr(made, name)) and getattr(made, name) >= 0.0
+    assert math.isfinite(getattr(made, name))
+    assert getattr(made, name) >= 0.0
 
 
 Function = Callable[..., Any]

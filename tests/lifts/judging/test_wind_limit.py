@@ -68,7 +68,8 @@ def test_a_lift_takes_of_the_chart_and_swings_as_in_its_worst_row(
     falls: int | None, used: float
 ) -> None:
     of = crane(payload_mass=2000.0, **POINT)
-    hanging, out = of.state(x=16.0, l=10.0), of.state(x=12.0, l=10.0)
+    hanging = of.state(x=16.0, l=10.0)
+    out = of.state(x=12.0, l=10.0)
     leaning = of.state(x=12.0, l=10.0, phi=0.2, theta=-0.3)
     found = noted(lifts(of, [out, hanging, out], [out, out, leaning]), 2, falls)
     assert found["utilisation"][0] == pytest.approx(used, rel=1e-9)
@@ -101,7 +102,8 @@ def test_what_the_wind_does_to_the_pull_of_a_load_with_inertia_counts_against_th
 
 def test_a_lift_that_left_the_chart_uses_a_million_times_of_it() -> None:
     of = crane(payload_mass=2000.0, **POINT)
-    inside, outside = of.state(x=16.0, l=10.0), of.state(x=20.5, l=10.0)
+    inside = of.state(x=16.0, l=10.0)
+    outside = of.state(x=20.5, l=10.0)
     within = of.state(x=2.0, l=10.0)
     within.q[of.layout.index("x")] = 1.9
     found = noted(lifts(of, [inside, outside], [within, inside]), 2)
@@ -192,7 +194,9 @@ def test_gusts_are_drawn_over_the_whole_lift_from_every_side_and_limits_are_the_
         values: dict[str, np.ndarray], gusts: dict[str, np.ndarray], chart: Chart, falls: int
     ) -> None:
         assert chart is CHART and falls == 4
-        values["clearance"][:], values["utilisation"][:], values["swing"][:] = 0.7, 0.5, 0.01
+        values["clearance"][:] = 0.7
+        values["utilisation"][:] = 0.5
+        values["swing"][:] = 0.01
 
     monkeypatch.setattr(wind_limit_module, "simulate_perturbed", simulated)
     monkeypatch.setattr(wind_limit_module, "_enter_values", note)

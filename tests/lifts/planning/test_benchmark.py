@@ -35,5 +35,7 @@ def test_the_sites_are_the_same_for_the_same_seed() -> None:
     from tests.lifts.planning.sites import crane
 
     one, again, other = (next(lift_benchmark.sites(crane(), 1, seed)) for seed in (1, 1, 2))
-    assert one.start is not None and again.start is not None and other.start is not None
+    assert one.start is not None
+    assert again.start is not None
+    assert other.start is not None
     assert one.start.tolist() == again.start.tolist() != other.start.tolist()

@@ -120,7 +120,8 @@ def test_no_point_of_the_load_moves_farther_than_said(
     asked = clearance(WALL)
     one = asked.q(place)
     other = asked.q(place + step)
-    one[2:4], other[2:4] = swings[:2], swings[2:]
+    one[2:4] = swings[:2]
+    other[2:4] = swings[2:]
     assert _farthest(asked, one, other) <= float(asked.displacement(one, other)) + 1e-9
 
 

@@ -90,7 +90,8 @@ def test_a_post_that_no_measured_row_meets_is_found_between_the_rows_and_in_the_
     monkeypatch: pytest.MonkeyPatch,
     where: str,
 ) -> None:
-    planned, (run, _) = lift.lift, certified
+    planned = lift.lift
+    run, _ = certified
     (x, y, _), (u, w, _) = planned.clearance.point(planned.ends)
     post = {
         "beside the start": box(where, (x + 1.5, y), (0.4, 0.4, 1.5), -1.0),
@@ -235,7 +236,8 @@ def test_a_load_is_set_down_at_the_speed_of_the_rope_that_first_slackens_and_lea
     hoist = lift.crane.layout.index("l")
     assert 0.05 < run.v[touched, hoist] <= 0.2  # the sink rate of this lift
     assert f"touches at {run.v[touched, hoist]:.3f} m/s" in checks[-1].sentence
-    fast, tight = run.v.copy(), run.q.copy()
+    fast = run.v.copy()
+    tight = run.q.copy()
     fast[touched, hoist] = 0.25
     tight[-1, lift.crane.layout.index("rope_stretch")] = 1e-4
     for changed in (replace(run, v=fast), replace(run, q=tight)):

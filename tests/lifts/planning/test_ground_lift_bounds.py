@@ -73,8 +73,10 @@ def lift_off(speed: float, profile: Profile, duration: float) -> Motion:
     way = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2.0 * PERIOD)])
     # Of the crane of the plan, whose cable reaches to the centre of the load.
     q, v, a = np.zeros((3, len(t), 5))
-    q[:, 1], q[:, 4] = 12.0, ROPE + SLING - way
-    v[:, 4], a[:, 4] = -rate, -upward
+    q[:, 1] = 12.0
+    q[:, 4] = ROPE + SLING - way
+    v[:, 4] = -rate
+    a[:, 4] = -upward
     return Motion(PERIOD, q, v, a, np.array([0, 1, 4]))
 
 
@@ -86,7 +88,8 @@ def bounced(motion: Motion, damping: float) -> float:
     length, rate, growth = (table[:, hoist] for table in (motion.q - SLING, motion.v, motion.a))
     # The load still stands, so the rope, which carries it, stretches as fast as the drum hoists.
     y = np.array([(MASS * G + damping * rate[0]) * length[0] / STIFFNESS, -rate[0]])
-    largest, parts = 1.0, 4
+    largest = 1.0
+    parts = 4
     step = PERIOD / parts
 
     def slope(row: int, share: float, y: np.ndarray) -> np.ndarray:
@@ -160,7 +163,8 @@ def test_a_damped_rope_pulls_less_and_the_bound_knows_of_it_where_speed_alone_co
 def test_the_bound_counts_the_rows_that_it_is_given_and_no_others() -> None:
     still = lift_off(0.0, lambda t: 0.0 * t, 1.0)
     rows = slice(100, 150)
-    a, v = still.a.copy(), still.v.copy()
+    a = still.a.copy()
+    v = still.v.copy()
     hoist = still.drives[2]
     a[[99, 150], hoist] = -5.0
     v[[0, 99, 150], hoist] = -5.0
@@ -227,7 +231,8 @@ def test_the_load_is_seen_where_it_hangs_in_its_sling(
 
 
 def test_rates_are_seen_as_the_angles_are() -> None:
-    of, lift = on_rope(), grounded()
+    of = on_rope()
+    lift = grounded()
     first = of.state(gamma=0.2, x=11.0, l=8.0, phi=0.02, theta=0.01)
     rates = np.array([0.02, -0.3, 0.05, -0.04, 0.0, 0.3, 0.2, 0.5])
     names = ("gamma", "x", "phi", "theta", "l", "rope_stretch", "sling_radial", "sling_tangential")

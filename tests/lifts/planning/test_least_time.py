@@ -32,8 +32,11 @@ from cranedyn.lifts.planning.optimal import optimal  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
-RATE, ACCELERATION = 1.0, 0.4
-"""Of the hoist."""
+RATE = 1.0
+"""Largest rate of the hoist [m/s]."""
+
+ACCELERATION = 0.4
+"""Largest acceleration of the hoist [m/s²]."""
 
 
 def durations(monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -99,7 +102,8 @@ def test_no_combined_move_takes_less_than_its_slew_alone(monkeypatch: pytest.Mon
 
 def test_a_preference_costs_no_more_time_than_it_is_worth(monkeypatch: pytest.MonkeyPatch) -> None:
     found = durations(monkeypatch)
-    start, goal = crane().state(x=10.0, l=15.0), crane().state(x=11.0, l=15.0)
+    start = crane().state(x=10.0, l=15.0)
+    goal = crane().state(x=11.0, l=15.0)
     worth = (1e-4, 0.03)
     motions = [
         optimal(crane(), start, goal, LIMITS, ramp=0.2, preference=Preference(longer=longer))
@@ -122,7 +126,8 @@ def test_a_move_that_begins_in_motion_takes_what_is_left_of_a_trapezoid(
     # intervals of half a second do not end where the jerk should switch
     assert least * (1.0 - 1e-6) < found[-1] < least + 0.05
     assert motion.v[0, 4] == -RATE
-    assert not motion.v[-1].any() and not motion.a[-1].any()
+    assert not motion.v[-1].any()
+    assert not motion.a[-1].any()
 
 
 def test_a_move_that_ends_in_motion_ends_so_in_a_row() -> None:
@@ -130,7 +135,8 @@ def test_a_move_that_ends_in_motion_ends_so_in_a_row() -> None:
     least = 5.0 / RATE + 0.5 * (RATE / ACCELERATION + 0.5)
     # as above, and one row
     assert least <= motion.arrival < least + 0.055
-    assert motion.v[-1, 4] == -RATE and motion.q[-1, 4] == 10.0
+    assert motion.v[-1, 4] == -RATE
+    assert motion.q[-1, 4] == 10.0
     h = motion.period
     # the last row follows from the one before: order 5 of the plan, 1e-8 of IPOPT
     assert motion.q[-2, 4] + h * motion.v[-2, 4] == pytest.approx(10.0, abs=1e-6)
@@ -141,7 +147,8 @@ def test_a_swinging_load_is_brought_to_rest_where_it_hangs() -> None:
     start = crane().state(x=12.0, l=15.0, phi=0.05, phi_dot=0.02)
     goal = crane().state(x=12.0, l=15.0)
     motion = optimal(crane(), start, goal, LIMITS, still=("gamma", "l"), interval=0.5)
-    assert motion.q[0].tolist() == start.q.tolist() and motion.v[0].tolist() == start.v.tolist()
+    assert motion.q[0].tolist() == start.q.tolist()
+    assert motion.v[0].tolist() == start.v.tolist()
     assert max(use(crane(), motion, LIMITS).values()) < 1.0 + 1e-6
     amplitude = np.hypot(motion.q[-2, 2], motion.v[-2, 2] * np.sqrt(15.0 / crane().gravity))
     assert amplitude < 5e-6  # what the swing that was integrated differs from that of the plan
@@ -208,9 +215,11 @@ def test_among_obstacles_drives_stay_inside_their_ranges_as_far_as_start_and_goa
     moves: list[Move] = []
     monkeypatch.setattr(module, "problem", lambda move, _: moves.append(move))
     monkeypatch.setattr(transcription, "solve", lambda problem, guess, **_: guess)
-    start, goal = crane().state(x=12.0, l=15.0), crane().state(x=21.9998, l=15.0)
+    start = crane().state(x=12.0, l=15.0)
+    goal = crane().state(x=21.9998, l=15.0)
     optimal(crane(), start, goal, LIMITS, clearance=clearance(swing=0.2))
-    (low, high), own = moves[0].ranges, np.array([crane().lower, crane().upper])
+    low, high = moves[0].ranges
+    own = np.array([crane().lower, crane().upper])
     assert low[1] == own[0, 1] + 1e-3
     assert high[1] == 21.9998
     assert high[4] == own[1, 4] - 1e-3
@@ -221,7 +230,8 @@ def test_a_motion_whose_rope_leans_more_than_the_site_allows_is_not_returned(
 ) -> None:
     """Nothing stands in the way of a quick move, and the rope of a guess leans as it will."""
     monkeypatch.setattr(transcription, "solve", lambda problem, guess, **_: guess)
-    start, goal = crane().state(x=12.0, l=15.0), crane().state(x=18.0, l=15.0)
+    start = crane().state(x=12.0, l=15.0)
+    goal = crane().state(x=18.0, l=15.0)
     made = optimal(crane(), start, goal, LIMITS, clearance=clearance(swing=0.2))
     leans = float(clearance().tilt(made.q).max())
     assert 0.01 < leans < 0.2
@@ -284,7 +294,8 @@ def test_drives_reach_no_farther_between_two_times_than_is_said(seed: int) -> No
 
 def test_limits_of_a_drive_that_stands_still_do_not_matter() -> None:
     slow = Limits((1e-3, 1e-3, RATE), (1e-3, 1e-3, ACCELERATION))
-    start, goal = crane().state(l=15.0), crane().state(l=14.0)
+    start = crane().state(l=15.0)
+    goal = crane().state(l=14.0)
     still = ("gamma", "x")
     motion = optimal(crane(), start, goal, slow, still=still, interval=0.5, ramp=0.0)
     assert motion.arrival == pytest.approx(2.0 * np.sqrt(1.0 / ACCELERATION), abs=5e-3)

@@ -293,7 +293,8 @@ def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certifi
     tower = box("tower", (22.0, 0.0), (4.0, 4.0, 40.0), 0.0)
     there = Clearance(crane(), site(WALL, tower))
     strong = controller_of(lift())
-    gain, setpoint = strong.tracking.gain, strong.tracking.setpoint
+    gain = strong.tracking.gain
+    setpoint = strong.tracking.setpoint
     weak = replace(strong.tracking, gain=0.3 * gain, setpoint=setpoint + 0.05 * np.eye(10)[1])
     sentences = " ".join(red(certify(lift(), there, controller=replace(strong, tracking=weak))))
     assert "the jib comes too near to tower" in sentences

@@ -107,7 +107,9 @@ def test_symbolic_swing_under_prescribed_drives_is_that_of_the_dynamics_with_dam
     state: State, drives: np.ndarray
 ) -> None:
     damped = crane(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
-    q, v, a = ca.SX.sym("q", 5), ca.SX.sym("v", 5), ca.SX.sym("a", 3)
+    q = ca.SX.sym("q", 5)
+    v = ca.SX.sym("v", 5)
+    a = ca.SX.sym("a", 3)
     ours = ca.Function("prescribed", [q, v, a], hybrid_dynamics(damped, q, v, a))(*state, drives)
     for one, other in zip(
         ours, dynamics.prescribed_acceleration(damped, state, drives), strict=True
@@ -132,7 +134,8 @@ def bridge(
     intervals: int, steps: int, *, equal: bool = False, way: float = 15.0
 ) -> transcription.CollocationPlan:
     """Minimum-time bridge crane from a smooth guess of 10 s without swing."""
-    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+    x = ca.SX.sym("x", 4)
+    u = ca.SX.sym("u")
     free = np.full(4, np.inf)
     problem = transcription.Problem(
         x=x,
@@ -177,7 +180,9 @@ def test_equal_intervals_cost_the_bridge_crane_less_the_more_there_are() -> None
 
 
 def test_what_cannot_be_reached_is_unsolved_and_the_status_is_told() -> None:
-    x, u, gap = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("gap")
+    x = ca.SX.sym("x")
+    u = ca.SX.sym("u")
+    gap = ca.SX.sym("gap")
     bounds = np.array([[-9.0], [9.0]])
     forwards = np.array([[0.0], [1.0]])
     nothing = ca.SX(0, 1), bounds, forwards, np.zeros((2, 0)), np.ones(1)
@@ -229,7 +234,8 @@ def linear_time(
         ones = np.ones(len(path))
         return linprog(none, path, ones, ends, target, bounds=(-1.0, 1.0)).status == 0
 
-    low, high = 8.0, 16.0
+    low = 8.0
+    high = 16.0
     while high - low > 1e-5:
         middle = (low + high) / 2.0
         low, high = (low, middle) if reachable(middle) else (middle, high)
@@ -263,7 +269,8 @@ def test_the_least_time_of_a_small_trolley_move_is_that_of_a_linear_program(
 
 
 def test_a_hoist_alone_takes_the_time_of_a_trapezoid_with_ramps() -> None:
-    start, goal = crane().state(x=10.0, l=15.0), crane().state(x=10.0, l=5.0)
+    start = crane().state(x=10.0, l=15.0)
+    goal = crane().state(x=10.0, l=5.0)
     motion = optimal(crane(), start, goal, LIMITS, ramp=RAMP)
     # 10 m at 1 m/s, one rise of the rate at 0.4 m/s², one ramp; rounded up to 5 ms
     assert 13.0 <= motion.arrival <= 13.0 + motion.period + 1e-9
@@ -335,7 +342,8 @@ def test_an_optimal_motion_obeys_the_equations_of_motion_and_its_rows_their_deri
     [pytest.param(move, marks=[pytest.mark.long] * (move in ("trolley", "slew"))) for move in ENDS],
 )
 def test_an_optimal_motion_begins_and_ends_with_the_load_at_rest_where_asked(move: str) -> None:
-    motion, (start, goal) = moved(move), ends(move)
+    motion = moved(move)
+    start, goal = ends(move)
     for k, end in ((0, start), (-1, goal)):
         assert motion.q[k].tolist() == end.q.tolist()
         assert not motion.v[k].any()
@@ -382,7 +390,8 @@ def test_drives_with_no_way_to_go_stand_still_unless_they_are_set_free() -> None
 
 
 def test_the_fastest_combined_move_tracked_by_the_lqr_arrives_without_swing() -> None:
-    motion, (start, goal) = moved("combined"), ends("combined")
+    motion = moved("combined")
+    start, goal = ends("combined")
     run = quickly(crane(), lqr(crane(), motion), motion, start=start, duration=motion.arrival + 5.0)
     after = run.since(motion.arrival - 1e-9)
     # semi-implicit Euler of 0.5 ms and efforts held for 5 ms leave some 1e-5

@@ -125,7 +125,8 @@ def test_before_a_corner_a_path_already_reaches_the_next_way_and_after_it_still_
 def test_derivatives_of_a_path_are_those_of_its_places() -> None:
     points = np.array([[0.0, 10.0, 20.0], [0.5, 15.0, 12.0], [1.0, 8.0, 14.0]])
     path = Path(points, RATES, np.array([2.0]))
-    s, h = np.linspace(0.1, path.duration - 0.1, 50), 1e-5
+    s = np.linspace(0.1, path.duration - 0.1, 50)
+    h = 1e-5
     _, first, second = path.derivatives(s)
     before = path.derivatives(s - h)
     after = path.derivatives(s + h)

@@ -91,7 +91,8 @@ def test_what_only_the_people_on_the_site_know_is_entered_in_tables_of_its_own(
     here = read_site(tmp_path / "site.toml")
     assert here.rigging == {"hook": 100.0, "slings": 30.0}
     crane = crane_of(here)
-    assert crane.payload_mass == 1000.0 and crane.effort_limit.tolist() == [2e5, 1e4, 5e4]
+    assert crane.payload_mass == 1000.0
+    assert crane.effort_limit.tolist() == [2e5, 1e4, 5e4]
     assert here.limits is not None
     assert here.limits.rates == (math.radians(4.5), 1.5, 1.0)
     assert here.limits.accelerations == (math.radians(0.9), 0.4, 0.3)
@@ -141,7 +142,8 @@ def test_a_number_that_the_site_gives_cannot_be_given_besides(tmp_path: Path) ->
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_examples_are_read_by_name_and_their_lifts_begin_and_end_free(name: str) -> None:
     here = read_site(name)
-    assert here.start is not None and here.goal is not None
+    assert here.start is not None
+    assert here.goal is not None
     asked = Clearance(crane_of(here), here)
     assert min(asked.swing_margin(asked.place(point)) for point in (here.start, here.goal)) > 0.05
 
@@ -151,18 +153,22 @@ def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
     (tmp_path / "yard.toml").write_text(WHOLE)
     here = read_site(tmp_path / "yard.toml")
     assert (here.name, here.ground, here.goal) == ("yard", 1.0, None)
-    assert here.foot.tolist() == [0.0, 0.0, 1.0] and here.heading == pytest.approx(np.pi / 2)
+    assert here.foot.tolist() == [0.0, 0.0, 1.0]
+    assert here.heading == pytest.approx(np.pi / 2)
     a, b = here.solids
     assert a.vertices.min(axis=0).tolist() == [4.5, 5.0, 1.0]
     assert a.vertices.max(axis=0).tolist() == [5.5, 7.0, 4.0]
     np.testing.assert_allclose(np.ptp(b.vertices, axis=0), [2.0, 1.0, 3.0])
-    assert here.start is not None and here.start.tolist() == [1.0, 2.0, 3.0]
+    assert here.start is not None
+    assert here.start.tolist() == [1.0, 2.0, 3.0]
     (tmp_path / "yard.toml").write_text(
         WHOLE.replace("[1.0, 2.0, 3.0]\n[[box]]", "[1.0, 2.0]\n[[box]]", 1)
     )
     standing = read_site(tmp_path / "yard.toml").start
-    assert standing is not None and standing.tolist() == [1.0, 2.0]
-    assert here.load is not None and np.ptp(here.load, axis=0).tolist() == [1.0, 2.0, 3.0]
+    assert standing is not None
+    assert standing.tolist() == [1.0, 2.0]
+    assert here.load is not None
+    assert np.ptp(here.load, axis=0).tolist() == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize(
@@ -213,7 +219,8 @@ end_header
 """A triangle of which a corner has a number too large for its type."""
 
 
-MESH, PRISM = '[[mesh]]\nname = "m"\n', '[[prism]]\nname = "p"\n'
+MESH = '[[mesh]]\nname = "m"\n'
+PRISM = '[[prism]]\nname = "p"\n'
 
 
 @pytest.mark.parametrize(
@@ -270,7 +277,8 @@ def test_meshes_models_and_neighbours_that_are_none_are_refused(
 
 
 def test_a_mesh_behind_a_link_out_of_the_folder_of_the_site_is_refused(tmp_path: Path) -> None:
-    outside, folder = tmp_path / "outside", tmp_path / "site"
+    outside = tmp_path / "outside"
+    folder = tmp_path / "site"
     outside.mkdir(), folder.mkdir()
     content = trimesh.creation.box([1.0, 1.0, 1.0]).export(file_type="stl")
     (outside / "cube.stl").write_bytes(content)

@@ -39,7 +39,8 @@ def travelling_station() -> Station:
     text = Path("examples/wall_crane.urdf").read_text("utf-8")
     turning = 'name="bracket" type="revolute"'
     upright = '<axis xyz="0 0 1"/>'
-    assert turning in text and upright in text
+    assert turning in text
+    assert upright in text
     text = text.replace(turning, turning.replace("revolute", "prismatic"))
     text = text.replace(upright, '<axis xyz="0 -1 0"/>')
     with TemporaryDirectory() as folder:

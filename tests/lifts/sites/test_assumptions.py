@@ -139,4 +139,6 @@ def test_the_page_says_that_no_wind_is_assumed_where_none_is_entered() -> None:
     assert site.working_wind == CALM
     run = simulate_site(site, [lambda t, states: np.zeros(3)] * 2, duration=1.0)
     text = html.unescape(site_html(run))
-    assert ">no wind<" in text and ">default<" in text and "rests on: wind, reaction" in text
+    assert ">no wind<" in text
+    assert ">default<" in text
+    assert "rests on: wind, reaction" in text

@@ -144,11 +144,14 @@ def step_with(value: float, where: str, column: int) -> None:
     before = guard.box.copy()
     inputs[0, column % inputs.shape[1]] = value
     rates, request = guard.step(0.0, state, command)
-    assert np.isfinite(rates).all() and np.isfinite(guard.box).all()
+    assert np.isfinite(rates).all()
+    assert np.isfinite(guard.box).all()
     if not abs(value) <= MAX_INPUT:
-        assert guard.fault.all() and not len(request.copies)
+        assert guard.fault.all()
+        assert not len(request.copies)
         assert (guard.box == before).all()
-        assert (np.abs(rates) < 0.1 * full).all() and (rates >= 0.0).all()
+        assert (np.abs(rates) < 0.1 * full).all()
+        assert (rates >= 0.0).all()
     lowest, highest = guard.station.ranges
     tolerances = guard.station.brakes.tolerances
     for wanted in request.wanted:
@@ -202,7 +205,8 @@ def room(
     command[0, probe] = 0.3
     lowest, highest = station.ranges
     box = np.array([[np.maximum(lowest, -9.0), np.minimum(highest, 50.0)]])
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     while high - low > 1e-7:
         middle = (low + high) / 2.0
         state = at_rest(station)
@@ -226,7 +230,8 @@ def test_a_guard_intervenes_at_95_percent_of_the_largest_swing_of_a_rope_of_its_
 
 def test_a_guard_leaves_room_for_a_swing_that_grows_by_the_power_1_5_of_the_shortening() -> None:
     guard = guard_of()
-    cable, rate = 6.0, 1.1
+    cable = 6.0
+    rate = 1.1
     # The winch goes on for the reaction time, then brakes by 0.6 m/s²: 1.58 m.
     shortened = cable - rate * (guard.station.brakes.reaction + rate / (2.0 * 0.6))
     assert shortened == pytest.approx(4.42, abs=0.01)
@@ -256,17 +261,22 @@ def test_a_guard_stops_work_above_its_wind_and_goes_on_below(reading: float) -> 
     guard.rates = 0.01 * full[None]
     before = guard.box.copy()
     rates, request = guard.step(0.0, at_rest(guard.station), full[None], reading)
-    assert guard.stopped_by_wind.all() and not guard.fault.any()
-    assert not len(request.copies) and (guard.box == before).all()
-    assert (rates >= 0.0).all() and (rates < 0.01 * full).all()
+    assert guard.stopped_by_wind.all()
+    assert not guard.fault.any()
+    assert not len(request.copies)
+    assert (guard.box == before).all()
+    assert (rates >= 0.0).all()
+    assert (rates < 0.01 * full).all()
     _, request = guard.step(0.1, at_rest(guard.station), full[None], 8.9)
-    assert not guard.stopped_by_wind.any() and len(request.copies)
+    assert not guard.stopped_by_wind.any()
+    assert len(request.copies)
 
 
 def test_a_guard_that_was_told_of_no_wind_stops_in_any() -> None:
     guard = guard_of()
     _, request = guard.step(0.0, at_rest(guard.station), np.ones((1, 3)), 0.1)
-    assert guard.stopped_by_wind.all() and not len(request.copies)
+    assert guard.stopped_by_wind.all()
+    assert not len(request.copies)
     _, request = guard.step(0.0, at_rest(guard.station), np.ones((1, 3)), 0.0)
     assert len(request.copies)
 
@@ -280,7 +290,8 @@ def test_drives_that_push_a_pivot_in_one_direction_add_up() -> None:
     # A tower that travels and a carriage, both along the jib. Each stops at once, which adds
     # v/√(g l) to the amplitude: together twice that, and not √2 times.
     guard = Guard(travelling_station(), SWING)
-    speed, cable = 0.02, 3.0
+    speed = 0.02
+    cable = 3.0
     alone = speed / math.sqrt(guard.station.crane.gravity * cable)
     for first, second, count in ((1.0, 0.0, 1), (0.0, 1.0, 1), (1.0, 1.0, 2), (1.0, -1.0, 2)):
         rates = (first * speed, second * speed, 0.0)
@@ -289,7 +300,9 @@ def test_drives_that_push_a_pivot_in_one_direction_add_up() -> None:
 
 def test_drives_at_right_angles_add_up_as_such_vectors_do() -> None:
     guard = guard_of()
-    cable, slew, trolley = 20.0, 1e-3, 0.03
+    cable = 20.0
+    slew = 1e-3
+    trolley = 0.03
     # The box reaches to 50 m.
     together = math.hypot(50.0 * slew, trolley) / math.sqrt(guard.station.crane.gravity * cable)
     assert 0.095 - room(guard, cable, (slew, trolley, 0.0)) == pytest.approx(together, rel=2e-2)
@@ -297,7 +310,8 @@ def test_drives_at_right_angles_add_up_as_such_vectors_do() -> None:
 
 def test_the_larger_of_measured_and_commanded_rates_counts() -> None:
     guard = guard_of()
-    cable, speed = 20.0, 0.1
+    cable = 20.0
+    speed = 0.1
     added = speed / math.sqrt(guard.station.crane.gravity * cable)
     fast = (0.0, speed, 0.0)
     slow = (0.0, 0.3 * speed, 0.0)
@@ -340,4 +354,5 @@ def test_a_copy_of_a_guard_goes_on_as_it_does_and_shares_nothing_with_it(copied:
     for k in range(5):
         passed, _ = guard.step(1.0 + CYCLE * k, state, guard.station.converters.rates[None])
         same_passed, _ = same.step(1.0 + CYCLE * k, state, guard.station.converters.rates[None])
-        assert (passed == same_passed).all() and (guard.box == same.box).all()
+        assert (passed == same_passed).all()
+        assert (guard.box == same.box).all()

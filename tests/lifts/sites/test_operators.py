@@ -21,7 +21,8 @@ def test_zones_are_proven_apart_and_no_lift_in_them_leads_out() -> None:
     assert crane_site.apart(0, zones[0], zones).all()
     operator = LiftOperator(crane_site, 0, 1, zones[0])
     places = np.array([operator.places() for _ in range(5)])
-    assert (places >= zones[0][0]).all() and (places <= zones[0][1]).all()
+    assert (places >= zones[0][0]).all()
+    assert (places <= zones[0][1]).all()
     assert operator.drawn > 5  # some lead out
 
 

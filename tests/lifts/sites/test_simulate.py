@@ -73,15 +73,21 @@ def test_a_run_that_ends_early_keeps_all_rows_of_all_cranes(
     with pytest.raises(SiteRunError, match=words) as caught:
         simulate_site(site, [good, operator], duration=5.0, supervised=supervised)
     error = caught.value
-    assert isinstance(error, RunError) and error.t == pytest.approx(2.0) and error.crane == "south"
+    assert isinstance(error, RunError)
+    assert error.t == pytest.approx(2.0)
+    assert error.crane == "south"
     assert (error.__cause__ is None) if cause is None else isinstance(error.__cause__, cause)
     run = error.trajectory
-    assert isinstance(run, SiteRun) and len(run) == 20
+    assert isinstance(run, SiteRun)
+    assert len(run) == 20
     whole = simulate_site(site, [good, good], duration=2.0, supervised=supervised)
-    assert len(run.t) == 20 and (run.t == whole.t).all()
+    assert len(run.t) == 20
+    assert (run.t == whole.t).all()
     for mine, other in zip(run.trajectories, whole.trajectories, strict=True):
-        assert (mine.q == other.q).all() and (mine.t == other.t).all()
-    assert (run.distances == whole.distances).all() and len(run.boxes) == 2 * supervised
+        assert (mine.q == other.q).all()
+        assert (mine.t == other.t).all()
+    assert (run.distances == whole.distances).all()
+    assert len(run.boxes) == 2 * supervised
     columns = read_columns(run.write(tmp_path / "early.parquet"), ["north_x_m", "south_l_m"])
     assert len(columns["north_x_m"]) == len(columns["south_l_m"]) == 20
     again = pickle.loads(pickle.dumps(SiteRunError("text", t=1.0, crane="north", run=None)))
@@ -104,7 +110,8 @@ def test_a_crane_that_was_ahead_of_one_that_ends_a_run_is_cut_to_whole_cycles(
     run = caught.value.trajectory
     assert (caught.value.joint, caught.value.value) == ("slew_joint", 9.0)
     assert run is not None
-    assert [len(path.t) for path in run.trajectories] == [10, 10] and len(run.t) == 10
+    assert [len(path.t) for path in run.trajectories] == [10, 10]
+    assert len(run.t) == 10
 
 
 def test_a_run_that_ends_before_its_first_row_says_so() -> None:

@@ -150,7 +150,8 @@ def test_no_sample_of_the_largest_proven_boxes_is_too_near_by_the_distances_of_c
 
         def proven(share: float, cranes=cranes, boxes=boxes) -> bool:
             ends = (site.positions(i, x)[None] for i, x in zip(cranes, boxes(share), strict=True))
-            (a, b), (first, second) = np.array(cranes)[:, None], ends
+            a, b = np.array(cranes)[:, None]
+            first, second = ends
             return proven_apart(site.bodies, a, first, b, second, site.distance, site.swing)[0]
 
         low = 0.0
@@ -251,7 +252,8 @@ def test_a_drive_that_still_goes_faster_than_commanded_is_slowed_down_more() -> 
     for speed in (0.0, 0.06):
         guard = Guard(site.stations[0], site.swing)
         state = at_rest(site.stations[0])
-        state.v[0, drives[0]], guard.rates = speed, np.array([[0.035, 0.0, 0.0]])
+        state.v[0, drives[0]] = speed
+        guard.rates = np.array([[0.035, 0.0, 0.0]])
         guard.box = state.q[:, None, drives] + [[[-0.5, -1.0, -1.0], [0.05, 1.0, 1.0]]]
         guard._granted = guard.box
         rates.append(guard.step(0.0, state, np.array([[0.06, 0.0, 0.0]]))[0][0, 0])
@@ -344,7 +346,8 @@ def test_of_cranes_that_wait_for_each_other_one_withdraws_to_where_the_other_can
             grant = supervisor.receive(i, asking(number, box, wanted))
             assert len(grant.copies)
             if np.isfinite(grant.target).all() and targets[i] is None:
-                targets[i], way = grant.target, 0.4 if targets[1 - i] is not None else 1.0
+                way = 0.4 if targets[1 - i] is not None else 1.0
+                targets[i] = grant.target
                 there = np.stack([grant.target - slack[i], grant.target + slack[i]], axis=1)
                 others = [box + way * more for box, more in zip(boxes, ahead, strict=True)]
                 assert way < 1.0 or not site.apart(i, box, others).all()
@@ -375,7 +378,9 @@ def test_a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_
     for angle in (0.0, inclined):
         guard = Guard(station, swing)
         state = at_rest(station)
-        state.q[:, drives[1]], state.v[:, drives], guard.rates = radius, turning, turning[None]
+        state.q[:, drives[1]] = radius
+        state.v[:, drives] = turning
+        guard.rates = turning[None]
         state.q[:, crane.swings[0]] -= angle
         guard.box = guard._granted = np.array([[[-9.0, 2.0, 3.4], [9.0, 50.0, 38.0]]])
         rates, _ = guard.step(0.0, state, station.converters.rates[None])

@@ -33,7 +33,8 @@ def assert_is_ignored(supervisor: Supervisor, request: BoxRequest) -> None:
     """Check that a request changes nothing that is reserved, for any crane."""
     before = [box.copy() for box in supervisor.boxes]
     grant = supervisor.receive(0, request)
-    assert not len(grant.copies) and not len(grant.box)
+    assert not len(grant.copies)
+    assert not len(grant.box)
     for box, old in zip(supervisor.boxes, before, strict=True):
         assert (box == old).all()
     # The other crane gets its range no more than it did before.
@@ -48,7 +49,8 @@ def test_an_honest_request_is_granted_as_a_whole() -> None:
     supervisor = supervisor_of()
     request = honest(supervisor)
     grant = supervisor.receive(0, request)
-    assert (grant.box == request.wanted).all() and (supervisor.boxes[0] == request.wanted).all()
+    assert (grant.box == request.wanted).all()
+    assert (supervisor.boxes[0] == request.wanted).all()
 
 
 @pytest.mark.parametrize("field", ["held", "wanted"])
@@ -132,7 +134,8 @@ def test_a_box_whose_ends_are_swapped_inside_of_the_reserved_one_is_no_held_box(
     supervisor = supervisor_of()
     request = honest(supervisor)
     middle = request.held.mean(axis=1)
-    request.held[0, 0], request.held[0, 1] = middle + 1e-4, middle - 1e-4
+    request.held[0, 0] = middle + 1e-4
+    request.held[0, 1] = middle - 1e-4
     assert_is_ignored(supervisor, request)
 
 
@@ -140,12 +143,15 @@ def test_of_two_rows_of_a_message_for_one_copy_the_first_counts() -> None:
     supervisor = supervisor_of(2)
     one = honest(supervisor)
     wider = one.wanted + np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]])
-    copies, number = np.array([1, 1]), np.array([1, 2])
+    copies = np.array([1, 1])
+    number = np.array([1, 2])
     held = np.concatenate([one.held] * 2)
     wanted = np.concatenate([one.wanted, wider])
     grant = supervisor.receive(0, BoxRequest(copies, number, held, wanted))
-    assert grant.copies.tolist() == [1] and grant.number.tolist() == [1]
-    assert (supervisor.boxes[0][1] == grant.box[0]).all() and (grant.box == one.wanted).all()
+    assert grant.copies.tolist() == [1]
+    assert grant.number.tolist() == [1]
+    assert (supervisor.boxes[0][1] == grant.box[0]).all()
+    assert (grant.box == one.wanted).all()
     assert (supervisor.boxes[0][0] == one.held).all()
 
 
@@ -179,4 +185,5 @@ def test_an_honest_crane_stays_guarded_by_a_supervisor_that_grants_anything() ->
         assert (guard.box >= supervisor.boxes[0][:, :1]).all()
         assert (guard.box <= supervisor.boxes[0][:, 1:]).all()
         guard.receive(grant)
-    assert np.ptp(guard.box) > 0.0 and np.isfinite(guard.box).all()
+    assert np.ptp(guard.box) > 0.0
+    assert np.isfinite(guard.box).all()

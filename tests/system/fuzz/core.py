@@ -23,8 +23,11 @@ from typing import Any, NamedTuple
 
 from cranedyn.errors import CraneError
 
-BUDGET, PATIENCE = 2.0, 2.0
-"""Processor time after which a case is interrupted, and in which it must then end [s]."""
+BUDGET = 2.0
+"""Processor time after which a case is interrupted [s]."""
+
+PATIENCE = 2.0
+"""Processor time in which a case must end once it is interrupted [s]."""
 
 NUMBERS = (
     "0 -0.0 -1 1e300 -1e300 1e-300 5e-324 nan inf -inf 1e400 1e-400 1e29 1e9 1e15 1e-9 0x10 1_0 ١ "

@@ -192,7 +192,8 @@ def _contents() -> dict[str, bytes]:
     columns = {name: 0.1 * np.cos(t) for name in ("phi_rad", "theta_rad", "theta_dot_rad_s")}
     columns |= {"l_m": 0.0 * t + 10.0, "x_m": 0.0 * t + 20.0, "gamma_dot_rad_s": 0.01 * np.sin(t)}
     table = pa.table({"t_s": t} | columns)
-    csv, parquet = io.BytesIO(), io.BytesIO()
+    csv = io.BytesIO()
+    parquet = io.BytesIO()
     pyarrow.csv.write_csv(table, csv)
     pyarrow.parquet.write_table(table, parquet)
     version = map(int, recording.viewer.rr.__version__.split(".")[:3])
