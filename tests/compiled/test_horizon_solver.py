@@ -95,7 +95,7 @@ def test_the_cost_beyond_the_horizon_is_that_of_a_horizon_as_long_again() -> Non
     z = shape.states
     w = shape.variables
     work = np.zeros(shape.size)
-    last = work[shape.first :].reshape(shape.stages, shape.stage_size)[-1]
+    last = work[shape.first_stage :].reshape(shape.stages, shape.stage_size)[-1]
     a = problem.a[-1]
     b = problem.b[-1]
     weight = np.zeros((w, w))
