@@ -49,9 +49,7 @@ def swing_left() -> Figure:
     figure = Figure(figsize=(7.2, 3.4), layout="constrained")
     axes = figure.add_subplot()
     axes.plot(durations / period, np.degrees(predicted), color="#2c6fb0", label="equation (3)")
-    axes.plot(
-        points / period, np.degrees(simulated), "o", ms=4, color="#c8553d", label="simulated"
-    )
+    axes.plot(points / period, np.degrees(simulated), "o", ms=4, color="#c8553d", label="simulated")
     axes.set_yscale("log")
     axes.set_ylim(1e-3, 30.0)
     axes.set_xlim(0.5, 5.0)

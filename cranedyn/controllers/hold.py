@@ -213,7 +213,6 @@ def _weight(crane: Crane, joint: int, gravity: float) -> float:
     return float(weights[joint]) * gravity / crane.gravity
 
 
-
 def zero_command(crane: Crane) -> Hold:
     """Return a controller that commands zero to every drive.
 

@@ -138,7 +138,7 @@ def export(
 def page_html(
     crane: Crane,
     site: Site | None = None,
-    chart: Falls | None = None,
+    chart: RatedLoads | None = None,
     meshes: str | Path | None = None,
 ) -> str:
     """Return the page as HTML, see `page_data` for the arguments and errors."""

@@ -77,7 +77,9 @@ class CraneStates:
         positions = scalars.column_objects(q)
         rates = scalars.column_objects(v)
         outside = None if force is None or not np.any(force) else scalars.column_objects(force)
-        accelerations = crane_plant.forward_dynamics(positions, rates, scalars.column_objects(effort), outside)[0]
+        accelerations = crane_plant.forward_dynamics(
+            positions, rates, scalars.column_objects(effort), outside
+        )[0]
         # The tree of the plant counts masses that move together with their parents. What passes
         # through a joint is that of the masses beyond it, so that it needs each where it is.
         tree = bodies_of_crane(crane)

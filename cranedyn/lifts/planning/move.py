@@ -267,8 +267,8 @@ def hybrid_dynamics(
     """Return accelerations of all joints when those of the drives are given, and the drive efforts
     that this costs.
 
-    The same as `cranedyn.dynamics.equations_of_motion.prescribed_acceleration`, on symbols, but that an
-    elastic rope is always taut.
+    The same as `cranedyn.dynamics.equations_of_motion.prescribed_acceleration`, on symbols, but
+    that an elastic rope is always taut.
 
     Args:
         crane: The crane, with n joints, m of them drives.
