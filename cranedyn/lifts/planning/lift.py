@@ -1,9 +1,10 @@
 """Plan a lift: from a site to a motion of the crane that is proven to touch nothing.
 
-`plan_lift` refuses first what cannot be lifted, then looks for a way both ways round the mast and
-with several margins (`cranedyn.lifts.planning.path_search`), rounds its corners
-(`cranedyn.lifts.planning.curve`), times it (`cranedyn.lifts.planning.timing`) and proves the motion
-(`cranedyn.lifts.planning.motion_proof`). The fastest of all motions is the lift.
+`plan_lift` refuses first what cannot be lifted. In both directions round the mast and with several
+margins it searches a *way*, straight lines between places (`cranedyn.lifts.planning.path_search`),
+rounds its corners to a *path* (`cranedyn.lifts.planning.curve`), times that to a *motion*
+(`cranedyn.lifts.planning.timing`) and proves the motion (`cranedyn.lifts.planning.motion_proof`).
+The fastest of all motions is the lift.
 """
 
 from __future__ import annotations
@@ -96,8 +97,8 @@ class Lift:
         limits: Limits of the drives.
         ends: First and last place of the load, shape (2, 3).
         slews: Slew angles through which the jib is proven to turn freely.
-        path: The way with rounded corners, proven.
-        timed: The motion, proven.
+        path: The way with rounded corners, proven free.
+        timed: The motion along the path, proven free.
     """
 
     clearance: Clearance
@@ -617,7 +618,7 @@ def _candidates(
             path = rounded_path(farther, points, rates)
             if path is None:
                 continue
-            motion = timed(clearance, path, limits, proven, within=shortest, period=period)
+            motion = timed(clearance, path, limits, proven, shorter_than=shortest, period=period)
             if motion is None:
                 continue
             shortest = min(shortest, motion.motion.arrival)
@@ -626,11 +627,11 @@ def _candidates(
                 return
 
 
-def _is_proven(clearance: Clearance, slews: SlewRange, timed: TimedMotion) -> bool:
-    """Return whether all that hangs is proven free along a motion, with its envelope of swing, all
-    joints stay in their ranges, and the jib in the slew angles that are free.
+def _is_proven(clearance: Clearance, slews: SlewRange, candidate: TimedMotion) -> bool:
+    """Return whether along a motion all that hangs is proven free with the envelope of its swing,
+    all joints stay in their ranges, and the jib stays in the slew angles that are free.
     """
-    motion = timed.motion
+    motion = candidate.motion
     q = motion.q
     slew = q[:, clearance.joints.slew]
     in_ranges = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())

@@ -588,8 +588,8 @@ def test_a_way_that_takes_longer_than_another_is_given_up() -> None:
     proven = partial(_is_proven, made.clearance, made.slews)
     arrival = made.timed.motion.arrival
     same, longer = (
-        timed(made.clearance, made.path, made.limits, proven, within=within)
-        for within in (arrival + 1.0, 0.5 * arrival)
+        timed(made.clearance, made.path, made.limits, proven, shorter_than=duration)
+        for duration in (arrival + 1.0, 0.5 * arrival)
     )
     assert same is not None and longer is None
     np.testing.assert_array_equal(same.motion.q, made.timed.motion.q)
