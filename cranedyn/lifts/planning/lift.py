@@ -76,16 +76,19 @@ the jib [rad]."""
 _SMALL_LOAD_SCALE = 0.01
 """Ratio of the size of a load that nearly is a point to that of the load of a site."""
 
+_ARGUMENT_AS_DEFAULT = re.compile(r"\$\(arg (?P<name>\w+)\)")
+"""Default of an argument of a xacro file that is another argument."""
+
 
 class NoWay(CraneError):
     """There is no way for a lift, or none was found."""
 
 
-class _Yardstick(NamedTuple):
+class _ReferenceTimes(NamedTuple):
     """Times that a lift is compared with; see the properties of the same names of `Lift`."""
 
-    on_grid: float
-    least: float
+    grid_duration: float
+    least_duration: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,20 +122,20 @@ class Lift:
         return self.path.points
 
     @property
-    def way(self) -> float:
-        """Length of the way as time at full speed [s]."""
+    def way_duration(self) -> float:
+        """Length of the way, as time at full speed [s]."""
         return float(leg_durations(self.points, np.array(self.limits.rates)).sum())
 
     @property
-    def on_grid(self) -> float:
+    def grid_duration(self) -> float:
         """Length of the best way on a grid of cells of half a second with the required distance,
         the shorter one of both directions round the mast, as time at full speed [s]. It is infinite
         if the search finds none.
         """
-        return self._yardstick.on_grid
+        return self._reference_times.grid_duration
 
     @property
-    def least(self) -> float:
+    def least_duration(self) -> float:
         """Estimate of the time that no motion falls below [s], in whichever direction round the
         mast.
 
@@ -141,16 +144,16 @@ class Lift:
         cell. That no way between the cells is shorter than this is assumed and not proven. A
         direction whose grid is too large to be searched counts with the time of the drives.
         """
-        return self._yardstick.least
+        return self._reference_times.least_duration
 
     @cached_property
-    def _yardstick(self) -> _Yardstick:
-        """Lengths of the best ways on a grid and the estimate of the least time that follows."""
+    def _reference_times(self) -> _ReferenceTimes:
+        """Length of the best way on a grid, and the estimate of the least time that follows."""
         rates = np.array(self.limits.rates)
         # The drive that is first at full speed takes this time to it. A way is measured in seconds
         # at full speed: the rate is 1, and the acceleration to it 1/ramp.
         ramp = (rates / np.array(self.limits.accelerations)).min()
-        on_grid = math.inf
+        grid_duration = math.inf
         least = math.inf
         both_ways = _ends_both_ways(self.ends[0], self.ends[1], self.slews)
         for ends in both_ways:
@@ -159,7 +162,7 @@ class Lift:
                 continue  # no way in this direction is faster
             bounds = _bounds(self.clearance, ends, self.slews)
             grid = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE_CELL)
-            on_grid = min(on_grid, grid.duration)
+            grid_duration = min(grid_duration, grid.duration)
             if grid.gave_up:
                 least = min(least, straight)
                 continue
@@ -168,7 +171,7 @@ class Lift:
             least = min(least, max(float(along_way), straight))
         if least == math.inf:  # this lift goes between the cells
             least = min(straight_time(ends, self.limits) for ends in both_ways)
-        return _Yardstick(on_grid, least)
+        return _ReferenceTimes(grid_duration, least)
 
     def states(self) -> tuple[State, State]:
         """Return start and goal, at rest with the load plumb."""
@@ -366,10 +369,6 @@ def _value_of(crane: Crane, name: str) -> _Quantity | None:
     if other is not None:
         return _value_of(crane, other["name"])
     return _Quantity(float(default), declared[name].unit)
-
-
-_ARGUMENT_AS_DEFAULT = re.compile(r"\$\(arg (?P<name>\w+)\)")
-"""A reference to another argument in a xacro file."""
 
 
 def _numbers_by_argument(crane: Crane) -> dict[str, _Quantity]:
