@@ -452,8 +452,10 @@ def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
 
 def _accelerations(drive_position: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return accelerations of slew, trolley and hoist, and of the load outward and along its circle
-    round the slew axis, shape (n, 5), from derivatives by time; those by the parameter of a path
-    give the parts that are linear in s'' and in s'².
+    round the slew axis, shape (n, 5).
+
+    With derivatives by time these are the accelerations themselves. `_fastest_speeds` calls it with
+    derivatives by the parameter of a path, to get the coefficients of s'' and of s'².
 
     In polar coordinates about the slew axis the load at the radius x and the angle γ accelerates by
     x'' - x γ'² outward and by x γ'' + 2 x' γ' along the circle.
