@@ -203,13 +203,13 @@ def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
     lifts = [certificate.lift for _, certificate in certified]
     measured: dict[str, list[float]] = {
         "plan and certificate [s]": [result.seconds for result, _ in certified],
-        "way / grid": [lift.way / lift.on_grid for lift in lifts],
-        "drives along the way / bound": [lift.timed.bound / lift.least for lift in lifts],
-        "motion / bound": [lift.timed.motion.arrival / lift.least for lift in lifts],
+        "way / grid": [lift.way_duration / lift.grid_duration for lift in lifts],
+        "drives along the way / bound": [lift.timed.bound / lift.least_duration for lift in lifts],
+        "motion / bound": [lift.timed.motion.arrival / lift.least_duration for lift in lifts],
         "motion [s]": [lift.timed.motion.arrival for lift in lifts],
         "least clearance [m]": [-certificate.nearest.distance for _, certificate in certified],
         "least time / bound": [
-            arrival(result.least) / certificate.lift.least
+            arrival(result.least) / certificate.lift.least_duration
             for result, certificate in certified
             if result.least and result.least.holds
         ],
@@ -255,7 +255,7 @@ def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
     certified = _held(tried)
     planned = sum(result.certificate is not None for result in tried)
     shorter = [
-        (arrival(result.least), certificate.lift.least)
+        (arrival(result.least), certificate.lift.least_duration)
         for result, certificate in certified
         if result.least is not None and result.least.holds
     ]
@@ -274,12 +274,12 @@ def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
         at_most(
             "Along its way a lift takes the drives",
             MAX_PATH_RATIO,
-            [(c.lift.timed.bound, c.lift.least) for _, c in certified],
+            [(c.lift.timed.bound, c.lift.least_duration) for _, c in certified],
         ),
         at_most(
             "A planned motion lasts",
             MAX_MOTION_RATIO,
-            [(arrival(c), c.lift.least) for _, c in certified],
+            [(arrival(c), c.lift.least_duration) for _, c in certified],
         ),
     ]
     if any(result.least for result, _ in certified):

@@ -221,10 +221,7 @@ def hook_turn(crane: Crane) -> np.ndarray:
     """Return the rotation from the frame of the hoist joint of a tower crane to that of the crane,
     with all coordinates at zero, shape (3, 3).
     """
-    hoist = crane.layout.tower("The attitude of a hook")[4]
-    data = crane.model.createData()
-    pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
-    return data.oMi[hoist + 1].rotation.copy()
+    return _frames(crane, np.zeros(crane.layout.n))[-1].rotation
 
 
 def refuse_other_kinematics(crane: Crane) -> None:
@@ -240,18 +237,16 @@ def refuse_other_kinematics(crane: Crane) -> None:
     """
     layout = crane.layout
     joints = layout.tower("A planned lift")
-    data = crane.model.createData()
-    turn = hook_turn(crane)
+    at_zero = _frames(crane, np.zeros(layout.n))
+    turn = at_zero[-1].rotation
     # Positions are affine in radius and cable length. One posture shows the origins of the joints,
     # and another one, in which no coordinate is zero, their axes.
-    for coordinates in ([0.0, 0.0, 0.0, 0.0, 0.0], [0.7, 11.0, 0.2, -0.3, 13.0]):
+    for coordinates in (np.zeros(5), np.array([0.7, 11.0, 0.2, -0.3, 13.0])):
         q = np.zeros(layout.n)
         q[list(joints)] = coordinates
-        pin.forwardKinematics(crane.model, data, q)
-        frames = [data.oMi[joint + 1] for joint in joints]
-        for joint, frame, expected in zip(
-            joints, frames, _expected_frames(coordinates, frames, turn), strict=True
-        ):
+        frames = _frames(crane, q)
+        expected_frames = _expected_frames(coordinates, at_zero)
+        for joint, frame, expected in zip(joints, frames, expected_frames, strict=True):
             off = float(np.linalg.norm(frame.translation - expected.translation))
             turned = float(np.abs(frame.rotation - expected.rotation).max())
             if not (off <= _POSITION_TOLERANCE and turned <= _ROTATION_TOLERANCE):
@@ -264,16 +259,14 @@ def refuse_other_kinematics(crane: Crane) -> None:
                     "origin of the trolley, which at zero is on the slew axis, and the hoist the "
                     "cable length as its coordinate."
                 )
-    if not abs(turn[2, 2] - 1.0) <= _ROTATION_TOLERANCE:
+    if not np.abs(turn[:, 2] - np.array([0.0, 0.0, 1.0])).max() <= _ROTATION_TOLERANCE:
         raise ModelError(
-            f"A planned lift needs the frame of {layout.joints[joints[4]].name} with its Z axis up "
-            "along the rope; turn the origin of the joint in the URDF."
+            f"A planned lift needs the frame of {layout.joints[joints[-1]].name} with its Z axis "
+            "up along the rope; turn the origin of the joint in the URDF."
         )
 
 
-def _expected_frames(
-    coordinates: list[float], frames: list[pin.SE3], turn: np.ndarray
-) -> list[pin.SE3]:
+def _expected_frames(coordinates: np.ndarray, at_zero: list[pin.SE3]) -> list[pin.SE3]:
     """Return where a planned lift has the frames of slew, trolley, radial swing, tangential swing
     and hoist.
 
@@ -281,23 +274,35 @@ def _expected_frames(
     up to the trolley are turned by Rz(γ), the rope by Rz(γ) Rx(φ) Ry(θ).
 
     Args:
-        coordinates: γ [rad], x [m], φ, θ [rad] and l [m].
-        frames: The frames of the crane itself, whose heights of slew and trolley are taken.
-        turn: See `CollisionBodies.hook_turn`.
+        coordinates: γ [rad], x [m], φ, θ [rad] and l [m], shape (5,).
+        at_zero: The frames of the crane itself with all coordinates at zero, of which the heights
+            of slew and trolley are taken, and how the frame of the hoist is turned.
     """
-    gamma, x, phi, theta, length = coordinates
+    gamma, x, phi, theta, length = coordinates.tolist()
+    slew_at_zero, trolley_at_zero, *_, hoist_at_zero = at_zero
     slewed = rotation_z(gamma)
     leaning = slewed @ pin.rpy.rpyToMatrix(phi, 0.0, 0.0)
     along_rope = leaning @ pin.rpy.rpyToMatrix(0.0, theta, 0.0)
-    ring = np.array([0.0, 0.0, float(frames[0].translation[2])])
-    pivot = np.array([x * math.sin(gamma), -x * math.cos(gamma), float(frames[1].translation[2])])
+    ring = np.array([0.0, 0.0, slew_at_zero.translation[2]])
+    pivot = np.array([x * math.sin(gamma), -x * math.cos(gamma), trolley_at_zero.translation[2]])
+    end_of_cable = pivot - length * along_rope[:, 2]
     return [
         pin.SE3(slewed, ring),
         pin.SE3(slewed, pivot),
         pin.SE3(leaning, pivot),
         pin.SE3(along_rope, pivot),
-        pin.SE3(along_rope @ turn, pivot - length * along_rope[:, 2]),
+        pin.SE3(along_rope @ hoist_at_zero.rotation, end_of_cable),
     ]
+
+
+def _frames(crane: Crane, q: np.ndarray) -> list[pin.SE3]:
+    """Return the frames of slew, trolley, radial swing, tangential swing and hoist of a tower crane
+    at coordinates of all joints, shape (n,).
+    """
+    joints = crane.layout.tower("The frames of a tower crane")
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, q)
+    return [data.oMi[joint + 1].copy() for joint in joints]  # Pinocchio counts joints from 1
 
 
 def _mast(shapes: list[DrawnShape]) -> list[np.ndarray]:

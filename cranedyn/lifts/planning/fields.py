@@ -14,8 +14,8 @@ import coal
 import numpy as np
 
 _TOUCHING = 1e-6
-"""Distance of two shapes below which their nearest points give no direction [m]: that of coal's
-tolerance."""
+"""Distance of two shapes up to which they touch, and their nearest points give no direction [m]. It
+is the tolerance of coal."""
 
 
 class Placed(NamedTuple):

@@ -1,9 +1,10 @@
 """Plan a lift: from a site to a motion of the crane that is proven to touch nothing.
 
-`plan_lift` refuses first what cannot be lifted, then looks for a way both ways round the mast and
-with several margins (`cranedyn.lifts.planning.path_search`), rounds its corners
-(`cranedyn.lifts.planning.curve`), times it (`cranedyn.lifts.planning.timing`) and proves the motion
-(`cranedyn.lifts.planning.motion_proof`). The fastest of all motions is the lift.
+`plan_lift` refuses first what cannot be lifted. In both directions round the mast and with several
+margins it searches a *way*, straight lines between places (`cranedyn.lifts.planning.path_search`),
+rounds its corners to a *path* (`cranedyn.lifts.planning.curve`), times that to a *motion*
+(`cranedyn.lifts.planning.timing`) and proves the motion (`cranedyn.lifts.planning.motion_proof`).
+The fastest of all motions is the lift.
 """
 
 from __future__ import annotations
@@ -75,16 +76,19 @@ the jib [rad]."""
 _SMALL_LOAD_SCALE = 0.01
 """Ratio of the size of a load that nearly is a point to that of the load of a site."""
 
+_ARGUMENT_AS_DEFAULT = re.compile(r"\$\(arg (?P<name>\w+)\)")
+"""Default of an argument of a xacro file that is another argument."""
+
 
 class NoWay(CraneError):
     """There is no way for a lift, or none was found."""
 
 
-class _Yardstick(NamedTuple):
+class _ReferenceTimes(NamedTuple):
     """Times that a lift is compared with; see the properties of the same names of `Lift`."""
 
-    on_grid: float
-    least: float
+    grid_duration: float
+    least_duration: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +100,8 @@ class Lift:
         limits: Limits of the drives.
         ends: First and last place of the load, shape (2, 3).
         slews: Slew angles through which the jib is proven to turn freely.
-        path: The way with rounded corners, proven.
-        timed: The motion, proven.
+        path: The way with rounded corners, proven free.
+        timed: The motion along the path, proven free.
     """
 
     clearance: Clearance
@@ -118,20 +122,20 @@ class Lift:
         return self.path.points
 
     @property
-    def way(self) -> float:
-        """Length of the way as time at full speed [s]."""
+    def way_duration(self) -> float:
+        """Length of the way, as time at full speed [s]."""
         return float(leg_durations(self.points, np.array(self.limits.rates)).sum())
 
     @property
-    def on_grid(self) -> float:
+    def grid_duration(self) -> float:
         """Length of the best way on a grid of cells of half a second with the required distance,
         the shorter one of both directions round the mast, as time at full speed [s]. It is infinite
         if the search finds none.
         """
-        return self._yardstick.on_grid
+        return self._reference_times.grid_duration
 
     @property
-    def least(self) -> float:
+    def least_duration(self) -> float:
         """Estimate of the time that no motion falls below [s], in whichever direction round the
         mast.
 
@@ -140,16 +144,16 @@ class Lift:
         cell. That no way between the cells is shorter than this is assumed and not proven. A
         direction whose grid is too large to be searched counts with the time of the drives.
         """
-        return self._yardstick.least
+        return self._reference_times.least_duration
 
     @cached_property
-    def _yardstick(self) -> _Yardstick:
-        """Lengths of the best ways on a grid and the estimate of the least time that follows."""
+    def _reference_times(self) -> _ReferenceTimes:
+        """Length of the best way on a grid, and the estimate of the least time that follows."""
         rates = np.array(self.limits.rates)
         # The drive that is first at full speed takes this time to it. A way is measured in seconds
         # at full speed: the rate is 1, and the acceleration to it 1/ramp.
         ramp = (rates / np.array(self.limits.accelerations)).min()
-        on_grid = math.inf
+        grid_duration = math.inf
         least = math.inf
         both_ways = _ends_both_ways(self.ends[0], self.ends[1], self.slews)
         for ends in both_ways:
@@ -158,7 +162,7 @@ class Lift:
                 continue  # no way in this direction is faster
             bounds = _bounds(self.clearance, ends, self.slews)
             grid = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE_CELL)
-            on_grid = min(on_grid, grid.duration)
+            grid_duration = min(grid_duration, grid.duration)
             if grid.gave_up:
                 least = min(least, straight)
                 continue
@@ -167,7 +171,7 @@ class Lift:
             least = min(least, max(float(along_way), straight))
         if least == math.inf:  # this lift goes between the cells
             least = min(straight_time(ends, self.limits) for ends in both_ways)
-        return _Yardstick(on_grid, least)
+        return _ReferenceTimes(grid_duration, least)
 
     def states(self) -> tuple[State, State]:
         """Return start and goal, at rest with the load plumb."""
@@ -365,10 +369,6 @@ def _value_of(crane: Crane, name: str) -> _Quantity | None:
     if other is not None:
         return _value_of(crane, other["name"])
     return _Quantity(float(default), declared[name].unit)
-
-
-_ARGUMENT_AS_DEFAULT = re.compile(r"\$\(arg (?P<name>\w+)\)")
-"""A reference to another argument in a xacro file."""
 
 
 def _numbers_by_argument(crane: Crane) -> dict[str, _Quantity]:
@@ -617,7 +617,7 @@ def _candidates(
             path = rounded_path(farther, points, rates)
             if path is None:
                 continue
-            motion = timed(clearance, path, limits, proven, within=shortest, period=period)
+            motion = timed(clearance, path, limits, proven, shorter_than=shortest, period=period)
             if motion is None:
                 continue
             shortest = min(shortest, motion.motion.arrival)
@@ -626,11 +626,11 @@ def _candidates(
                 return
 
 
-def _is_proven(clearance: Clearance, slews: SlewRange, timed: TimedMotion) -> bool:
-    """Return whether all that hangs is proven free along a motion, with its envelope of swing, all
-    joints stay in their ranges, and the jib in the slew angles that are free.
+def _is_proven(clearance: Clearance, slews: SlewRange, candidate: TimedMotion) -> bool:
+    """Return whether along a motion all that hangs is proven free with the envelope of its swing,
+    all joints stay in their ranges, and the jib stays in the slew angles that are free.
     """
-    motion = timed.motion
+    motion = candidate.motion
     q = motion.q
     slew = q[:, clearance.joints.slew]
     in_ranges = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())

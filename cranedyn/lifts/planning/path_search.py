@@ -1,5 +1,8 @@
-"""Ways around obstacles: the best way on a grid of places, every edge proven, then shortened. The
-best way on a fine grid is also the measure of other ways, and gives the reason where there is none.
+"""Ways around obstacles: the best way on a grid of places, every edge proven, then shortened.
+
+A *way* is places that are joined by straight lines in slew, trolley radius and cable length. A
+search on a grid also gives the length that other ways are compared with, and names the obstacles
+where there is no way.
 
 Lengths are *times at full speed*: the length of a straight line is the time that the slowest drive
 needs for it at its rate. Many ways are equally long in this measure, since the other drives have
@@ -112,7 +115,7 @@ def search(
         return [ends]
     for cell in CELL_EDGES:
         points = best_on_grid(
-            clearance, ends, bounds, rates, cell=cell, cell_limit=MAX_CELLS, tight=_TIGHT_COST
+            clearance, ends, bounds, rates, cell=cell, cell_limit=MAX_CELLS, tight_cost=_TIGHT_COST
         ).points
         if points is not None:
             ways = []
@@ -258,7 +261,7 @@ def best_on_grid(
     *,
     cell: float = 1.0,
     cell_limit: int = 400_000,
-    tight: float = 0.0,
+    tight_cost: float = 0.0,
 ) -> GridSearch:
     """Search for the shortest way over cells with 26 neighbours, by A*
     (Hart, Nilsson, Raphael 1968).
@@ -270,10 +273,10 @@ def best_on_grid(
         rates: Rates of the drives, shape (3,).
         cell: Edge of a cell [s]: as far as each drive gets in that time.
         cell_limit: Number of cells after which the search gives up.
-        tight: Additional cost of a second without margin, see `_TIGHT_COST`.
+        tight_cost: Additional cost of a second without margin, see `_TIGHT_COST`.
     """
     grid = _Grid(clearance, ends, bounds, rates, cell)
-    found = _a_star(grid, cell_limit, tight)
+    found = _a_star(grid, cell_limit, tight_cost)
     points = None
     duration = math.inf
     blocked = []
@@ -304,7 +307,7 @@ class _Tree(NamedTuple):
     blocked: list[np.ndarray]
 
 
-def _a_star(grid: _Grid, cell_limit: int, tight: float) -> _Tree:
+def _a_star(grid: _Grid, cell_limit: int, tight_cost: float) -> _Tree:
     """Return the cells that A* reaches until it has proven its way to the goal to be the best, no
     cell is left, or it has reached so many cells that it gives up.
 
@@ -338,7 +341,7 @@ def _a_star(grid: _Grid, cell_limit: int, tight: float) -> _Tree:
         if cost_by_node < best_cost and grid.reaches_goal(node):
             best_cost = cost_by_node
             last = node
-        _queue_neighbours(grid, queue, parents, node, cost, tight)
+        _queue_neighbours(grid, queue, parents, node, cost, tight_cost)
     gave_up = len(parents) >= cell_limit and bool(queue) and queue[0][0] < best_cost
     return _Tree(parents, last, gave_up, blocked)
 
@@ -349,7 +352,7 @@ def _queue_neighbours(
     parents: dict[Node, Node],
     node: Node,
     cost: float,
-    tight: float,
+    tight_cost: float,
 ) -> None:
     """Put the neighbours of a cell that are not reached yet into the queue of A*, with their
     guesses.
@@ -360,7 +363,7 @@ def _queue_neighbours(
         parents: Cells that are reached.
         node: The cell.
         cost: Cost of the way to it.
-        tight: Additional cost of a second without margin.
+        tight_cost: Additional cost of a second without margin.
     """
     for step, factor in _STEPS:
         neighbour = (node[0] + step[0], node[1] + step[1], node[2] + step[2])
@@ -369,8 +372,8 @@ def _queue_neighbours(
         to_goal = grid.cost_to_goal(neighbour)
         if to_goal == math.inf:
             continue
-        if tight:
-            factor += tight * max(0.0, _FULL_MARGIN - grid.margin(neighbour))
+        if tight_cost:
+            factor += tight_cost * max(0.0, _FULL_MARGIN - grid.margin(neighbour))
         reached = cost + grid.cell * factor
         heapq.heappush(queue, (reached + to_goal, -reached, neighbour, node))
 

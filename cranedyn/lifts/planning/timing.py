@@ -178,7 +178,7 @@ class _Task:
     path: Path
     limits: Limits
     proven: Callable[[TimedMotion], bool]
-    within: float
+    shorter_than: float
 
 
 class _Outcome(NamedTuple):
@@ -200,7 +200,7 @@ def timed(
     limits: Limits,
     proven: Callable[[TimedMotion], bool],
     *,
-    within: float = math.inf,
+    shorter_than: float = math.inf,
     period: float = 5e-3,
 ) -> TimedMotion | None:
     """Return the fastest motion of the load along a path that keeps the limits of the drives and
@@ -215,7 +215,7 @@ def timed(
         limits: Rates and accelerations of the drives.
         proven: Function that says whether a motion is proven free; where it is not, slower ones are
             tried.
-        within: Duration [s] from which on a motion is of no use, as a shorter one is known.
+        shorter_than: Duration [s] from which on a motion is of no use, as a shorter one is known.
         period: Time between rows of the motion [s].
 
     Returns:
@@ -225,7 +225,7 @@ def timed(
         CraneError: If TOPP-RA is not installed, no speed along the path keeps the limits, or a
             motion would last longer than a day.
     """
-    task = _Task(clearance, path, limits, proven, within)
+    task = _Task(clearance, path, limits, proven, shorter_than)
     for reduction in _REDUCTIONS:
         outcome = _best_of_averages(task, reduction)
         if outcome.best is not None:
@@ -294,7 +294,6 @@ def _fit_bounds(
         averaging_time: Time that `_AVERAGING_SHARES` are shares of [s].
         best: The fastest proven motion so far; None if there is none.
     """
-    within = task.within
     bounds = first_bounds
     law = first_law
     for round_ in range(_FITTING_ROUNDS):
@@ -302,7 +301,9 @@ def _fit_bounds(
             law = _fastest(task.path, bounds)
         places = _averaged(law, averaging_time)
         duration = STEP * (len(places) - 1)
-        longest = within if best is None else min(within, best.motion.arrival)
+        longest = task.shorter_than
+        if best is not None:
+            longest = min(longest, best.motion.arrival)
         may_get_shorter = round_ < _SETTLED_ROUND
         useless_from = _TOO_LONG * longest if may_get_shorter else longest - STEP
         if duration >= useless_from:  # before the motion is computed, which takes longest
@@ -451,8 +452,10 @@ def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
 
 def _accelerations(drive_position: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return accelerations of slew, trolley and hoist, and of the load outward and along its circle
-    round the slew axis, shape (n, 5), from derivatives by time; those by the parameter of a path
-    give the parts that are linear in s'' and in s'².
+    round the slew axis, shape (n, 5).
+
+    With derivatives by time these are the accelerations themselves. `_fastest_speeds` calls it with
+    derivatives by the parameter of a path, to get the coefficients of s'' and of s'².
 
     In polar coordinates about the slew axis the load at the radius x and the angle γ accelerates by
     x'' - x γ'² outward and by x γ'' + 2 x' γ' along the circle.

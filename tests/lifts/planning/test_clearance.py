@@ -256,6 +256,12 @@ def crane_with(tmp_path: Path, before: str, after: str) -> Crane:
             '<origin rpy="3.141592653589793 0 0"/><axis xyz="0 0 1"/>',
         ),
         (
+            "hoist_joint",
+            HOIST_AXIS,
+            '<origin rpy="0.002 0 0"/><axis xyz="0 -0.002 -1"/>',
+        ),
+        ("trolley_joint", '<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0.0005"/>'),
+        (
             "trolley_joint",
             '<child link="trolley_link"/>\n    <origin xyz="0 0',
             '<child link="trolley_link"/>\n    <origin xyz="0.2 0',
@@ -266,7 +272,14 @@ def crane_with(tmp_path: Path, before: str, after: str) -> Crane:
             '<child link="swing_t_link"/><origin xyz="0 0 -0.1"/>',
         ),
     ],
-    ids=["the cable is longer than its coordinate", "upside down", "off the axis", "two pivots"],
+    ids=[
+        "the cable is longer than its coordinate",
+        "upside down",
+        "a hook that leans",
+        "a jib that rises",
+        "off the axis",
+        "two pivots",
+    ],
 )
 def test_a_crane_whose_load_hangs_elsewhere_than_planned_is_refused(
     tmp_path: Path, joint: str, before: str, after: str

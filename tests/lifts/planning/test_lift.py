@@ -186,23 +186,25 @@ def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes(
     """Beside it the long way round, planned as if a tower stood in the short one."""
     made = lift()
     shortest = straight_time(made.ends, LIMITS)
-    assert shortest <= made.least <= made.timed.motion.arrival <= 1.25 * made.least
+    assert (
+        shortest <= made.least_duration <= made.timed.motion.arrival <= 1.25 * made.least_duration
+    )
     # A cell of half a second more at both ends.
-    assert made.on_grid - 1.0 <= made.way <= 1.02 * made.on_grid
+    assert made.grid_duration - 1.0 <= made.way_duration <= 1.02 * made.grid_duration
     round_about = made.ends - np.array([[0.0, 0.0, 0.0], [2.0 * math.pi, 0.0, 0.0]])
     long = min(
         _candidates(made.clearance, round_about, made.slews, LIMITS, 5e-3, math.inf),
         key=lambda lift: lift.timed.motion.arrival,
     )
-    assert long.least == pytest.approx(made.least, rel=1e-12)
-    assert long.timed.motion.arrival > 1.4 * long.least
+    assert long.least_duration == pytest.approx(made.least_duration, rel=1e-12)
+    assert long.timed.motion.arrival > 1.4 * long.least_duration
 
 
 def test_the_least_time_of_a_lift_of_centimetres_is_less_than_its_motion_takes() -> None:
     near = np.array([6.05, -12.0, 4.0])
     made = plan_lift(site(goal=near), LIMITS, crane=crane())
-    assert made.way < 0.1  # less than a cell of half a second
-    assert 0.0 < made.least <= made.timed.motion.arrival
+    assert made.way_duration < 0.1  # less than a cell of half a second
+    assert 0.0 < made.least_duration <= made.timed.motion.arrival
 
 
 @pytest.mark.parametrize("limits", [(50, 50), (50, 400_000)])
@@ -217,7 +219,7 @@ def test_a_way_round_whose_grid_is_too_large_takes_at_least_the_time_of_its_driv
 
     monkeypatch.setattr("cranedyn.lifts.planning.lift.best_on_grid", hurried)
     made = replace(lift())
-    assert made.least == straight_time(made.ends, LIMITS)
+    assert made.least_duration == straight_time(made.ends, LIMITS)
 
 
 def test_a_search_that_gives_up_may_have_missed_the_best_way() -> None:
@@ -617,8 +619,8 @@ def test_a_way_that_takes_longer_than_another_is_given_up() -> None:
     proven = partial(_is_proven, made.clearance, made.slews)
     arrival = made.timed.motion.arrival
     same, longer = (
-        timed(made.clearance, made.path, made.limits, proven, within=within)
-        for within in (arrival + 1.0, 0.5 * arrival)
+        timed(made.clearance, made.path, made.limits, proven, shorter_than=duration)
+        for duration in (arrival + 1.0, 0.5 * arrival)
     )
     assert same is not None and longer is None
     np.testing.assert_array_equal(same.motion.q, made.timed.motion.q)
