@@ -285,8 +285,8 @@ class _Search:
         shortest: float,
         longest: float = math.inf,
     ) -> CollocationPlan:
-        """Return the plan of least cost near one that is proven with the first of several margins
-        with which one is [m]; other arguments as of `_solved`.
+        """Return a proven plan of least cost near one. The margins [m] are tried one after the
+        other until a plan is proven; other arguments as of `_solved`.
 
         Raises:
             Unsolved: If the optimiser does not converge with the last margin.
