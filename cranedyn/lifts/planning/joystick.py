@@ -54,9 +54,8 @@ class AccelerationSteps(Tabulating):
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
-        # An acceleration a that lasts τ adds, at a time s after it begins and with r = min(s, τ) for
-        # the part in which it has acted, a r to the velocity and a (r²/2 + r (s - r)) =
-        # a r (s - r/2) to the position.
+        # At a time s after it begins, an acceleration a that lasts τ has acted for r = min(s, τ).
+        # It has added a r to the velocity and a (r²/2 + r (s - r)) = a r (s - r/2) to the position.
         since = np.maximum(times[:, None] - self.begins, 0.0)
         acted = np.minimum(since, self.lasts)
         accelerating = (since > 0.0) & (since < self.lasts)
