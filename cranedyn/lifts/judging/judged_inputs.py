@@ -42,9 +42,9 @@ CHART_COVERS = frozenset(
 )  # fmt: skip
 """Arguments of the shipped crane that its chart is valid for whatever they are.
 
-A chart says what may hang at which radius. That does not depend on the load itself, the height of
-the mast, the length of the cable and how far the drives go, where they start, nor on damping. The
-counter-jib is drawn and weighs nothing. With another jib, trolley or force of a drive it is another
+A chart says what may hang at which radius. The load itself, the height of the mast, the length of
+the cable, how far the drives go, where they start, and damping do not change that. The counter-jib
+is drawn and weighs nothing. With another jib or trolley, or another force of a drive, it is another
 crane to a chart."""
 
 

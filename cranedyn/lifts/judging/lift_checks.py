@@ -13,7 +13,7 @@ from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
 from cranedyn.lifts.planning.crane_bodies import corners_of
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
-from cranedyn.lifts.planning.plan_assumptions import EARTH
+from cranedyn.lifts.planning.plan_assumptions import EARTH_GRAVITY
 from cranedyn.verdict import Check
 
 COUNTER_JIB_TOLERANCE = 0.01
@@ -58,11 +58,11 @@ def assumptions_entered(analysis: LiftAnalysis) -> Check:
 def gravity_is_that_of_the_earth(analysis: LiftAnalysis) -> Check:
     """Check that the lift was computed in the gravity in which it will be made."""
     gravity = analysis.crane.gravity
-    if EARTH[0] <= gravity <= EARTH[1]:
+    if EARTH_GRAVITY[0] <= gravity <= EARTH_GRAVITY[1]:
         return Check(f"The lift is computed in a gravity of {gravity:g} m/s².", True)
     return Check(
-        f"The lift is computed in a gravity of {gravity:g} m/s²; on the ground it is {EARTH[0]:g} "
-        f"to {EARTH[1]:g}.",
+        f"The lift is computed in a gravity of {gravity:g} m/s²; on the ground it is "
+        f"{EARTH_GRAVITY[0]:g} to {EARTH_GRAVITY[1]:g}.",
         None,
     )
 

@@ -91,13 +91,13 @@ def loads(
     * `slack_margin`: tension over the weight that hangs; the rope is slack at 0.
     * `snag_margin`: share of the hoist's largest force that the tension leaves.
 
-    With a trolley besides:
+    With a trolley as well:
 
     * `off_lead_rad`: angle of the rope from plumb in the plane of the jib, outwards positive.
     * `side_lead_rad`: angle of the rope from plumb across it, positive as positive slew moves it.
     * `side_force_percent`: horizontal force of the rope across the jib, of the weight that hangs.
 
-    With a slew besides:
+    With a slew, too:
 
     * `radius_m`: distance of the trolley from the slew axis.
     * `load_moment_Nm`: pull times radius, which is what a load moment indicator shows.

@@ -21,7 +21,8 @@ from cranedyn.lifts.planning.certificate import Certificate
 from cranedyn.lifts.planning.perturbed import PerturbedBatch, simulate_perturbed
 
 GUST_FACTOR = 1.5
-"""Speed of a gust over that of the mean wind in which it comes; ours, of a rough city's terrain."""
+"""Speed of a gust over that of the mean wind in which it comes: an assumption, for the rough
+terrain of a city."""
 
 SHORTEST_GUST = 3.0
 """Shortest gust [s]."""

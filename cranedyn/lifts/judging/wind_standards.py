@@ -49,7 +49,7 @@ def height_factor(height: float) -> float:
 
 
 def recurrence_factor(years: float) -> float:
-    """Return f_rec, the wind speed exceeded once in so many years over that of 50 years: the
+    """Return f_rec, the wind speed exceeded once in a number of years over that of 50 years: the
     quantile of 1 - 1/years of Gumbel's law, see `SCATTER`.
     """
     years = within("years of recurrence", years, 2.0, 1000.0)
@@ -57,8 +57,8 @@ def recurrence_factor(years: float) -> float:
 
 
 def _gumbel_quantile(years: float) -> float:
-    """Return the wind speed that is exceeded once in so many years, over the location of Gumbel's
-    law: 1 - s ln(-ln(1 - 1/years)) with its scale s, see `SCATTER`.
+    """Return the wind speed that is exceeded once in a number of years, over the location of
+    Gumbel's law: 1 - s ln(-ln(1 - 1/years)) with its scale s, see `SCATTER`.
     """
     return 1.0 - SCATTER * math.log(-math.log1p(-1.0 / years))
 

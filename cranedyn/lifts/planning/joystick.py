@@ -54,12 +54,12 @@ class AccelerationSteps(Tabulating):
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (n, m) each."""
-        # An acceleration a that lasts τ adds, at a time s after it sets in and with r = min(s, τ),
-        # a r to the velocity and a (r²/2 + r (s - r)) = a r (s - r/2) to the position.
+        # At a time s after it begins, an acceleration a that lasts τ has acted for r = min(s, τ).
+        # It has added a r to the velocity and a (r²/2 + r (s - r)) = a r (s - r/2) to the position.
         since = np.maximum(times[:, None] - self.begins, 0.0)
-        rising = np.minimum(since, self.lasts)
+        acted = np.minimum(since, self.lasts)
         accelerating = (since > 0.0) & (since < self.lasts)
-        shares = np.array([rising * (since - rising / 2.0), rising, accelerating])
+        shares = np.array([acted * (since - acted / 2.0), acted, accelerating])
         displacement, velocity, acceleration = (shares[..., None] * self.accelerations).sum(axis=2)
         return Setpoint(self.start + displacement, velocity, acceleration)
 

@@ -142,9 +142,9 @@ def optimal(
             at or after its end.
         ramp: Time in which a drive may reach its limit of acceleration [s], which sets the limit of
             its jerk; 0 for accelerations that jump.
-        still: Drives that shall not move, by symbol. None for those that have no way to go, but for
-            a trolley, which may always help, since slewing drives the load outward; and none where
-            there are obstacles.
+        still: Drives that shall not move, by symbol. None for those whose position is the same at
+            start and goal, but for the trolley of a slewing crane, which may help since slewing
+            drives the load outward. Among obstacles None lets all drives move.
         period: Time between rows [s].
         interval: Longest interval [s]. None for half of the ramp but no more than 0.25 s. It is
             also no longer than a quarter of the shortest period of a swing.
@@ -161,7 +161,7 @@ def optimal(
             its balance, both ends are one state, a number makes no sense, the hoist cannot hold
             the load, or the duration is shorter than the least.
         MissingRole: If there are obstacles and it is not a tower crane.
-        UnknownName: If a drive that shall stand still is none.
+        UnknownName: If one of `still` is no drive.
         Unproven: If a motion past obstacles is not proven.
         CraneError: If IPOPT does not converge.
     """
@@ -290,8 +290,8 @@ class _Search:
         shortest: float,
         longest: float = math.inf,
     ) -> CollocationPlan:
-        """Return the plan of least cost near one that is proven with the first of several margins
-        with which one is [m]; other arguments as of `_solved`.
+        """Return a proven plan of least cost near one. The margins [m] are tried one after the
+        other until a plan is proven; other arguments as of `_solved`.
 
         Raises:
             Unsolved: If the optimiser does not converge with the last margin.
@@ -486,8 +486,9 @@ def _moving_drives(
         obstacles: Whether there are obstacles; any drive may then have to move.
 
     Raises:
-        OutOfRange: If a drive shall stand still that has a way to go, or a rate.
-        UnknownName: If a drive that shall stand still is none.
+        OutOfRange: If a drive shall stand still whose position differs between start and goal, or
+            which moves at one of them.
+        UnknownName: If one of `still` is no drive.
     """
     layout = crane.layout
     differs = (goal.q != start.q) | (goal.v != 0.0) | (start.v != 0.0)

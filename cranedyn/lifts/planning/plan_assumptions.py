@@ -13,7 +13,7 @@ from cranedyn.lifts.planning.site import DISTANCE, SWING, Site
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 
-EARTH = (9.76, 9.84)
+EARTH_GRAVITY = (9.76, 9.84)
 """Least and largest gravity on the ground of the Earth [m/s²]."""
 
 

@@ -99,9 +99,9 @@ class Base:
 class Arm:
     """Jib or counter-jib, as a weight at its centre of mass.
 
-    Its weight is added to the loads of the slewing ring and the foot, besides the upper structure
-    that the crane's model has on the slew axis. Its inertia is part of the crane's
-    `slewing_inertia`.
+    Its weight is added to the loads of the slewing ring and the foot; the weight of the upper
+    structure that the crane's model has on the slew axis is in them anyway. Its inertia is part of
+    the crane's `slewing_inertia`.
 
     Attributes:
         mass: Mass [kg].

@@ -72,8 +72,8 @@ class SiteTable:
     def take(self, key: str, convert: Callable[[str, Any], Any], default: Any = None) -> Any:
         """Return a field, converted; without a default it must be there.
 
-        No field can have the default None, which says that there is none: whoever allows that a
-        field is missing asks whether it is among `values`, as `optional_number` does.
+        The default None means that the field is required. A caller for whom a missing field is None
+        first asks whether it is among `values`, as `optional_number` does.
         """
         if key not in self.values:
             if default is None:
@@ -124,7 +124,7 @@ class SiteTable:
         return self.number(key, unit=unit, allowed=allowed) if key in self.values else None
 
     def tables(self, kind: str, fields: Sequence[str], lines: FieldLines) -> list[SiteTable]:
-        """Return all tables of a kind, none if there are none.
+        """Return all tables of a kind; an empty list if there are no such tables.
 
         Args:
             kind: Name of the tables.

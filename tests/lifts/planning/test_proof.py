@@ -71,7 +71,7 @@ def test_what_is_proven_is_free_wherever_one_looks(seed: int) -> None:
 
 
 def test_a_plate_between_two_samples_is_met_by_proof_and_missed_by_sampling() -> None:
-    asked = Clearance(crane(), site(PLATE, load=corners(0.3, 0.3, 0.3), distance=0.05, swing=0.0))
+    asked = Clearance(crane(), site(PLATE, load=corners(0.3, 0.3, 0.3), distance=0.05, swing=1e-4))
     line = Line(*(asked.place(np.array([6.0, y, 8.0])) for y in (-12.0, 12.0)))
     assert sampled(asked, line, 0.0, 1.0) is None
     where = unproven_parameter(asked, line, 0.0, 1.0)
