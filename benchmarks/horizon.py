@@ -79,7 +79,7 @@ class HorizonProblem(NamedTuple):
             solution: States, inputs and further quantities, as `Solve` returns them.
         """
         z = self.shape.states
-        w = self.shape.both
+        w = self.shape.variables
         last = self.a[-1] @ solution[-1, :z] + self.b[-1] @ solution[-1, z:w] + self.c[-1]
         both = solution[:, :w]
         excess = np.maximum(solution - self.high, 0.0) + np.maximum(self.low - solution, 0.0)
@@ -90,7 +90,7 @@ class HorizonProblem(NamedTuple):
     def gap(self, solution: np.ndarray) -> float:
         """Return the largest residual of the equations of a solution, the start included."""
         z = self.shape.states
-        w = self.shape.both
+        w = self.shape.variables
         next_states = (
             np.einsum("kij,kj->ki", self.a, solution[:, :z])
             + np.einsum("kij,kj->ki", self.b, solution[:, z:w])
@@ -141,7 +141,7 @@ def sparse(problem: HorizonProblem) -> Sparse:
     """Return a programme in states, inputs and slacks of bounds."""
     shape = problem.shape
     z = shape.states
-    w = shape.both
+    w = shape.variables
     n = shape.stages
     size = n * w + z
     both = w + shape.inputs
@@ -290,7 +290,7 @@ def by_daqp(problem: HorizonProblem) -> Solve:
     def answer() -> np.ndarray:
         inputs, _, flag, _ = solve(square, cost, sides, high, low, kinds)
         if flag != 1:
-            return np.full((n, shape.both + m), np.nan)
+            return np.full((n, shape.variables + m), np.nan)
         return np.array([row @ np.append(inputs, 1.0) for row in rows])
 
     return answer

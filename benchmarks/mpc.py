@@ -112,17 +112,21 @@ def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
     shape = controller.programme.shape(1)
     work = controller.memory_of_optimisation()
     z = shape.states
-    w = shape.both
+    w = shape.variables
     m = shape.inputs
-    stages = work[shape.first :].reshape(shape.stages, shape.stride)
+    stages = work[shape.first_stage :].reshape(shape.stages, shape.stage_size)
 
     def common(name: str, rows: int, columns: int) -> np.ndarray:
         """Return a matrix that all stages share, of the first crane of a batch."""
-        return work[shape.place(name) :][: rows * shape.lanes].reshape(rows, -1)[:, :columns].copy()
+        return (
+            work[shape.offset(name) :][: rows * shape.row_length]
+            .reshape(rows, -1)[:, :columns]
+            .copy()
+        )
 
     def each(name: str, rows: int, columns: int) -> np.ndarray:
         """Return a matrix of each stage."""
-        block = stages[:, shape.place(name) :][:, : rows * shape.lanes]
+        block = stages[:, shape.offset(name) :][:, : rows * shape.row_length]
         return block.reshape(len(stages), rows, -1)[:, :, :columns].copy()
 
     forward = each("forward", z, w)

@@ -328,7 +328,7 @@ def _horizon_data(controller: Receding) -> dict[str, Any]:
         "module": _packed(webassembly(module)),
         "memory": _packed(controller.memory(1).tobytes()),
         "ratio": programme.ratio,
-        "accelerations": [first + shape.place(name) + shape.states for name in ("low", "high")],
+        "accelerations": [first + shape.offset(name) + shape.states for name in ("low", "high")],
     }
 
 

@@ -389,7 +389,7 @@ class _PredictivePart(Part):
 
     def __init__(self, setting: ControlSetting, controller: Receding) -> None:
         _check_period(setting, controller.programme.period)
-        programme = replace(controller.programme, width=1)
+        programme = replace(controller.programme, vector_width=1)
         from llvmlite import ir
 
         if programme.rows:

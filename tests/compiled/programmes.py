@@ -19,7 +19,7 @@ def random(rng: np.random.Generator, tight: float, shape: HorizonShape) -> Horiz
     z, m, n = shape.states, shape.inputs, shape.stages
     a = rng.normal(size=(z, z))
     a *= 0.99 / np.abs(np.linalg.eigvals(a)).max()
-    both = shape.both + m
+    both = shape.variables + m
     q = np.diag(rng.uniform(0.1, 2.0, z))
     return HorizonProblem(
         a + 0.01 * rng.normal(size=(n, z, z)),
@@ -59,15 +59,15 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
     """By our solver."""
     shape = problem.shape
     work = np.zeros(problem.shape.size)
-    z, w, m = shape.states, shape.both, shape.inputs
+    z, w, m = shape.states, shape.variables, shape.inputs
 
     def common(name: str, i: int = 0) -> np.ndarray:
-        return work[shape.place(name, i) :][: shape.lanes]
+        return work[shape.offset(name, i) :][: shape.row_length]
 
-    stages = work[shape.first :].reshape(shape.stages, shape.stride)
+    stages = work[shape.first_stage :].reshape(shape.stages, shape.stage_size)
 
     def put(name: str, values: np.ndarray, i: int = 0, first: int = 0) -> None:
-        place = shape.place(name, i) + first
+        place = shape.offset(name, i) + first
         stages[:, place : place + values.shape[1]] = values
 
     for i in range(z):
@@ -85,5 +85,5 @@ def solved(machine: Machine, problem: HorizonProblem) -> Solved:
         common(name)[: w + m] = getattr(problem, name)
     common("report")[REPORT.index("barrier")] = 0.1 * problem.price[0]
     machine.function("solve", 1)(work.ctypes.data)
-    found = stages[:, shape.place("iterate") :][:, : w + m].copy()
+    found = stages[:, shape.offset("iterate") :][:, : w + m].copy()
     return Solved(found, dict(zip(REPORT, common("report").tolist(), strict=False)))

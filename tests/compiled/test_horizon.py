@@ -91,16 +91,16 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
     layout = moved.layout
     shape = made.programme.shape(1)
     length = 0.05
-    n, z, w = layout.n, shape.states, shape.both
+    n, z, w = layout.n, shape.states, shape.variables
     module = ir.Module()
     known = horizon_model.emit(module, shape, made.programme.plant, length)
     work = np.zeros(shape.size)
-    stages = work[shape.first :].reshape(shape.stages, shape.stride)
+    stages = work[shape.first_stage :].reshape(shape.stages, shape.stage_size)
     for name, i, lane, value in known:
-        stages[:, shape.place(name, i) + lane] = value
+        stages[:, shape.offset(name, i) + lane] = value
     rng = np.random.default_rng(1)
     nodes = np.concatenate([moved.start.q, np.zeros(w - n)]) + 0.03 * rng.normal(size=(8, w))
-    stages[:8, shape.place("node") :][:, :w] = nodes
+    stages[:8, shape.offset("node") :][:, :w] = nodes
     machine = translate(module)
     machine.function("linearise", 1)(work.ctypes.data)
 
@@ -116,8 +116,10 @@ def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane
 
     for k in (0, 5):
         row = {
-            name: stages[k, shape.place(name) :][: rows * shape.lanes].reshape(rows, shape.lanes)
-            for name, rows in shape.stage.items()
+            name: stages[k, shape.offset(name) :][: rows * shape.row_length].reshape(
+                rows, shape.row_length
+            )
+            for name, rows in shape.stage_rows.items()
         }
         ahead = row["forward"][:, :w]
         node = nodes[k]
@@ -484,7 +486,7 @@ def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
 def failing() -> Receding:
     """A controller with a solver that begins so near its bounds that it does not get away."""
     made = receding(crane(), LIMITS)
-    made.table[made.programme.shape(1).place("report") + REPORT.index("first")] = 1e-7
+    made.table[made.programme.shape(1).offset("report") + REPORT.index("usual_barrier")] = 1e-7
     return Receding(made.programme, made.table, made.path)
 
 

@@ -91,10 +91,10 @@ def test_weights_are_those_of_the_payload_and_of_the_joints_by_differences() -> 
     errors = np.arange(1.0, 1.0 + 2 * n).reshape(2, n)
     horizon_model.emit_weights(module, shape, programme.plant, errors, np.array([0.1, 0.5]))
     goal = tower.state(gamma=0.3, x=12.0, l=11.0).q
-    work[shape.place("goal") :][:n] = goal
+    work[shape.offset("goal") :][:n] = goal
     machine = translate(module)
     machine.function("weigh", 1)(work.ctypes.data)
-    rows = [work[shape.place("weight", i) :][: 2 * n] for i in range(2 * n)]
+    rows = [work[shape.offset("weight", i) :][: 2 * n] for i in range(2 * n)]
     step = 1e-5 * np.eye(n)
     jacobian = np.stack(
         [

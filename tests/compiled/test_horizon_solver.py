@@ -13,7 +13,7 @@ from cranedyn.compiled.machine import Machine
 from tests.compiled.programmes import Solved, made, random, solved
 
 SHAPE = HorizonShape(10, 3, 40)
-PRODUCTS = 4 * SHAPE.stages * SHAPE.lanes
+PRODUCTS = 4 * SHAPE.stages * SHAPE.row_length
 """Slacks with multipliers: the sum of their products is the gap of duality, by which a cost is
 above the best one at most."""
 
@@ -44,7 +44,7 @@ def check_against_daqp(machine: Machine, problem: HorizonProblem) -> Solved:
     ours = solved(machine, problem)
     theirs = by_daqp(problem)()
     shape = problem.shape
-    gap = 4 * shape.stages * shape.lanes * ours.report["gap"]
+    gap = 4 * shape.stages * shape.row_length * ours.report["gap"]
     best = problem.value(theirs)
     assert ours.report["solved"] == 1.0
     assert problem.gap(ours.found) < 1e-9  # rounding
@@ -60,7 +60,7 @@ def keepable(rng: np.random.Generator, shape: HorizonShape) -> HorizonProblem:
     problem = random(rng, 1.0, shape)
     inside = np.clip(problem.start, problem.low[: shape.states], problem.high[: shape.states])
     return problem._replace(
-        start=0.2 * inside, c=0.2 * problem.c, price=np.full(shape.both + shape.inputs, 1e3)
+        start=0.2 * inside, c=0.2 * problem.c, price=np.full(shape.variables + shape.inputs, 1e3)
     )
 
 
@@ -93,22 +93,22 @@ def test_the_cost_beyond_the_horizon_is_that_of_a_horizon_as_long_again() -> Non
     shape = HorizonShape(4, 1, 5)  # after many stages more the cost would change no more
     problem = random(np.random.default_rng(8), 1.0, shape)
     z = shape.states
-    w = shape.both
+    w = shape.variables
     work = np.zeros(shape.size)
-    last = work[shape.first :].reshape(shape.stages, shape.stride)[-1]
+    last = work[shape.first_stage :].reshape(shape.stages, shape.stage_size)[-1]
     a, b = problem.a[-1], problem.b[-1]
     weight = np.zeros((w, w))
     weight[:z, :z], weight[z:, z:] = problem.q, problem.r
     for i in range(w):
-        work[shape.place("weight", i) :][:w] = weight[i]
+        work[shape.offset("weight", i) :][:w] = weight[i]
     for i in range(z):
-        last[shape.place("forward", i) :][:w] = [*a[i], *b[i]]
+        last[shape.offset("forward", i) :][:w] = [*a[i], *b[i]]
     machine = made(shape)
     machine.function("end", 1)(work.ctypes.data)
     cost = problem.q
     for _ in range(shape.stages):  # Riccati's equation of the model of the last stage
         gain = np.linalg.solve(problem.r + b.T @ cost @ b, b.T @ cost @ a)
         cost = problem.q + a.T @ cost @ (a - b @ gain)
-    found = np.array([work[shape.place("end", i) :][:z] for i in range(z)])
+    found = np.array([work[shape.offset("end", i) :][:z] for i in range(z)])
     lower = np.tril_indices(z)
     np.testing.assert_allclose(found[lower], cost[lower], rtol=1e-9, atol=1e-12)

@@ -49,9 +49,9 @@ def emit_plan(
     for name, row, place, number in entries:
         constants[name, row, place] = number
     # Coordinates, rates and inputs have weights of their own, and none between them.
-    kind = [i // n for i in range(shape.both)]
-    for i in range(shape.both):
-        for j in range(shape.both):
+    kind = [i // n for i in range(shape.variables)]
+    for i in range(shape.variables):
+        for j in range(shape.variables):
             if kind[i] != kind[j]:
                 constants["weight", i, j] = 0.0
     riccati.emit(module, shape, constants)

@@ -27,7 +27,9 @@ _ORDER = 4
 """Power of the length of a stage to which its exponential is computed."""
 
 Entries = list[tuple[str, int, int, Any]]
-"""Numbers of a stage: name of the quantity, its row, place in it, and value."""
+"""Numbers of a stage for `HorizonShape.stage_rows`: name of the quantity, its row, place in it, and
+value. A value that is a float is the same in every stage, and folds in the code; the others are
+stored for each stage."""
 
 
 class CraneDerivatives(NamedTuple):
@@ -141,7 +143,7 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
     n = layout.n
     m = layout.m
     states = 2 * n
-    both = 2 * n + m
+    variable_count = 2 * n + m
     derivatives = crane_derivatives(plant, q, v, u)
     node = np.concatenate([q, v, u])
     next_state = _state_after_stage(derivatives, length, node)
@@ -149,16 +151,18 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
     # Written for z itself and not for its difference from the node: the shift takes the node.
     entries: Entries = []
     for i in range(states):
-        for j in range(both):
+        for j in range(variable_count):
             entries.append(("forward", i, j, next_state[i, j]))
     for i in range(states):
-        entries.append(("shift", 0, i, next_state[i, both] - next_state[i, :both] @ node))
+        entries.append(
+            ("shift", 0, i, next_state[i, variable_count] - next_state[i, :variable_count] @ node)
+        )
     for i in range(m):
-        for j in range(both):
+        for j in range(variable_count):
             entries.append(("extra", i, j, derivatives.efforts[i, j]))
     for i in range(m):
         shift = derivatives.effort[i] - derivatives.efforts[i] @ node
-        entries.append(("extra_shift", 0, both + i, shift))
+        entries.append(("extra_shift", 0, variable_count + i, shift))
     return entries
 
 
@@ -178,17 +182,17 @@ def _state_after_stage(
         length: Length of the stage, h [s].
         node: Coordinates, rates and inputs of the node, shape (2 n + m,).
     """
-    n, both = derivatives.rates.shape
+    n, variable_count = derivatives.rates.shape
     states = 2 * n
-    of_rates = np.zeros((n, both + 1), dtype=object)
+    of_rates = np.zeros((n, variable_count + 1), dtype=object)
     of_rates[:] = 0.0
     of_rates[range(n), range(n, states)] = 1.0
-    of_rates[:, both] = node[n:states]
+    of_rates[:, variable_count] = node[n:states]
     of_accelerations = np.hstack([derivatives.rates, derivatives.a[:, None]])
-    state = np.zeros((states, both + 1), dtype=object)
+    state = np.zeros((states, variable_count + 1), dtype=object)
     state[:] = 0.0
     state[range(states), range(states)] = 1.0
-    state[:, both] = node[:states]
+    state[:, variable_count] = node[:states]
 
     by_q = derivatives.rates[:, :n]
     by_v = derivatives.rates[:, n:states]
@@ -240,14 +244,14 @@ def emit_weights(
     """
     work = Work(module, "weigh", shape)
     n = plant.topology.layout.n
-    jacobian = payload_jacobian(plant, work.common.row("goal", n))
+    jacobian = payload_jacobian(plant, work.shared.row("goal", n))
     for block, error in enumerate(payload_errors.tolist()):
         for i in range(n):
             for j in range(n):
                 weight: Any = error**-2.0 * (jacobian[:, i] @ jacobian[:, j])
                 if i == j:
                     weight = weight + float(errors[block, i]) ** -2.0
-                work.common.put("weight", weight, block * n + i, block * n + j)
+                work.shared.put("weight", weight, block * n + i, block * n + j)
     work.code.end()
 
 
@@ -267,19 +271,19 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
     code = work.code
     n = plant.topology.layout.n
     states = shape.states
-    together = shape.vector_lanes // shape.cranes
-    blocks = -(-shape.stages // together)  # rounded up
+    together = shape.vector_lanes // shape.cranes  # stages that are computed at once
+    groups = -(-shape.stages // together)  # rounded up
     last = code.integer(shape.stages - 1)
-    with code.loop(0, blocks) as block:
-        first = code.product(block, together)
+    with code.loop(0, groups) as group:
+        first = code.product(group, together)
         # Lanes beyond the last stage compute that once more.
         stages = [work.stage(code.least(code.plus(first, i), last)) for i in range(together)]
-        nodes = [rows.row("node", shape.both) for rows in stages]
-        node = array([work.joined(values) for values in zip(*nodes, strict=True)])
+        nodes = [rows.row("node", shape.variables) for rows in stages]
+        node = array([work.join_lanes(values) for values in zip(*nodes, strict=True)])
         entries = stage(plant, length, node[:n], node[n:states], node[states:])
         for name, row, place, value in entries:
             if isinstance(value, Value):
-                for rows, number in zip(stages, work.split(value), strict=True):
+                for rows, number in zip(stages, work.split_lanes(value), strict=True):
                     rows.put(name, number, row, place)
     code.end()
 

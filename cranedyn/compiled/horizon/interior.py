@@ -19,7 +19,8 @@ and Δs gives a multiplier step that is linear in the room g of the new y:
     Δλ = k (b - g),    k = 1 / (t/λ + s/ν) = λ ν / (t ν + s λ),
     b = (μ - Δt Δλ) / λ - (μ - Δs Δν) / ν.
 
-So each bound acts on y as a spring of the stiffness k, and what is left is a quadratic programme
+So each bound acts on y as a spring of the stiffness k that is slack where the room is b, the *aim*;
+and what is left is a quadratic programme
 without bounds, which `cranedyn.compiled.horizon.riccati` solves. Predictor and corrector are those
 of Mehrotra (1992), "On the implementation of a primal-dual interior point method".
 
@@ -77,6 +78,7 @@ class _Solve:
         self.shape = work.shape
 
     def emit(self) -> None:
+        """Emit the whole function."""
         code = self.code
         work = self.work
         self._solve_without_bounds()
@@ -130,13 +132,13 @@ class _Solve:
         work.call("free")
         work.call("sweep")
         (worst,) = self.wide.variables([-1.0])
-        with work.each() as vector:
+        with work.each_vector() as vector:
             trial = vector.rows.get("trial")
             vector.rows.put("iterate", trial)
-            above = trial - vector.common.get("high")
-            below = vector.common.get("low") - trial
+            above = trial - vector.shared.get("high")
+            below = vector.shared.get("low") - trial
             self._update_largest(worst, [above, below])
-        work.put_report("excess", work.over_numbers(worst.get(), larger))
+        work.put_report("excess", work.reduce_lanes(worst.get(), larger))
 
     def _start_on_central_path(self, is_bounded: ir.Value) -> None:
         """Start at the nodes of linearisation, with slacks and multipliers on the central path.
@@ -147,23 +149,23 @@ class _Solve:
         """
         work = self.work
         wide = self.wide
-        both = self.shape.both
+        variables = self.shape.variables
         inputs = self.shape.inputs
         with work.code.loop(0, self.shape.stages) as k:
             rows = work.stage(k)
-            node = rows.row("node", both)
-            further = rows.table("extra", both) @ node
-            further = further + rows.row("extra_shift", inputs, first=both)
+            node = rows.row("node", variables)
+            further = rows.table("extra", variables) @ node
+            further = further + rows.row("extra_shift", inputs, first=variables)
             rows.put_row("trial", [*node, *further])
-        barrier = work.repeated(work.reported("barrier"))
-        begins = work.repeated(self.code.chosen(is_bounded, 1.0, 0.0)) > 0.5
-        with work.each() as vector:
+        barrier = work.in_all_lanes(work.reported("barrier"))
+        begins = work.in_all_lanes(self.code.chosen(is_bounded, 1.0, 0.0)) > 0.5
+        with work.each_vector() as vector:
             rows = vector.rows
             node = rows.get("trial")
-            softness = barrier / vector.common.get("price")
+            softness = barrier / vector.shared.get("price")
             rows.put("iterate", wide.chosen(begins, node, rows.get("iterate")))
             for side in _SIGNS:
-                room = self._room(node, side, vector.common)
+                room = self._room(node, side, vector.shared)
                 root = wide.call("llvm.sqrt", room * room + 4.0 * (softness * softness))
                 slack = softness + 0.5 * (root + room)
                 excess = softness + 0.5 * (root - room)
@@ -171,11 +173,11 @@ class _Solve:
                 rows.put(f"excess_{side}", excess)
                 rows.put(f"multiplier_{side}", barrier / slack)
                 rows.put(f"excess_multiplier_{side}", barrier / excess)
-            self._put_springs(rows, vector.common)
+            self._put_springs(rows, vector.shared)
 
-    def _room(self, value: Value, side: str, common: MemoryRows) -> Value:
+    def _room(self, value: Value, side: str, shared: MemoryRows) -> Value:
         """Return the room g of a value to a bound, negative where it exceeds it."""
-        bound = common.get(side)
+        bound = shared.get(side)
         return bound - value if side == "high" else value - bound
 
     def _prepare_step(self, gap: Value) -> Value:
@@ -190,42 +192,42 @@ class _Solve:
         work.call("factor")
         work.call("sweep")
         ratio, products = wide.variables([1.0, 0.0])
-        with work.each() as vector:
-            self._predict(vector.rows, vector.common, ratio, products)
+        with work.each_vector() as vector:
+            self._predict(vector.rows, vector.shared, ratio, products)
 
         # With a share α of the predictor, which aims at μ = 0, a product t λ becomes
         # (1 - α) t λ + α² Δt Δλ. The smaller their mean would be, the better the predictor, and the
         # smaller the barrier at which the corrector aims: that share of the gap to the third power.
-        step = 1.0 / work.over_numbers(ratio.get(), larger)
+        step = 1.0 / work.reduce_lanes(ratio.get(), larger)
         predicted = (gap * (1.0 - step) + self._mean(products) * (step * step)) / gap
-        centred = work.repeated(gap * (predicted * predicted * predicted))
-        with work.each() as vector:
-            bends = {side: self._bend(vector.rows, side, centred) for side in _SIGNS}
-            self._put_gradient(vector.rows, vector.common, bends)
+        centred = work.in_all_lanes(gap * (predicted * predicted * predicted))
+        with work.each_vector() as vector:
+            aims = {side: self._aim(vector.rows, side, centred) for side in _SIGNS}
+            self._put_gradient(vector.rows, vector.shared, aims)
         work.call("sweep")
         (ratio,) = wide.variables([_STEP_SHARE])
-        with work.each() as vector:
-            self._correct(vector.rows, vector.common, centred, ratio)
-        return _STEP_SHARE / work.over_numbers(ratio.get(), larger)
+        with work.each_vector() as vector:
+            self._correct(vector.rows, vector.shared, centred, ratio)
+        return _STEP_SHARE / work.reduce_lanes(ratio.get(), larger)
 
-    def _put_springs(self, rows: MemoryRows, common: MemoryRows) -> None:
+    def _put_springs(self, rows: MemoryRows, shared: MemoryRows) -> None:
         """Store the springs of the bounds, and the gradient for the predictor."""
         for side in _SIGNS:
             multiplier = rows.get(f"multiplier_{side}")
             excess_multiplier = rows.get(f"excess_multiplier_{side}")
-            both = multiplier * excess_multiplier
+            product = multiplier * excess_multiplier
             slack_part = rows.get(f"slack_{side}") * excess_multiplier
             excess_part = rows.get(f"excess_{side}") * multiplier
             weighted_slacks = slack_part + excess_part
             # One division, which takes long, for three quotients: of λ ν (t ν + s λ).
-            inverse = 1.0 / (both * weighted_slacks)
+            inverse = 1.0 / (product * weighted_slacks)
             rows.put(f"inverse_multiplier_{side}", excess_multiplier * (weighted_slacks * inverse))
             rows.put(f"inverse_excess_multiplier_{side}", multiplier * (weighted_slacks * inverse))
-            rows.put(f"stiffness_{side}", both * (both * inverse))
+            rows.put(f"stiffness_{side}", product * (product * inverse))
         rows.put("barrier_curvature", rows.get("stiffness_high") + rows.get("stiffness_low"))
-        self._put_gradient(rows, common, {side: 0.0 for side in _SIGNS})
+        self._put_gradient(rows, shared, {side: 0.0 for side in _SIGNS})
 
-    def _put_gradient(self, rows: MemoryRows, common: MemoryRows, bends: dict[str, Any]) -> None:
+    def _put_gradient(self, rows: MemoryRows, shared: MemoryRows, aims: dict[str, Any]) -> None:
         """Store the gradient of cost and bounds by all bounded quantities y, where states and
         inputs are zero.
 
@@ -234,24 +236,25 @@ class _Solve:
 
         Args:
             rows: Rows of the stage.
-            common: Rows that all stages share.
-            bends: The number b of the upper and of the lower bounds; 0 for the predictor.
+            shared: Rows that all stages share.
+            aims: The number b of the upper and of the lower bounds; 0 for the predictor.
         """
         gradient = rows.get("gradient") + rows.get("barrier_curvature") * rows.get("extra_shift")
         for side, sign in _SIGNS.items():
-            aim = sign * common.get(side) - bends[side]
-            force = rows.get(f"multiplier_{side}") - rows.get(f"stiffness_{side}") * aim
+            # At y = 0 the room is `high` or `-low`.
+            room_beyond_aim = sign * shared.get(side) - aims[side]
+            force = rows.get(f"multiplier_{side}") - rows.get(f"stiffness_{side}") * room_beyond_aim
             gradient = gradient + sign * force
         rows.put("total_gradient", gradient)
 
     def _predict(
-        self, rows: MemoryRows, common: MemoryRows, ratio: StackVariable, products: StackVariable
+        self, rows: MemoryRows, shared: MemoryRows, ratio: StackVariable, products: StackVariable
     ) -> None:
         """Compute the predictor, which aims at the bounds themselves: μ = 0 and b = 0.
 
         Args:
             rows: Rows of the stage.
-            common: Rows that all stages share.
+            shared: Rows that all stages share.
             ratio: Largest ratio of a decrease to what decreases, t, s, λ or ν; it grows.
             products: Sum of the products Δt Δλ and Δs Δν; it is continued.
         """
@@ -259,7 +262,7 @@ class _Solve:
         total = products.get()
         for side in _SIGNS:
             stiffness = rows.get(f"stiffness_{side}")
-            multiplier_step = -(stiffness * self._room(rows.get("trial"), side, common))
+            multiplier_step = -(stiffness * self._room(rows.get("trial"), side, shared))
             # Δλ/λ and Δλ/ν; from them follow Δt/t = -(1 + Δλ/λ) and Δs/s = -(1 - Δλ/ν).
             by_multiplier = multiplier_step * rows.get(f"inverse_multiplier_{side}")
             by_excess_multiplier = multiplier_step * rows.get(f"inverse_excess_multiplier_{side}")
@@ -277,7 +280,7 @@ class _Solve:
         self._update_largest(ratio, candidates)
         products.set(total)
 
-    def _bend(self, rows: MemoryRows, side: str, centred: Value) -> Any:
+    def _aim(self, rows: MemoryRows, side: str, centred: Value) -> Any:
         """Return b of the corrector, which aims at the point of the central path at the barrier
         `centred`, to second order: (μ - Δt Δλ) / λ - (μ - Δs Δν) / ν.
         """
@@ -290,13 +293,13 @@ class _Solve:
         return slack_part - excess_part
 
     def _correct(
-        self, rows: MemoryRows, common: MemoryRows, centred: Value, ratio: StackVariable
+        self, rows: MemoryRows, shared: MemoryRows, centred: Value, ratio: StackVariable
     ) -> None:
         """Compute the combined step of predictor and corrector.
 
         Args:
             rows: Rows of the stage.
-            common: Rows that all stages share.
+            shared: Rows that all stages share.
             centred: Barrier of the point of the central path at which it aims.
             ratio: Largest ratio of a decrease to what decreases, t, s, λ or ν; it grows.
         """
@@ -306,9 +309,9 @@ class _Solve:
             inverse_excess_multiplier = rows.get(f"inverse_excess_multiplier_{side}")
             slack = rows.get(f"slack_{side}")
             excess = rows.get(f"excess_{side}")
-            room = self._room(rows.get("trial"), side, common)
+            room = self._room(rows.get("trial"), side, shared)
             stiffness = rows.get(f"stiffness_{side}")
-            multiplier_step = stiffness * (self._bend(rows, side, centred) - room)
+            multiplier_step = stiffness * (self._aim(rows, side, centred) - room)
             by_multiplier = multiplier_step * inverse_multiplier
             by_excess_multiplier = multiplier_step * inverse_excess_multiplier
             # Δt = (μ - Δt Δλ)/λ - t (1 + Δλ/λ) with the product of the predictor; Δs likewise.
@@ -344,9 +347,9 @@ class _Solve:
         """Take a share of the step, and return the mean product of slacks and multipliers there."""
         work = self.work
         wide = self.wide
-        share = work.repeated(share)
+        share = work.in_all_lanes(share)
         (products,) = wide.variables([0.0])
-        with work.each() as vector:
+        with work.each_vector() as vector:
             rows = vector.rows
             iterate = rows.get("iterate")
             moved = iterate + share * (rows.get("trial") - iterate)
@@ -363,10 +366,10 @@ class _Solve:
                 rows.put(f"slack_{side}", slack)
                 rows.put(f"excess_{side}", excess)
                 products.set(products.get() + (multiplier * slack + excess_multiplier * excess))
-            self._put_springs(rows, vector.common)
+            self._put_springs(rows, vector.shared)
         return self._mean(products)
 
     def _mean(self, products: StackVariable) -> Value:
         """Return the mean of a sum over all bounds: two sides, each with a slack and an excess."""
-        count = 4.0 * self.shape.stages * self.shape.lanes
-        return self.work.over_numbers(products.get(), add) * (1.0 / count)
+        count = 4.0 * self.shape.stages * self.shape.row_length
+        return self.work.reduce_lanes(products.get(), add) * (1.0 / count)

@@ -3,6 +3,15 @@
 The memory of an optimisation, the *work*, is a table of rows of doubles: first the rows that all
 stages of the horizon share, then the rows of each stage, see `HorizonShape`. Where several cranes
 are optimised at once, each number of the table is one number of each crane, side by side.
+
+A row holds a number for each *variable* of a stage, states and then inputs, and for each of its
+further quantities, which are linear functions of the variables. Many operations do the same to each
+number of a row, such as all of the interior-point method: one instruction does several of them.
+
+* `HorizonShape` says where each row stands, and `MemoryRows` reads and writes rows in code.
+* `Work` is the memory of an optimisation in a function under construction.
+* `Programme` has the parameters of a controller, and `MemoryOffsets` says where its plan, its
+  memory from one control instant to the next, and the work of its optimisations stand.
 """
 
 from __future__ import annotations
@@ -52,84 +61,77 @@ _BOUND_ROWS = (
 class HorizonShape:
     """Dimensions of a quadratic programme, and of the code that solves it.
 
-    A row of memory holds the states of a stage, its inputs, and its further bounded quantities,
-    which are linear functions of both, one for each input.
+    All lengths and offsets are those of one crane, in doubles. In memory there are `cranes` numbers
+    for each.
 
     Attributes:
-        states: Length of a state.
-        inputs: Length of an input.
+        states: Number of states of a stage.
+        inputs: Number of its inputs, and of its further bounded quantities.
         stages: Number of stages of the horizon.
-        width: Lanes of the vectors in which numbers of one crane are computed together, where they
-            do not depend on each other; a power of two; 1 for code without vectors.
+        vector_width: Lanes of the vectors in which numbers of one crane are computed together,
+            where they do not depend on each other; a power of two; 1 for code without vectors.
         cranes: Number of programmes that are solved at once, one in each lane.
     """
 
     states: int
     inputs: int
     stages: int
-    width: int = 8
+    vector_width: int = 8
     cranes: int = 1
 
     @property
-    def both(self) -> int:
+    def variables(self) -> int:
         """Number of states and inputs together."""
         return self.states + self.inputs
 
     @property
-    def lanes(self) -> int:
+    def row_length(self) -> int:
         """Length of a row: states, inputs and further quantities, in whole vectors."""
-        return _whole_vectors(self.both + self.inputs)
+        return _whole_vectors(self.variables + self.inputs)
 
     @property
     def vector_lanes(self) -> int:
         """Lanes of the widest vectors: several numbers of one crane, or one number of each."""
-        return self.width if self.cranes == 1 else self.cranes
+        return self.vector_width if self.cranes == 1 else self.cranes
 
     @cached_property
-    def common(self) -> dict[str, int]:
+    def shared_rows(self) -> dict[str, int]:
         """Number of rows of each quantity that all stages share, by its name and in the order of
         memory.
-
-        They are the weight of states and inputs; the state at the start; the bounds, and the price
-        of exceeding each of them by one; the least and largest plausible state; the cost-to-go of
-        the state after the last stage, and its gradient; the cost-to-go of the stage that the
-        Riccati recursion has reached; the goal; and the report, see `REPORT`.
         """
         return {
-            "weight": self.both,
-            "start": 1,
-            "low": 1,
-            "high": 1,
-            "price": 1,
-            "least_plausible": 1,
-            "most_plausible": 1,
-            "end": self.states,
-            "end_gradient": 1,
-            "cost_to_go": self.states,
-            "goal": 1,
-            "report": 1,
+            "weight": self.variables,  # second derivatives of the cost of a stage
+            "start": 1,  # state at the start
+            "low": 1,  # lower bounds
+            "high": 1,  # upper bounds
+            "price": 1,  # cost of exceeding each bound by one
+            "least_plausible": 1,  # least plausible state
+            "most_plausible": 1,  # largest plausible state
+            "end": self.states,  # cost-to-go of the state after the last stage
+            "end_gradient": 1,  # its gradient
+            "cost_to_go": self.states,  # that of the stage that the Riccati recursion has reached
+            "goal": 1,  # state to reach at the end
+            "report": 1,  # see `REPORT`
         }
 
     @cached_property
-    def stage(self) -> dict[str, int]:
+    def stage_rows(self) -> dict[str, int]:
         """Number of rows of each quantity of a stage, by its name and in the order of memory.
 
         The model of a stage is next state = forward @ (state, input) + shift, and its further
-        quantities are extra @ (state, input) + extra_shift. `gradient` is that of the cost,
-        `total_gradient` and `barrier_curvature` are those of an iteration. `shift_gradient`,
-        `feedback` and `open_loop` are results of the Riccati recursion, see
-        `cranedyn.compiled.horizon.riccati`. All bounded quantities are kept at the node of the
-        linearisation, at the iterate, and at the trial point. The others belong to the upper and
-        to the lower bounds, see `cranedyn.compiled.horizon.interior`.
+        quantities are extra @ (state, input) + extra_shift. All bounded quantities are kept at the
+        node of the linearisation, at the iterate, and at the trial point. The rows of `_BOUND_ROWS`
+        belong to the upper and to the lower bounds, see `cranedyn.compiled.horizon.interior`.
         """
         rows = {
             "forward": self.states,
             "shift": 1,
             "extra": self.inputs,
             "extra_shift": 1,
-            "gradient": 1,
-            "total_gradient": 1,
-            "barrier_curvature": 1,
+            "gradient": 1,  # of the cost
+            "total_gradient": 1,  # of cost and bounds, in an iteration
+            "barrier_curvature": 1,  # second derivatives of the bounds, in an iteration
+            # Results of the Riccati recursion, see `cranedyn.compiled.horizon.riccati`.
             "shift_gradient": 1,
             "feedback": self.inputs,
             "open_loop": 1,
@@ -144,18 +146,18 @@ class HorizonShape:
 
     @property
     def size(self) -> int:
-        """Length of the memory of one crane [doubles]."""
-        return self.first + self.stages * self.stride
+        """Length of the memory."""
+        return self.first_stage + self.stages * self.stage_size
 
     @property
-    def stride(self) -> int:
-        """Distance from a stage to the next [doubles]."""
-        return self.lanes * sum(self.stage.values())
+    def stage_size(self) -> int:
+        """Distance from a stage to the next."""
+        return self.row_length * sum(self.stage_rows.values())
 
     @property
-    def first(self) -> int:
-        """Offset of the first stage [doubles]."""
-        return self.lanes * sum(self.common.values())
+    def first_stage(self) -> int:
+        """Offset of the first stage."""
+        return self.row_length * sum(self.shared_rows.values())
 
     @cached_property
     def _first_rows(self) -> dict[str, int]:
@@ -163,30 +165,30 @@ class HorizonShape:
         those of its stage.
         """
         first_rows: dict[str, int] = {}
-        for quantities in (self.common, self.stage):
+        for quantities in (self.shared_rows, self.stage_rows):
             next_row = 0
             for name, count in quantities.items():
                 first_rows[name] = next_row
                 next_row += count
         return first_rows
 
-    def place(self, name: str, row: int = 0) -> int:
-        """Return the offset of a row [doubles]: of a shared one from the beginning of memory, of
-        another from the beginning of its stage.
+    def offset(self, name: str, row: int = 0) -> int:
+        """Return the offset of a row: of a shared one from the beginning of memory, of another from
+        the beginning of its stage.
 
         Args:
             name: Name of the quantity.
             row: Number of the row among those of the quantity.
         """
-        return self.lanes * (self._first_rows[name] + row)
+        return self.row_length * (self._first_rows[name] + row)
 
 
-REPORT = ("barrier", "solved", "iterations", "gap", "residual", "excess", "first")
+REPORT = ("barrier", "solved", "iterations", "gap", "residual", "excess", "usual_barrier")
 """Numbers at the beginning of the report.
 
-Inputs are `barrier`, the initial barrier, and `first`, a constant: the initial barrier after a
-successful optimisation. Outputs are `solved`, 1 or 0; `iterations`; `gap`, the mean product of
-slacks and multipliers; `residual`, that of the gradient as a share of the initial one; and
+Inputs are `barrier`, the initial barrier, and `usual_barrier`, a constant: the initial barrier
+after a successful optimisation. Outputs are `solved`, 1 or 0; `iterations`; `gap`, the mean product
+of slacks and multipliers; `residual`, that of the gradient as a share of the initial one; and
 `excess`, the largest excess of a bound at the optimum without bounds."""
 
 
@@ -198,9 +200,15 @@ The code does not load them: as constants they fold, which saves products with 0
 
 
 class LaneView(Code):
-    """The same function with values of another number of lanes."""
+    """The same function, with the same builder, for values of another number of lanes."""
 
     def __init__(self, code: Code, lanes: int) -> None:
+        """Make a view.
+
+        Args:
+            code: The function under construction.
+            lanes: Number of lanes of the values of the view.
+        """
         # No call of the constructor of the base class, which would begin a new function.
         self.lanes = lanes
         self.stride = lanes
@@ -213,6 +221,7 @@ class LaneView(Code):
 
 
 def _lane_index(i: int) -> ir.Constant:
+    """Return the index of a lane as LLVM takes it."""
     return ir.Constant(ir.IntType(32), i)
 
 
@@ -228,7 +237,8 @@ class MemoryRows:
         self._constants = constants
 
     def _at(self, name: str, row: int, i: int) -> int:
-        return self._shape.cranes * (self._shape.place(name, row) + i)
+        """Return the index in memory of number i of a row, that of the first crane."""
+        return self._shape.cranes * (self._shape.offset(name, row) + i)
 
     def get(self, name: str, row: int = 0, i: int = 0) -> Any:
         """Return a number: a value of the code, or a float where it is the same in every stage."""
@@ -246,7 +256,7 @@ class MemoryRows:
 
     def table(self, name: str, columns: int) -> np.ndarray:
         """Return all rows of a quantity as a matrix, shape (rows, columns)."""
-        row_counts = self._shape.common | self._shape.stage
+        row_counts = self._shape.shared_rows | self._shape.stage_rows
         return np.array([self.row(name, columns, i) for i in range(row_counts[name])])
 
     def put_row(self, name: str, values: Any, row: int = 0, first: int = 0) -> None:
@@ -260,13 +270,13 @@ class StageVector(NamedTuple):
 
     Attributes:
         rows: Rows of the stage, from these numbers on.
-        common: Rows that all stages share, from the same numbers on.
+        shared: Rows that all stages share, from the same numbers on.
         stage: Number of the stage.
         first: Offset of these numbers in a row [doubles].
     """
 
     rows: MemoryRows
-    common: MemoryRows
+    shared: MemoryRows
     stage: ir.Value
     first: ir.Value
 
@@ -278,7 +288,7 @@ class Work:
         code: The function, whose values are one number of each crane.
         wide: The same function with the widest vectors.
         shape: Dimensions of the programme.
-        common: Rows that all stages share.
+        shared: Rows that all stages share.
     """
 
     def __init__(
@@ -302,52 +312,53 @@ class Work:
         self.shape = shape
         self.wide = LaneView(self.code, shape.vector_lanes)
         self._constants = constants or {}
-        self.common = self._rows(self.code, self.code.argument["work"])
+        self.shared = self._rows(self.code, self.code.argument["work"])
 
     def put_report(self, name: str, value: Any) -> None:
         """Store a number of the report, see `REPORT`."""
-        self.common.put("report", value, i=REPORT.index(name))
+        self.shared.put("report", value, i=REPORT.index(name))
 
     def reported(self, name: str) -> Value:
         """Return a number of the report, see `REPORT`."""
-        return self.common.get("report", i=REPORT.index(name))
+        return self.shared.get("report", i=REPORT.index(name))
 
     def stage(self, k: ir.Value) -> MemoryRows:
         """Return the rows of a stage."""
         return self._rows(self.code, self._stage_address(k))
 
     @contextmanager
-    def backward(self) -> Iterator[MemoryRows]:
+    def stages_backward(self) -> Iterator[MemoryRows]:
         """Emit statements for each stage from the last to the first; yield its rows."""
         last = self.code.integer(self.shape.stages - 1)
         with self.code.loop(0, self.shape.stages) as count:
             yield self.stage(self.code.builder.sub(last, count))
 
     @contextmanager
-    def each(self) -> Iterator[StageVector]:
+    def each_vector(self) -> Iterator[StageVector]:
         """Emit statements for each vector of numbers of each stage."""
         code = self.code
         wide = self.wide
-        row_length = self.shape.lanes * self.shape.cranes
-        with code.loop(0, self.shape.stages) as k, code.loop(0, row_length // wide.lanes) as i:
+        numbers_in_row = self.shape.row_length * self.shape.cranes
+        vectors_in_row = numbers_in_row // wide.lanes
+        with code.loop(0, self.shape.stages) as k, code.loop(0, vectors_in_row) as i:
             first = code.product(i, wide.lanes)
             stage = self._stage_address(k)
             rows = self._rows(wide, code.address(stage, first))
-            common = self._rows(wide, code.address(code.argument["work"], first))
-            yield StageVector(rows, common, k, first)
+            shared = self._rows(wide, code.address(code.argument["work"], first))
+            yield StageVector(rows, shared, k, first)
 
     def call(self, name: str) -> None:
         """Call a function of the module on this memory."""
         code = self.code
         code.builder.call(code.function.module.globals[name], [code.argument["work"]])
 
-    def repeated(self, value: Value) -> Value:
+    def in_all_lanes(self, value: Value) -> Value:
         """Return one number of each crane as a value of the widest vectors, in all of its lanes."""
         if self.wide.lanes == self.code.lanes:
             return value
         return self.wide.from_double(value.register)
 
-    def joined(self, values: Sequence[Value]) -> Value:
+    def join_lanes(self, values: Sequence[Value]) -> Value:
         """Return a value of the widest vectors from the numbers in its lanes."""
         if len(values) == 1:
             return Value(self.wide, values[0].register)
@@ -357,7 +368,7 @@ class Work:
             register = self.code.builder.insert_element(register, value.register, index)
         return Value(self.wide, register)
 
-    def split(self, value: Value) -> list[Value]:
+    def split_lanes(self, value: Value) -> list[Value]:
         """Return the numbers in the lanes of a value of the widest vectors."""
         code = self.code
         count = self.wide.lanes // self.code.lanes
@@ -366,27 +377,29 @@ class Work:
         extract = code.builder.extract_element
         return [Value(code, extract(value.register, _lane_index(i))) for i in range(count)]
 
-    def over_numbers(self, value: Value, combine: Callable[[Any, Any], Any]) -> Value:
+    def reduce_lanes(self, value: Value, combine: Callable[[Any, Any], Any]) -> Value:
         """Combine the numbers of each crane in a value of the widest vectors, such as to their sum
         or to the largest of them.
 
         They are combined by pairs, so that few operations have to wait for others; the number of
         lanes is a power of two.
         """
-        numbers = self.split(value)
+        numbers = self.split_lanes(value)
         while len(numbers) > 1:
             pairs = zip(numbers[::2], numbers[1::2], strict=True)
             numbers = [combine(a, b) for a, b in pairs]
         return numbers[0]
 
     def _stage_address(self, k: ir.Value) -> ir.Value:
+        """Return the address of the rows of a stage."""
         code = self.code
         shape = self.shape
-        from_first = code.product(k, shape.stride * shape.cranes)
-        offset = code.plus(from_first, shape.first * shape.cranes)
+        from_first = code.product(k, shape.stage_size * shape.cranes)
+        offset = code.plus(from_first, shape.first_stage * shape.cranes)
         return code.address(code.argument["work"], offset)
 
     def _rows(self, code: Code, address: ir.Value) -> MemoryRows:
+        """Return the rows at an address, read in numbers of `code` or in the widest vectors."""
         # A vector takes numbers from several places of a row, of which only some are constants.
         constants = self._constants if code is self.code else {}
         return MemoryRows(code, self.shape, address, constants)
@@ -417,7 +430,7 @@ class Programme:
             [rad or m, rad/s or m/s], 2 n in all.
         payload_errors: Errors of the payload's position [m] and velocity [m/s] with equal weight.
         leads: Time by which the command of each drive leads [s], for velocity commands; else empty.
-        width: Lanes of vectors, see `HorizonShape`.
+        vector_width: Lanes of vectors, see `HorizonShape`.
     """
 
     topology: Topology
@@ -436,12 +449,12 @@ class Programme:
     joint_errors: tuple[float, ...]
     payload_errors: tuple[float, ...]
     leads: tuple[float, ...] = ()
-    width: int = 8
+    vector_width: int = 8
 
     def shape(self, lanes: int) -> HorizonShape:
         """Return the dimensions of the optimisation for a crane in each lane."""
         layout = self.topology.layout
-        return HorizonShape(2 * layout.n, layout.m, self.stages, self.width, lanes)
+        return HorizonShape(2 * layout.n, layout.m, self.stages, self.vector_width, lanes)
 
     def offsets(self, lanes: int) -> MemoryOffsets:
         """Return the offsets of the sections in the memory of a group of lanes."""
@@ -449,12 +462,12 @@ class Programme:
         numbers_of_lane = lane_memory(self.topology.layout)["begun"].stop
         rows_of_plan = shape.stages + 1
         rows_of_path = max(self.rows, lanes)
+        # In the order of `MemoryOffsets`.
         lengths = [
-            # The state of each lane and whether it is plausible; the row of the path.
             lanes * (shape.states + 1) + 1,
             2,
             lanes * numbers_of_lane,
-            lanes * rows_of_plan * shape.lanes,
+            lanes * rows_of_plan * shape.row_length,
             rows_of_path * shape.states,
             lanes * shape.size,
         ]
@@ -484,7 +497,8 @@ class MemoryOffsets(NamedTuple):
     """Offsets of the sections in the memory of a group of lanes [doubles].
 
     Attributes:
-        query: Input of an optimisation, see `cranedyn.compiled.horizon.planning.emit`.
+        query: Input of an optimisation, see `cranedyn.compiled.horizon.planning.emit`: the state
+            of each lane and whether it is plausible, and the row of the path.
         counts: Two whole numbers: control instants up to now, and up to the start of the run.
         lanes: Memory of each lane, see `lane_memory`.
         plans: Plan of each lane.
@@ -503,25 +517,26 @@ class MemoryOffsets(NamedTuple):
 
 
 def lane_memory(layout: Layout) -> dict[str, range]:
-    """Return the places of what each lane remembers from one control instant to the next, by name.
-
-    `acceleration` are the planned accelerations of the drives, which hold until the next
-    optimisation; `disturbance` is the estimate of what accelerates the drives besides;
-    `expected_rates` are those of the drives at the next instant; `swing` is the filtered swing of
-    the instant before, coordinates and rates; `reading` is the last plausible state; `refusals`
-    counts implausible readings, and `refused_reading` is the last of them; `begun` is 1 after the
-    first instant.
+    """Return the places of what each lane remembers from one control instant to the next, by
+    name.
     """
     n = layout.n
     m = layout.m
     lengths = {
+        # Planned accelerations of the drives, which hold until the next optimisation.
         "acceleration": m,
+        # Estimate of what accelerates the drives besides their efforts.
         "disturbance": m,
+        # Rates of the drives that are expected at the next instant.
         "expected_rates": m,
+        # Filtered swing of the instant before, coordinates and rates.
         "swing": 2 * (n - m),
+        # Last plausible state.
         "reading": 2 * n,
+        # Number of implausible readings, and the last of them.
         "refusals": 1,
         "refused_reading": 2 * n,
+        # 1 after the first instant.
         "begun": 1,
     }
     places = {}

@@ -31,17 +31,18 @@ _MAX_BARRIER_GROWTH = 100.0
 
 
 class SolverStatus(NamedTuple):
-    """First numbers of the last row of a plan: the outcome of the optimisations so far.
+    """Outcome of the optimisations so far.
 
-    Only the plan passes from one optimisation to the next.
+    They are the first numbers of the last row of a plan, since nothing but the plan passes from one
+    optimisation to the next.
 
     Attributes:
-        begun: 1 after the first one.
-        failures: Number of failures, after which the last plan continues.
-        solved: 1 if the last one succeeded.
-        iterations: Iterations of the last one; 0 if no bound was active.
+        begun: 1 after the first optimisation, else 0.
+        failures: Number of optimisations that failed, after each of which the last plan goes on.
+        solved: 1 if the last optimisation succeeded, else 0.
+        iterations: Iterations of the last optimisation; 0 if no bound was active.
         excess: Largest excess of a bound at the optimum without bounds, negative for none.
-        barrier: Initial barrier of the next one.
+        barrier: Initial barrier of the next optimisation.
     """
 
     begun: Any
@@ -83,22 +84,24 @@ class _Plan:
         self.work = work
         self.code = work.code
         self.shape = work.shape
-        self.common = work.common
+        self.shared = work.shared
         self.programme = programme
         self.plant = programme.plant
         self.layout = self.plant.topology.layout
-        self.row_length = self.shape.lanes * self.shape.cranes
+        # Numbers of all cranes in a row of the plan.
+        self.row_size = self.shape.row_length * self.shape.cranes
 
     def emit(self) -> None:
+        """Emit the whole function."""
         code = self.code
         work = self.work
         states = self.shape.states
         query = [code.load(code.argument["query"], i * code.lanes) for i in range(states + 1)]
         state = array(query[:states])
         is_plausible = query[states] > 0.5
-        self.common.put_row("start", state)
+        self.shared.put_row("start", state)
         is_first = self._previous_status("begun") < 0.5
-        first_barrier = _BARRIER_GROWTH * work.reported("first")
+        first_barrier = _BARRIER_GROWTH * work.reported("usual_barrier")
         work.put_report(
             "barrier", code.chosen(is_first, first_barrier, self._previous_status("barrier"))
         )
@@ -119,42 +122,52 @@ class _Plan:
         code.end()
 
     def _solve(self) -> None:
-        """Make the quadratic programme about the nodes, and solve it."""
+        """Make the quadratic programme about the nodes, and solve it.
+
+        The functions that it calls are those of `horizon_model`, `riccati` and `interior`, on the
+        memory of the optimisation.
+        """
         work = self.work
-        common = self.common
+        shared = self.shared
         states = self.shape.states
         first_stage = work.stage(self.code.integer(0))
-        first_stage.put_row("node", common.row("start", states))
+        first_stage.put_row("node", shared.row("start", states))
         self._put_cost()
         self._put_swing_bounds()
         work.call("linearise")
         work.call("end")
         # The cost beyond the horizon is ½ (x - goal)ᵀ end (x - goal).
-        pull = riccati.symmetric(common, "end", states) @ common.row("goal", states)
-        common.put_row("end_gradient", -pull)
+        pull = riccati.symmetric(shared, "end", states) @ shared.row("goal", states)
+        shared.put_row("end_gradient", -pull)
         work.call("solve")
 
     def _previous_status(self, name: str) -> Value:
-        """Load a number of the row of `SolverStatus` of the last plan."""
-        marks = self.shape.stages * self.row_length
-        offset = marks + SolverStatus._fields.index(name) * self.code.lanes
+        """Load a number of the `SolverStatus` after the last optimisation."""
+        last_row = self.shape.stages * self.row_size
+        offset = last_row + SolverStatus._fields.index(name) * self.code.lanes
         return self.code.load(self.code.argument["plan"], offset)
 
     def _plan_standstill(self, is_first: ir.Value, state: np.ndarray) -> None:
-        """Let cranes without a plan stand still where they are."""
+        """Give the cranes without a plan one that stands still where they are.
+
+        Args:
+            is_first: Whether a crane has no plan yet, for each lane.
+            state: State of the crane, shape (2 n,).
+        """
         code = self.code
         plan = code.argument["plan"]
         with code.loop(0, self.shape.stages) as k:
-            for i in range(self.shape.both):
-                offset = code.plus(code.product(k, self.row_length), i * code.lanes)
+            for i in range(self.shape.variables):
+                offset = code.plus(code.product(k, self.row_size), i * code.lanes)
                 at_rest = state[i] if i < self.layout.n else 0.0
                 code.store(code.chosen(is_first, at_rest, code.load(plan, offset)), plan, offset)
 
     def _shift_plan(self) -> None:
         """Set the nodes of linearisation to the last plan, shifted to the present time.
 
-        The time between optimisations is a whole number of stages and a share of one, over which
-        the plan is interpolated. Beyond its end its last stage stays.
+        The time between optimisations is j + s stages, with a whole number j and a share s < 1.
+        The node of stage k is interpolated in the last plan: (1 - s) plan[k + j] + s plan[k + j +
+        1]. Beyond the end of the plan its last stage stays.
         """
         code = self.code
         wide = self.work.wide
@@ -164,11 +177,11 @@ class _Plan:
             programme.ratio * programme.period / programme.stage_length, 1.0
         )
         last = code.integer(self.shape.stages - 1)
-        with self.work.each() as vector:
+        with self.work.each_vector() as vector:
             before = code.least(code.plus(vector.stage, int(stages_passed)), last)
             after = code.least(code.plus(before, 1), last)
-            place_before = code.builder.add(code.product(before, self.row_length), vector.first)
-            place_after = code.builder.add(code.product(after, self.row_length), vector.first)
+            place_before = code.builder.add(code.product(before, self.row_size), vector.first)
+            place_after = code.builder.add(code.product(after, self.row_size), vector.first)
             node_before = wide.load(plan, place_before)
             node_after = wide.load(plan, place_after)
             vector.rows.put("node", (1.0 - share) * node_before + share * node_after)
@@ -179,14 +192,15 @@ class _Plan:
         With the states and inputs z of a stage, and those of the path z*, the cost is
         ½ (z - z*)ᵀ weight (z - z*): its gradient at z = 0 is - weight z*. The inputs of the path
         are the accelerations of its drives over the stage, by the difference of their rates. The
-        weight depends on where the payload is, see `model.emit_weights`: it is that at the end of
+        weight depends on where the payload is, see
+        `horizon_model.emit_weights`: it is that at the end of
         the path, for all stages.
         """
         code = self.code
         shape = self.shape
-        common = self.common
+        shared = self.shared
         row = code.load_one(code.argument["query"], (shape.states + 1) * code.lanes, INTEGER)
-        common.put_row("goal", self._target(row, code.integer(shape.stages)))
+        shared.put_row("goal", self._target(row, code.integer(shape.stages)))
         self.work.call("weigh")
         with code.loop(0, shape.stages) as k:
             now = self._target(row, k)
@@ -194,7 +208,9 @@ class _Plan:
             rate_columns = self.layout.n + self.layout.drives
             accelerations = (coming - now)[rate_columns] * (1.0 / self.programme.stage_length)
             target = np.concatenate([now, accelerations])
-            self.work.stage(k).put_row("gradient", -(common.table("weight", shape.both) @ target))
+            self.work.stage(k).put_row(
+                "gradient", -(shared.table("weight", shape.variables) @ target)
+            )
 
     def _target(self, row: ir.Value, k: ir.Value) -> np.ndarray:
         """Return the state where the crane should be at the beginning of a stage, shape (2 n,): on
@@ -226,15 +242,20 @@ class _Plan:
             return
         layout = self.layout
         limit = self.programme.swing_limit
-        rest_at_start = self.plant.hanging_angles(self.common.row("start", layout.n)[layout.drives])
-        rest_at_goal = self.plant.hanging_angles(self.common.row("goal", layout.n)[layout.drives])
+        rest_at_start = self.plant.hanging_angles(self.shared.row("start", layout.n)[layout.drives])
+        rest_at_goal = self.plant.hanging_angles(self.shared.row("goal", layout.n)[layout.drives])
         swings = zip(self.plant.topology.swings, rest_at_start, rest_at_goal, strict=True)
         for (joint, _), at_start, at_goal in swings:
-            self.common.put("low", smaller(at_start, at_goal) - limit, i=joint)
-            self.common.put("high", larger(at_start, at_goal) + limit, i=joint)
+            self.shared.put("low", smaller(at_start, at_goal) - limit, i=joint)
+            self.shared.put("high", larger(at_start, at_goal) + limit, i=joint)
 
     def _store_plan(self, is_plausible: ir.Value) -> None:
-        """Store the new plan and its marks; after a failure the shifted last plan goes on."""
+        """Store the new plan and the status; after a failure the shifted last plan goes on.
+
+        Args:
+            is_plausible: Whether there was a plausible state, for each lane. Without one, an
+                optimisation counts as failed.
+        """
         code = self.code
         wide = self.work.wide
         work = self.work
@@ -242,17 +263,17 @@ class _Plan:
         # A number that is not finite stays so in all later stages: the last one shows it.
         last_stage = work.stage(code.integer(self.shape.stages - 1))
         is_finite = []
-        for number in last_stage.row("iterate", self.shape.both):
+        for number in last_stage.row("iterate", self.shape.variables):
             is_finite.append(abs(number) < _MAX_FINITE)
         is_solved = code.both(work.reported("solved") > 0.5, *is_finite)
-        takes_new_plan = work.repeated(code.chosen(is_solved, 1.0, 0.0)) > 0.5
-        with work.each() as vector:
-            place = code.builder.add(code.product(vector.stage, self.row_length), vector.first)
+        takes_new_plan = work.in_all_lanes(code.chosen(is_solved, 1.0, 0.0)) > 0.5
+        with work.each_vector() as vector:
+            place = code.builder.add(code.product(vector.stage, self.row_size), vector.first)
             iterate = vector.rows.get("iterate")
             node = vector.rows.get("node")
             wide.store(wide.chosen(takes_new_plan, iterate, node), plan, place)
 
-        usual_barrier = work.reported("first")
+        usual_barrier = work.reported("usual_barrier")
         barrier = work.reported("barrier")
         begun = code.chosen(is_plausible, 1.0, self._previous_status("begun"))
         failures = self._previous_status("failures") + code.chosen(is_solved, 0.0, 1.0)
@@ -263,7 +284,7 @@ class _Plan:
             _BARRIER_GROWTH * barrier, _MAX_BARRIER_GROWTH * usual_barrier
         )
         next_barrier = code.chosen(is_solved, usual_barrier, barrier_after_failure)
-        marks = SolverStatus(begun, failures, solved, iterations, excess, next_barrier)
-        for i, value in enumerate(marks):
-            offset = self.shape.stages * self.row_length + i * code.lanes
+        status = SolverStatus(begun, failures, solved, iterations, excess, next_barrier)
+        for i, value in enumerate(status):
+            offset = self.shape.stages * self.row_size + i * code.lanes
             code.store(value, plan, offset)

@@ -1,4 +1,9 @@
-"""Model predictive control to a setpoint or along a motion, with a compiled optimisation."""
+"""Model predictive control to a setpoint or along a motion, with a compiled optimisation.
+
+`receding` makes a controller, `Receding`. In a plain loop it is called at each control instant. A
+compiled loop runs the same code in the memory of the controller: `resume_memory` hands it out, and
+`advance_to` says how far the loop has come.
+"""
 
 from __future__ import annotations
 
@@ -220,7 +225,7 @@ class Receding(ShortRepr):
     def _state_row(self, name: str) -> np.ndarray:
         """Return the numbers of a row of the table that stand for states, shape (2 n,)."""
         shape = self.programme.shape(1)
-        first = shape.place(name)
+        first = shape.offset(name)
         return self.table[first : first + shape.states]
 
     def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
@@ -280,7 +285,7 @@ class Receding(ShortRepr):
     def status_by_lane(self, memory: np.ndarray, lanes: int) -> list[SolverStatus]:
         """Return the outcome of the optimisations in each lane of a memory."""
         shape = self.programme.shape(lanes)
-        first = self.programme.offsets(lanes).plans + shape.stages * shape.lanes * lanes
+        first = self.programme.offsets(lanes).plans + shape.stages * shape.row_length * lanes
         numbers_of_lanes = memory[first : first + len(SolverStatus._fields) * lanes].reshape(
             -1, lanes
         )
@@ -313,7 +318,7 @@ class Receding(ShortRepr):
         instant_number = self._instant_number(t)
         period = instant_number // self.programme.ratio
         if t < self._last_time:
-            self._begin()
+            self._restart()
         due = period != self._last_period
         self._last_period = period
         self._last_time = t
@@ -323,8 +328,8 @@ class Receding(ShortRepr):
         """Return the number of control instants before a time [s], which is the row of the path."""
         return max(0, math.floor(t / self.programme.period + ROW_TOLERANCE))
 
-    def _begin(self) -> None:
-        """Forget the run before."""
+    def _restart(self) -> None:
+        """Return to the state before a run, and forget the run before."""
         self._memory[:] = self.memory(1)
         self._last_period = None
 
@@ -333,11 +338,12 @@ class Receding(ShortRepr):
         (1, doubles).
         """
         if t < self._last_time:
-            self._begin()
+            self._restart()
         counts = self._counts(self._memory, 1)
         instant_number = self._instant_number(t)
         counts[0] = instant_number
-        # The loop optimises at once where the run begins here, and otherwise in its turn.
+        # The loop optimises at every `ratio`-th instant, and at the instant counts[1]: at once
+        # where the run begins here; -1 is the number of no instant.
         counts[1] = instant_number if self._last_period is None else -1
         return self._memory[None]
 
@@ -348,7 +354,12 @@ class Receding(ShortRepr):
 
 
 class _CompiledProgramme(NamedTuple):
-    """Code of a programme, and the numbers that are the same in every stage, see `emit_plan`."""
+    """Code of a programme.
+
+    Attributes:
+        machine: Its functions.
+        constants: Numbers that are the same in every stage, see `emit_plan`.
+    """
 
     machine: Machine
     constants: list[tuple[str, int, int, float]]
@@ -668,8 +679,8 @@ def _table(programme: Programme, weight: np.ndarray, rows: dict[str, np.ndarray]
 
     def row(name: str, i: int = 0) -> np.ndarray:
         """Return a view of a row."""
-        first = shape.place(name, i)
-        return table[first : first + shape.lanes]
+        first = shape.offset(name, i)
+        return table[first : first + shape.row_length]
 
     for i, weights in enumerate(weight):
         row("weight", i)[: len(weight)] = weights
@@ -679,8 +690,8 @@ def _table(programme: Programme, weight: np.ndarray, rows: dict[str, np.ndarray]
     row("price")[:] = EXCESS_PRICE
     for name, values in rows.items():
         row(name)[: len(values)] = values
-    row("report")[REPORT.index("first")] = _BARRIER_SHARE * EXCESS_PRICE
-    stages = table[shape.first :].reshape(shape.stages, shape.stride)
+    row("report")[REPORT.index("usual_barrier")] = _BARRIER_SHARE * EXCESS_PRICE
+    stages = table[shape.first_stage :].reshape(shape.stages, shape.stage_size)
     for name, i, place, value in _compile(programme).constants:
-        stages[:, shape.place(name, i) + place] = value
+        stages[:, shape.offset(name, i) + place] = value
     return table

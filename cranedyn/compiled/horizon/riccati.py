@@ -7,7 +7,7 @@ all that follow has the second derivatives and the gradient at zero
 
     H = W + Fᵀ P F + Eᵀ C E + C_z,    h = c_z + Fᵀ (P f + p) + Eᵀ c_e,
 
-where W is the weight, C the curvature of the barriers and c the gradient, both by z and by the
+where W is the weight, C the curvature of the barriers and c the gradient, variables by z and by the
 further quantities, where these are e. The inputs that minimise it are u = -K x - k, with
 K = H_uu⁻¹ H_ux and k = H_uu⁻¹ h_u. Eliminating them leaves a cost-to-go of the state before the
 stage,
@@ -55,12 +55,12 @@ def emit(module: ir.Module, shape: HorizonShape, constants: Constants | None = N
 def _emit_end(work: Work) -> None:
     """Emit the function `end`."""
     states = work.shape.states
-    common = work.common
-    _put_symmetric(common, "cost_to_go", common.table("weight", states)[:states])
+    shared = work.shared
+    _put_symmetric(shared, "cost_to_go", shared.table("weight", states)[:states])
     last = work.stage(work.code.integer(work.shape.stages - 1))
     with work.code.loop(0, work.shape.stages):
         _eliminate_inputs(work, last, bounded=False)
-    _put_symmetric(common, "end", symmetric(common, "cost_to_go", states))
+    _put_symmetric(shared, "end", symmetric(shared, "cost_to_go", states))
     work.code.end()
 
 
@@ -68,15 +68,15 @@ def _emit_factor(work: Work, *, bounded: bool) -> None:
     """Emit the function `factor`, or `free` if nothing is bounded."""
     shape = work.shape
     states = shape.states
-    common = work.common
-    _put_symmetric(common, "cost_to_go", symmetric(common, "end", states))
-    with work.backward() as stage:
+    shared = work.shared
+    _put_symmetric(shared, "cost_to_go", symmetric(shared, "end", states))
+    with work.stages_backward() as stage:
         if not bounded:
             # The further quantities have no cost of their own.
-            gradient = [*stage.row("gradient", shape.both), *[0.0] * shape.inputs]
+            gradient = [*stage.row("gradient", shape.variables), *[0.0] * shape.inputs]
             stage.put_row("total_gradient", gradient)
         shift = stage.row("shift", states)
-        stage.put_row("shift_gradient", symmetric(common, "cost_to_go", states) @ shift)
+        stage.put_row("shift_gradient", symmetric(shared, "cost_to_go", states) @ shift)
         _eliminate_inputs(work, stage, bounded=bounded)
     work.code.end()
 
@@ -90,21 +90,21 @@ def _eliminate_inputs(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
         stage: Rows of the stage.
         bounded: Whether the barriers of bounds have a curvature.
     """
-    common = work.common
+    shared = work.shared
     states = work.shape.states
-    both = work.shape.both
+    variables = work.shape.variables
     inputs = work.shape.inputs
-    cost_to_go = symmetric(common, "cost_to_go", states)
-    weight = common.table("weight", both)
-    forward = stage.table("forward", both)
-    extra = stage.table("extra", both)
-    curvature = stage.row("barrier_curvature", both + inputs)
+    cost_to_go = symmetric(shared, "cost_to_go", states)
+    weight = shared.table("weight", variables)
+    forward = stage.table("forward", variables)
+    extra = stage.table("extra", variables)
+    curvature = stage.row("barrier_curvature", variables + inputs)
 
     # H is symmetric: its upper triangle is computed, column by column.
-    cost = np.empty((both, both), dtype=object)
-    for j in range(both):
+    cost = np.empty((variables, variables), dtype=object)
+    for j in range(variables):
         forward_cost = cost_to_go @ forward[:, j]
-        extra_cost = curvature[both:] * extra[:, j]
+        extra_cost = curvature[variables:] * extra[:, j]
         for i in range(j + 1):
             entry = weight[i, j] + forward[:, i] @ forward_cost
             if bounded:
@@ -119,18 +119,18 @@ def _eliminate_inputs(work: Work, stage: MemoryRows, *, bounded: bool) -> None:
     for i, row in enumerate(gains):
         stage.put_row("feedback", row, i)
     eliminated = cost[:states, states:] @ gains[:, :states]
-    _put_symmetric(common, "cost_to_go", cost[:states, :states] - eliminated)
+    _put_symmetric(shared, "cost_to_go", cost[:states, :states] - eliminated)
 
 
-def symmetric(common: MemoryRows, name: str, count: int) -> np.ndarray:
+def symmetric(shared: MemoryRows, name: str, count: int) -> np.ndarray:
     """Return a symmetric matrix, of whose rows only the lower triangle is loaded.
 
     Args:
-        common: Rows that all stages share.
+        shared: Rows that all stages share.
         name: Name of the matrix.
         count: Number of its rows.
     """
-    lower = [common.row(name, i + 1, i) for i in range(count)]
+    lower = [shared.row(name, i + 1, i) for i in range(count)]
     matrix = np.empty((count, count), dtype=object)
     for i in range(count):
         for j in range(i + 1):
@@ -139,20 +139,20 @@ def symmetric(common: MemoryRows, name: str, count: int) -> np.ndarray:
     return matrix
 
 
-def _put_symmetric(common: MemoryRows, name: str, matrix: np.ndarray) -> None:
+def _put_symmetric(shared: MemoryRows, name: str, matrix: np.ndarray) -> None:
     """Store the lower triangle of a symmetric matrix."""
     for i, row in enumerate(matrix):
-        common.put_row(name, row[: i + 1], i)
+        shared.put_row(name, row[: i + 1], i)
 
 
 def _emit_sweep(work: Work) -> None:
     """Emit the function `sweep`."""
     code = work.code
     shape = work.shape
-    slope = code.variables([*work.common.row("end_gradient", shape.states)])
-    with work.backward() as stage:
+    slope = code.variables([*work.shared.row("end_gradient", shape.states)])
+    with work.stages_backward() as stage:
         _sweep_backward(stage, shape, slope)
-    state = code.variables([*work.common.row("start", shape.states)])
+    state = code.variables([*work.shared.row("start", shape.states)])
     with code.loop(0, shape.stages) as k:
         _sweep_forward(work.stage(k), shape, state)
     code.end()
@@ -168,12 +168,12 @@ def _sweep_backward(stage: MemoryRows, shape: HorizonShape, slope: list[StackVar
         slope: The gradient, p in the equations of this module.
     """
     states = shape.states
-    both = shape.both
-    gradient = stage.row("total_gradient", both + shape.inputs)
-    gains = stage.table("feedback", both)
+    variables = shape.variables
+    gradient = stage.row("total_gradient", variables + shape.inputs)
+    gains = stage.table("feedback", variables)
     ahead = array([variable.get() for variable in slope]) + stage.row("shift_gradient", states)
-    total = gradient[:both] + stage.table("forward", both).T @ ahead
-    total = total + stage.table("extra", both).T @ gradient[both:]
+    total = gradient[:variables] + stage.table("forward", variables).T @ ahead
+    total = total + stage.table("extra", variables).T @ gradient[variables:]
     by_state = total[:states]
     by_input = total[states:]
     stage.put_row("open_loop", gains[:, states:] @ by_input)
@@ -191,15 +191,15 @@ def _sweep_forward(stage: MemoryRows, shape: HorizonShape, state: list[StackVari
         state: The state.
     """
     states = shape.states
-    both = shape.both
+    variables = shape.variables
     inputs = shape.inputs
     now = array([variable.get() for variable in state])
     feedback = stage.table("feedback", states) @ now
     input_ = -feedback - stage.row("open_loop", inputs)
     state_and_input = np.concatenate([now, input_])
-    extra = stage.table("extra", both) @ state_and_input
-    further = extra + stage.row("extra_shift", inputs, first=both)
+    extra = stage.table("extra", variables) @ state_and_input
+    further = extra + stage.row("extra_shift", inputs, first=variables)
     stage.put_row("trial", [*state_and_input, *further])
-    coming = stage.table("forward", both) @ state_and_input + stage.row("shift", states)
+    coming = stage.table("forward", variables) @ state_and_input + stage.row("shift", states)
     for variable, value in zip(state, coming, strict=True):
         variable.set(value)
