@@ -49,13 +49,17 @@ Device = Literal["cpu", "cuda"]
 
 
 def _recorded(name: str) -> cached_property[np.ndarray]:
-    """Return a property that copies columns of a log when they are first read: most never are."""
+    """Return a property: a section of the log, crane by crane, shape (cranes, rows, columns), or
+    (cranes, rows) for the energy. It is a copy, made when it is first read, as most never are.
+    """
 
     def columns(batch: Batch) -> np.ndarray:
-        log = batch.log[:, :, batch.columns[name]].transpose(0, 3, 2, 1)
-        groups, lanes, *shape = log.shape
-        rows = log.reshape(groups * lanes, *shape)[: len(batch)].swapaxes(1, 2)
-        return rows[:, :, 0] if name == "energy" else rows
+        section = batch.log[:, :, batch.columns[name]]  # (groups, rows, columns, lanes)
+        by_lane = section.transpose(0, 3, 2, 1)
+        groups, lanes, width, rows = by_lane.shape
+        by_crane = by_lane.reshape(groups * lanes, width, rows)[: len(batch)]
+        values = by_crane.swapaxes(1, 2)
+        return values[:, :, 0] if name == "energy" else values
 
     return cached_property(columns)
 
@@ -69,16 +73,20 @@ class Batch:
         peak_swing: Largest swing, all swing joints together [rad], shape (cranes,).
         residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see
             `cranedyn.analysis.swing.swing_amplitude`, shape (cranes,).
-        largest_effort: Of the drives [N m or N], shape (cranes, m).
+        largest_effort: Largest efforts of the drives [N m or N], shape (cranes, m).
         valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s];
             inf where it held throughout; shape (cranes,).
         t: Times of the recorded rows [s], shape (rows,).
-        q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
-        command, effort: Commands of the controllers and efforts from a row on, shape (cranes, rows,
-            m) each.
-        before, energy: Efforts up to a row, shape (cranes, rows, m); mechanical energy [J], shape
-            (cranes, rows).
-        log, columns: All these, shape (groups, rows, columns, lanes), and their columns by name.
+        q: Coordinates at these times [rad or m], shape (cranes, rows, n).
+        v: Rates at these times [rad/s or m/s], shape (cranes, rows, n).
+        command: Efforts that the commands of the controllers ask for [N m or N], shape (cranes,
+            rows, m).
+        effort: Efforts of the drives from a row on [N m or N], shape (cranes, rows, m).
+        before: Efforts of the drives up to a row [N m or N], shape (cranes, rows, m).
+        energy: Mechanical energy [J], shape (cranes, rows).
+        log: The recorded rows as the code has written them, shape (groups, rows, columns, lanes).
+        columns: Columns of the log by name, see
+            `cranedyn.compiled.memory_layout.BufferLayout.row`.
         failures: Number of failed optimisations of a predictive controller, after which the last
             plan continues, shape (cranes,).
         refusals: Number of implausible readings that it refused, shape (cranes,).
@@ -136,11 +144,11 @@ def simulate_batch(
     device: Device = "cpu",
     ground: Ground | None = None,
 ) -> Batch:
-    """Run many cranes under controllers that are affine in the state, by compiled code; each as
-    `simulate` with validity = mark.
+    """Run many cranes at once by compiled code, each as `simulate` with validity = mark does.
 
-    A single argument applies to all cranes. A controller or reference that several cranes share
-    should be the same object: its table is then stored once.
+    The controllers must be affine in the state, so that they are tables, or one predictive
+    controller for all. A single argument applies to all cranes. A controller or reference that
+    several cranes share should be the same object: its table is then stored once.
 
     Args:
         crane: One crane or n, or `Cranes` of `cranedyn.compiled.plant.cranes.load_cranes`.
@@ -154,7 +162,7 @@ def simulate_batch(
         dt: Physics step [s].
         control_period: Time between control instants [s].
         drive: What the controllers command, see `simulate`.
-        force: From outside in the world [N] at each control instant, on the points of the crane,
+        force: External forces in the world [N] at each control instant, on the points of the crane,
             shape (rows, 3 points) for all or (cranes, rows, 3 points); beyond its end the last row
             holds. Wind that depends on how the load moves needs `simulate`.
         force_interval: Control instants from one row of forces to the next, until which it holds.
@@ -239,6 +247,7 @@ def simulate_batch(
         contacts=models.contacts,
     )
     compiled = _compile(models, options, cranes)
+    # The varied numbers of the cranes stand in rows and, arranged in lanes, for the code.
     needed = used + 2 * cranes * compiled.code.source.varied
     inputs.check_fits_memory("number of cranes", str(cranes), needed)
 
@@ -349,8 +358,8 @@ def _models(
     clock: Clocks,
     ground: Ground | None,
 ) -> _Models:
-    """Return the cranes of a batch; see `simulate_batch` for the arguments, of which cranes is the
-    number of all.
+    """Return the cranes of a batch; see `simulate_batch` for the arguments. `cranes` is the number
+    of all.
     """
     index, distinct = inputs.distinct_objects(crane, cranes)
     layout = inputs.common_layout(distinct)
@@ -366,9 +375,9 @@ class _CompiledCranes:
 
     Attributes:
         code: The code, the same for all of them.
-        cranes: Cranes to which the varied numbers belong.
-        varied: Crane parameters in which these differ, shape (cranes to which they belong, varied).
-        index: Row of each crane of the batch in them, shape (cranes,).
+        cranes: The distinct cranes.
+        varied: Parameters in which these differ, a row for each, shape (distinct cranes, varied).
+        index: Row of each crane of the batch in `varied`, shape (cranes,).
     """
 
     code: Kernel
@@ -378,12 +387,18 @@ class _CompiledCranes:
 
 
 def _compile(models: _Models, options: KernelOptions, cranes: int) -> _CompiledCranes:
-    """Compile the code of so many cranes."""
+    """Compile the code of the cranes of a batch.
+
+    Args:
+        models: The cranes.
+        options: Features of the code.
+        cranes: Number of cranes in the batch.
+    """
     distinct = models.distinct
     crane_index = models.index
     if models.response is not None and len(models.response) > 1:
-        # Converters of each crane's own: its parameters are those of its model and its converters,
-        # so that no two cranes share a row.
+        # Each crane has converters of its own. A row of parameters is that of its model and of its
+        # converters, so that no two cranes share one.
         if not isinstance(distinct, Cranes):
             distinct = [distinct[i] for i in crane_index.tolist()]
         crane_index = np.arange(cranes)
@@ -484,7 +499,15 @@ def _horizon(
     predictive: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, used: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the memory of a predictive controller for groups of lanes, shape (groups, doubles),
-    and its workspace, after checking that they fit beside the numbers that are used.
+    and its workspace, which all groups share.
+
+    Args:
+        predictive: The controller.
+        drive: Kind of the commands of the run.
+        t_start: Time at the start [s].
+        clock: How the run is divided.
+        groups: Number of groups.
+        used: Numbers of memory that the batch has besides.
 
     Raises:
         OutOfRange: If its drives or control period differ from the run's, or it does not fit.
@@ -554,7 +577,7 @@ def _results(
     groups, _, lanes = memory.log.shape
     return Batch(
         end=State(end[:, state_columns["q"]], end[:, state_columns["v"]]),
-        # Code compares squares, which saves it the roots.
+        # The code compares squares, and so saves the roots.
         peak_swing=np.sqrt(summary[:, summary_columns["peak"]][:, 0]),
         residual_swing=np.sqrt(summary[:, summary_columns["residual"]][:, 0]),
         largest_effort=summary[:, summary_columns["effort"]],

@@ -28,15 +28,15 @@ from cranedyn.simulation.loop_checks import DIVERGED
 if TYPE_CHECKING:
     from cranedyn.compiled.horizon.receding import Receding
 
-_LARGEST_BLOCK = 20_000
-"""Largest number of control instants in a block; Ctrl-C is answered between blocks."""
+_MAX_BLOCK_LENGTH = 20_000
+"""Largest number of control instants in a block; Python handles Ctrl-C between blocks."""
 
-_MOST_STEPS = 1_000_000
+_MAX_BLOCK_STEPS = 1_000_000
 """Largest number of physics steps in a block."""
 
 
-class _Written(Enum):
-    """What became of a block."""
+class _BlockOutcome(Enum):
+    """What happened when a block was to be written."""
 
     WRITTEN = auto()
     """The rows are written, and the crane has moved on."""
@@ -84,16 +84,16 @@ def run_blocks(
         if wind is not None or predictive.programme.drive != spec.drive:
             return
     blocks = _Blocks(moving, controller, reference, wind, predictive)
-    length = max(1, min(_LARGEST_BLOCK, _MOST_STEPS // spec.clocks.steps))
+    length = max(1, min(_MAX_BLOCK_LENGTH, _MAX_BLOCK_STEPS // spec.clocks.steps))
     first = 0
     while length > 0 and first < len(rows):
         block = rows[first : first + length]
         times = read_only(t[first : first + length])
         last_instant = len(rows) - 1 - first
         outcome = blocks.write(block, times, end=last_instant)
-        if outcome is _Written.NOT_TABULATED:
+        if outcome is _BlockOutcome.NOT_TABULATED:
             return
-        if outcome is _Written.DIVERGED:
+        if outcome is _BlockOutcome.DIVERGED:
             length = _rows_before_divergence(moving, block)
             continue
         first += len(block)
@@ -117,7 +117,7 @@ class _Blocks:
         self._wind = wind
         self._predictive = predictive
 
-    def write(self, rows: np.ndarray, times: np.ndarray, *, end: int) -> _Written:
+    def write(self, rows: np.ndarray, times: np.ndarray, *, end: int) -> _BlockOutcome:
         """Write a block of rows and move the crane on.
 
         Args:
@@ -136,9 +136,9 @@ class _Blocks:
         if self._predictive is not None:
             horizon = self._predictive.resume_memory(float(times[0]))
         if tables is None:
-            return _Written.NOT_TABULATED
+            return _BlockOutcome.NOT_TABULATED
         if not self._run(tables, rows, end, horizon):
-            return _Written.DIVERGED
+            return _BlockOutcome.DIVERGED
         if self._predictive is not None:
             self._predictive.advance_to(float(times[-1]))
         if hasattr(self._controller, "resume"):
@@ -147,7 +147,7 @@ class _Blocks:
         # The forces of the last row, if the loop goes on instant by instant from here.
         moving.force[1] = moving.memory[moving.places["previous_force"]]
         moving.read_state()
-        return _Written.WRITTEN
+        return _BlockOutcome.WRITTEN
 
     def _tabulate(self, times: np.ndarray) -> _Tables | None:
         """Return the affine form of the controller, the setpoints and the wind at the instants of a

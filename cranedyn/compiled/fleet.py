@@ -42,8 +42,8 @@ _MIN_STEPS_PER_THREAD = 1500
 _MAX_GROUPS_PER_CHUNK = 512
 """Most groups of a chunk, so that its numbers stay in a processor's cache."""
 
-_NUMBERS_BESIDES = 10
-"""Numbers of each crane reckoned with besides its state, its parameters and its force."""
+_OTHER_NUMBERS = 10
+"""Numbers of each crane that are reckoned with besides its state, its parameters and its force."""
 
 
 class Fleet:
@@ -141,7 +141,7 @@ class Fleet:
         """
         sizes = self._sizes
         groups = -(-self.count // _LANES)
-        numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + _NUMBERS_BESIDES
+        numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + _OTHER_NUMBERS
         needed = groups * _LANES * numbers_of_each
         check_fits_memory("number of cranes", str(self.count), needed)
         self._state = np.zeros((groups, size(sizes.state), _LANES))
@@ -213,10 +213,10 @@ class Fleet:
         Raises:
             OutOfRange: If a number is not finite, or an index is out of range.
         """
-        rows = _indices("which crane", indices, self.count)
+        rows = _indices("index of a crane", indices, self.count)
         kinds = np.zeros(len(rows), dtype=int)
         if crane is not None:
-            kinds = _indices("crane to choose", crane, len(self.cranes))
+            kinds = _indices("index of a kind of crane", crane, len(self.cranes))
         if len(kinds) != len(rows):
             allowed = f"{len(rows)}, one for each that is placed"
             raise OutOfRange("cranes chosen", len(kinds), allowed)
@@ -237,7 +237,7 @@ class Fleet:
         if not self._forces_act:
             allowed = "none, unless the fleet is made with forces = True"
             raise OutOfRange("forces from outside", short_repr(force), allowed)
-        rows = _indices("which crane", indices, self.count)
+        rows = _indices("index of a crane", indices, self.count)
         self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
 
     def step(self, command: np.ndarray) -> np.ndarray:
@@ -286,8 +286,8 @@ class Fleet:
         Raises:
             OutOfRange: If there is no such chunk, or a command is not finite.
         """
-        if whole("part", chunk, 0) >= len(self.chunks):
-            raise OutOfRange("part", chunk, f"0 to {len(self.chunks) - 1}")
+        if whole("chunk", chunk, 0) >= len(self.chunks):
+            raise OutOfRange("chunk", chunk, f"0 to {len(self.chunks) - 1}")
         columns = self.chunks[chunk]
         shape = self._sizes.m, columns.stop - columns.start
         self._advance(chunk, finite("command", command, shape))

@@ -1,4 +1,8 @@
-"""Compiled functions of numbers, from Python functions for any kind of number."""
+"""Compiled functions of numbers, from Python functions for any kind of number.
+
+The function runs once, with values of the code in place of numbers, see
+`cranedyn.compiled.instructions`. A loop around what it leaves behind makes it a function of arrays.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +21,14 @@ from cranedyn.dynamics.scalars import array
 def compile_rows(
     function: Callable[[np.ndarray], Iterable[Any]], width_in: int, width_out: int, shared: int = 0
 ) -> RowFunction:
-    """Return a function of rows of numbers, compiled.
+    """Return a compiled function that maps each row of an array to a row of results.
 
     Args:
         function: Function that returns the results for an array of numbers of any kind, see
-            `cranedyn.dynamics.scalars`.
-        width_in: Length of its array without numbers that rows share.
-        width_out: Number of its results.
-        shared: Number of numbers that all rows share; they come before those of a row.
+            `cranedyn.dynamics.scalars`: first the numbers that all rows share, then those of a row.
+        width_in: Length of a row.
+        width_out: Number of results.
+        shared: Number of numbers that all rows share.
     """
     module = ir.Module()
     code = Code(module, "rows", ["given", "count", "answers", "shared"], 1)
@@ -43,21 +47,23 @@ def compile_rows(
 def compile_columns(
     function: Callable[..., Iterable[Any]], widths: Sequence[int], width_out: int
 ) -> ColumnFunction:
-    """Return a function of columns of numbers, compiled, that rounds as NumPy does.
+    """Return a compiled function that maps each column of some arrays to a column of results, and
+    rounds as NumPy does.
 
     Args:
-        function: Function that returns the results. Its arguments are a function that makes a value
-            of the program from a constant, and the numbers of a column of all arrays, see
-            `cranedyn.dynamics.scalars`.
-        widths: Number of rows of each of its arrays.
-        width_out: Number of its results.
+        function: Function that returns the results for a column. Its first argument makes a value
+            of the code from a float, such as a divisor: by a float itself the code would not divide
+            but multiply by its reciprocal. Its second is an array of the numbers of the column,
+            those of the first array before those of the next, see `cranedyn.dynamics.scalars`.
+        widths: Number of rows of each array.
+        width_out: Number of results.
     """
     module = ir.Module()
     width_in = sum(widths)
     for lanes in COLUMN_LANES:
         code = Code(module, f"columns_{lanes}", ["call"], lanes)
         call = code.argument["call"]
-        # A call is the first and the last group of columns, and the address of each row.
+        # A call is the first group of columns, the one after the last, and the address of each row.
         first = code.load_one(call, 0, INTEGER)
         last = code.load_one(call, 1, INTEGER)
         rows = [code.load_one(call, 2 + i, POINTER) for i in range(width_in + width_out)]

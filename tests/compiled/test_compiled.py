@@ -178,7 +178,7 @@ FORCES: dict[str, Callable[[Crane], Disturbance | None]] = {
 @pytest.mark.parametrize("controller", ["hold", "integral", "python", "follow"])
 @pytest.mark.slow
 def test_a_run_of_many_blocks_is_the_same(controller: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 2000)
+    monkeypatch.setattr("cranedyn.compiled.blocks._MAX_BLOCK_LENGTH", 2000)
     drive, made = CONTROLLERS[controller]
     c = crane(**DAMPED)
     told = list[float]()
@@ -201,7 +201,7 @@ def test_a_run_of_many_blocks_is_the_same(controller: str, monkeypatch: pytest.M
 def test_a_monitor_gets_the_state_of_its_row_after_each_block(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 50)
+    monkeypatch.setattr("cranedyn.compiled.blocks._MAX_BLOCK_LENGTH", 50)
     c = crane()
     seen: list[tuple[int, State]] = []
     run = simulate(
@@ -588,7 +588,7 @@ def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words(
 def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 2000)
+    monkeypatch.setattr("cranedyn.compiled.blocks._MAX_BLOCK_LENGTH", 2000)
     c = crane()
     how = {"start": _start(), "dt": 1e-3, "control_period": 1e-3, "validity": "mark"}
     stop = {"monitors": [lambda row, t, state: _raise(KeyboardInterrupt())], "engine": "compiled"}

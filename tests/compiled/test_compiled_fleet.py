@@ -225,21 +225,21 @@ REFUSED: list[tuple[Any, str]] = [
     (lambda f: f.step(np.zeros((3, COUNT - 1))), r"command is .* \(3, 18\); .* \(3, 19\)"),
     (lambda f: f.step(np.full((3, COUNT), np.nan)), "command is nan; allowed is finite"),
     (lambda f: f.step("now"), "command is no array of numbers but str"),
-    (lambda f: f.advance(7, np.zeros((3, COUNT))), "part is 7; allowed is 0 to 0"),
-    (lambda f: f.advance(-1, np.zeros((3, COUNT))), "part is -1"),
+    (lambda f: f.advance(7, np.zeros((3, COUNT))), "chunk is 7; allowed is 0 to 0"),
+    (lambda f: f.advance(-1, np.zeros((3, COUNT))), "chunk is -1"),
     (
         lambda f: f.place(np.array([COUNT]), crane().start),
-        "which crane is 19.0; allowed is a whole number from 0 to 18",
+        "index of a crane is 19.0; allowed is a whole number from 0 to 18",
     ),
-    (lambda f: f.place(np.array([0.5]), crane().start), "which crane is 0.5"),
-    (lambda f: f.place(np.array([-1]), crane().start), "which crane is -1"),
+    (lambda f: f.place(np.array([0.5]), crane().start), "index of a crane is 0.5"),
+    (lambda f: f.place(np.array([-1]), crane().start), "index of a crane is -1"),
     (
         lambda f: f.place(np.arange(3), crane().start, np.array([0, 0])),
         "cranes chosen is 2; allowed is 3",
     ),
     (
         lambda f: f.place(np.arange(2), crane().start, np.array([0, 1])),
-        "crane to choose is 1.0; allowed is a whole number from 0 to 0",
+        "index of a kind of crane is 1.0; allowed is a whole number from 0 to 0",
     ),
     (
         lambda f: f.place(np.arange(2), State(np.full(5, np.inf), np.zeros(5))),
