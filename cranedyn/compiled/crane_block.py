@@ -14,7 +14,7 @@ from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FAULT, BlockCode, FunctionBlock, Variable, identifiers
 from cranedyn.compiled.kernel import KernelOptions
-from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
+from cranedyn.compiled.plant.plant import Plant, Topology, make_plant, plant_numbers
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import converters_of_run
@@ -429,21 +429,21 @@ def _plant(code: BlockCode, crane: Crane, drive: str, names: _Names) -> Plant:
     The numbers of a crane are affine in the mass of its load, with a slope that one kilogram more
     shows. Of those that change with the damping of a joint, there is one for each joint.
     """
-    usual = numbers(crane)
+    usual = plant_numbers(crane)
     values: list[Any] = usual.tolist()
     model = crane.model.copy()
     joint = crane.payload.body + 1  # joint 0 of Pinocchio is the world
     load = model.inertias[joint]
     model.inertias[joint] = pin.Inertia(load.mass + 1.0, load.lever, load.inertia)
-    heavier = numbers(replace(crane, model=model))
+    heavier = plant_numbers(replace(crane, model=model))
     for i in np.flatnonzero(heavier != usual).tolist():
         slope = float(heavier[i] - usual[i])
         at_no_load = float(usual[i] - slope * crane.payload_mass)
         values[i] = code.get("payload_mass") * slope + at_no_load
 
-    more_damped = numbers(replace(crane, damping=crane.damping + 1.0))
+    more_damped = plant_numbers(replace(crane, damping=crane.damping + 1.0))
     places = np.flatnonzero(more_damped != usual).tolist()
     for i, name in zip(places, names.dampings, strict=True):
         values[i] = code.get(name)
     values += code.get_all(names.converters).tolist()
-    return plant(Topology.of(crane), values, drive, buffers=False)
+    return make_plant(Topology.of(crane), values, drive, buffers=False)

@@ -37,7 +37,7 @@ from cranedyn.compiled.memory_layout import (
     size,
     slices,
 )
-from cranedyn.compiled.plant.plant import SI, Plant, Topology, Units, plant
+from cranedyn.compiled.plant.plant import SI, Plant, Topology, Units, make_plant
 from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import ACCELERATE_THREAD, RUN_THREAD, emit_lane_loop
@@ -106,8 +106,8 @@ class KernelSource(NamedTuple):
 
     Attributes:
         topology: Topology of the cranes.
-        constants: Parameters of the cranes, see `cranedyn.compiled.plant.plant.numbers`; None where
-            each lane has its own, which the code then reads from memory.
+        constants: Parameters of the cranes, see `cranedyn.compiled.plant.plant.plant_numbers`; None
+            where each lane has its own, which the code then reads from memory.
         options: Features of the code.
     """
 
@@ -141,7 +141,7 @@ class KernelSource(NamedTuple):
             else:
                 values.append(constant)
         options = self.options
-        without_ground = plant(self.topology, values, options.drive, options.buffers)
+        without_ground = make_plant(self.topology, values, options.drive, options.buffers)
         return replace(without_ground, contacts=options.contacts)
 
     def in_steps(self, crane: Plant, dt: Any) -> tuple[Plant, Units]:

@@ -17,7 +17,7 @@ from cranedyn.compiled.binding import kernel_accelerations
 from cranedyn.compiled.kernel import Kernel, KernelOptions, KernelSource, kernel
 from cranedyn.compiled.plant import rigid_body
 from cranedyn.compiled.plant.cranes import Cranes
-from cranedyn.compiled.plant.plant import Topology, numbers
+from cranedyn.compiled.plant.plant import Topology, plant_numbers
 from cranedyn.dynamics.converters import Converters, Response
 from cranedyn.dynamics.drives import (
     Drives,
@@ -80,7 +80,7 @@ def compile_kernel(
     if isinstance(cranes, Cranes):
         rows = cranes.numbers
     else:
-        rows = np.array([numbers(crane) for crane in cranes])
+        rows = np.array([plant_numbers(crane) for crane in cranes])
     if converters is not None:
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
     # Numbers that all cranes share become constants of the code, which the compiler folds.

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.compiled.plant import rigid_body
-from cranedyn.compiled.plant.plant import Topology, numbers, plant
+from cranedyn.compiled.plant.plant import Topology, make_plant, plant_numbers
 from cranedyn.compiled.plant.rigid_body import ExternalForce, Frame
 from cranedyn.dynamics.bodies import Bodies, numeric_bodies
 from cranedyn.dynamics.scalars import array, rows
@@ -73,7 +73,7 @@ class Moving:
             buffers: Whether buffers end the ranges of the drives.
         """
         topology = Topology.of(crane)
-        crane_plant = plant(topology, numbers(crane).tolist(), "effort", buffers)
+        crane_plant = make_plant(topology, plant_numbers(crane).tolist(), "effort", buffers)
         outside = None if force is None or not np.any(force) else rows(force)
         caused = crane_plant.forward_dynamics(rows(q), rows(v), rows(effort), outside)[0]
         # The tree of the plant counts masses that move together with their parents. What passes

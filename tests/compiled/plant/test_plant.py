@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
+from cranedyn.compiled.plant.plant import Plant, Topology, make_plant, plant_numbers
 from cranedyn.dynamics.contact import Ground, box_corners
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.pinocchio import body_points
@@ -23,10 +23,10 @@ DT = 1e-3
 
 def _answers(c: Crane, drive: str, q: np.ndarray, v: np.ndarray) -> list[list[np.ndarray]]:
     """Accelerations and efforts in SI, from a plant in SI and from one that counts in steps."""
-    values = numbers(c).tolist()
+    values = plant_numbers(c).tolist()
     if drive == "velocity":
         values += np.concatenate(converters(c).response).tolist()
-    whole = plant(Topology.of(c), values, drive, drive == "effort")
+    whole = make_plant(Topology.of(c), values, drive, drive == "effort")
     command = {
         "effort": np.array([3e4, -2e3, -9e3]),
         "motion": np.array([0.01, -0.3, 0.2]),
@@ -70,17 +70,19 @@ def test_a_plant_that_counts_in_steps_and_loads_moves_the_same(
 
 
 def test_work_and_force_have_one_unit() -> None:
-    _, units = plant(Topology.of(crane()), numbers(crane()).tolist(), "effort", False).in_steps(DT)
+    _, units = make_plant(
+        Topology.of(crane()), plant_numbers(crane()).tolist(), "effort", False
+    ).in_steps(DT)
     assert units.time == DT
     assert units.force == pytest.approx(DT**2 / crane().payload_mass)
     assert units.work == pytest.approx(1.0 / units.force)
 
 
 def _plant_of(c: Crane, drive: str = "effort", buffers: bool = False) -> Plant:
-    values = numbers(c).tolist()
+    values = plant_numbers(c).tolist()
     if drive == "velocity":
         values += np.concatenate(converters(c).response).tolist()
-    return plant(Topology.of(c), values, drive, buffers)
+    return make_plant(Topology.of(c), values, drive, buffers)
 
 
 def _state(c: Crane, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -329,7 +331,7 @@ def test_a_load_that_hangs_askew_swings_about_where_it_hangs() -> None:
     made = _plant_of(c)
     angle = np.array([0.02, -0.03])
     slope = np.array([[0.0, 1e-3, 2e-3], [4e-3, 0.0, -1e-3]])
-    askew = replace(made, rest=(angle, slope))
+    askew = replace(made, rest_angle=angle, rest_slope=slope)
     q = c.start.q.copy()
     q[c.layout.drives] = 0.5, 8.0, 12.0
     hanging = [0.02 + 8e-3 + 24e-3, -0.03 + 2e-3 - 12e-3]
