@@ -166,9 +166,9 @@ class Kernel(NamedTuple):
     Attributes:
         source: What it is made from.
         sizes: Layout of its buffers.
-        machine: Its functions: `run`, the loop for one group; `answer`, accelerations at one state
-            for each lane; and, for several lanes without a log, `several`, the loop for many
-            groups.
+        machine: Its functions: `run`, the loop for one group; `accelerate`, accelerations at one
+            state for each lane; and, for several lanes without a log, `run_groups`, the loop for
+            many groups.
         verified: Bytes of the varied numbers of the cranes for which it was compared with
             Pinocchio.
     """
@@ -203,14 +203,14 @@ def build_module(source: KernelSource) -> ir.Module:
         if options.lanes == 1:
             emit_instant(module, options.programme)
     run_name = RUN_THREAD if options.threads else "run"
-    accelerations_name = ACCELERATE_THREAD if options.threads else "answer"
+    accelerations_name = ACCELERATE_THREAD if options.threads else "accelerate"
     # A thread computes one lane, but the numbers of its crane stand a whole group apart.
     stride = options.lanes
     _Loop(Code(module, run_name, ["call"], lanes, stride), source).emit()
-    arguments = ["given", "numbers", "accelerations"]
+    arguments = ["query", "numbers", "accelerations"]
     _emit_accelerations(Code(module, accelerations_name, arguments, lanes, stride), source)
     if lanes > 1 and not options.log:
-        _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
+        _emit_run_groups(Code(module, "run_groups", ["calls", "count"], 1), module.globals["run"])
     return module
 
 
@@ -228,7 +228,7 @@ def _emit_accelerations(code: Code, source: KernelSource) -> None:
         code.function.attributes.add("optnone")
     crane, units = source.in_steps(source.plant(code, code.argument["numbers"]), 1.0)
     sections = source.sizes.query
-    query = [code.load(code.argument["given"], i * code.stride) for i in range(size(sections))]
+    query = [code.load(code.argument["query"], i * code.stride) for i in range(size(sections))]
     columns = slices(sections)
     q = array(query[columns["q"]])
     v = array(query[columns["v"]])
@@ -241,7 +241,7 @@ def _emit_accelerations(code: Code, source: KernelSource) -> None:
     code.end()
 
 
-def _emit_several(code: Code, run: ir.Function) -> None:
+def _emit_run_groups(code: Code, run: ir.Function) -> None:
     """Emit the function that runs the loop for each of many groups, whose calls stand one after
     another in memory. One call from Python costs more than the steps of a group.
     """
