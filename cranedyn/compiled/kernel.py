@@ -464,15 +464,15 @@ class _Loop:
             # A call may continue a control period whose control another call has run.
             has_control_run = code.both(is_first, is_resumed)
             with code.when(code.builder.not_(has_control_run)):
-                self._control(instant, forces)
+                self._emit_control(instant, forces)
             with code.when(compare("<", instant, call["end"])):
-                self._control_period(forces)
+                self._emit_control_period(forces)
         self._store_variables("state", self.state)
         if self.options.summary:
             self._store_variables("summary", self.summary)
         code.end()
 
-    def _control_period(self, forces: np.ndarray | None) -> None:
+    def _emit_control_period(self, forces: np.ndarray | None) -> None:
         """Emit the steps of a control period.
 
         Sines and cosines are updated step by step, each time with a rounding error. They are
@@ -483,7 +483,7 @@ class _Loop:
         steps = self.call_values["steps"]
         if self.options.threads:
             # Threads keep no sines and cosines, and step in SI units.
-            self._steps(code.integer(0), steps, forces)
+            self._emit_steps(code.integer(0), steps, forces)
             return
         together = self.options.angle_refresh_steps
         pieces = code.builder.sdiv(code.plus(steps, together - 1), code.integer(together))
@@ -491,11 +491,11 @@ class _Loop:
             first = code.product(piece, together)
             last = code.least(code.plus(first, together), steps)
             self._set("v", self._get("v") * self.units.time)
-            self._steps(first, last, forces)
+            self._emit_steps(first, last, forces)
             self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
             self._compute_angles(self._used_angles())
 
-    def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
+    def _emit_steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
         """Emit steps from the first to the one before the last."""
         code = self.code
         units = self.units
@@ -578,7 +578,7 @@ class _Loop:
 
     # --- the control instant ----------------------------------------------------------------------
 
-    def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
+    def _emit_control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         """Emit a control instant: the command, and what is recorded of it.
 
         Args:
@@ -598,9 +598,9 @@ class _Loop:
             return
         values = self._instant_values(instant, q, v, requested, followed, followed_before, forces)
         if self.options.log:
-            self._log(instant, self._log_row(instant, values))
+            self._store_row(instant, self._log_row(instant, values))
         if self.options.summary:
-            self._summarise(instant, values)
+            self._update_summary(instant, values)
 
     def _delay_command(self, requested: np.ndarray) -> np.ndarray:
         """Return the command that reaches the converters at this instant, shape (m,), and put the
@@ -658,15 +658,15 @@ class _Loop:
         conditions = self.plant.conditions(q, v, hoist_force, efforts.needed)
         holds = code.both(*conditions, *(number < 0.5 for number in saturated))
         return _InstantValues(
-            q,
-            v,
-            efforts.needed,
-            efforts.after,
-            efforts.before,
-            forces,
-            cable_buffer_force,
-            saturated,
-            holds,
+            q=q,
+            v=v,
+            needed=efforts.needed,
+            effort=efforts.after,
+            effort_before=efforts.before,
+            forces=forces,
+            cable_buffer_force=cable_buffer_force,
+            saturated=saturated,
+            holds=holds,
         )
 
     def _efforts_of_converters(
@@ -836,7 +836,7 @@ class _Loop:
         self._set("previous_force", forces)
         return self._with_energy_ledger(row, values)
 
-    def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
+    def _store_row(self, instant: ir.Value, row: Sequence[Any]) -> None:
         """Store a row of the log where one is due at an instant."""
         code = self.code
         build = code.builder
@@ -893,7 +893,7 @@ class _Loop:
         # NaN asks the log to judge the row, and to find out why the model does not hold.
         return [*row, code.chosen(values.holds, 1.0, np.nan)]
 
-    def _summarise(self, instant: ir.Value, values: _InstantValues) -> None:
+    def _update_summary(self, instant: ir.Value, values: _InstantValues) -> None:
         """Update the summary of the run, see `BufferLayout.summary`."""
         code = self.code
         summary = self.summary

@@ -641,7 +641,7 @@ def _swing_frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
     layout = plant.topology.layout
     at_rest = np.zeros(layout.n)
     derivatives = horizon_model.crane_derivatives(plant, q, at_rest, np.zeros(layout.m))
-    by_passive = derivatives.rates[layout.passive][:, layout.passive]
+    by_passive = derivatives.acceleration_slopes[layout.passive][:, layout.passive]
     stiffness = -by_passive.astype(float)
     return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))
 
