@@ -23,7 +23,7 @@ from benchmarks.workload import Case
 from cranedyn.compiled import cuda
 from cranedyn.compiled.batch import Device, simulate_batch
 from cranedyn.compiled.kernel import KernelOptions, KernelSource
-from cranedyn.compiled.plant.plant import Topology, numbers
+from cranedyn.compiled.plant.plant import Topology, plant_numbers
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError
@@ -78,9 +78,11 @@ def ptx_text(description: dict[str, Any], kind: str) -> str:
     """Return the PTX of one kind of code for a crane."""
     crane = load_crane(**description)
     variant, differ = KINDS[kind]
-    constants: list[float | None] = numbers(crane).tolist()
+    constants: list[float | None] = plant_numbers(crane).tolist()
     if differ:
-        half_loaded = numbers(load_crane(**description, payload_mass=crane.payload_mass / 2.0))
+        half_loaded = plant_numbers(
+            load_crane(**description, payload_mass=crane.payload_mass / 2.0)
+        )
         constants = [a if a == b else None for a, b in zip(constants, half_loaded, strict=True)]
     return cuda.ptx(KernelSource(Topology.of(crane), tuple(constants), variant))
 

@@ -23,14 +23,16 @@ from cranedyn.compiled.instructions import Instructions, Value
 from cranedyn.dynamics.scalars import larger
 
 LARGEST_ANGLE = 1e6
-"""Angle beyond which the reduction to a quarter turn loses digits [rad]."""
+"""Largest angle that is reduced by whole quarter turns without a loss of digits [rad]. It has fewer
+than 2²⁰ of them, see `HALF_PI`."""
 
 
 class Series(NamedTuple):
     """Series for sine and cosine of a small rotation.
 
     Attributes:
-        limit: Largest increment at which the error is below the precision of a double [rad].
+        limit: Largest increment h at which the error is below the precision of a double [rad]: the
+            first term that is left out is below 2⁻⁵³ there.
         sine: Coefficients of the sine, sin h = h + h³ (…), in powers of h².
         versine_series: Coefficients of the versine, 1 - cos h = h² (…), likewise.
     """
@@ -81,6 +83,7 @@ def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
         kind = ir.FunctionType(ir.LiteralStructType([code.type] * 2), [code.type])
         function = ir.Function(module, kind, name)
         function.linkage = "internal"
+        # The polynomials are emitted into the new function by the builder of this one.
         outside = code.builder
         code.builder = ir.IRBuilder(function.append_basic_block())
         pair = ir.Constant(kind.return_type, ir.Undefined)
@@ -88,7 +91,7 @@ def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
         for i, value in enumerate(_evaluate(code, argument)):
             pair = code.builder.insert_value(pair, value.register, i)
         code.builder.ret(pair)
-        code.builder = outside
+        code.builder = outside  # back to the function from which this one is called
     result = code.builder.call(module.globals[name], [angle.register])
     sine = type(angle)(code, code.builder.extract_value(result, 0))
     cosine = type(angle)(code, code.builder.extract_value(result, 1))
@@ -185,6 +188,7 @@ def _where_accurate(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value
 def _choose_pair(
     code: Instructions, condition: ir.Value, yes: tuple[Value, Value], no: tuple[Value, Value]
 ) -> tuple[Value, Value]:
+    """Return one pair in the lanes where a condition holds, and another in the others."""
     return code.chosen(condition, yes[0], no[0]), code.chosen(condition, yes[1], no[1])
 
 

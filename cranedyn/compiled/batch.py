@@ -203,6 +203,8 @@ def simulate_batch(
     on_gpu = device == "cuda"
     lanes = WARP if on_gpu else _LANES
 
+    # The cranes, and what they have in common. `used` counts the numbers in memory from here on, so
+    # that what would not fit is refused before it is made.
     if start is None:
         start = crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
     cranes = inputs.crane_count(
@@ -217,6 +219,7 @@ def simulate_batch(
     state = inputs.start_states(start, cranes, sizes.n)
     times = t_start + control_period * np.arange(clock.periods + 1)
 
+    # Tables of what acts and what is commanded at each control instant.
     forces = inputs.force_table(force, cranes, sizes)
     offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
@@ -229,6 +232,7 @@ def simulate_batch(
         allowed = "cpu where the controller is a predictive one or the load may touch the ground"
         raise OutOfRange("device", device, allowed)
 
+    # The code, one for all cranes.
     options = KernelOptions(
         lanes=lanes,
         drive=drive,
@@ -251,6 +255,7 @@ def simulate_batch(
     needed = used + 2 * cranes * compiled.code.source.varied
     inputs.check_fits_memory("number of cranes", str(cranes), needed)
 
+    # Memory of each crane.
     memory = _allocate(models, compiled, state, control.integrals, log_rows)
     if reading_count:
         memory.delay = group_lanes([delays[:, None]], lanes, np.int64)
@@ -262,6 +267,7 @@ def simulate_batch(
     if not all(options.shared):
         starts = [table.starts[:, None] for table in tables]
         memory.starts = group_lanes(starts, lanes, np.int64)
+    # The run.
     loop = BoundKernel(
         compiled.code,
         clock,

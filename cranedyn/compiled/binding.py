@@ -254,7 +254,7 @@ def kernel_accelerations(code: Kernel, query: np.ndarray, numbers: np.ndarray) -
     source = code.source
     lanes = source.options.lanes
     result = np.empty((source.sizes.n, lanes))
-    code.machine.function("answer", 3)(
+    code.machine.function("accelerate", 3)(
         _address("query", query, (size(source.sizes.query), lanes)),
         _address("numbers", numbers, (source.varied, lanes)),
         result.ctypes.data,
@@ -678,7 +678,7 @@ class BoundKernel:
         if not groups_per_call:
             allowed = f"{_MAX_STEPS_PER_CALL // self._step_cost} or less"
             raise OutOfRange("steps in a control period", self._steps, allowed)
-        run = self._machine.function("several", 2)
+        run = self._machine.function("run_groups", 2)
         calls = np.repeat(self._call[None], self._groups, axis=0)
         self._point_to(calls, np.arange(self._groups))
         # The commands stand in the states already: the code is told that control has run.

@@ -1,4 +1,8 @@
-"""A crane as a function block: one physics step, and its outputs at a state."""
+"""A crane as a function block: one physics step, and its outputs at a state.
+
+`crane_block` makes it. The equations are those of `cranedyn.compiled.plant`, with the parameters of
+the block in place of the numbers of the crane that they change, see `_plant`.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FAULT, BlockCode, FunctionBlock, Variable, identifiers
 from cranedyn.compiled.kernel import KernelOptions
-from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
+from cranedyn.compiled.plant.plant import Plant, Topology, make_plant, plant_numbers
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import converters_of_run
@@ -26,7 +30,8 @@ from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 
 COMMUNICATION = 10
-"""Physics steps from one usual change of the inputs to the next."""
+"""Physics steps from one change of the inputs to the next, as a rule. The delay of the converters
+is a multiple of it."""
 
 _MIN_PAYLOAD_MASS = 1e-3
 """Smallest mass of the load that a block takes [kg]."""
@@ -55,7 +60,7 @@ class _ConverterNumber:
     about: str
 
 
-_CONVERTER = (
+_CONVERTER_NUMBERS = (
     _ConverterNumber("rate_limit", "{}/s", _MIN_LIMIT, "commands beyond are cut to it"),
     _ConverterNumber("ramp", "{}/s2", _MIN_LIMIT, "largest acceleration of the ramp"),
     _ConverterNumber("jerk", "{}/s3", _MIN_LIMIT, "largest jerk of the ramp"),
@@ -107,9 +112,11 @@ def crane_block(
     if drives is not None:
         response = np.concatenate(drives.response)
         delay = COMMUNICATION * drives.delay_steps(dt, COMMUNICATION * dt)
-        # Rows of memory: reference, slope, first rates, and a ring of the commands on their way.
+        # Rows of m numbers: reference rates, their slopes, the rates of the first call, and a ring
+        # of the commands on their way, see `_CraneCode.followed_command`.
         arrays = {"converters": np.zeros((3 + max(delay, 1)) * crane.layout.m)}
-    # The kernel itself is not needed: to compile it compares the code with Pinocchio.
+    # The kernel itself is not needed. But its equations are those of the block, and to compile it
+    # compares them with Pinocchio.
     options = KernelOptions(1, drive, integrator, forces=True, delay_steps=0 if arrays else None)
     compile_kernel([crane], options, response if arrays else None)
 
@@ -196,7 +203,7 @@ def _names(crane: Crane, drive: str) -> _Names:
     dampings = [f"{symbol}_damping" for symbol in symbols]
     converters = []
     if drive == "velocity":
-        for number in _CONVERTER:
+        for number in _CONVERTER_NUMBERS:
             converters += [f"{symbol}_{number.name}" for symbol in driven]
 
     # All at once: an identifier is distinct among the names that are given together.
@@ -233,7 +240,8 @@ def _variables(
         crane: The crane.
         drive: What its inputs are.
         names: Identifiers of the variables.
-        response: Usual numbers of the converters, in the order of `_CONVERTER`; none without.
+        response: Usual numbers of the converters, in the order of `_CONVERTER_NUMBERS`; empty
+            without converters.
         dt: Physics step [s].
     """
     layout = crane.layout
@@ -294,7 +302,7 @@ def _parameters(crane: Crane, names: _Names, response: np.ndarray, dt: float) ->
     parameters += several(names.dampings, "parameter", units, crane.damping, 0.0, about=about)
 
     if len(response):
-        for i, number in enumerate(_CONVERTER):
+        for i, number in enumerate(_CONVERTER_NUMBERS):
             of_drives = slice(i * layout.m, (i + 1) * layout.m)
             parameters += several(
                 names.converters[of_drives],
@@ -426,24 +434,27 @@ def _outputs(crane_code: _CraneCode, names: _Names, delay: int, dt: float) -> di
 def _plant(code: BlockCode, crane: Crane, drive: str, names: _Names) -> Plant:
     """Return the crane with its parameters in place of their numbers.
 
-    The numbers of a crane are affine in the mass of its load, with a slope that one kilogram more
-    shows. Of those that change with the damping of a joint, there is one for each joint.
+    Those that the equations of a block use are affine in the mass of the load, with its centre of
+    mass and the inertia about that unchanged: the difference that one kilogram more makes is their
+    slope. The damping of each joint is a number of its own; which one, a change of all dampings
+    shows.
     """
-    usual = numbers(crane)
+    usual = plant_numbers(crane)
     values: list[Any] = usual.tolist()
+
     model = crane.model.copy()
     joint = crane.payload.body + 1  # joint 0 of Pinocchio is the world
     load = model.inertias[joint]
     model.inertias[joint] = pin.Inertia(load.mass + 1.0, load.lever, load.inertia)
-    heavier = numbers(replace(crane, model=model))
+    heavier = plant_numbers(replace(crane, model=model))
     for i in np.flatnonzero(heavier != usual).tolist():
         slope = float(heavier[i] - usual[i])
         at_no_load = float(usual[i] - slope * crane.payload_mass)
         values[i] = code.get("payload_mass") * slope + at_no_load
 
-    more_damped = numbers(replace(crane, damping=crane.damping + 1.0))
+    more_damped = plant_numbers(replace(crane, damping=crane.damping + 1.0))
     places = np.flatnonzero(more_damped != usual).tolist()
     for i, name in zip(places, names.dampings, strict=True):
         values[i] = code.get(name)
     values += code.get_all(names.converters).tolist()
-    return plant(Topology.of(crane), values, drive, buffers=False)
+    return make_plant(Topology.of(crane), values, drive, buffers=False)

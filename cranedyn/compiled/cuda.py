@@ -33,26 +33,30 @@ if TYPE_CHECKING:
 _TRIPLE = "nvptx64-nvidia-cuda"
 """Platform for which LLVM writes PTX."""
 
-_OLDEST = "sm_75"
+_OLDEST_GPU = "sm_75"
 """Oldest GPU generation for which code is made, of 2018; drivers translate it for any later one."""
 
-_BLOCK = 128
-"""Threads of a block."""
+_BLOCK_SIZE = 128
+"""Threads of a block, which a GPU starts together."""
 
-_PIECE = 1_000_000_000
-"""Steps of all cranes together after which Python may answer Ctrl-C: a second or two on a small
-GPU."""
+_MAX_STEPS_PER_LAUNCH = 1_000_000_000
+"""Steps of all cranes together in one launch, after which Python handles Ctrl-C: a second or two on
+a small GPU."""
 
 _LOADING = threading.Lock()
+"""Held while code is loaded into the GPU and compared, so that threads do it only once."""
 
 
 def ptx(source: KernelSource) -> str:
-    """Return PTX with the kernels run and answer, see `cranedyn.compiled.threads.emit_gpu_kernels`;
-    the source's options is for threads.
+    """Return PTX with the kernels `run` and `accelerate`, see
+    `cranedyn.compiled.threads.emit_gpu_kernels`.
+
+    Args:
+        source: What the code is made from; its options are those of threads.
     """
     module = build_module(source)
     emit_gpu_kernels(module)
-    return assembly(module, _TRIPLE, _OLDEST)
+    return assembly(module, _TRIPLE, _OLDEST_GPU)
 
 
 def check_available() -> None:
@@ -74,7 +78,7 @@ def run(
     """Run a loop over all its groups of lanes on the first GPU.
 
     Args:
-        loop: BoundKernel whose options is for threads.
+        loop: The loop, with code for threads.
         code: Code of the loop.
         cranes: Distinct cranes of the code.
         varied: Their varied numbers, shape (n, m).
@@ -90,7 +94,7 @@ def run(
             verify_cranes(cranes, code, varied, module.verified, converters, module.accelerations)
         threads = len(loop) * WARP
         with _Memory() as memory:
-            for call in loop.device_calls(memory.upload, GROUP_POINTERS, _PIECE):
+            for call in loop.device_calls(memory.upload, GROUP_POINTERS, _MAX_STEPS_PER_LAUNCH):
                 module.start("run", np.append(call, threads), threads)
             memory.download()
 
@@ -110,13 +114,13 @@ def _driver() -> Any:
             "'cranedyn[cuda]'."
         ) from None
     try:
-        (outcome,) = driver.cuInit(0)
+        (status,) = driver.cuInit(0)
     except Exception as error:  # cuda-bindings has kinds of its own where there is no driver
         raise CraneError(
             "Running on a GPU needs NVIDIA's driver, which is not on this machine."
         ) from error
-    if outcome != driver.CUresult.CUDA_SUCCESS:
-        raise CraneError(f"There is no GPU that CUDA can use here: {outcome.name}.")
+    if status != driver.CUresult.CUDA_SUCCESS:
+        raise CraneError(f"There is no GPU that CUDA can use here: {status.name}.")
     return driver
 
 
@@ -127,9 +131,9 @@ def _call(name: str, *arguments: Any) -> Any:
         CraneError: If the function fails.
     """
     driver = _driver()
-    outcome, *values = getattr(driver, name)(*arguments)
-    if outcome != driver.CUresult.CUDA_SUCCESS:
-        raise CraneError(f"The GPU refused {name}: {outcome.name}.")
+    status, *values = getattr(driver, name)(*arguments)
+    if status != driver.CUresult.CUDA_SUCCESS:
+        raise CraneError(f"The GPU refused {name}: {status.name}.")
     return values[0] if values else None
 
 
@@ -145,6 +149,7 @@ def _context() -> Iterator[None]:
 
 @cache
 def _primary() -> Any:
+    """Return the primary context of the first GPU, which is kept until the process ends."""
     return _call("cuDevicePrimaryCtxRetain", _call("cuDeviceGet", 0))
 
 
@@ -176,7 +181,7 @@ class _Memory:
 
 
 class _Module:
-    """Kernels in the GPU.
+    """Kernels of a loop, loaded into the GPU.
 
     Attributes:
         verified: Varied numbers of the cranes for which it was compared with Pinocchio.
@@ -186,17 +191,20 @@ class _Module:
         self._module = _call("cuModuleLoadData", text.encode() + b"\0")
         self._functions = {
             name: _call("cuModuleGetFunction", self._module, name.encode())
-            for name in ("run", "answer")
+            for name in ("run", "accelerate")
         }
         self.verified: set[bytes] = set()
 
     def start(self, name: str, arguments: np.ndarray, threads: int) -> None:
         """Run a kernel with arguments of eight bytes each, to its end."""
         parameters = tuple(arguments.tolist()), (ctypes.c_int64,) * len(arguments)
-        blocks = -(-threads // _BLOCK)
-        block = min(threads, _BLOCK)
+        block_count = -(-threads // _BLOCK_SIZE)  # rounded up
+        block_size = min(threads, _BLOCK_SIZE)
         function = self._functions[name]
-        _call("cuLaunchKernel", function, blocks, 1, 1, block, 1, 1, 0, 0, parameters, 0)
+        # Blocks and threads in three dimensions, shared memory [byte], and the stream.
+        grid = (block_count, 1, 1)
+        block = (block_size, 1, 1)
+        _call("cuLaunchKernel", function, *grid, *block, 0, 0, parameters, 0)
         _call("cuCtxSynchronize")
 
     def accelerations(self, code: Kernel, query: np.ndarray, numbers: np.ndarray) -> np.ndarray:
@@ -206,11 +214,12 @@ class _Module:
         assert query.shape == (size(sizes.query), WARP) and len(numbers) == code.source.varied
         with _Memory() as memory:
             addresses = [memory.upload(query, False), memory.upload(numbers, False)]
-            self.start("answer", np.array([*addresses, memory.upload(result, True)]), WARP)
+            self.start("accelerate", np.array([*addresses, memory.upload(result, True)]), WARP)
             memory.download()
         return result
 
 
 @lru_cache(maxsize=256)
 def _module(source: KernelSource) -> _Module:
+    """Return the kernels of a loop, loaded once."""
     return _Module(ptx(source))

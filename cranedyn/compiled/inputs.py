@@ -1,4 +1,10 @@
-"""Inputs of a batch, shared or one for each crane: checks and tables."""
+"""Inputs of a batch, shared or one for each crane: checks and tables.
+
+`cranedyn.compiled.batch.simulate_batch` takes most arguments as one for all cranes or one for each.
+Here they are checked and become arrays: `crane_count` tells how many cranes there are,
+`distinct_objects` which of them share an object, and `control_tables` what their controllers do. On
+the way the memory is reckoned up, so that what would not fit is refused before it is taken.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +61,8 @@ class ControlTables(NamedTuple):
     """Tables of controllers and setpoints.
 
     Attributes:
-        gain_table, setpoint_table: The tables.
+        gain_table: Rows of the controllers, see `BufferLayout.gain_table`.
+        setpoint_table: Rows of the setpoints, see `BufferLayout.setpoint_table`.
         integrals: Integrals at the start, shape (cranes, m).
         integrates: Whether any controller integrates.
         predictive: The predictive controller of all cranes; None for those that are affine.
@@ -102,8 +109,8 @@ def _length(value: Any) -> int | None:
             return len(value.q) if np.ndim(value.q) == 2 else None
         except ValueError:
             return None  # rows of different lengths, which `start_states` refuses
-    several = isinstance(value, Sequence | Cranes) and not isinstance(value, str | bytes)
-    return len(value) if several else None
+    is_sequence = isinstance(value, Sequence | Cranes) and not isinstance(value, str | bytes)
+    return len(value) if is_sequence else None
 
 
 def start_states(start: State | Sequence[State], cranes: int, joints: int) -> State:
@@ -222,16 +229,19 @@ def _hold_tables(
         OutOfRange: If the tables do not fit into 4 GB.
     """
     cranes = len(drives)
+    # One place for all cranes, or one for each.
     start_alike = (drives == drives[0]).all()
     places = drives[:1] if start_alike else drives
     needed = used + _COPIES * len(places) * size(sizes.setpoint_table)
     check_fits_memory("number of places at which drives start", str(len(places)), needed)
-    # The form is made once for all cranes, with their places in place of control instants.
+    # A hold controller does the same at all times. So its form is made once for all cranes, as if
+    # each place were the setpoint of another control instant: row k is then that of place k.
     form = _form(controller, np.zeros(len(places)), places, sizes.z)
     gain_rows = gain_table(sizes, form)
     setpoint_rows = setpoint_table(sizes, form, len(places))
     return ControlTables(
         gain_table=RowTable(gain_rows, 1, np.zeros(cranes, dtype=np.int64)),
+        # Crane k begins at row k, and all at row 0 where there is a single place.
         setpoint_table=RowTable(setpoint_rows, 1, np.arange(cranes) % len(places)),
         integrals=np.broadcast_to(form.integral, (cranes, sizes.m)),
         integrates=False,
@@ -334,7 +344,7 @@ def common_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
     """
     first = Topology.of(cranes[0])
     if isinstance(cranes, Cranes):
-        return first.layout  # which have been made of one description
+        return first.layout  # they have been made of one description
     for crane in cranes:
         if crane.layout != first.layout:
             joints = ", ".join(joint.name for joint in crane.layout.joints)
@@ -367,7 +377,8 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) 
             f"{type(controller).__name__} is not affine in the state, or has run before; a batch "
             "needs one that is."
         )
-    if lacking := form.not_finite_field():
+    lacking = form.not_finite_field()
+    if lacking:
         values = getattr(form, lacking)
         name = f"{lacking} in the common form of {type(controller).__name__}"
         raise OutOfRange(name, float(values[~np.isfinite(values)][0]), "finite")
@@ -420,9 +431,9 @@ def sensor_delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
     Raises:
         OutOfRange: If one is not a whole number from 0 to 1000, or there are not as many as cranes.
     """
-    several = isinstance(delay, Sequence | np.ndarray) and not isinstance(delay, str | bytes)
-    delays = delay if several else [delay]
-    if several and len(delays) != cranes:
+    is_sequence = isinstance(delay, Sequence | np.ndarray) and not isinstance(delay, str | bytes)
+    delays = delay if is_sequence else [delay]
+    if is_sequence and len(delays) != cranes:
         raise OutOfRange("number of sensor delays", len(delays), f"{cranes}, or one alone for all")
     name = "sensor_delay"
     unit = "control periods"

@@ -37,7 +37,7 @@ from cranedyn.compiled.memory_layout import (
     size,
     slices,
 )
-from cranedyn.compiled.plant.plant import SI, Plant, Topology, Units, plant
+from cranedyn.compiled.plant.plant import SI, Plant, Topology, Units, make_plant
 from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import ACCELERATE_THREAD, RUN_THREAD, emit_lane_loop
@@ -106,8 +106,8 @@ class KernelSource(NamedTuple):
 
     Attributes:
         topology: Topology of the cranes.
-        constants: Parameters of the cranes, see `cranedyn.compiled.plant.plant.numbers`; None where
-            each lane has its own, which the code then reads from memory.
+        constants: Parameters of the cranes, see `cranedyn.compiled.plant.plant.plant_numbers`; None
+            where each lane has its own, which the code then reads from memory.
         options: Features of the code.
     """
 
@@ -141,7 +141,7 @@ class KernelSource(NamedTuple):
             else:
                 values.append(constant)
         options = self.options
-        without_ground = plant(self.topology, values, options.drive, options.buffers)
+        without_ground = make_plant(self.topology, values, options.drive, options.buffers)
         return replace(without_ground, contacts=options.contacts)
 
     def in_steps(self, crane: Plant, dt: Any) -> tuple[Plant, Units]:
@@ -166,9 +166,9 @@ class Kernel(NamedTuple):
     Attributes:
         source: What it is made from.
         sizes: Layout of its buffers.
-        machine: Its functions: `run`, the loop for one group; `answer`, accelerations at one state
-            for each lane; and, for several lanes without a log, `several`, the loop for many
-            groups.
+        machine: Its functions: `run`, the loop for one group; `accelerate`, accelerations at one
+            state for each lane; and, for several lanes without a log, `run_groups`, the loop for
+            many groups.
         verified: Bytes of the varied numbers of the cranes for which it was compared with
             Pinocchio.
     """
@@ -203,14 +203,14 @@ def build_module(source: KernelSource) -> ir.Module:
         if options.lanes == 1:
             emit_instant(module, options.programme)
     run_name = RUN_THREAD if options.threads else "run"
-    accelerations_name = ACCELERATE_THREAD if options.threads else "answer"
+    accelerations_name = ACCELERATE_THREAD if options.threads else "accelerate"
     # A thread computes one lane, but the numbers of its crane stand a whole group apart.
     stride = options.lanes
     _Loop(Code(module, run_name, ["call"], lanes, stride), source).emit()
-    arguments = ["given", "numbers", "accelerations"]
+    arguments = ["query", "numbers", "accelerations"]
     _emit_accelerations(Code(module, accelerations_name, arguments, lanes, stride), source)
     if lanes > 1 and not options.log:
-        _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
+        _emit_run_groups(Code(module, "run_groups", ["calls", "count"], 1), module.globals["run"])
     return module
 
 
@@ -228,7 +228,7 @@ def _emit_accelerations(code: Code, source: KernelSource) -> None:
         code.function.attributes.add("optnone")
     crane, units = source.in_steps(source.plant(code, code.argument["numbers"]), 1.0)
     sections = source.sizes.query
-    query = [code.load(code.argument["given"], i * code.stride) for i in range(size(sections))]
+    query = [code.load(code.argument["query"], i * code.stride) for i in range(size(sections))]
     columns = slices(sections)
     q = array(query[columns["q"]])
     v = array(query[columns["v"]])
@@ -241,7 +241,7 @@ def _emit_accelerations(code: Code, source: KernelSource) -> None:
     code.end()
 
 
-def _emit_several(code: Code, run: ir.Function) -> None:
+def _emit_run_groups(code: Code, run: ir.Function) -> None:
     """Emit the function that runs the loop for each of many groups, whose calls stand one after
     another in memory. One call from Python costs more than the steps of a group.
     """
@@ -464,15 +464,15 @@ class _Loop:
             # A call may continue a control period whose control another call has run.
             has_control_run = code.both(is_first, is_resumed)
             with code.when(code.builder.not_(has_control_run)):
-                self._control(instant, forces)
+                self._emit_control(instant, forces)
             with code.when(compare("<", instant, call["end"])):
-                self._control_period(forces)
+                self._emit_control_period(forces)
         self._store_variables("state", self.state)
         if self.options.summary:
             self._store_variables("summary", self.summary)
         code.end()
 
-    def _control_period(self, forces: np.ndarray | None) -> None:
+    def _emit_control_period(self, forces: np.ndarray | None) -> None:
         """Emit the steps of a control period.
 
         Sines and cosines are updated step by step, each time with a rounding error. They are
@@ -483,7 +483,7 @@ class _Loop:
         steps = self.call_values["steps"]
         if self.options.threads:
             # Threads keep no sines and cosines, and step in SI units.
-            self._steps(code.integer(0), steps, forces)
+            self._emit_steps(code.integer(0), steps, forces)
             return
         together = self.options.angle_refresh_steps
         pieces = code.builder.sdiv(code.plus(steps, together - 1), code.integer(together))
@@ -491,11 +491,11 @@ class _Loop:
             first = code.product(piece, together)
             last = code.least(code.plus(first, together), steps)
             self._set("v", self._get("v") * self.units.time)
-            self._steps(first, last, forces)
+            self._emit_steps(first, last, forces)
             self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
             self._compute_angles(self._used_angles())
 
-    def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
+    def _emit_steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
         """Emit steps from the first to the one before the last."""
         code = self.code
         units = self.units
@@ -578,7 +578,7 @@ class _Loop:
 
     # --- the control instant ----------------------------------------------------------------------
 
-    def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
+    def _emit_control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         """Emit a control instant: the command, and what is recorded of it.
 
         Args:
@@ -598,9 +598,9 @@ class _Loop:
             return
         values = self._instant_values(instant, q, v, requested, followed, followed_before, forces)
         if self.options.log:
-            self._log(instant, self._log_row(instant, values))
+            self._store_row(instant, self._log_row(instant, values))
         if self.options.summary:
-            self._summarise(instant, values)
+            self._update_summary(instant, values)
 
     def _delay_command(self, requested: np.ndarray) -> np.ndarray:
         """Return the command that reaches the converters at this instant, shape (m,), and put the
@@ -658,15 +658,15 @@ class _Loop:
         conditions = self.plant.conditions(q, v, hoist_force, efforts.needed)
         holds = code.both(*conditions, *(number < 0.5 for number in saturated))
         return _InstantValues(
-            q,
-            v,
-            efforts.needed,
-            efforts.after,
-            efforts.before,
-            forces,
-            cable_buffer_force,
-            saturated,
-            holds,
+            q=q,
+            v=v,
+            needed=efforts.needed,
+            effort=efforts.after,
+            effort_before=efforts.before,
+            forces=forces,
+            cable_buffer_force=cable_buffer_force,
+            saturated=saturated,
+            holds=holds,
         )
 
     def _efforts_of_converters(
@@ -836,7 +836,7 @@ class _Loop:
         self._set("previous_force", forces)
         return self._with_energy_ledger(row, values)
 
-    def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
+    def _store_row(self, instant: ir.Value, row: Sequence[Any]) -> None:
         """Store a row of the log where one is due at an instant."""
         code = self.code
         build = code.builder
@@ -893,7 +893,7 @@ class _Loop:
         # NaN asks the log to judge the row, and to find out why the model does not hold.
         return [*row, code.chosen(values.holds, 1.0, np.nan)]
 
-    def _summarise(self, instant: ir.Value, values: _InstantValues) -> None:
+    def _update_summary(self, instant: ir.Value, values: _InstantValues) -> None:
         """Update the summary of the run, see `BufferLayout.summary`."""
         code = self.code
         summary = self.summary

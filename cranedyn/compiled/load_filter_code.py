@@ -14,7 +14,7 @@ import numpy as np
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
 from cranedyn.compiled.plant import rigid_body
-from cranedyn.compiled.plant.plant import Topology, numbers
+from cranedyn.compiled.plant.plant import Topology, plant_numbers
 from cranedyn.compiled.rows import compile_rows
 from cranedyn.dynamics.bodies import Bodies, bodies_of_crane
 from cranedyn.dynamics.equations_of_motion import over_all_joints
@@ -65,7 +65,7 @@ class CompiledLoadFilter(LoadFilter):
             Topology.of(source.crane),
             source.period,
             source.sensors,
-            numbers(source.crane).tobytes(),
+            plant_numbers(source.crane).tobytes(),
             source.disturbance.tobytes(),
             source.noise.tobytes(),
         )

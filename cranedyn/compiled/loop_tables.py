@@ -1,5 +1,8 @@
 """Arrays for compiled code: tables of controllers, references and forces, which cranes share where
 they are equal, and rows of many cranes in groups of lanes.
+
+In a `RowTable` the tables of several cranes stand one after another. Each crane knows the first row
+of its own, and at a control instant k reads k rows further on, up to the last row of its table.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ class RowTable:
     """Rows by control instant, one table after another.
 
     Attributes:
-        rows: Shape (tables n, columns).
+        rows: Rows of all tables, shape (tables · n, columns).
         length: Rows of one table, n; beyond its end the last row applies.
         starts: First row of each crane's table, shape (cranes,).
     """

@@ -1,4 +1,8 @@
-"""Machine code: LLVM optimises and translates modules in this process, without a C compiler."""
+"""Machine code: LLVM optimises and translates modules in this process, without a C compiler.
+
+`translate` makes functions that this process can call. `object_code` and `assembly` translate for
+other platforms.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +29,10 @@ class Machine:
     _known: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __del__(self) -> None:
-        """Free the context after the engine, which still uses it; llvmlite by itself frees it
-        first.
+        """Free the context after the engine, which still uses it.
+
+        llvmlite by itself frees whichever it meets first. It leaves alone what it does not own:
+        `translate` takes the context from it, and here it is given up by hand.
         """
         if not sys.is_finalizing():
             self.engine.close()
@@ -45,9 +51,17 @@ class Machine:
 
 
 def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
-    """Optimise a module for this processor and translate it; its memory is freed with the
-    functions. Higher levels of optimisation take a third longer and make straight-line code no
-    faster; inlining and the best schedule take longer, too, and pay for code of many lanes only.
+    """Optimise a module for this processor and translate it.
+
+    The memory of the code is freed together with the functions.
+
+    Higher levels of optimisation take a third longer to compile and make straight-line code no
+    faster.
+
+    Args:
+        module: The code.
+        inlining: Whether to inline functions and to look for the best order of instructions. That
+            takes longer, and pays for code of many lanes only.
     """
     # The global context would keep every constant for ever.
     context = binding.create_context()
@@ -99,6 +113,15 @@ def _cross(
 
 
 def _optimise(code: Any, target: Any, speed_level: int = 2, *, inlining: bool = True) -> None:
+    """Optimise code in place.
+
+    Args:
+        code: Module of LLVM.
+        target: Machine for which it is.
+        speed_level: How hard to optimise, 0 to 3.
+        inlining: Whether to optimise the module as a whole, with inlining, or each function for
+            itself.
+    """
     options = binding.create_pipeline_tuning_options(speed_level=speed_level)
     passes = binding.create_pass_builder(target, options)
     manager = passes.getModulePassManager() if inlining else passes.getFunctionPassManager()

@@ -31,9 +31,9 @@ def compile_rows(
         shared: Number of numbers that all rows share.
     """
     module = ir.Module()
-    code = Code(module, "rows", ["given", "count", "answers", "shared"], 1)
-    inputs = code.argument["given"]
-    outputs = code.argument["answers"]
+    code = Code(module, "rows", ["inputs", "count", "results", "shared"], 1)
+    inputs = code.argument["inputs"]
+    outputs = code.argument["results"]
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, width_in)
         numbers = [code.spread(code.argument["shared"], code.integer(i)) for i in range(shared)]

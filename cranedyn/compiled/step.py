@@ -30,17 +30,25 @@ from cranedyn.errors import OutOfRange
 PHASE_CHANGES = 2
 """Changes between a taut and a slack rope that are looked for within a step."""
 
-_TRIES = 10
+_ILLINOIS_STEPS = 10
 """Steps of the Illinois method to the instant at which the rope changes its phase."""
 
 
 class _Number:
-    """Placeholder for a number: sums and products are placeholders, too, and comparisons raise."""
+    """Placeholder for a number of the code, with which `check_rule` tries a stepping rule: sums and
+    products are placeholders, too, and comparisons raise.
+    """
 
     def _combine(self, operand: Any = None) -> _Number:
+        """Return the result of an operation with any operand."""
         return self
 
     def _unknown(self, operand: Any = None) -> bool:
+        """Refuse to compare: code has no value yet.
+
+        Raises:
+            TypeError: Always.
+        """
         raise TypeError("the value of a number is not known while code is made")
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = (
@@ -72,8 +80,15 @@ def check_rule(integrator: Integrator) -> None:
 
 
 class StepState(NamedTuple):
-    """Coordinates, rates, work of buffers and ground and of impacts of the rope so far [J], shape
-    (2,), and anchors of the points that may touch the ground [m], shape (3 points,).
+    """State of a crane during a step.
+
+    Attributes:
+        q: Coordinates, shape (n,).
+        v: Rates, shape (n,).
+        works: Work since the start [J], shape (2,): that of buffers and ground, and that of impacts
+            of the rope.
+        anchors: Anchors of the points that may touch the ground [m], shape (3 points,); empty
+            without ground.
     """
 
     q: np.ndarray
@@ -153,7 +168,7 @@ class Step:
         command: Command of the drives.
         forces: External forces.
         dt: The step; 1 where time is counted in steps.
-        unit: The plant's unit of work [J].
+        unit: The plant's unit of work, see `Units.work` [J].
         substeps: Number of semi-implicit substeps that replace the step where the load touches the
             ground, or buffers act and the rule needs a smooth motion.
         reactions: Forces of the ground, which are constant during a substep.
@@ -174,6 +189,7 @@ class Step:
         needs_smooth_motion = self.integrator.smooth
         if plant.contacts is None and not (plant.buffers and needs_smooth_motion):
             return self._in_phases(state)
+        # First a step as if nothing were touched. Buffers stay in it if the rule bears them.
         buffers = plant.buffers and not needs_smooth_motion
         free = replace(self, plant=replace(plant, buffers=buffers, contacts=None))
         return self._where_contacts_act(state, free._in_phases(state))
@@ -186,7 +202,12 @@ class Step:
         return self._where_rope_changes(state)
 
     def _by_rule(self, state: StepState, taut: Any = None) -> _RuleStep:
-        """Return the step by the rule alone; taut fixes the phase of the rope, if it is given."""
+        """Return the step by the rule alone.
+
+        Args:
+            state: State before the step.
+            taut: Whether the rope is taut all the time; None leaves that to the state.
+        """
         plant = self._with_rope(taut)
         dt = self.dt
         pulls = []
@@ -342,21 +363,36 @@ class Step:
     def _in_pieces(self, before: StepState, taut: Any) -> StepState:
         """Return the state after a step in pieces, in each of which the rope is taut or slack.
 
-        A piece is the rest of the step, unless the rope changes within; the time of that is found
-        by the Illinois method, from a bracket whose upper end is that rest. This is the method of
-        false position, a + (b - a) f(a) / (f(a) - f(b)), where the value at an end that stays for a
-        second time is halved, so that both ends close in (Dowell and Jarratt 1971, "A modified
-        regula falsi method for computing the root of an equation").
+        A piece is the rest of the step, unless the rope changes within. Then the time of the change
+        is found as a zero of the margin, see `_Trial`: it is positive while the phase is right. The
+        bracket [a, b] begins with no time and the rest of the step. Each step of the method of
+        false position tries the time at which the line through both margins is zero,
+
+            a + (b - a) f(a) / (f(a) - f(b)),
+
+        and makes it the new end of the bracket on its side of the zero. Where the same end stays
+        for a second time, its margin is halved, so that both ends close in: that is the Illinois
+        method (Dowell and Jarratt 1971, "A modified regula falsi method for computing the root of
+        an equation"). After `_ILLINOIS_STEPS` the piece up to the time that was tried last is
+        taken, the phase changes, and the rest of the step follows.
 
         Each pass of the loop tries one piece in every lane, which may be at another point of the
-        method than its neighbours.
+        method than its neighbours. All decisions are therefore choices, and not branches. Of a
+        lane,
+
+        * `rest` is what is left of the step, and `time` the piece that is tried next;
+        * `phase` is 1 where the rope is taut, else 0;
+        * `low`, `high` are the ends a and b of the bracket, 0 without one, and `low_margin`,
+          `high_margin` the margins there;
+        * `side` is 1 if the last try replaced a, -1 if it replaced b, and 0 without a bracket;
+        * `tries` counts the steps of the method, and `changes` those of the phase.
         """
         code: Code = before.q[0].code
         state = code.variables(before.numbers)
         rest, time, phase = code.variables([self.dt, self.dt, code.chosen(taut, 1.0, 0.0)])
         low, low_margin, high, high_margin, side, tries, changes = code.variables([0.0] * 7)
         with (
-            code.loop(0, PHASE_CHANGES * (_TRIES + 1) + 1),
+            code.loop(0, PHASE_CHANGES * (_ILLINOIS_STEPS + 1) + 1),
             code.when(code.anywhere(rest.get() > 0.0)),
         ):
             trying = time.get()
@@ -377,22 +413,23 @@ class Step:
                 code.either(bracketed, code.builder.not_(trial.phase_lasts)),
             )
             holds = code.both(left > 0.0, code.builder.not_(fails))
+            # The whole rest without a change ends the step.
             ends = code.both(new, holds)
-            above = code.both(bracketed, holds)
-            below = code.both(bracketed, fails)
+            replaces_a = code.both(bracketed, holds)
+            replaces_b = code.both(bracketed, fails)
             count = code.chosen(new, 0.0, tries.get() + 1.0)
-            found = code.both(left > 0.0, count >= float(_TRIES))
+            found = code.both(left > 0.0, count >= float(_ILLINOIS_STEPS))
 
             # The bracket [a, b] and the margins at its ends.
-            a = code.chosen(above, trying, low.get())
+            a = code.chosen(replaces_a, trying, low.get())
             b = code.chosen(fails, trying, high.get())
-            a_stays_again = code.both(below, side.get() < 0.0)
-            at_a = code.chosen(a_stays_again, 0.5 * low_margin.get(), low_margin.get())
-            kept_at_a = code.chosen(new, trial.start_margin, at_a)
-            at_a = code.chosen(above, margin, kept_at_a)
-            b_stays_again = code.both(above, side.get() > 0.0)
-            at_b = code.chosen(b_stays_again, 0.5 * high_margin.get(), high_margin.get())
-            at_b = code.chosen(fails, margin, at_b)
+            a_stays_again = code.both(replaces_b, side.get() < 0.0)
+            kept_at_a = code.chosen(a_stays_again, 0.5 * low_margin.get(), low_margin.get())
+            kept_or_first_at_a = code.chosen(new, trial.start_margin, kept_at_a)
+            at_a = code.chosen(replaces_a, margin, kept_or_first_at_a)
+            b_stays_again = code.both(replaces_a, side.get() > 0.0)
+            kept_at_b = code.chosen(b_stays_again, 0.5 * high_margin.get(), high_margin.get())
+            at_b = code.chosen(fails, margin, kept_at_b)
 
             remaining = code.chosen(ends, 0.0, code.chosen(found, left - trying, left))
             updates = {
@@ -403,7 +440,7 @@ class Step:
                 low_margin: at_a,
                 high: code.chosen(found, 0.0, b),
                 high_margin: at_b,
-                side: code.chosen(above, 1.0, code.chosen(below, -1.0, 0.0)),
+                side: code.chosen(replaces_a, 1.0, code.chosen(replaces_b, -1.0, 0.0)),
                 tries: count,
                 changes: changes.get() + code.chosen(found, 1.0, 0.0),
             }
@@ -418,8 +455,11 @@ class Step:
         return before.of(state)
 
     def _after_impact(self, state: StepState, stretch: int) -> list[Any]:
-        """Return the numbers of a state after an inextensible rope has become taut with a jerk; its
-        end is at the coordinate of a joint.
+        """Return the numbers of a state after an inextensible rope has become taut with an impact.
+
+        Args:
+            state: State before the impact.
+            stretch: Joint of the end of the rope.
         """
         q, v, works, anchors = state
         q[stretch] = 0.0

@@ -26,10 +26,10 @@ from cranedyn.compiled.memory_layout import SLOT_TYPES, SLOTS
 WARP = 32
 """Threads that a GPU runs together; a power of two."""
 
-RUN_THREAD = "run_one"
+RUN_THREAD = "run_thread"
 """Name of the function that runs the loop of one thread, given the address of its call."""
 
-ACCELERATE_THREAD = "answer_one"
+ACCELERATE_THREAD = "accelerate_thread"
 """Name of the function that computes the accelerations of one thread."""
 
 GROUP_POINTERS = ("state", "numbers", "starts", "delay", "readings", "log", "summary")
@@ -39,7 +39,7 @@ _INT32 = ir.IntType(32)
 
 
 def emit_lane_loop(module: ir.Module) -> None:
-    """Add the functions `run` and `answer` for the processor to the code of one thread.
+    """Add the functions `run` and `accelerate` for the processor to the code of one thread.
 
     They take the arguments of vector code, for a group of `WARP` lanes, and loop over the lanes.
     """
@@ -53,21 +53,21 @@ def emit_lane_loop(module: ir.Module) -> None:
         _run_thread(module, code.builder, call_of_thread, call_of_group, offsets)
     code.end()
 
-    code = Code(module, "answer", ["given", "numbers", "accelerations"], 1)
+    code = Code(module, "accelerate", ["query", "numbers", "accelerations"], 1)
     with code.loop(0, WARP) as lane:
         _accelerate_thread(module, code.builder, list(code.argument.values()), lane)
     code.end()
 
 
 def emit_gpu_kernels(module: ir.Module) -> None:
-    """Add the kernels `run` and `answer` of a GPU to the code of one thread.
+    """Add the kernels `run` and `accelerate` of a GPU to the code of one thread.
 
     The arguments of `run` are the slots of a call, with the addresses of the first group; then, for
     each of `GROUP_POINTERS`, the distance from a group to the next [numbers]; and the number of
-    threads. `answer` runs one warp.
+    threads. `accelerate` runs one warp.
     """
     _emit_run_kernel(module)
-    builder, addresses = _begin_kernel(module, "answer", [POINTER] * 3)
+    builder, addresses = _begin_kernel(module, "accelerate", [POINTER] * 3)
     _accelerate_thread(module, builder, addresses, _thread_index(module, builder))
     builder.ret_void()
 

@@ -1,4 +1,9 @@
-"""Compiled code of a crane, cached, and compared with Pinocchio before it is used."""
+"""Compiled code of a crane, cached, and compared with Pinocchio before it is used.
+
+The equations that become code are our own, see `cranedyn.compiled.plant`. So before code is used
+for a crane, its accelerations are compared with those of Pinocchio at some random states, under
+random commands and forces.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +11,7 @@ import random
 import threading
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from itertools import repeat
-from typing import Any, cast
+from typing import cast
 from weakref import ref
 
 import numpy as np
@@ -17,7 +21,7 @@ from cranedyn.compiled.binding import kernel_accelerations
 from cranedyn.compiled.kernel import Kernel, KernelOptions, KernelSource, kernel
 from cranedyn.compiled.plant import rigid_body
 from cranedyn.compiled.plant.cranes import Cranes
-from cranedyn.compiled.plant.plant import Topology, numbers
+from cranedyn.compiled.plant.plant import Topology, plant_numbers
 from cranedyn.dynamics.converters import Converters, Response
 from cranedyn.dynamics.drives import (
     Drives,
@@ -40,14 +44,17 @@ _CHECKED_STATES = 8
 _MAX_REMEMBERED_CRANES = 4096
 """Number of cranes for which code remembers that it agreed."""
 
-_SWING = 1.4
+_MAX_SWING = 1.4
 """Largest angle of a swing joint at which cranes are compared [rad], short of the horizontal."""
 
 _MIN_STRETCH_RATIO = -0.5
 """Least stretch of a rope at which cranes are compared, over its length: a slack rope."""
 
 _MAX_STRETCH_RATIO = 0.1
-"""Largest such stretch."""
+"""Largest stretch of a rope at which cranes are compared, over its length: a taut rope."""
+
+_SLACK = 1.0
+"""Length by which an inextensible rope is slack in every other state [m]."""
 
 _COMPILING = threading.Lock()
 """Held while code is made, so that threads make it only once."""
@@ -65,8 +72,8 @@ def compile_kernel(
 ) -> tuple[Kernel, np.ndarray]:
     """Return code for cranes that differ in numbers only, and their varied numbers, shape (n, m).
 
-    The code is the same for all cranes, and is compared with Pinocchio for the first 16 of them. A
-    lock makes threads compile it only once.
+    The code is the same for all cranes, and is compared with Pinocchio for the first
+    `_MAX_CHECKED_CRANES` of them. A lock makes threads compile it only once.
 
     Args:
         cranes: The cranes.
@@ -80,7 +87,7 @@ def compile_kernel(
     if isinstance(cranes, Cranes):
         rows = cranes.numbers
     else:
-        rows = np.array([numbers(crane) for crane in cranes])
+        rows = np.array([plant_numbers(crane) for crane in cranes])
     if converters is not None:
         rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
     # Numbers that all cranes share become constants of the code, which the compiler folds.
@@ -116,10 +123,10 @@ def verify_cranes(
     varied: np.ndarray,
     verified: set[bytes],
     converters: np.ndarray | None = None,
-    answers: Accelerations = kernel_accelerations,
+    accelerations_of: Accelerations = kernel_accelerations,
 ) -> None:
-    """Compare accelerations of the first 16 cranes with Pinocchio's, except those that have agreed
-    before.
+    """Compare the accelerations of the first `_MAX_CHECKED_CRANES` cranes with Pinocchio's, except
+    those that have agreed before.
 
     Args:
         cranes: The cranes.
@@ -127,20 +134,21 @@ def verify_cranes(
         varied: Their numbers that vary, shape (cranes, k).
         verified: Bytes of the varied numbers of cranes that have agreed; new ones are added.
         converters: As for `compile_kernel`.
-        answers: Function that runs the code.
+        accelerations_of: Function that runs the code.
 
     Raises:
         ModelError: If they differ by more than round-off.
     """
-    rows: Any = repeat(None)
+    responses = None
     if converters is not None:
-        rows = np.broadcast_to(converters, (len(varied), converters.shape[-1]))
-    # The shortest of the three ends the loop, which is that of the cranes.
-    checked = cranes[:_MAX_CHECKED_CRANES]
-    for crane, row, response in zip(checked, varied, rows, strict=False):
-        if row.tobytes() not in verified:
-            _verify_crane(crane, code, row, response, answers)
-            verified.add(row.tobytes())
+        # A row for each crane, also where one is given for all.
+        responses = np.broadcast_to(converters, (len(varied), converters.shape[-1]))
+    for i, crane in enumerate(cranes[:_MAX_CHECKED_CRANES]):
+        response = None if responses is None else responses[i]
+        key = varied[i].tobytes()
+        if key not in verified:
+            _verify_crane(crane, code, varied[i], response, accelerations_of)
+            verified.add(key)
 
 
 def _verify_crane(
@@ -148,7 +156,7 @@ def _verify_crane(
     code: Kernel,
     varied: np.ndarray,
     converters: np.ndarray | None,
-    answers: Accelerations,
+    accelerations_of: Accelerations,
 ) -> None:
     """Compare accelerations of a crane with Pinocchio's at random states, see `verify_cranes`."""
     options = code.source.options
@@ -168,20 +176,21 @@ def _verify_crane(
         expected = drives.acceleration(state.q, state.v)
         numbers_of_query = np.concatenate([state.q, state.v, command, force])
         query = np.repeat(numbers_of_query[:, None], options.lanes, axis=1)
-        computed = answers(code, query, lane_numbers).T
+        computed = accelerations_of(code, query, lane_numbers).T
         mass = crane.mass_matrix(state.q)
-        if off := rigid_body.disagreement(computed, expected, mass):
+        difference = rigid_body.disagreement(computed, expected, mass)
+        if difference != 0.0:  # NaN is a difference, too
             raise ModelError(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
-                f"{off:.1e} of the largest."
+                f"{difference:.1e} of the largest."
             )
 
 
 def _random_state(crane: Crane, rng: random.Random, *, taut: bool) -> tuple[State, np.ndarray]:
     """Return a random state and random forces on the points [N], shape (3 points,).
 
-    Coordinates are in their ranges, swings up to `_SWING`. Rates are of the order of 1, forces of
-    that of the mass of the load.
+    Coordinates are in their ranges, swings up to `_MAX_SWING`. Rates are of the order of 1, and
+    forces of that of the mass of the load.
 
     Args:
         crane: The crane.
@@ -191,7 +200,7 @@ def _random_state(crane: Crane, rng: random.Random, *, taut: bool) -> tuple[Stat
     layout = crane.layout
     limits = zip(crane.lower, crane.upper, strict=True)
     q = np.array([rng.uniform(lower, upper) for lower, upper in limits])
-    q[crane.swings] = [rng.uniform(-_SWING, _SWING) for _ in crane.swings]
+    q[crane.swings] = [rng.uniform(-_MAX_SWING, _MAX_SWING) for _ in crane.swings]
     v = np.array([rng.gauss() for _ in range(layout.n)])
     force = np.array([rng.gauss() for _ in range(3 * len(crane.points))])
     rope = crane.springs.rope
@@ -202,7 +211,7 @@ def _random_state(crane: Crane, rng: random.Random, *, taut: bool) -> tuple[Stat
             q[rope.stretch] = 0.0
             v[rope.stretch] = 0.0
         elif rope.inextensible:
-            q[rope.stretch] = -1.0  # slack by 1 m
+            q[rope.stretch] = -_SLACK
     if crane.coupling is not None:
         q = crane.coupling.complete(q)
         v = crane.coupling.spread(v)

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import number
-from cranedyn.compiled.plant.plant import numbers
+from cranedyn.compiled.plant.plant import plant_numbers
 from cranedyn.errors import ModelError, UnknownName
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO, Argument, arguments
@@ -59,8 +59,8 @@ class Family:
             self._slopes.append((_linear_numbers(load(**changed)) - self._row) / step)
         if self.names:
             # A product of two arguments shows only where both are changed.
-            ours = numbers(self.at(self._first + steps))
-            loaded = numbers(load(**second))
+            ours = plant_numbers(self.at(self._first + steps))
+            loaded = plant_numbers(load(**second))
             tolerance = _LINEARITY_TOLERANCE
             if ours.shape != loaded.shape or not np.allclose(ours, loaded, tolerance, tolerance):
                 raise ModelError(

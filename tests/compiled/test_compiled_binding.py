@@ -27,7 +27,7 @@ from cranedyn.compiled import binding, verify
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.binding import BoundKernel
 from cranedyn.compiled.horizon.receding import receding
-from cranedyn.compiled.kernel import KernelOptions
+from cranedyn.compiled.kernel import Kernel, KernelOptions
 from cranedyn.compiled.loop_tables import RowTable, single_table
 from cranedyn.compiled.memory_layout import BufferLayout, size
 from cranedyn.compiled.rows import compile_columns
@@ -40,7 +40,7 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.scalars import square_root
-from cranedyn.errors import CraneError, Misshapen, OutOfRange, RunError
+from cranedyn.errors import CraneError, Misshapen, ModelError, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp
@@ -187,7 +187,7 @@ def test_a_table_of_a_reference_that_is_not_as_it_should_be_is_refused(
 def test_a_form_that_goes_wrong_later_leaves_what_was_recorded_up_to_then(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cranedyn.compiled.blocks._LARGEST_BLOCK", 2000)
+    monkeypatch.setattr("cranedyn.compiled.blocks._MAX_BLOCK_LENGTH", 2000)
     asked: list[float] = []
 
     def answer(form: Affine) -> Affine:
@@ -363,6 +363,16 @@ def test_a_log_with_a_ledger_has_room_for_a_row_at_each_instant() -> None:
         BoundKernel(
             code, clocks(0.2, 1e-3, 1e-2), tables, last=21, end=20, log_interval=2, **memory
         )
+
+
+def test_code_whose_accelerations_are_no_numbers_is_refused() -> None:
+    code, varied = compile_kernel([crane()], KernelOptions(1, "effort", semi_implicit_euler))
+
+    def no_numbers(code: Kernel, *_: np.ndarray) -> np.ndarray:
+        return np.full((code.sizes.n, 1), np.nan)
+
+    with pytest.raises(ModelError, match="moves otherwise than Pinocchio's"):
+        verify.verify_cranes([crane()], code, varied, set(), accelerations_of=no_numbers)
 
 
 def test_a_group_out_of_range_is_refused() -> None:

@@ -18,6 +18,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 
 from llvmlite import ir
 
+from cranedyn.compiled import webassembly
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.machine import Machine, translate
 
@@ -179,3 +180,11 @@ def test_code_that_nobody_needs_any_more_leaves_no_memory_behind() -> None:
     # passes and constants that are not freed are 0.1 MB for each of these; pages that the allocator
     # keeps have been taken before
     assert _resident() - before < 3.0
+
+
+def test_a_section_has_no_name_in_the_symbol_table_of_an_object_file() -> None:
+    section = [3, 0, 1]  # kind, flags, index
+    function = [0, 0, 5, 1, ord("f")]  # and the length of its name, and the name
+    table = bytes([2, *section, *function])
+    (found,) = webassembly._functions_of_symbol_table(table)
+    assert (found.name, found.index) == ("f", 5)

@@ -185,11 +185,11 @@ def test_a_run_on_the_gpu_goes_on_from_piece_to_piece_to_the_bit(
     given = {**CLOCK, **_whirling(), "duration": 0.05, "device": "cuda"}
     whole = simulate_batch(**given)
     before = machine.calls.count("cuLaunchKernel")
-    monkeypatch.setattr(cuda, "_PIECE", 25 * WARP)
+    monkeypatch.setattr(cuda, "_MAX_STEPS_PER_LAUNCH", 25 * WARP)
     pieces = simulate_batch(**given)
     assert machine.calls.count("cuLaunchKernel") - before == 6
     assert _apart(whole, pieces) == 0.0
-    monkeypatch.setattr(cuda, "_PIECE", 4 * WARP)  # less than a control period
+    monkeypatch.setattr(cuda, "_MAX_STEPS_PER_LAUNCH", 4 * WARP)  # less than a control period
     assert _apart(whole, simulate_batch(**given)) == 0.0
 
 

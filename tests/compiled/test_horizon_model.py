@@ -37,7 +37,7 @@ def test_a_stage_is_the_exponential_of_the_linear_crane_to_the_fourth_power_of_i
     q = tower.start.q
     still = np.zeros(n)
     length = 0.6
-    entries = horizon_model.stage(plant, length, q, still, np.zeros(m))
+    entries = horizon_model.stage_model(plant, length, q, still, np.zeros(m))
     found = np.zeros((2 * n, 2 * n + m))
     for name, i, j, value in entries:
         if name == "forward":
@@ -45,7 +45,8 @@ def test_a_stage_is_the_exponential_of_the_linear_crane_to_the_fourth_power_of_i
     # About the plumb load: a pendulum of nearly ω² = g/l in each plane, moved by the trolley, and
     # by the slew at the radius of 10 m.
     squared = tower.gravity / q[4]
-    rates = horizon_model.crane_derivatives(plant, q, still, np.zeros(m)).rates.astype(float)
+    derivatives = horizon_model.crane_derivatives(plant, q, still, np.zeros(m))
+    rates = derivatives.acceleration_slopes.astype(float)
     inertia_of_the_load = 3e-3  # as a share of m l²
     assert_allclose(rates[[2, 3], [2, 3]], -squared, rtol=inertia_of_the_load)
     moved = np.abs(rates[2:4, 2 * n :]).max(axis=0)

@@ -67,16 +67,16 @@ def emit_plan(
 def emit_instant(module: ir.Module, programme: Programme) -> None:
     """Add the function `instant` for one crane.
 
-    Its arguments: the memory of the controller; what is given, the state, the setpoint of the
-    drives, and two whole numbers, the row of the path and whether to optimise; and the command,
-    which it writes.
+    Its arguments are addresses: of the memory of the controller; of the query, that is the state,
+    the setpoint of the drives, and two whole numbers, the row of the path and whether to optimise;
+    and of the command, which it writes.
     """
-    code = Code(module, "instant", ["memory", "given", "command"], 1)
+    code = Code(module, "instant", ["memory", "query", "command"], 1)
     # Inlined into several callers it might be rounded differently in each of them.
     code.function.attributes.add("noinline")
     layout = programme.topology.layout
     states = 2 * layout.n
-    query = code.argument["given"]
+    query = code.argument["query"]
     state = array([code.load(query, i) for i in range(states)])
     position = array([code.load(query, states + i) for i in range(layout.m)])
     row = code.load_one(query, states + layout.m, INTEGER)

@@ -36,17 +36,17 @@ class CraneDerivatives(NamedTuple):
     """Accelerations and efforts of a crane at a state, and their derivatives.
 
     Attributes:
-        a: Accelerations, shape (n,).
+        acceleration: Accelerations of all joints, shape (n,).
         effort: Efforts of the drives, shape (m,).
-        rates: Derivatives of the accelerations by coordinates, rates and inputs, shape (n, 2 n +
-            m).
-        efforts: Derivatives of the efforts by the same, shape (m, 2 n + m).
+        acceleration_slopes: Derivatives of the accelerations by coordinates, rates and inputs,
+            shape (n, 2 n + m).
+        effort_slopes: Derivatives of the efforts by the same, shape (m, 2 n + m).
     """
 
-    a: np.ndarray
+    acceleration: np.ndarray
     effort: np.ndarray
-    rates: np.ndarray
-    efforts: np.ndarray
+    acceleration_slopes: np.ndarray
+    effort_slopes: np.ndarray
 
 
 def crane_derivatives(
@@ -87,17 +87,20 @@ def crane_derivatives(
     force_derivatives[:, : 2 * n] = slopes(forces, 2 * n)
     force_derivatives[:, 2 * n :] = mass[:, drives]
 
-    rates = np.zeros((n, 2 * n + m), dtype=object)
-    rates[:] = 0.0
-    rates[drives, range(2 * n, 2 * n + m)] = 1.0
+    # An array of objects holds zeros that are ints; the code folds those that are floats.
+    acceleration_slopes = np.zeros((n, 2 * n + m), dtype=object)
+    acceleration_slopes[:] = 0.0
+    acceleration_slopes[drives, range(2 * n, 2 * n + m)] = 1.0
     passive_mass = mass[np.ix_(passive, passive)]
     for j in range(2 * n + m):
         passive_forces = force_derivatives[passive, j]
         # Nothing is solved for a variable on which the passive joints do not depend.
         if not all(is_zero(x) for x in passive_forces):
-            rates[passive, j] = solve_linear(passive_mass, -passive_forces)
-    efforts = force_derivatives[drives] + mass[np.ix_(drives, passive)] @ rates[passive]
-    return CraneDerivatives(a, effort, rates, efforts)
+            acceleration_slopes[passive, j] = solve_linear(passive_mass, -passive_forces)
+    effort_slopes = (
+        force_derivatives[drives] + mass[np.ix_(drives, passive)] @ acceleration_slopes[passive]
+    )
+    return CraneDerivatives(a, effort, acceleration_slopes, effort_slopes)
 
 
 def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
@@ -128,7 +131,9 @@ def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
     return q
 
 
-def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Entries:
+def stage_model(
+    plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarray
+) -> Entries:
     """Return the model of a stage, linearised about a node: `forward`, `shift`, `extra` and
     `extra_shift`, see `HorizonShape.stage`.
 
@@ -159,9 +164,9 @@ def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarr
         )
     for i in range(m):
         for j in range(variable_count):
-            entries.append(("extra", i, j, derivatives.efforts[i, j]))
+            entries.append(("extra", i, j, derivatives.effort_slopes[i, j]))
     for i in range(m):
-        shift = derivatives.effort[i] - derivatives.efforts[i] @ node
+        shift = derivatives.effort[i] - derivatives.effort_slopes[i] @ node
         entries.append(("extra_shift", 0, variable_count + i, shift))
     return entries
 
@@ -182,20 +187,22 @@ def _state_after_stage(
         length: Length of the stage, h [s].
         node: Coordinates, rates and inputs of the node, shape (2 n + m,).
     """
-    n, variable_count = derivatives.rates.shape
+    n, variable_count = derivatives.acceleration_slopes.shape
     states = 2 * n
     of_rates = np.zeros((n, variable_count + 1), dtype=object)
     of_rates[:] = 0.0
     of_rates[range(n), range(n, states)] = 1.0
     of_rates[:, variable_count] = node[n:states]
-    of_accelerations = np.hstack([derivatives.rates, derivatives.a[:, None]])
+    of_accelerations = np.hstack(
+        [derivatives.acceleration_slopes, derivatives.acceleration[:, None]]
+    )
     state = np.zeros((states, variable_count + 1), dtype=object)
     state[:] = 0.0
     state[range(states), range(states)] = 1.0
     state[:, variable_count] = node[:states]
 
-    by_q = derivatives.rates[:, :n]
-    by_v = derivatives.rates[:, n:states]
+    by_q = derivatives.acceleration_slopes[:, :n]
+    by_v = derivatives.acceleration_slopes[:, n:states]
     factor = 1.0
     for order in range(1, _ORDER + 1):
         factor *= length / order
@@ -280,7 +287,7 @@ def emit(module: ir.Module, shape: HorizonShape, plant: Plant, length: float) ->
         stages = [work.stage(code.least(code.plus(first, i), last)) for i in range(together)]
         nodes = [rows.row("node", shape.variables) for rows in stages]
         node = array([work.join_lanes(values) for values in zip(*nodes, strict=True)])
-        entries = stage(plant, length, node[:n], node[n:states], node[states:])
+        entries = stage_model(plant, length, node[:n], node[n:states], node[states:])
         for name, row, place, value in entries:
             if isinstance(value, Value):
                 for rows, number in zip(stages, work.split_lanes(value), strict=True):

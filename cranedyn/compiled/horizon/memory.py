@@ -26,7 +26,7 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import Code, Value, lane_type
-from cranedyn.compiled.plant.plant import Plant, Topology, plant
+from cranedyn.compiled.plant.plant import Plant, Topology, make_plant
 from cranedyn.dynamics.scalars import array
 from cranedyn.model.layout import Layout
 
@@ -411,7 +411,7 @@ class Programme:
 
     Attributes:
         topology: Topology of its crane model.
-        numbers: Parameters of its crane model, see `cranedyn.compiled.plant.plant.numbers`.
+        numbers: Parameters of its crane model, see `cranedyn.compiled.plant.plant.plant_numbers`.
         drive: Kind of command, "effort", "motion" or "velocity".
         stages: Number of stages of the horizon.
         stage_length: Length of a stage [s].
@@ -485,7 +485,7 @@ class Programme:
         """Return the model of the crane, commanded by accelerations, "motion", or efforts,
         "effort".
         """
-        return plant(self.topology, list(self.numbers), drive, False)
+        return make_plant(self.topology, list(self.numbers), drive, False)
 
     @property
     def path_rows_per_stage(self) -> int:

@@ -32,7 +32,7 @@ from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 from cranedyn.compiled.horizon.memory import REPORT, Programme, lane_memory
 from cranedyn.compiled.horizon.planning import SolverStatus
 from cranedyn.compiled.machine import Machine, translate
-from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
+from cranedyn.compiled.plant.plant import Plant, Topology, make_plant, plant_numbers
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.equations_of_motion import holding_effort
@@ -432,8 +432,8 @@ def receding(
     crane.require_independent_joints("Predictive control")
 
     topology = Topology.of(crane)
-    crane_numbers = tuple(numbers(crane).tolist())
-    swing_period = _swing_period(crane, plant(topology, list(crane_numbers), "motion", False))
+    crane_numbers = tuple(plant_numbers(crane).tolist())
+    swing_period = _swing_period(crane, make_plant(topology, list(crane_numbers), "motion", False))
     tuning = Tuning().slower(swing_period / TUNED_SWING_PERIOD)
     if period is None:
         period = whole_periods(tuning.period, control_period)
@@ -641,7 +641,7 @@ def _swing_frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
     layout = plant.topology.layout
     at_rest = np.zeros(layout.n)
     derivatives = horizon_model.crane_derivatives(plant, q, at_rest, np.zeros(layout.m))
-    by_passive = derivatives.rates[layout.passive][:, layout.passive]
+    by_passive = derivatives.acceleration_slopes[layout.passive][:, layout.passive]
     stiffness = -by_passive.astype(float)
     return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))
 

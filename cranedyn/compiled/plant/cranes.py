@@ -1,8 +1,9 @@
 """Thousands of cranes that differ in arguments of one description, without loading each.
 
-What the dynamics asks of a crane is a row of numbers (`cranedyn.compiled.plant.plant.numbers`):
-masses, first moments, inertias, places. In the arguments of a description these are polynomials, at
-most of second degree in each argument, and without terms of more than two arguments:
+What the dynamics asks of a crane is a row of numbers: masses, first moments, inertias, places, see
+`cranedyn.compiled.plant.plant.plant_numbers`. In the arguments of a description these are
+polynomials, at most of second degree in each argument, and without terms of more than two
+arguments:
 
     f(x) = f(c) + Σᵢ gᵢ(xᵢ) + Σᵢ<ⱼ hᵢⱼ(xᵢ, xⱼ),
 
@@ -23,7 +24,7 @@ from typing import Any, overload
 import numpy as np
 
 from cranedyn.checks import finite
-from cranedyn.compiled.plant.plant import numbers
+from cranedyn.compiled.plant.plant import plant_numbers
 from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -53,8 +54,8 @@ class Cranes:
     """Cranes that differ in numbers only; each is loaded when it is asked for.
 
     Attributes:
-        numbers: Numbers of each crane in a row, as `cranedyn.compiled.plant.plant.numbers`, shape
-            (cranes, k).
+        numbers: Numbers of each crane in a row, as of
+            `cranedyn.compiled.plant.plant.plant_numbers`, shape (cranes, k).
         start: Coordinates and rates at the start, shape (cranes, n) each.
     """
 
@@ -173,7 +174,7 @@ def _arguments(urdf: str | Path | None) -> list[str]:
 
 def _row(crane: Crane) -> np.ndarray:
     """Return the numbers of a crane and its coordinates at the start in a row, shape (k + n,)."""
-    return np.concatenate([numbers(crane), crane.start.q])
+    return np.concatenate([plant_numbers(crane), crane.start.q])
 
 
 def _values_of(varied: Mapping[str, np.ndarray], index: int) -> dict[str, Any]:

@@ -1,9 +1,10 @@
-"""A crane in any kind of number: the accelerations that drives, gravity, joint forces, forces from
-outside and buffers cause at a state.
+"""A crane in any kind of number: the accelerations that drives, gravity, joint forces, external
+forces and buffers cause at a state.
 
-A `Plant` is made of a `Topology`, which says what there is, and of a row of numbers, see `numbers`.
-The row may hold floats, symbols or values of a program under construction, see
-`cranedyn.dynamics.scalars`. The order of operations in this module is that of the generated code.
+A `Plant` is made of a `Topology`, which says what there is, and of a row of numbers.
+`plant_numbers` takes that row from a crane, and `make_plant` puts both together. The row may hold
+floats, symbols or values of a program under construction, see `cranedyn.dynamics.scalars`. The
+order of operations in this module is that of the generated code.
 """
 
 from __future__ import annotations
@@ -43,8 +44,9 @@ class Topology:
     Attributes:
         parents: The joint before each joint, -1 for the world.
         layout: The joints by name.
-        bodies: The joints that carry the points on which forces act.
-        swings: The joints that are swings, and whether the hoist hangs on each.
+        bodies: The joints that carry the points on which forces act, that of the payload first.
+        swings: The joints that are swings, each with whether it carries the hoist, so that the
+            length of its pendulum changes with the cable.
         springs: Whether anything is elastic.
         rope: Stretch and length of a rope that may go slack, and whether it is inextensible; None
             if there is none.
@@ -94,7 +96,7 @@ class Units(NamedTuple):
     Attributes:
         time: Unit of time [s].
         command: Factor from a command in SI units to that of the plant.
-        force: Factor from a force from outside or of a drive in newtons to that of the plant.
+        force: Factor from a force in newtons, external or of a drive, to that of the plant.
         work: Unit of work [J].
     """
 
@@ -134,12 +136,15 @@ class Plant:
         tree: Its bodies.
         joint: Damping, dry friction and springs.
         stops: Buffers at the ends of the ranges of the drives.
-        lower, upper: Ends of the ranges of the joints, shape (n,).
-        effort_limit, rate_limit: Limits of the drives, shape (m,).
+        lower: Lower ends of the ranges of the joints [rad or m], shape (n,).
+        upper: Upper ends of the ranges of the joints [rad or m], shape (n,).
+        effort_limit: Largest efforts of the drives [N m or N], shape (m,).
+        rate_limit: Largest rates of the drives [rad/s or m/s], shape (m,).
         levers: Places of the points in the frames of their joints [m], shape (points, 3).
         arms: Distance from each swing joint to the payload without the cable [m], shape (swings,).
-        rest: Angles at which the swing joints hang, see `cranedyn.model.springs.Rest`: angle and
-            slope.
+        rest_angle: Angles at which the swing joints hang with all drives at zero [rad], shape
+            (swings,), see `cranedyn.model.springs.Rest`.
+        rest_slope: Their derivatives by the coordinates of the drives, shape (swings, m).
         drive: Kind of the commands: efforts, "effort", accelerations, "motion", or reference rates,
             "velocity".
         buffers: Whether buffers act at the ends of the ranges.
@@ -157,7 +162,8 @@ class Plant:
     rate_limit: np.ndarray
     levers: np.ndarray
     arms: np.ndarray
-    rest: tuple[np.ndarray, np.ndarray]
+    rest_angle: np.ndarray
+    rest_slope: np.ndarray
     drive: str
     buffers: bool
     response: Response | None = None
@@ -205,7 +211,7 @@ class Plant:
             v: Their rates, shape (n,).
             command: Efforts within the limits, accelerations, or reference rates of the drives,
                 shape (m,).
-            forces: Forces from outside on the points in the world [N], shape (3 points,); None for
+            forces: External forces on the points in the world [N], shape (3 points,); None for
                 none.
             reactions: Forces of the ground, see `ground_reactions`.
         """
@@ -218,8 +224,8 @@ class Plant:
             effort[drives] = effort[drives] + self.stops.effort(q, v)
         pull = None if rope is None or rope.inextensible else self.joint.pull(q, v)
         coupling = self.topology.coupling
-        holds_no_joint = rope is None or not rope.inextensible
-        if self.drive == "effort" and coupling is None and holds_no_joint:
+        rope_is_constraint = rope is not None and rope.inextensible
+        if self.drive == "effort" and coupling is None and not rope_is_constraint:
             # All joints are free: the equation of motion is solved as a whole.
             effort[drives] = effort[drives] + command
             a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
@@ -228,6 +234,7 @@ class Plant:
         resisting = resisting - effort
         mass = rigid_body.mass_matrix(self.tree, frames)
         if coupling is not None:
+            # Joints that follow others are replaced by these, see `Coupling`.
             reduced_mass = coupling.reduce(mass)
             gathered = coupling.gather(resisting)
             motion = self._solved(reduced_mass, gathered, v, command)
@@ -239,7 +246,7 @@ class Plant:
         return self._on_inextensible_rope(rope.stretch, mass, resisting, q, v, command)
 
     def _forces_on_points(self, forces: np.ndarray | None) -> list[ExternalForce]:
-        """Return the forces from outside on the points, from their numbers, shape (3 points,)."""
+        """Return the external forces on the points, from their numbers, shape (3 points,)."""
         if forces is None:
             return []
         external = []
@@ -264,11 +271,16 @@ class Plant:
         that this takes, T = -(M a + b)_s, with the row s of the equation of motion. The rope stays
         taut while T > 0. A slack rope does not act on its stretch.
 
-        Where `JointForces.taut` gives the phase, the equations of that phase are solved. Where the
-        state decides, in one pass for all lanes of code: from the tension that a taut rope would
-        have, its phase, and then both phases by one system of equations. Where the rope is taut,
-        its row and column are taken out of that, but for the diagonal, so that the stretch has no
-        acceleration.
+        `JointForces.taut` gives the phase, or leaves it to the state with None:
+
+        * True: the equations of a taut rope are solved.
+        * False or None: also those, for the tension that a taut rope would have. Where it is not
+          positive, or the rope is slack by its state, the rope is slack.
+        * a condition, which may differ from lane to lane of code: the phase is known.
+
+        In the last two cases one system of equations serves both phases. Where the rope is taut,
+        the row and the column of the stretch are set to zero, but for the diagonal, so that the
+        stretch has no acceleration.
 
         Args:
             stretch: The joint of the stretch.
@@ -285,7 +297,8 @@ class Plant:
             pull = -(mass[stretch] @ held.acceleration + resisting[stretch])
             if taut:
                 return DynamicsResult(held.acceleration, held.effort, held.needed, pull)
-            # A rope that is slack already, or goes slack at this instant, does not pull.
+            # A rope that is slack already, or goes slack at this instant, does not pull: any
+            # negative number says so.
             pull = chosen(q[stretch] < 0.0, -1.0, chosen(v[stretch] < 0.0, -1.0, pull))
             taut = pull > 0.0
         masked_mass = mass.copy()
@@ -331,7 +344,8 @@ class Plant:
             resisting[drives] = resisting[drives] - command
         else:
             a[drives] = command
-        # Rows of the free joints: M_ff a_f = -(resisting + M a)_f with a_f = 0 on the right.
+        # With the accelerations of the free joints f at zero, M a is what the others cause. The
+        # rows of the free joints are then M_ff a_f = -(resisting + M a)_f.
         a[free] = solve_linear(mass[np.ix_(free, free)], -(resisting + mass @ a)[free])
         effort = command if self.drive == "effort" else (mass @ a + resisting)[drives]
         return DrivenMotion(a, effort, effort)
@@ -502,14 +516,13 @@ class Plant:
     @property
     def plumb_at_zero(self) -> bool:
         """Whether the load hangs plumb where the swing joints are at zero."""
-        return not any(np.any(term) for term in self.rest)
+        return not (np.any(self.rest_angle) or np.any(self.rest_slope))
 
     def hanging_angles(self, drives: np.ndarray) -> np.ndarray:
         """Return the angles at which the swing joints hang for coordinates of the drives, to first
         order about the start [rad], shape (swings,).
         """
-        angle, slope = self.rest
-        return angle + slope @ drives
+        return self.rest_angle + self.rest_slope @ drives
 
     def swing_angles(self, q: np.ndarray) -> dict[int, Any]:
         """Return angles of the swing joints from where they hang [rad], by their indices among the
@@ -544,7 +557,7 @@ class Plant:
 def _section_sizes(topology: Topology) -> dict[str, int]:
     """Return the length of each section of the numbers of a crane, in their order.
 
-    `numbers` writes the sections, and `plant` reads them.
+    `plant_numbers` writes the sections, and `make_plant` reads them.
     """
     n = topology.layout.n
     m = topology.layout.m
@@ -573,9 +586,9 @@ def _section_sizes(topology: Topology) -> dict[str, int]:
 
 
 @once_per_crane
-def numbers(crane: Crane) -> np.ndarray:
+def plant_numbers(crane: Crane) -> np.ndarray:
     """Return all numbers of a crane in a row, read-only, in the order of `_section_sizes`. From it
-    `plant` makes the crane again.
+    `make_plant` makes the crane again.
     """
     friction = crane.friction
     springs = crane.springs
@@ -622,13 +635,13 @@ def _arms(crane: Crane) -> np.ndarray:
     return np.array(arms)
 
 
-def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
+def make_plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
     """Return a plant from its topology and its numbers.
 
     Args:
         topology: What it has in common with cranes of other numbers.
-        values: Its numbers in the order of `numbers`; with drive "velocity" those of its frequency
-            converters follow, attribute by attribute of `Response`.
+        values: Its numbers in the order of `plant_numbers`; with drive "velocity" those of its
+            frequency converters follow, attribute by attribute of `Response`.
         drive: "effort", "motion" or "velocity", see `Plant.drive`.
         buffers: Whether buffers act at the ends of the ranges.
     """
@@ -682,7 +695,8 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         rate_limit=sections["rate_limit"],
         levers=sections["levers"].reshape(-1, 3),
         arms=sections["arms"],
-        rest=(sections["rest_angle"], rest_slope),
+        rest_angle=sections["rest_angle"],
+        rest_slope=rest_slope,
         drive=drive,
         buffers=buffers,
         response=response,

@@ -105,7 +105,12 @@ def _add_mass(
 
 
 class Frame(NamedTuple):
-    """A joint's frame in that of its parent: rotation, shape (3, 3), and origin [m], shape (3,)."""
+    """Frame of a joint in that of its parent.
+
+    Attributes:
+        rotation: Rotation from this frame to that of the parent, shape (3, 3).
+        origin: Its origin in the frame of the parent [m], shape (3,).
+    """
 
     rotation: np.ndarray
     origin: np.ndarray
@@ -160,7 +165,7 @@ def point_motions(
         poses: Their frames.
         v: Rates of the coordinates, shape (n,).
         body: The row of the body.
-        points: In the joint's frame [m], shape (3,) each.
+        points: The points, in the frame of the body's joint [m], shape (3,) each.
     """
     zero = array([0.0] * 3)
     # Pose and motion in the world of the joint that was reached.
@@ -200,8 +205,8 @@ def tree_inverse_dynamics(
         a: Their accelerations, shape (n,); None for zero.
         external_forces: Forces from outside.
         pulled: A body that slides along an axis of its frame, and the effort that acts on it there.
-            The other bodies feel this effort along the axis, whatever the body's acceleration, see
-            `tree_forward_dynamics`. None for no such body.
+            The other bodies feel this effort along the axis instead of the inertial force of the
+            body, whatever its acceleration, see `tree_forward_dynamics`. None for no such body.
     """
     return _newton_euler(tree, poses, v, a, external_forces, pulled).efforts
 
@@ -213,8 +218,8 @@ def transmitted(
     a: np.ndarray,
     external_forces: Sequence[ExternalForce],
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return force and torque that each joint passes on to its body, in the frame of the joint,
-    shape (3,) each; arguments as of `tree_inverse_dynamics`.
+    """Return the force and the torque about its origin that each joint transmits to its body, in
+    the frame of the joint, shape (3,) each. The arguments are those of `tree_inverse_dynamics`.
     """
     loads = _newton_euler(tree, poses, v, a, external_forces)
     return list(zip(loads.forces, loads.torques, strict=True))

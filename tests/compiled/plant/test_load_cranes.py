@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.plant.cranes import load_cranes
-from cranedyn.compiled.plant.plant import numbers
+from cranedyn.compiled.plant.plant import plant_numbers
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import CraneError, ModelError
 from cranedyn.model.load import load_crane
@@ -59,7 +59,7 @@ def test_every_crane_has_the_numbers_that_it_has_when_it_is_loaded(values: dict[
     cranes = load_cranes(**values)
     size = np.abs(cranes.numbers).max(axis=0)
     for i in (0, 7, COUNT - 1):
-        own = numbers(cranes[i])
+        own = plant_numbers(cranes[i])
         assert (np.abs(own - cranes.numbers[i]) <= 1e-13 * size).all()  # rounding of a polynomial
         assert_allclose(
             cranes.start.q[i, cranes.layout.drives[:2]],

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.compiled.plant.plant import Plant, Topology, numbers, plant
+from cranedyn.compiled.plant.plant import Plant, Topology, make_plant, plant_numbers
 from cranedyn.dynamics.contact import Contacts, Ground, box_corners
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.equations_of_motion import body_points
@@ -28,10 +28,10 @@ AIR_DENSITY = 1.25
 
 def _plant_of(c: Crane, drive: str = "effort", buffers: bool = False) -> Plant:
     """Return the plant of a crane in SI units."""
-    values = numbers(c).tolist()
+    values = plant_numbers(c).tolist()
     if drive == "velocity":
         values += np.concatenate(converters(c).response).tolist()
-    return plant(Topology.of(c), values, drive, buffers)
+    return make_plant(Topology.of(c), values, drive, buffers)
 
 
 def _state(c: Crane, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -114,7 +114,9 @@ def test_a_plant_that_counts_in_steps_and_loads_moves_the_same(
 
 
 def test_work_and_force_have_one_unit() -> None:
-    _, units = plant(Topology.of(crane()), numbers(crane()).tolist(), "effort", False).in_steps(DT)
+    _, units = make_plant(
+        Topology.of(crane()), plant_numbers(crane()).tolist(), "effort", False
+    ).in_steps(DT)
     assert units.time == DT
     assert units.force == pytest.approx(DT**2 / crane().payload_mass)
     assert units.work == pytest.approx(1.0 / units.force)
