@@ -271,10 +271,8 @@ def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> N
     # GRAMPC's example Crane_3D, run to its end, keeps trolley, cable, slew and swing together
     # within 10 mm of where they shall be from 2.99 s on, within 5 mm from 3.73 s on. No number of
     # the controller is set: its times and errors follow from the crane.
-    ends = {"min": 0.1, "max": 1.0, "init": 0.7}
-    numbers: dict[str, Any] = {
-        f"{part}_{end}": value for part in ("trolley", "hoist") for end, value in ends.items()
-    }
+    numbers: dict[str, Any] = {"trolley_min": 0.1, "trolley_max": 1.0, "trolley_init": 0.7}
+    numbers |= {"hoist_min": 0.1, "hoist_max": 1.0, "hoist_init": 0.7}
     numbers |= {"payload_mass": 1.0, "trolley_mass": 1.0, "upper_mass": 1.0, "dummy_mass": 1e-3}
     numbers |= {"payload_inertia": 0.0, "trolley_inertia": 1e-3, "slewing_inertia": 1.0}
     numbers |= {"dummy_inertia": 1e-6, "damp_swing": 0.0, "slew_velocity": 3.0}
