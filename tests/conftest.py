@@ -5,10 +5,14 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tests import objects
 
 # As experiments do, before anything imports NumPy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -26,6 +30,19 @@ settings.load_profile("cranedyn")
 # Whoever starts the tests in the background has Ctrl-C ignored, in them and in all that they start;
 # some of them test Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let all processes of the run share compiled code, see `tests.objects`."""
+    if objects.FOLDER not in os.environ:
+        folder = tempfile.TemporaryDirectory(prefix="cranedyn-objects-")
+        os.environ[objects.FOLDER] = folder.name  # workers of pytest-xdist inherit it
+        config.add_cleanup(folder.cleanup)
+        config.add_cleanup(lambda: os.environ.pop(objects.FOLDER))
+    is_worker = hasattr(config, "workerinput")
+    starts_workers = bool(config.getoption("tx", None))
+    if is_worker or not starts_workers:
+        objects.share(Path(os.environ[objects.FOLDER]))
 
 
 @pytest.fixture

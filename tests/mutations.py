@@ -25,6 +25,8 @@ import hypothesis
 import pytest
 from hypothesis import Phase
 
+from tests.objects import FOLDER
+
 ROOT = Path(__file__).parent.parent
 
 MUTATIONS = Path(__file__).with_suffix(".toml")
@@ -151,8 +153,10 @@ def fork_test(test: str, copy: Path) -> int:
         os.environ["PYTHONPATH"] = str(copy)
         os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
         sys.path.insert(0, str(copy))
-        # This package is the one of the original; the tests import the one of the copy.
-        del sys.modules["tests"]
+        # These modules are those of the original; the tests import those of the copy.
+        for name in [*sys.modules]:
+            if name.partition(".")[0] == "tests":
+                del sys.modules[name]
         options = ["-p", "no:cacheprovider", f"--basetemp={copy / 'temporary'}", "-o", "addopts="]
         status = pytest.main(["-q", "-x", *options, str(copy / test)])
         sys.stdout.flush()
@@ -207,6 +211,11 @@ def try_all(mutations: Sequence[Mutation], jobs: int) -> int:
     running: dict[int, Trial] = {}
     survivors = 0
     with tempfile.TemporaryDirectory() as parent:
+        # Most of the code that a test compiles is that of the tests before.
+        if FOLDER not in os.environ:
+            objects = Path(parent, "objects")
+            objects.mkdir()
+            os.environ[FOLDER] = str(objects)
         idle = [Path(parent, str(job)) for job in range(jobs)]
         while waiting or running:
             if waiting and idle:

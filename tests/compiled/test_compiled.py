@@ -624,22 +624,35 @@ def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> No
 # --- every combination ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("controller", "validity"),
-    [
-        (name, validity)
-        for name, (drive, _) in CONTROLLERS.items()
-        for validity in ("stop", "mark", "buffers")[: 3 if drive == "effort" else 2]
-    ],
-)
-@pytest.mark.parametrize("blows", FORCES)
-@pytest.mark.parametrize(
-    ("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"]
-)
+STEPS = {"Euler": (semi_implicit_euler, 1e-3), "RK4": (rk4, PERIOD)}
+"""Stepping rules, and the step that each is given [s]."""
+
+
+def _combinations() -> list[Any]:
+    """Return what both engines run: rule, force, controller and validity.
+
+    Of each two of them every pair of values is in the default run, in half of the combinations.
+    """
+    controlled = []
+    for controller, (drive, _) in CONTROLLERS.items():
+        controlled += [(controller, "stop"), (controller, "mark")]
+        if drive == "effort":
+            controlled += [(controller, "buffers")]
+    found = []
+    for i, rule in enumerate(STEPS):
+        for j, force in enumerate(FORCES):
+            for k, (controller, validity) in enumerate(controlled):
+                marks = [pytest.mark.long] if (i + j + k) % 2 else []
+                found.append(pytest.param(rule, force, controller, validity, marks=marks))
+    return found
+
+
+@pytest.mark.parametrize(("rule", "blows", "controller", "validity"), _combinations())
 @pytest.mark.slow
 def test_both_engines_record_the_same(
-    controller: str, integrator: Integrator, dt: float, blows: str, validity: Any
+    rule: str, blows: str, controller: str, validity: Any
 ) -> None:
+    integrator, dt = STEPS[rule]
     drive, made = CONTROLLERS[controller]
     how: dict[str, Any] = {**CLOCK, "dt": dt, "drive": drive, "validity": validity}
     c = _crane(validity)

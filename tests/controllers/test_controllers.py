@@ -29,8 +29,10 @@ STILL = Setpoint(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))
 
 
 def test_hold_pushes_towards_what_is_setpoint_against_the_velocity_and_carries_the_load() -> None:
-    gains = np.array([10.0, 20.0, 30.0]), np.array([1.0, 2.0, 3.0])
-    brake = Hold(crane(), *gains, np.array([0.0, 0.0, -500.0]))
+    stiffness = np.array([10.0, 20.0, 30.0])
+    damping = np.array([1.0, 2.0, 3.0])
+    feed_forward = np.array([0.0, 0.0, -500.0])
+    brake = Hold(crane(), stiffness, damping, feed_forward)
     state = State(np.array([0.0, 10.0, 0.3, -0.2, 15.0]), np.array([0.5, -0.25, 9.0, 9.0, 2.0]))
     # slew 10·0.1 - 0.5, trolley 20·1 + 2·0.25, hoist -500 - 30·1 - 3·2, whatever rates are asked
     moving = STILL._replace(velocity=np.ones(3), acceleration=np.ones(3))
@@ -106,40 +108,43 @@ def test_tracking_goes_by_its_first_row_before_it_begins_and_by_its_last_when_it
 @pytest.mark.parametrize("period", [0.2, 0.25, 0.5, 0.75])
 def test_between_rows_tracking_goes_on_straight_lines(period: float) -> None:
     rng = np.random.default_rng(1)
-    tables = [rng.normal(size=shape) for shape in ((5, 3), (5, 3, 10), (5, 10))]
-    tracking = Tracking(0.5, *tables)
+    row_times = 0.5 * np.arange(5)
+    feed_forward_rows = rng.normal(size=(5, 3))
+    gain_rows = rng.normal(size=(5, 3, 10))
+    setpoint_rows = rng.normal(size=(5, 10))
+    tracking = Tracking(0.5, feed_forward_rows, gain_rows, setpoint_rows)
     state = State(*rng.normal(size=(2, 5)))
     times = period * np.arange(-2, 15)
-    forward, gain, aim = (
-        np.stack(
-            [np.interp(times, 0.5 * np.arange(5), column) for column in table.reshape(5, -1).T],
-            axis=1,
-        )
-        for table in tables
-    )
-    expected = (
-        forward - (gain.reshape(-1, 3, 10) @ (np.concatenate(state) - aim)[:, :, None])[:, :, 0]
-    )
+
+    def between(rows: np.ndarray) -> np.ndarray:
+        """Interpolate each number of the rows by itself."""
+        columns = [np.interp(times, row_times, column) for column in rows.reshape(5, -1).T]
+        return np.stack(columns, axis=1).reshape(len(times), *rows.shape[1:])
+
+    feed_forward = between(feed_forward_rows)
+    gain = between(gain_rows)
+    setpoint = between(setpoint_rows)
+
     commands = np.array([tracking(t, state, STILL) for t in times.tolist()])
-    assert_allclose(commands, expected, atol=1e-13)  # rounding
     form = tracking.affine(times, np.zeros((len(times), 3)))
+
+    deviation = np.concatenate(state) - setpoint
+    expected = feed_forward - np.einsum("tij,tj->ti", gain, deviation)
+    assert_allclose(commands, expected, atol=1e-13)  # rounding
+    # The last row of the affine form holds for all later times.
     rows = np.minimum(np.arange(len(times)), len(form.feed_forward) - 1)
-    for table, part in (
-        (forward, form.feed_forward),
-        (gain.reshape(-1, 3, 10), form.gain),
-        (aim, form.setpoint),
-    ):
-        assert_allclose(part[rows], table, atol=1e-13)
+    assert_allclose(form.feed_forward[rows], feed_forward, atol=1e-13)
+    assert_allclose(form.gain[rows], gain, atol=1e-13)
+    assert_allclose(form.setpoint[rows], setpoint, atol=1e-13)
 
 
 def test_a_row_that_is_met_is_that_row_whatever_the_next_one_holds() -> None:
     rows = np.array([[0.0] * 3, [0.1, 0.2, 0.3], [np.nan] * 3])
     tracking = Tracking(5e-3, rows, np.zeros((3, 3, 10)), np.zeros((3, 10)))
-    assert tracking(0.005 + 1e-15, crane().start, STILL).tolist() == rows[1].tolist()
-    assert (
-        tracking.affine(np.array([0.0, 0.005 - 1e-15]), np.zeros((2, 3))).feed_forward[1].tolist()
-        == rows[1].tolist()
-    )
+    command = tracking(0.005 + 1e-15, crane().start, STILL)
+    assert command.tolist() == rows[1].tolist()
+    form = tracking.affine(np.array([0.0, 0.005 - 1e-15]), np.zeros((2, 3)))
+    assert form.feed_forward[1].tolist() == rows[1].tolist()
 
 
 def _integral() -> HoistIntegral:

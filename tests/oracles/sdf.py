@@ -7,10 +7,9 @@ Robotics, chapters 4 and 8).
 
 from __future__ import annotations
 
-import atexit
+import hashlib
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -19,6 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import expm
+
+from tests.objects import made_once
 
 PROBE = Path(__file__).with_name("sdformat_probe.cc")
 
@@ -47,12 +48,9 @@ def build_probe() -> Path:
     )
     if flags.returncode:
         pytest.skip("libsdformat is not installed: run .ci/sdformat as root")
-    folder = tempfile.mkdtemp(prefix="sdformat-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    program = Path(folder) / "sdformat_probe"
-    words = [compiler, "-O0", "-std=c++17", str(PROBE), "-o", str(program), *flags.stdout.split()]
-    subprocess.run(words, check=True)
-    return program
+    words = [compiler, "-O0", "-std=c++17", str(PROBE), *flags.stdout.split(), "-o"]
+    name = f"sdformat_probe_{hashlib.sha256(PROBE.read_bytes()).hexdigest()}"
+    return made_once(name, lambda file: subprocess.run([*words, str(file)], check=True))
 
 
 @dataclass

@@ -108,19 +108,31 @@ def test_a_copy_goes_on_by_itself_from_where_the_original_was(
     command = {"effort": [9e3, 500.0, -9e3], "motion": [0.01, 0.1, -0.05]}.get(drive, [0, 1, 0])
     force = np.tile([100.0, 50.0, 0.0], (2, 1))
 
+    def new() -> Stepper:
+        return Stepper(crane(), engine=engine, forces=True, **variant)
+
     def moved(stepper: Stepper, steps: int, sign: float) -> list[np.ndarray]:
         states = [stepper.step(sign * np.array(command), force=force) for _ in range(steps)]
         return [np.concatenate(state) for state in states]
 
-    stepper, alone, other = (
-        Stepper(crane(), engine=engine, forces=True, **variant) for _ in range(3)
-    )
+    def in_turns(back: Stepper, forth: Stepper) -> list[list[np.ndarray]]:
+        """Move both three times, the one against the other."""
+        states = []
+        for _ in range(3):
+            states.append(moved(back, 2, -1.0))
+            states.append(moved(forth, 2, 1.0))
+        return states
+
+    stepper = new()
     moved(stepper, 5, 1.0)
     copied = deepcopy(stepper)
-    found = [part for _ in range(3) for part in (moved(copied, 2, -1.0), moved(stepper, 2, 1.0))]
-    moved(alone, 5, 1.0), moved(other, 5, 1.0)
-    expected = [part for _ in range(3) for part in (moved(other, 2, -1.0), moved(alone, 2, 1.0))]
-    assert np.array_equal(found, expected)
+    found = in_turns(copied, stepper)
+
+    alone = new()
+    other = new()
+    moved(alone, 5, 1.0)
+    moved(other, 5, 1.0)
+    assert np.array_equal(found, in_turns(other, alone))
     assert copied.t == stepper.t == alone.t
 
 

@@ -72,8 +72,19 @@ def load(run: SiteRun, i: int, row: int) -> np.ndarray:
 
 
 @slow
-@pytest.mark.parametrize("name", GOALS)
-@pytest.mark.parametrize("supervised", [False, True])
+@pytest.mark.parametrize(
+    ("name", "supervised"),
+    # Each site and each way to follow the plan is in the default run.
+    long_after(
+        2,
+        [
+            ("luffing_between", True),
+            ("two_towers", False),
+            ("luffing_between", False),
+            ("two_towers", True),
+        ],
+    ),
+)
 def test_planned_lifts_arrive_and_keep_the_distance_that_is_proven(
     name: str, supervised: bool
 ) -> None:

@@ -33,6 +33,7 @@ from cranedyn.lifts.sites.site_simulation import (
 from cranedyn.lifts.sites.supervisor import Supervisor
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from tests.helpers import long_after
 
 slow = pytest.mark.slow
 
@@ -64,7 +65,8 @@ def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
 
 
 @slow
-@pytest.mark.parametrize("name", ["two_towers", "luffing_between"])
+# A luffing crane stands between two of the towers.
+@pytest.mark.parametrize("name", long_after(1, ["luffing_between", "two_towers"]))
 def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
     site = site_of(name)
     rng = np.random.default_rng(1)
@@ -218,7 +220,9 @@ def keeps(run: SiteRun) -> bool:
 @slow
 @pytest.mark.parametrize(
     ("name", "latency", "loss"),
-    [("two_towers", 0.2, 0.5), ("luffing_between", 0.3, 0.2), ("two_towers", 0.0, 0.0)],
+    long_after(
+        2, [("two_towers", 0.2, 0.5), ("luffing_between", 0.3, 0.2), ("two_towers", 0.0, 0.0)]
+    ),
 )
 def test_wild_operators_keep_to_boxes_and_swing_with_half_of_the_messages_lost(
     name: str, latency: float, loss: float

@@ -1,0 +1,134 @@
+"""What compilers make, shared by all processes of a test run: the same code is compiled once.
+
+Half of the processor time of the tests of compiled code is LLVM's, and most of what it translates
+it has translated before, in another process: each worker and each mutation compiles the same loops.
+LLVM's object file of a module is kept under a digest of its text. Whatever changes the code that is
+made, such as a mutation, changes the text.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import functools
+import hashlib
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+FOLDER = "CRANEDYN_TEST_OBJECTS"
+"""Name of the environment variable with the folder that the processes share."""
+
+
+def made_once(name: str, make: Callable[[Path], object]) -> Path:
+    """Return a file of the shared folder; make it if no process has made it yet.
+
+    Args:
+        name: Name of the file.
+        make: Writes the file.
+    """
+    file = Path(os.environ[FOLDER], name)
+    with open(f"{file}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not file.exists():
+            draft = Path(f"{file}.draft")
+            make(draft)
+            draft.replace(file)
+    return file
+
+
+class _Text:
+    """The text of a module, in the place of the module: printing a large one takes a while."""
+
+    def __init__(self, module: object) -> None:
+        self._text = str(module)
+
+    def __str__(self) -> str:
+        return self._text
+
+
+def share(folder: Path) -> None:
+    """Let `machine.translate` keep object files in a folder, and take them from there.
+
+    It must be called before anything imports the function.
+    """
+    # NumPy comes along, and must not be imported before its settings.
+    from llvmlite import binding
+
+    from cranedyn.compiled import machine
+
+    translate = machine.translate
+    optimise = machine._optimise
+    create_engine = binding.create_mcjit_compiler
+    # What translates is replaced for one module at a time.
+    lock = threading.Lock()
+
+    @functools.wraps(translate)
+    def translate_once(module: Any, *, inlining: bool = False) -> machine.Machine:
+        text = _Text(module)
+        file = folder / _digest(str(text), inlining)
+
+        def create(code: Any, target: Any) -> Any:
+            engine = create_engine(code, target)
+            engine.set_object_cache(_writer(file), _reader(file))
+            return engine
+
+        with lock:
+            binding.create_mcjit_compiler = create
+            if file.exists():
+                machine._optimise = _leave
+            try:
+                return translate(text, inlining=inlining)
+            finally:
+                binding.create_mcjit_compiler = create_engine
+                machine._optimise = optimise
+
+    machine.translate = translate_once
+
+
+def _leave(code: Any, target: Any, *args: Any, **options: Any) -> None:
+    """Do not optimise a module whose object file is there."""
+
+
+def _digest(text: str, inlining: bool) -> str:
+    """Return a name for the object file of a module: of all that it depends on."""
+    import llvmlite
+    from llvmlite import binding
+
+    from cranedyn.compiled import machine
+
+    digest = hashlib.sha256()
+    parts = (
+        text,
+        str(inlining),
+        Path(machine.__file__).read_text("utf-8"),
+        llvmlite.__version__,
+        binding.get_host_cpu_name(),
+        binding.get_host_cpu_features().flatten(),
+    )
+    for part in parts:
+        digest.update(part.encode())
+        digest.update(b"\0")
+    return digest.hexdigest()
+
+
+def _writer(file: Path) -> Callable[[Any, bytes], None]:
+    """Return a function that LLVM calls with an object file that it has made."""
+
+    def write(_: Any, content: bytes) -> None:
+        # Another process may write the same, and must not read a part.
+        draft = file.with_name(f"{file.name}.{os.getpid()}")
+        draft.write_bytes(content)
+        draft.replace(file)
+
+    return write
+
+
+def _reader(file: Path) -> Callable[[Any], bytes | None]:
+    """Return a function that LLVM asks for an object file before it makes one."""
+
+    def read(_: Any) -> bytes | None:
+        return file.read_bytes() if file.exists() else None
+
+    return read

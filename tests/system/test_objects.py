@@ -1,0 +1,80 @@
+"""Machine code that the processes of a test run share, see `tests.objects`."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from llvmlite import ir
+
+from cranedyn.compiled import machine
+from tests import objects
+
+
+def scaling(factor: float) -> ir.Module:
+    """A module with a function that multiplies the number at an address."""
+    module = ir.Module()
+    number = ir.DoubleType()
+    function = ir.Function(
+        module, ir.FunctionType(ir.VoidType(), [number.as_pointer()]), name="scale"
+    )
+    builder = ir.IRBuilder(function.append_basic_block())
+    product = builder.fmul(builder.load(function.args[0]), number(factor))
+    builder.store(product, function.args[0])
+    builder.ret_void()
+    return module
+
+
+def scaled(translated: machine.Machine, value: float) -> float:
+    """What the function of such a module makes of a number."""
+    numbers = np.array([value])
+    translated.function("scale", 1)(numbers.ctypes.data)
+    return float(numbers[0])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder that is shared instead of that of this run."""
+    # The function without the folder of this run, which is put back at the end.
+    monkeypatch.setattr(machine, "translate", inspect.unwrap(machine.translate))
+    objects.share(tmp_path)
+    return tmp_path
+
+
+def test_a_module_that_was_translated_is_taken_from_its_file_and_computes_the_same(
+    folder: Path,
+) -> None:
+    first = machine.translate(scaling(3.0))
+    (file,) = folder.iterdir()
+    written = file.stat()
+    second = machine.translate(scaling(3.0))
+    assert scaled(first, 5.0) == 15.0
+    assert scaled(second, 5.0) == 15.0
+    assert [*folder.iterdir()] == [file]
+    assert file.stat() == written
+
+
+def test_a_module_with_another_number_is_another_file(folder: Path) -> None:
+    assert scaled(machine.translate(scaling(3.0)), 5.0) == 15.0
+    assert scaled(machine.translate(scaling(7.0)), 5.0) == 35.0
+    assert len([*folder.iterdir()]) == 2
+
+
+def test_what_was_made_once_is_not_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(objects.FOLDER, str(tmp_path))
+    made: list[Path] = []
+
+    def make(file: Path) -> None:
+        made.append(file)
+        file.write_text("content")
+
+    file = objects.made_once("name", make)
+    assert objects.made_once("name", make) == file
+    assert file.read_text() == "content"
+    assert len(made) == 1
+    assert os.path.dirname(file) == str(tmp_path)
