@@ -137,7 +137,7 @@ def turn_tower(
         ModelError: If there is no hoist, see `find_hoist`.
     """
     hoist = find_hoist(model, joints, path)
-    # All that carries the hoist: of the joints between the world and itself, without both.
+    # The joints between the world and the hoist, from the ground upwards.
     chain = [int(joint) - 1 for joint in model.supports[hoist + 1]][1:-1]
     slews = [i for i in chain if joints[i].kind == "revolute" and _is_vertical(joints[i])]
     if not slews:

@@ -140,7 +140,7 @@ def load_crane(
             The visuals of this project's crane are made again; those of other cranes, and of a
             crane with locked joints, are not kept.
         gravity: Gravity [m/s²] along -Z; None for that of the file, or standard gravity where it
-            says none, as a URDF.
+            states none, as in a URDF.
         joints: Names of joints by role, for example ``{"slew": "base_yaw"}``; None for the names in
             the tower crane of this project. See `cranedyn.model.layout.ROLES`.
         driven: Names of the driven joints, for a URDF that gives no joint a drive by

@@ -38,11 +38,11 @@ from cranedyn.model.urdf import (
 )
 
 JOINT_FRAME_AXES_VERSION = 5
-"""Version 1.x from which an axis is written in the joint frame unless it says otherwise; before, it
+"""Version 1.x from which an axis is written in the joint frame unless it names another; before, it
 is written in the model frame."""
 
 DEFAULT_GRAVITY = 9.8
-"""Gravity of a world that says none [m/s²], by the specification."""
+"""Gravity of a world that states none [m/s²], by the specification."""
 
 INFINITE_LIMIT = 1e16
 """Limit from which on a joint has no end [rad or m], by the specification."""
