@@ -370,8 +370,8 @@ def standing(crane: Crane, ground: Ground, state: State) -> State:
     rope = crane.springs.rope
     if rope is None:
         raise ModelError(
-            "A load can stand on the ground only below a rope that stretches; give the crane a "
-            "rope_stiffness, such as 2e7 N."
+            "A load can stand on the ground only below a rope that stretches or goes slack; give "
+            "the crane a rope_stiffness, such as 2e7 N, or inf."
         )
     points = np.array(contacts.points)
     at_rest = 0.0 * q
@@ -402,7 +402,7 @@ def anchors_at(crane: Crane, contacts: Contacts, start: State) -> np.ndarray:
     static_sink = weight / 4.0 / contacts.stiffness
     deepest = MAX_START_SINKS * static_sink
     if depth > deepest:
-        allowed = f"{deepest:g} at most, above it the load stands"
+        allowed = f"{deepest:g} or less; contact.standing puts the load onto the ground"
         raise OutOfRange("depth of the load in the ground at the start", depth, allowed, "m")
     return anchors
 

@@ -43,7 +43,7 @@ DEFAULT_RATES = {"revolute": 0.1, "prismatic": 1.0}
 """Largest rates by kind of joint [rad/s or m/s] of drives that are in none of these roles and have
 no velocity limit, such as those of an MJCF, which knows none.
 
-Chosen in the order of magnitude of `RATES`.
+Own choice, in the order of magnitude of `RATES`.
 """
 
 HEADROOM = 1.1
@@ -52,12 +52,13 @@ make up for its lag.
 """
 
 RAMP_TIMES = {"slew": 3.0, "trolley": 2.5, "hoist": 1.5}
-"""Time from rest to the rate of `RATES` by role [s]. Chosen within the 1 to 5 s to which converters
-of cranes are set.
+"""Time from rest to the rate of `RATES` by role [s]. Own choice, within the 1 to 5 s to which
+converters of cranes are set.
 """
 
 LAGS = {"slew": 0.2, "trolley": 0.1, "hoist": 0.1}
-"""Time constants of the speed control by role [s]. Chosen: long for the slew; its tower twists."""
+"""Time constants of the speed control by role [s]. Own choice: long for the slew, whose tower
+twists."""
 
 RAMP_TIME = 2.5
 """Time from rest to the rate of a drive in none of these roles [s]."""
@@ -66,13 +67,14 @@ LAG = 0.1
 """Time constant of the speed control of such a drive [s]."""
 
 ROUNDING = 0.2
-"""Time in which the ramp reaches its acceleration [s], the rounding of an S-curve. Chosen."""
+"""Time in which the ramp reaches its acceleration [s], the rounding of an S-curve. Own choice."""
 
 STEPS = 16384
 """Steps of a command up to the largest rate: 4000 hex are 100 % in PROFIdrive's 16-bit words."""
 
 DELAY = 0.02
-"""Delay from a command to the response [s]: a cycle of the bus and one of the converter. Chosen."""
+"""Delay from a command to the response [s]: a cycle of the bus and one of the
+converter. Own choice."""
 
 _MAX_DELAY_STEPS = 64
 """Number of control periods of the longest delay."""

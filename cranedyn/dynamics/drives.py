@@ -94,7 +94,7 @@ class _Drives:
         self.free = free
         self._data = crane.model.createData()
         self._layout = crane.layout
-        self._joint = JointForces.of(crane)
+        self._joint_forces = JointForces.of(crane)
         self._coupling = crane.coupling
 
     def begin_step(self, v: np.ndarray) -> None:
@@ -124,7 +124,7 @@ class _Drives:
         and springs, and those from outside (None for none).
         """
         external = None if self.external is None else self.external.effort(q, v)
-        return self._joint.effort(q, v), external
+        return self._joint_forces.effort(q, v), external
 
 
 class EffortDrives(_Drives):
@@ -144,8 +144,8 @@ class EffortDrives(_Drives):
         self._highest = crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
-        self._damping = self._joint.damping
-        self._viscous_only = self._joint.viscous_only
+        self._damping = self._joint_forces.damping
+        self._viscous_only = self._joint_forces.viscous_only
 
     def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Hold efforts until the next command."""
@@ -163,7 +163,7 @@ class EffortDrives(_Drives):
         if self._viscous_only:
             tau = self._tau - self._damping * v
         else:
-            tau = self._tau + self._joint.effort(q, v)
+            tau = self._tau + self._joint_forces.effort(q, v)
         if self.external is not None:
             tau += self.external.effort(q, v)
         # ABA moves all joints: it cannot hold the stretch of a taut rope, for which `free` has been
@@ -207,24 +207,24 @@ class MotionDrives(_Drives):
         """Return the effort exerted at a state [N m or N], shape (m,)."""
         q = state.q
         v = state.v
-        joint, external = self.joint_and_external_forces(q, v)
+        forces, external = self.joint_and_external_forces(q, v)
         model = self.model
         data = self._data
         coupling = self._coupling
         a = solve_accelerations(
-            model, data, q, v, self._command, joint, self.free, external, coupling
+            model, data, q, v, self._command, forces, self.free, external, coupling
         )
-        effort = inverse_dynamics(model, data, q, v, a, joint, external, coupling)
+        effort = inverse_dynamics(model, data, q, v, a, forces, external, coupling)
         return effort[self._layout.drives]
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return accelerations of all joints, shape (n,)."""
-        joint, external = self.joint_and_external_forces(q, v)
+        forces, external = self.joint_and_external_forces(q, v)
         model = self.model
         data = self._data
         coupling = self._coupling
         return solve_accelerations(
-            model, data, q, v, self._command, joint, self.free, external, coupling
+            model, data, q, v, self._command, forces, self.free, external, coupling
         )
 
 
@@ -325,10 +325,9 @@ class VelocityDrives(_Drives):
         coupling = self._coupling
         target = np.zeros(len(v))
         target[drives] = self._response.accelerations_at(reference, v[drives].tolist())
-        joint, external = self.joint_and_external_forces(q, v)
-        a = solve_accelerations(model, data, q, v, target, joint, self.free, external, coupling)
-        forces = inverse_dynamics(model, data, q, v, a, joint, external, coupling)
-        needed = forces[drives]
+        forces, external = self.joint_and_external_forces(q, v)
+        a = solve_accelerations(model, data, q, v, target, forces, self.free, external, coupling)
+        needed = inverse_dynamics(model, data, q, v, a, forces, external, coupling)[drives]
         # Written so that an effort that is NaN takes the second way.
         if (np.abs(needed) <= self._limit).all():
             return DrivenMotion(a, needed, needed)
@@ -337,7 +336,7 @@ class VelocityDrives(_Drives):
         if coupling is not None:
             mass = coupling.reduce(mass)
         without_motion = np.zeros(len(v))
-        bias = inverse_dynamics(model, data, q, v, without_motion, joint, external, coupling)
+        bias = inverse_dynamics(model, data, q, v, without_motion, forces, external, coupling)
         limited = saturate_acceleration(mass, bias, target[drives], self._limit, drives, self.free)
         if coupling is None:
             return limited

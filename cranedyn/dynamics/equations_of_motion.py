@@ -60,9 +60,9 @@ def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
     Returns:
         Accelerations [rad/s² or m/s²], shape (n,).
     """
-    joint = JointForces.of(crane)
-    tau = over_all_joints(crane, effort) + joint.effort(state.q, state.v)
-    holds_stretch = _holds_stretch(joint, state)
+    joint_forces = JointForces.of(crane)
+    tau = over_all_joints(crane, effort) + joint_forces.effort(state.q, state.v)
+    holds_stretch = _holds_stretch(joint_forces, state)
     if crane.coupling is None and not holds_stretch:
         return pin.aba(crane.model, crane.data, state.q, state.v, tau)
     free = crane.layout.independent
@@ -78,12 +78,12 @@ def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
     )
 
 
-def _holds_stretch(joint: JointForces, state: State) -> bool:
+def _holds_stretch(joint_forces: JointForces, state: State) -> bool:
     """Return whether an inextensible rope is taut at a state, so that its stretch cannot move."""
-    rope = joint.rope
+    rope = joint_forces.rope
     if rope is None or not rope.inextensible:
         return False
-    return bool(joint.phase(state.q, state.v) == TAUT)
+    return bool(joint_forces.phase(state.q, state.v) == TAUT)
 
 
 def prescribed_acceleration(
@@ -113,11 +113,11 @@ def prescribed_acceleration(
     data = crane.data
     coupling = crane.coupling
     layout = crane.layout
-    joint = JointForces.of(crane)
+    joint_forces = JointForces.of(crane)
     passive = layout.passive
-    if _holds_stretch(joint, state):
+    if _holds_stretch(joint_forces, state):
         passive = crane.springs.free(passive)
-    forces = joint.effort(q, v)
+    forces = joint_forces.effort(q, v)
     a = over_all_joints(crane, drive_acceleration)
     a = solve_accelerations(model, data, q, v, a, forces, passive, coupling=coupling)
     needed = inverse_dynamics(model, data, q, v, a, forces, coupling=coupling)
@@ -141,14 +141,14 @@ def constraint_tension(
     """
     rope = crane.springs.rope
     assert rope is not None and rope.inextensible
-    joint = JointForces.of(crane)
-    if not _holds_stretch(joint, state):
+    joint_forces = JointForces.of(crane)
+    if not _holds_stretch(joint_forces, state):
         return 0.0
     q = state.q
     v = state.v
     model = crane.model
     data = crane.data
-    tau = over_all_joints(crane, effort) + joint.effort(q, v)
+    tau = over_all_joints(crane, effort) + joint_forces.effort(q, v)
     outside = None
     if force is not None:
         outside = outside_effort(crane.points, model, data, q, force)
@@ -450,17 +450,17 @@ def by_state_and_force(
     rigid body dynamics algorithms, RSS 2018). The forces of joints depend on the state as well,
     ∂τ/∂q = -K and ∂τ/∂v = -D, and add -M⁻¹ K and -M⁻¹ D.
     """
-    joint = JointForces.of(crane)
+    joint_forces = JointForces.of(crane)
     rope = crane.springs.rope
-    if rope is not None and _holds_stretch(joint, state):
+    if rope is not None and _holds_stretch(joint_forces, state):
         return _by_state_and_force_when_taut(crane, state, effort, rope.stretch)
     if crane.coupling is not None:
         return _by_state_and_force_when_coupled(crane, crane.coupling, state, effort)
-    tau = over_all_joints(crane, effort) + joint.effort(state.q, state.v)
+    tau = over_all_joints(crane, effort) + joint_forces.effort(state.q, state.v)
     by_q, by_v, inverse_mass = pin.computeABADerivatives(
         crane.model, crane.data, state.q, state.v, tau
     )
-    stiffness, damping = joint.tangent(state.q, state.v)
+    stiffness, damping = joint_forces.tangent(state.q, state.v)
     if crane.springs.any:
         by_q = by_q - inverse_mass @ stiffness
     by_state = np.concatenate([by_q, by_v - inverse_mass * damping], axis=1)
@@ -480,11 +480,11 @@ def _by_state_and_force_when_coupled(
 
     A follower has no motion of its own, so that its columns are zero.
     """
-    joint = JointForces.of(crane)
+    joint_forces = JointForces.of(crane)
     spread = coupling.matrix
     a = acceleration(crane, state, effort)
     pin.computeRNEADerivatives(crane.model, crane.data, state.q, state.v, a)
-    stiffness, damping = joint.tangent(state.q, state.v)
+    stiffness, damping = joint_forces.tangent(state.q, state.v)
     by_q = (crane.data.dtau_dq + stiffness) @ spread
     by_v = (crane.data.dtau_dv + np.diag(damping)) @ spread
     inverse_mass = spread @ np.linalg.inv(crane.mass_matrix(state.q)) @ spread.T
@@ -512,13 +512,13 @@ def _by_state_and_force_when_taut(
     data = crane.data
     q = state.q
     v = state.v
-    joint = JointForces.of(crane)
+    joint_forces = JointForces.of(crane)
     free = crane.springs.free(np.arange(n))
-    tau = over_all_joints(crane, effort) + joint.effort(q, v)
+    tau = over_all_joints(crane, effort) + joint_forces.effort(q, v)
     a = solve_accelerations(crane.model, data, q, v, np.zeros(n), tau, free)
     pin.computeRNEADerivatives(crane.model, data, q, v, a)
     mass = data.M  # which the derivatives of the inverse dynamics contain
-    stiffness, damping = joint.tangent(q, v)
+    stiffness, damping = joint_forces.tangent(q, v)
     resisting = np.hstack([data.dtau_dq + stiffness, data.dtau_dv + np.diag(damping)])
     inverse_mass = np.zeros((n, n))
     inverse_mass[np.ix_(free, free)] = np.linalg.inv(mass[np.ix_(free, free)])

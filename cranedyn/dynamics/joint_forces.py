@@ -218,7 +218,7 @@ class JointForces:
 
 
 def rope_tension(
-    layout: Layout, joint: JointForces, q: np.ndarray, v: np.ndarray, hoist: Any
+    layout: Layout, joint_forces: JointForces, q: np.ndarray, v: np.ndarray, hoist: Any
 ) -> Any:
     """Return the tension of the rope [N]; None without a hoist, and for an inextensible rope that
     may go slack, whose tension follows from the motion of the whole crane.
@@ -230,18 +230,18 @@ def rope_tension(
 
     Args:
         layout: Joints of the crane.
-        joint: Damping, dry friction and springs of the joints.
+        joint_forces: Damping, dry friction and springs of the joints.
         q: Coordinates, n numbers or rows of them.
         v: Their rates, likewise.
         hoist: Force of the hoist and of the buffers at the ends of the cable [N], negative where it
             holds the load.
     """
-    if joint.rope is not None:
-        return None if joint.rope.inextensible else joint.tension(q, v)
+    if joint_forces.rope is not None:
+        return None if joint_forces.rope.inextensible else joint_forces.tension(q, v)
     if not layout.has("hoist"):
         return None
     hoist_joint = layout.role("hoist", "The rope")
-    return joint.resistance_of(hoist_joint, v[hoist_joint]) - hoist
+    return joint_forces.resistance_of(hoist_joint, v[hoist_joint]) - hoist
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from cranedyn.model.layout import ALIGNED, Layout
 
 
 class Bound(NamedTuple):
-    """Condition low <= value <= high, or low < value without an upper bound.
+    """Condition low <= value <= high, or low < value, of one number or of many rows.
 
     Attributes:
         joint: Index of the joint concerned among the coordinates.
@@ -108,8 +108,8 @@ def bounds(
         yield Bound(stretch, q[stretch] + q[length], 0.0, None, True, message)
     elif tension is not None:
         message = (
-            "the rope would have to push, its tension is {value:.6g} N; a rope goes slack, as with "
-            "rope_stiffness = inf"
+            "the rope would have to push, its tension is {value:.6g} N; give the crane "
+            "rope_stiffness = inf to let it go slack"
         )
         yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, message)
 

@@ -137,7 +137,7 @@ def turn_tower(
         ModelError: If there is no hoist, see `find_hoist`.
     """
     hoist = find_hoist(model, joints, path)
-    # All that carries the hoist: of the joints between the world and itself, without both.
+    # The joints between the world and the hoist, from the ground upwards.
     chain = [int(joint) - 1 for joint in model.supports[hoist + 1]][1:-1]
     slews = [i for i in chain if joints[i].kind == "revolute" and _is_vertical(joints[i])]
     if not slews:
@@ -386,15 +386,17 @@ def _turn_joint(
 
 def _turn_spring(robot: ET.Element, name: str, coordinate: _NewCoordinate) -> None:
     """Write the rest position of the spring of a joint, if it has one, in its new coordinate."""
-    for block in robot.iterfind("gazebo"):
-        if block.get("reference") != name or block.find("springStiffness") is None:
-            continue
-        reference = block.find("springReference")
-        if reference is None:
-            reference = ET.SubElement(block, "springReference")
-            reference.text = "0"
-        old = number(f"rest position of the spring of {name}", (reference.text or "").strip())
-        reference.text = repr(coordinate.sign * (old - coordinate.zero))
+    blocks = [block for block in robot.iterfind("gazebo") if block.get("reference") == name]
+    with_spring = [block for block in blocks if block.find("springStiffness") is not None]
+    if not with_spring:
+        return
+    references = [block.find("springReference") for block in blocks]
+    reference = next((found for found in references if found is not None), None)
+    if reference is None:
+        reference = ET.SubElement(with_spring[0], "springReference")
+        reference.text = "0"
+    old = number(f"rest position of the spring of {name}", (reference.text or "").strip())
+    reference.text = repr(coordinate.sign * (old - coordinate.zero))
 
 
 def _turn_followers(robot: ET.Element, name: str, coordinate: _NewCoordinate) -> None:

@@ -87,7 +87,7 @@ class Crane:
         lower, upper: Joint ranges [rad or m], shape (n,).
         effort_limit: Largest effort of the drives [N m or N], shape (m,).
         start: State in which runs start: the drives as in the URDF, all else hanging at rest. A
-            mechanism whose passive joints do not hang starts with them where the URDF says.
+            mechanism whose passive joints do not hang starts with them where the URDF states.
         points: Points on which external forces act, the payload first.
         record: All that `cranedyn.model.load.load_crane` needs to load the crane again, as it is
             recorded with a run. Assumptions that led to its URDF are not part of it: a crane loaded

@@ -235,7 +235,7 @@ def _expand(
         try:
             return str(package_folder(name, path, packages))
         except ModelError as error:
-            # Xacro wraps it in errors of its own, which say it twice and with its class.
+            # Xacro wraps it in errors of its own, whose text repeats it and names its class.
             missing.append(error)
             raise
 

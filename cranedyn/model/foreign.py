@@ -1,4 +1,4 @@
-"""A description in another format than URDF, as a URDF with what URDF cannot say beside it."""
+"""A description in another format than URDF, as a URDF and beside it what a URDF cannot state."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def smooth_friction(
         lower: Lower ends of the ranges of the joints, shape (n,).
         upper: Their upper ends, shape (n,).
         drives: Indices of the driven joints among the coordinates.
-        start: Coordinates at the start as the URDF says them, shape (n,); the passive joints need
+        start: Coordinates at the start as the URDF states them, shape (n,); the passive joints need
             not be at rest.
         coupling: Joints that follow others; None if there are none.
 

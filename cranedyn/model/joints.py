@@ -49,7 +49,8 @@ def complete_limits(robot: ET.Element, driven: Sequence[str] | None) -> list[str
 
     Args:
         robot: The URDF.
-        driven: Names of the driven joints; None for those that the URDF says, all if it says none.
+        driven: Names of the driven joints; None for those that the URDF declares, all if it
+            declares none.
 
     Returns:
         A note on each limit that was set.
@@ -150,12 +151,12 @@ def payload_index(model: pin.Model, name: str | None, path: Path) -> int:
 
 
 def has_drives(robot: ET.Element) -> bool:
-    """Return whether a URDF says which joints are driven."""
+    """Return whether a URDF declares which joints are driven."""
     return bool(_declared_drives(robot)[0])
 
 
 def _declared_drives(robot: ET.Element) -> tuple[set[str], str]:
-    """Return the names of the driven joints and the element that says so."""
+    """Return the names of the driven joints and the element that declares them."""
     controlled = {
         joint.get("name", "")
         for joint in robot.iterfind("ros2_control/joint")

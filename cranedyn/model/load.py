@@ -140,7 +140,7 @@ def load_crane(
             The visuals of this project's crane are made again; those of other cranes, and of a
             crane with locked joints, are not kept.
         gravity: Gravity [m/s²] along -Z; None for that of the file, or standard gravity where it
-            says none, as a URDF.
+            states none, as in a URDF.
         joints: Names of joints by role, for example ``{"slew": "base_yaw"}``; None for the names in
             the tower crane of this project. See `cranedyn.model.layout.ROLES`.
         driven: Names of the driven joints, for a URDF that gives no joint a drive by
@@ -424,6 +424,7 @@ def _crane(
     gravity = STANDARD_GRAVITY if options.gravity is None else options.gravity
     model.gravity.linear = np.array([0.0, 0.0, -gravity])
     model.armature = read_armature(robot, names)
+
     payload = payload_index(model, options.payload, path)
     mimics = read_mimics(robot, names)
     coupling = coupling_of(mimics, names)
@@ -431,6 +432,7 @@ def _crane(
     joints = read_joints(model, driven, options.joints, path, mimics)
     if options.check_axes:
         check_roles(joints, path)
+
     springs = read_springs(robot, Layout(joints, points=()), path)
     points = force_points(model, joints, payload, springs.elastic)
     layout = Layout(joints, tuple(point.name for point in points))
@@ -439,26 +441,30 @@ def _crane(
             f"{path} has joints that mimic others, and a rope that stretches or two falls; allowed "
             "is one of both."
         )
+
     _check_payload_mass(model, joints, payload, path)
     _check_ranges(model, layout, payload, path)
     lower = model.lowerPositionLimit.copy()
     upper = model.upperPositionLimit.copy()
     notes = [] if coupling is None else limit_leaders(coupling, lower, upper, names)
+    model.lowerPositionLimit = lower
+    model.upperPositionLimit = upper
     if len(layout.passive) == 0:
         notes.append(
             "Nothing swings: no joint is passive. If the hook hangs on a rigid joint, swing=True, "
             "or --swing, puts a rope above it."
         )
-    model.lowerPositionLimit = lower
-    model.upperPositionLimit = upper
+
     q = _start(robot, layout, model)
     if coupling is not None:
         q = coupling.complete(q)
     _check_solvable(model, q, layout, path)
+
     friction_efforts = read_friction(robot, layout)
     check_stretch(springs, model.damping, friction_efforts, layout, path)
     drives = layout.drives.tolist()
     friction = smooth_friction(friction_efforts, model, lower, upper, drives, q, coupling)
+
     crane = Crane(
         layout=layout,
         urdf_source=urdf_source,

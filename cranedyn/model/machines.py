@@ -44,7 +44,11 @@ class MachineSpecification(NamedTuple):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Sentences for `Crane.assumptions`."""
-        return (f"{self.title}: all is assumed but {', '.join(self.margins)}.",)
+        stated = [name for name in self.margins if name not in self.accelerations]
+        sentence = f"{self.title}: all is assumed but {', '.join(stated)}"
+        if self.accelerations:
+            sentence += f", and the largest accelerations of {', '.join(self.accelerations)}"
+        return (f"{sentence}.",)
 
 
 def machine_names() -> list[str]:

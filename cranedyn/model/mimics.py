@@ -1,7 +1,8 @@
 """Joints that follow others: the sections of a telescope, the fingers of a grapple.
 
-The URDF says so by ``<mimic joint="…" multiplier="r" offset="c"/>``: the coordinate of the follower
-is r times that of its leader plus c. All coordinates of a crane, those of followers among them, are
+A URDF states this by ``<mimic joint="…" multiplier="r" offset="c"/>``: the coordinate of the
+follower is r times that of its leader plus c. All coordinates of a crane, those of followers among
+them, are
 
     q = G q + c,   v = G v,   a = G a,
 

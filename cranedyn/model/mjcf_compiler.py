@@ -19,6 +19,7 @@ import json
 import math
 import sys
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -313,18 +314,19 @@ def damping_of_joints(mujoco: Any, model: Any) -> list[float]:
     return damping
 
 
+@dataclass
 class ActuatorRange:
     """Range of the effort that the actuators of a joint can exert, their sum.
 
     Attributes:
-        low, high: Ends of the range [N m or N], infinite where the file states none.
+        low: Lower end of the range [N m or N], infinite where the file states none.
+        high: Upper end likewise.
         kinds: What the actuators are, other than motors.
     """
 
-    def __init__(self) -> None:
-        self.low = 0.0
-        self.high = 0.0
-        self.kinds: list[str] = []
+    low: float = 0.0
+    high: float = 0.0
+    kinds: list[str] = field(default_factory=list)
 
 
 def actuation_of_joints(mujoco: Any, model: Any) -> dict[int, ActuatorRange]:

@@ -107,7 +107,7 @@ def _twin_arguments(path: str) -> dict[str, str]:
     try:
         values = parse_json(read_text(path))["crane"]["arguments"]
         for value in values.values():
-            # JSON has no infinite number: a record says the word.
+            # JSON has no infinite number: a record has the word.
             if not isinstance(value, float | int) and value not in ("inf", "-inf"):
                 raise TypeError
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):

@@ -2,7 +2,7 @@
 
 The inertias of the cranes of this project belong to loads of a tonne. Under a load of some hundred
 grams they would slow the swing many times over, and nothing in a run would look wrong. So a crane
-says when its compound pendulum is not the point pendulum that its rope lets one expect.
+reports when its compound pendulum is not the point pendulum that its rope lets one expect.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ _MIN_STIFFNESS_RATIO = 0.02
 a point load m at the distance l from a horizontal axis."""
 
 LARGEST_DIFFERENCE = 0.2
-"""Relative difference of the two periods from which on a crane says so. Loads on ropes of the usual
-length differ by a few per cent at most."""
+"""Relative difference of the two periods from which on a crane reports it. Loads on ropes of the
+usual length differ by a few per cent at most."""
 
 _MIN_FREQUENCY_RATIO = 1e-3
 """Frequency over the highest one below which a joint, such as a swivel, turns freely."""

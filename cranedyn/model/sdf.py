@@ -38,11 +38,11 @@ from cranedyn.model.urdf import (
 )
 
 JOINT_FRAME_AXES_VERSION = 5
-"""Version 1.x from which an axis is written in the joint frame unless it says otherwise; before, it
+"""Version 1.x from which an axis is written in the joint frame unless it names another; before, it
 is written in the model frame."""
 
 DEFAULT_GRAVITY = 9.8
-"""Gravity of a world that says none [m/s²], by the specification."""
+"""Gravity of a world that states none [m/s²], by the specification."""
 
 INFINITE_LIMIT = 1e16
 """Limit from which on a joint has no end [rad or m], by the specification."""
@@ -366,18 +366,27 @@ class _Reader(SdfFrames):
                 drives += self._commanded_axes(carrier, axes, commanded.get(carrier, ()))
             self._add_link(robot, link, origins[link], moves=carrier is not None)
         robot.extend(springs)
-        # A joint without range has become fixed, and nothing can drive it.
-        still = {joint.get("name") for joint in robot.iterfind("joint[@type='fixed']")}
-        for name in drives:
-            if name in still:
-                self.note(f"A plugin commands {quoted(name)}, which has no range; it is left out.")
-        drives = [name for name in drives if name not in still]
-        if drives:
-            control = ET.SubElement(robot, "ros2_control", name="drives", type="system")
-            for name in drives:
-                drive = ET.SubElement(control, "joint", name=name)
-                ET.SubElement(drive, "command_interface", name="effort")
+        self._add_drives(robot, drives)
         return robot
+
+    def _add_drives(self, robot: ET.Element, commanded: Sequence[str]) -> None:
+        """Declare the joints of the URDF that plugins command as driven.
+
+        A joint without range has become fixed, and nothing can drive it.
+        """
+        fixed = {joint.get("name") for joint in robot.iterfind("joint[@type='fixed']")}
+        drives = []
+        for name in commanded:
+            if name in fixed:
+                self.note(f"A plugin commands {quoted(name)}, which has no range; it is left out.")
+            else:
+                drives.append(name)
+        if not drives:
+            return
+        control = ET.SubElement(robot, "ros2_control", name="drives", type="system")
+        for name in drives:
+            drive = ET.SubElement(control, "joint", name=name)
+            ET.SubElement(drive, "command_interface", name="effort")
 
     def _models_of_crane(self) -> list[SdfFrame]:
         """Return the models of the world that may move, at least one; note the static ones."""

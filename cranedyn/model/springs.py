@@ -293,7 +293,7 @@ def _read_falls(layout: Layout, index: int, text: str, path: Path) -> Bifilar:
     Args:
         layout: Joints of the crane.
         index: Index of the joint about which the load yaws.
-        text: Distance of the falls as the file says it [m].
+        text: Distance of the falls as the file states it [m].
         path: File for error messages.
 
     Raises:
@@ -317,7 +317,7 @@ def _read_rope(layout: Layout, index: int, text: str, path: Path) -> Rope:
     Args:
         layout: Joints of the crane.
         index: Index of the joint that is the stretch of the rope.
-        text: EA [N] as the file says it, inf for an inextensible rope.
+        text: EA [N] as the file states it, inf for an inextensible rope.
         path: File for error messages.
 
     Raises:
@@ -447,7 +447,7 @@ def solve_rest(
         if np.abs(unbalanced[passive]).max(initial=0.0) <= _ROUND_OFF_EFFORT * gravity * mass:
             return q
         # `_compliance` takes negative curvatures as positive, so that the step goes down the energy
-        # there, too. It is bounded, since far from rest the curvature says little.
+        # there, too. It is bounded, since the curvature far from rest tells little about it.
         stiffness = rest_stiffness(model, data, springs, q, coupling)
         curvature = stiffness[np.ix_(passive, passive)]
         step = _compliance(curvature) @ unbalanced[passive]

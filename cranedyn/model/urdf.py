@@ -430,7 +430,7 @@ def _vector(text: str) -> np.ndarray:
 
 
 def initial_values(robot: ET.Element) -> dict[str, ET.Element]:
-    """Return the elements that say where joints start, by the names of the joints; the last one
+    """Return the elements that state where joints start, by the names of the joints; the last one
     counts where a file has several.
     """
     values = {}

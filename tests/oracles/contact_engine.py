@@ -186,7 +186,7 @@ class RopeOfDrives:
     def pull(self, q: np.ndarray, v: np.ndarray) -> float:
         """Return a force that is positive where the rope pulls [N]."""
         if not self.rope.inextensible:
-            return float(self._drives._joint.pull(q, v))
+            return float(self._drives._joint_forces.pull(q, v))
         if q[self.rope.stretch] < 0.0 or v[self.rope.stretch] < 0.0:
             return -1.0
         self.take(taut=True)
@@ -203,7 +203,7 @@ class RopeOfDrives:
 
     def take(self, *, taut: bool | None) -> None:
         """Take the rope as taut or as slack from now on; None where the state decides."""
-        self._drives._joint = replace(self._drives._joint, taut=taut)
+        self._drives._joint_forces = replace(self._drives._joint_forces, taut=taut)
         self._drives.free = self._free_when_taut if taut else self._all_joints
         self.tension = math.inf
 

@@ -175,5 +175,5 @@ def test_a_record_and_arguments_do_not_go_together(tmp_path: Path) -> None:
     path = simulate(crane(), hold_controller(crane()), duration=0.01).write(
         tmp_path / "run.parquet"
     )
-    with pytest.raises(CraneError, match="left out: the record says all of the crane"):
+    with pytest.raises(CraneError, match="left out: the record describes the whole crane"):
         load_crane(from_record=path, payload_mass=1.0)
