@@ -553,8 +553,10 @@ def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) ->
     """
     present = _swing_columns(crane, columns)
     if not present:
-        swings = [name for i in crane.swings.tolist() for name in crane.layout.joints[i].columns]
-        raise DataError(f"{name} has no swing column; one of {', '.join(swings)} is needed.")
+        needed: list[str] = []
+        for i in crane.swings.tolist():
+            needed += crane.layout.joints[i].columns
+        raise DataError(f"{name} has no swing column; one of {', '.join(needed)} is needed.")
     for key in present:
         peak = float(np.abs(columns[key]).max(initial=0.0))
         if peak > _MAX_SWING and not key.endswith("_s"):

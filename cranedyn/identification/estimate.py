@@ -233,8 +233,10 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
 
 def _turned_columns(estimate: Estimate) -> set[str]:
     """Return the names of the swings that were taken with the other sign."""
-    records = estimate.model.records
-    return {column for record in records for column, sign in record.signs.items() if sign < 0}
+    turned = set()
+    for record in estimate.model.records:
+        turned |= {column for column, sign in record.signs.items() if sign < 0}
+    return turned
 
 
 def _preference(estimate: Estimate) -> float:

@@ -124,6 +124,7 @@ class Search:
         free = initial.slope.any(axis=0)
 
         def all_values(free_scaled: np.ndarray) -> np.ndarray:
+            """Return the values of all parameters from the scaled ones of those that are free."""
             scaled = begin.copy()
             scaled[free] = free_scaled
             return scaled * scale
@@ -133,6 +134,7 @@ class Search:
         last = {(begin * scale).tobytes(): _reduced(initial, scale)}
 
         def evaluate(free_scaled: np.ndarray) -> Linearisation:
+            """Return the reduced residual and Jacobian at scaled values of the free parameters."""
             point = all_values(free_scaled)
             key = point.tobytes()
             if key not in last:

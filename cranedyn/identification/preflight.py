@@ -134,6 +134,7 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
         advice.append(Advice(move, expected, remaining))
 
     def log_product_of_margins(entry: Advice) -> float:
+        """Return the logarithm of the product of all margins that matter with a further record."""
         # Units of the margins scale all products alike, so that they do not change the order.
         return sum(np.log([entry.margins[name] for name in result.doubtful]))
 

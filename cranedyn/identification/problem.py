@@ -312,11 +312,11 @@ def _default_drives(records: Sequence[Record]) -> Drives:
 
 def _missing_efforts(records: Sequence[Record]) -> bool:
     """Return whether a record lacks the effort of a drive."""
-    return any(
-        joint.effort_column not in record.columns
-        for record in records
-        for joint in record.crane.layout.driven
-    )
+    for record in records:
+        for joint in record.crane.layout.driven:
+            if joint.effort_column not in record.columns:
+                return True
+    return False
 
 
 def _check_determined(p: Parameter, records: Sequence[Record], drives: Drives) -> None:

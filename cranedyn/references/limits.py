@@ -125,18 +125,22 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
         except OutOfRange:
             return np.inf
 
+    # The duration is doubled until it keeps the limits. The shortest one lies between the last two.
     low = _MIN_DURATION
     high = 2.0 * low
     if excess(low) <= 0.0:
         return low
-    while (over := excess(high)) > 0.0:
+    largest_excess = excess(high)
+    while largest_excess > 0.0:
         low = high
         high = 2.0 * high
         if high > _MAX_DURATION:
             allowed = (
-                f"such that some duration up to {_MAX_DURATION:g} s keeps them, not {over:g} beyond"
+                f"such that some duration up to {_MAX_DURATION:g} s keeps them, not "
+                f"{largest_excess:g} beyond"
             )
             raise OutOfRange("limits of the drives", limits, allowed)
+        largest_excess = excess(high)
     root = scipy.optimize.brentq(
         lambda duration: min(excess(duration), _FARTHEST_EXCESS),
         low,

@@ -203,7 +203,29 @@ def shaped_hoisting(
     setpoint = tabulated(base, t)
     length = setpoint.position[:, hoist]
     number("shortest cable that the reference wants", length.min(), "m", "> 0")
-    phase = scipy.integrate.cumulative_trapezoid(np.sqrt(crane.gravity / length), t, initial=0.0)
+    moved = _moved_in_parts(shaper, crane.gravity, t, length, setpoint.velocity[:, other_drives])
+    position = setpoint.position[0, other_drives] + moved
+    curve = scipy.interpolate.make_interp_spline(t, position, k=3)
+    return ShapedHoisting(
+        base, other_drives, float(t[-1]), (curve, curve.derivative(), curve.derivative(2))
+    )
+
+
+def _moved_in_parts(
+    shaper: Shaper, gravity: float, t: np.ndarray, length: np.ndarray, velocity: np.ndarray
+) -> np.ndarray:
+    """Return how far drives have moved that get a command in parts while the cable changes its
+    length [rad or m], shape (rows, drives), see `shaped_hoisting`.
+
+    Args:
+        shaper: The shaper.
+        gravity: Gravity [m/s²].
+        t: Times [s], shape (rows,).
+        length: Cable length at these times [m], shape (rows,).
+        velocity: Rates that are commanded [rad/s or m/s], shape (rows, drives).
+    """
+    # The phase of the swing, ∫ω dt.
+    phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
 
     # Of what is commanded at each time, the share of each part: its amplitude times l^(1/4) at the
     # length at which the part comes, scaled so that the parts add up to one.
@@ -214,15 +236,12 @@ def shaped_hoisting(
 
     # How far each part has moved the drives up to the time at which it was commanded, shape (parts,
     # times, drives).
-    velocities = shares[:, :, None] * setpoint.velocity[:, other_drives]
+    velocities = shares[:, :, None] * velocity
     displacements = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
-    moved = np.zeros((len(t), len(other_drives)))
+    moved = np.zeros_like(velocity)
     for fraction, displacement in zip(shaper.fractions, displacements, strict=True):
         # A part comes when the swing has gone on by its fraction of a turn. So what has come up to
         # a time was commanded up to that by which the phase was as much less.
         commanded = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
         moved += np.stack([np.interp(commanded, t, column) for column in displacement.T], axis=1)
-    curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, other_drives] + moved, k=3)
-    return ShapedHoisting(
-        base, other_drives, float(t[-1]), (curve, curve.derivative(), curve.derivative(2))
-    )
+    return moved

@@ -122,9 +122,9 @@ class Station:
                     f"{joint.unit}/s²",
                 )
 
-        # A rate that a guard commands acts until the end of its cycle. It reaches the drive after
-        # the delay of the bus; the ramp takes the time acceleration / jerk to become as steep as
-        # it gets, and the drive follows it by its lag.
+        # A guard looks once a cycle, so that its command to brake may come a cycle late. It reaches
+        # the drive after the delay of the bus; the ramp takes the time acceleration / jerk to
+        # become as steep as it gets, and the drive follows the ramp with its lag.
         ramp_times = accelerations / self.converters.jerks
         slowest = float((self.converters.lags + ramp_times).max())
         least = CYCLE + self.converters.delay + slowest

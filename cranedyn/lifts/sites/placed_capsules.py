@@ -207,7 +207,9 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
 
     pivot = crane.model.jointPlacements[joints.swings[0]].translation[None].repeat(2, axis=0)
     capsules = _rigid_capsules(crane, joints, shapes, data, outward)
-    of_swings = [corners for joint in joints.swings for corners in shapes.get(joint, [])]
+    of_swings: list[np.ndarray] = []
+    for joint in joints.swings:
+        of_swings += shapes.get(joint, [])
     if of_swings:
         # Shapes of the swing joints turn about the pivot: a ball covers them in any position.
         radius = float(np.linalg.norm(np.concatenate(of_swings), axis=1).max())
@@ -523,7 +525,8 @@ def _capsule_along(points: np.ndarray, direction: np.ndarray) -> _AlignedCapsule
     high = float((position - cap).max())
     if not low < high:
         # A ball covers all points.
-        low = high = (low + high) / 2.0
+        low = (low + high) / 2.0
+        high = low
     ends = np.array([line + low * direction, line + high * direction])
     return _AlignedCapsule(ends, high - low, radius)
 

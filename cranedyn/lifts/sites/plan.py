@@ -791,6 +791,7 @@ class _Schedule:
         )
 
     def _restore(self, saved: _ScheduleState) -> None:
+        """Go back to a copy of what changes, see `_saved`."""
         self.lifts = saved.lifts
         self.boxes = saved.boxes
         self.positions = saved.positions

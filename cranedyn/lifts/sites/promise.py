@@ -23,6 +23,7 @@ def site_assumptions(site: CraneSite) -> list[Assumption]:
     """
 
     def origin(value: str) -> Origin:
+        """Return whether somebody entered a value of the site, see `CraneSite.entered`."""
         return Origin.ENTERED if value in site.entered else Origin.DEFAULT
 
     assumptions = [
@@ -94,30 +95,37 @@ def _per_drive(station: Station, values: np.ndarray, per: str) -> str:
 
 
 def _swing_by_wind(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    """Return how far a gust swings the load, and how much of the largest swing is left."""
     by_gust = math.degrees(site.working_wind.swing(station.crane))
     left = math.degrees(working_swing(station, site.swing, site.working_wind))
     return f"{by_gust:.2g}°; {left:.2g}° are left to the drives", Origin.COMPUTED
 
 
 def _brakes(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    """Return the weakest deceleration of each drive."""
     return _per_drive(station, station.brakes.decelerations, "/s²"), _origin(station, "brakes")
 
 
 def _reaction(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    """Return the time from a measurement to full deceleration."""
     return f"{station.brakes.reaction:.3g} s", _origin(station, "reaction")
 
 
 def _drives(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    """Return the largest rate of each drive."""
     return _per_drive(station, station.converters.rates, "/s"), _origin(station, "drives")
 
 
 def _tolerances(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    """Return the largest error of the measured position of each drive."""
     return _per_drive(station, station.brakes.tolerances, ""), _origin(station, "tolerances")
 
 
 def _shapes(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    """Return which shapes of the crane keep apart."""
     return "those of its description, with the load", _origin(station, "crane")
 
 
 def _load(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    """Return the mass of the load: a lighter one swings farther in the wind."""
     return f"{station.crane.payload_mass:g} kg", _origin(station, "load")

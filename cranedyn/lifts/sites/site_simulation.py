@@ -990,6 +990,7 @@ class _Watch:
         for k in np.argsort(gaps).tolist():
 
             def gap(share: float, k: int = k) -> float:
+                """Return the gap of this pair of capsules on its way, see `_proven`."""
                 ends = [a + share * motion for a, motion in zip(before, motions, strict=True)]
                 return float(self._gaps(pair, ends)[k])
 
