@@ -1,8 +1,18 @@
 "use strict";
 // The page around the picture: what the operator reads and sets, and the messages of the worker.
 
-const STRIP_SECONDS = 30, STRIP_ROWS = 480, NOTICE_SECONDS = 6;
+/** Time that the plots show [s]. */
+const STRIP_SECONDS = 30;
+
+/** Number of rows of the plots that are kept. */
+const STRIP_ROWS = 480;
+
+/** Time for which a notice is shown [s]. */
+const NOTICE_SECONDS = 6;
+
 const DEGREES = 180 / Math.PI;
+
+/** Letters of coordinates by their symbols. */
 const GREEK = /** @type {Record<string, string>} */ ({gamma: "γ", phi: "φ", theta: "θ"});
 
 /** @param {string} id @returns {any} */
