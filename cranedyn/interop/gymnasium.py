@@ -131,7 +131,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin episodes, and return observations and infos.
+        """Begin episodes, and return observations and infos, see `step`.
 
         Args:
             seed: Seed of the random numbers of all cranes; None goes on with the last ones.
@@ -154,7 +154,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         super().reset(seed=whole_seed)
         self._begin(mask, initial)
         self._was_reset = True
-        return self.task.observe(), {}
+        return self.task.observe(), {**self._infos(), "_distance": mask}
 
     def step(self, actions: np.ndarray) -> VectorStep:
         """Apply actions for a control period.

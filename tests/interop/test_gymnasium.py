@@ -248,6 +248,16 @@ def test_the_step_that_begins_an_episode_tells_the_distance_of_its_beginning() -
     assert not np.array_equal(infos["distance"], infos["final_info"]["distance"])
 
 
+def test_a_reset_tells_the_distance_of_the_episodes_that_it_begins() -> None:
+    env = many(3)
+    _, infos = env.reset(seed=4)
+    assert np.array_equal(infos["distance"], env.task.distance(env.task.fleet.z, env.task.goal))
+    assert infos["_distance"].all()
+    only_second = np.array([False, True, False])
+    _, infos = env.reset(options={"reset_mask": only_second})
+    assert np.array_equal(infos["_distance"], only_second)
+
+
 def test_cranes_in_different_gravities_are_refused() -> None:
     on_the_moon = load_crane(gravity=1.62)
     with pytest.raises(OutOfRange, match="gravity of the cranes"):
