@@ -293,6 +293,11 @@ def test_an_episode_is_drawn_by_rerun_as_seen(tmp_path: Path, dt: float, rows: i
     assert_allclose(np.concatenate([again.q[-1], again.v[-1]]), z, atol=1e-12)
 
 
+def test_a_film_of_pictures_shows_the_crane_in_real_time() -> None:
+    assert TowerCraneEnv(crane=crane()).metadata["render_fps"] == 10
+    assert TowerCraneEnv(crane=crane(), control_period=0.05).metadata["render_fps"] == 20
+
+
 @pytest.mark.slow
 def test_pictures_have_one_scale_and_show_the_load_where_it_is() -> None:
     env = gym.make(ID, crane=crane(), render_mode="rgb_array")
