@@ -258,6 +258,7 @@ def test_a_reset_tells_the_distance_of_the_episodes_that_it_begins() -> None:
     assert np.array_equal(infos["_distance"], only_second)
 
 
+@pytest.mark.slow
 def test_cranes_in_different_gravities_are_refused() -> None:
     on_the_moon = load_crane(gravity=1.62)
     with pytest.raises(OutOfRange, match="gravity of the cranes"):

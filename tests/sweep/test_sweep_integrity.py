@@ -54,6 +54,7 @@ def _resume(folder: Path) -> Progress:
     return reported[0]
 
 
+@pytest.mark.slow
 def test_an_interrupted_sweep_does_not_count_damaged_files_as_done(copied: Path) -> None:
     for index in (0, 1):
         file = copied / CHUNK_FILE.format(index)
