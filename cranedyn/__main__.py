@@ -1,5 +1,8 @@
 """The command ``cranedyn``: run, list and report experiments, view a recording, describe or export
 a crane.
+
+`COMMANDS` has one function for each command, which adds its arguments and sets the function that
+runs it. What a command needs is imported in these functions only, so that each starts fast.
 """
 
 from __future__ import annotations
@@ -18,10 +21,12 @@ from cranedyn.command import Parser, command
 
 
 class _Parser(Parser):
-    """A parser that gets its arguments when it parses: no command imports what another one needs.
+    """A parser that gets its arguments when it parses, so that no command imports what another one
+    needs.
 
     Attributes:
-        configure: Function that adds the arguments and sets `run`, a function of the options.
+        configure: Function that adds the arguments and sets `run`, a function of the options that
+            returns the exit code; None once it has been called.
     """
 
     configure: Callable[[_Parser], None] | None = None
@@ -43,16 +48,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=f"cranedyn {__version__}")
     commands = parser.add_subparsers(required=True, dest="command", metavar="COMMAND")
     for name, configure in COMMANDS.items():
+        # The docstring of the function is the help: a sentence, and an example after a blank line.
         text, _, example = (configure.__doc__ or "").strip().partition("\n\n")
         example = example.strip().removeprefix("Example: ")
         subparser = commands.add_parser(name, help=text, description=text, example=example)
         subparser.configure = configure
-    words = sys.argv[1:] if argv is None else argv
-    return command(lambda: _run(parser.parse_args(words or ["--help"])))
+    arguments = sys.argv[1:] if argv is None else argv
 
+    def run() -> int:
+        """Run the command that the arguments name."""
+        options = parser.parse_args(arguments or ["--help"])
+        return int(options.run(options))
 
-def _run(options: argparse.Namespace) -> int:
-    return int(options.run(options))
+    return command(run)
 
 
 def _experiment(parser: _Parser) -> None:
@@ -60,13 +68,19 @@ def _experiment(parser: _Parser) -> None:
 
     Example: cranedyn run a1 --gravity 9.8
     """
-    add = parser.add_argument
-    text = "its arguments; run NAME --help lists them"
-    add("name", metavar="NAME", help="of the experiment")
-    add("arguments", nargs=argparse.REMAINDER, metavar="...", help=text)
-    parser.set_defaults(
-        run=lambda options: plugins.load("experiment", options.name).main(options.arguments)
+    parser.add_argument("name", metavar="NAME", help="of the experiment")
+    parser.add_argument(
+        "arguments",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="its arguments; run NAME --help lists them",
     )
+
+    def run(options: argparse.Namespace) -> int:
+        """Run the experiment, which returns the exit code."""
+        return int(plugins.load("experiment", options.name).main(options.arguments))
+
+    parser.set_defaults(run=run)
 
 
 def _list(parser: _Parser) -> None:
@@ -94,10 +108,15 @@ def _snapshot(parser: _Parser) -> None:
 
 
 def _delegate(parser: _Parser, name: str) -> None:
-    """Hand all arguments to a module that parses them."""
-    parser.prefix_chars = ""  # options, too
+    """Hand all arguments, options among them, to the module of a command, which parses them."""
+    parser.prefix_chars = ""  # no argument is an option of this parser
     parser.add_argument("arguments", nargs=argparse.REMAINDER)
-    parser.set_defaults(run=lambda options: plugins.load("command", name).main(options.arguments))
+
+    def run(options: argparse.Namespace) -> int:
+        """Run the command, which returns the exit code."""
+        return int(plugins.load("command", name).main(options.arguments))
+
+    parser.set_defaults(run=run)
 
 
 def _view(parser: _Parser) -> None:
@@ -108,18 +127,23 @@ def _view(parser: _Parser) -> None:
     from cranedyn.model.options import add_crane_options, add_values
 
     add = parser.add_argument
-    text = "in a browser on this machine, until Ctrl-C"
     add("file", metavar="FILE", type=Path, help="recording (.rrd), or run (.parquet or .csv)")
     add("--film", metavar="FILE.mp4", type=Path, help="write a film of the run")
-    add("--serve", action="store_true", help=text)
-    text = "of the page, default 9090; the data is at the next port"
-    add("--port", type=int, metavar="P", help=text)
-    add_crane_options(parser.common)  # of a .csv, which does not say whose it is
+    add("--serve", action="store_true", help="in a browser on this machine, until Ctrl-C")
+    add(
+        "--port",
+        type=int,
+        metavar="P",
+        help="of the page, default 9090; the data is at the next port",
+    )
+    # A .csv does not say of which crane it is.
+    add_crane_options(parser.common)
     add_values(parser.common, "numbers of the crane of a .csv")
-    parser.set_defaults(run=partial(_show, parser))
+    parser.set_defaults(run=partial(_run_view, parser))
 
 
-def _show(parser: _Parser, options: argparse.Namespace) -> int:
+def _run_view(parser: _Parser, options: argparse.Namespace) -> int:
+    """Write the film that the options ask for, or show the recording, and return the exit code."""
     from cranedyn import recording
 
     if options.port is not None and not options.serve:
@@ -127,7 +151,7 @@ def _show(parser: _Parser, options: argparse.Namespace) -> int:
     if options.film and options.serve:
         parser.error("--serve has no effect beside --film; leave it out")
     if options.file.suffix in (".csv", ".parquet"):
-        options.file = _recorded(options)
+        options.file = _write_recording_or_film(options)
     elif options.film:
         parser.error(f"a film needs a run, .parquet or .csv, which {options.file} is not")
     if options.film:
@@ -145,7 +169,7 @@ def _show(parser: _Parser, options: argparse.Namespace) -> int:
     return 0
 
 
-def _recorded(options: argparse.Namespace) -> Path:
+def _write_recording_or_film(options: argparse.Namespace) -> Path:
     """Write the recording or the film of a run, and return its file."""
     from cranedyn import recording
     from cranedyn.data.files import lock_folder
@@ -182,10 +206,11 @@ def _describe(parser: _Parser) -> None:
     add("--machines", action="store_true", help="list the real cranes of the library")
     add_crane_options(parser)
     add_gravity(parser)
-    parser.set_defaults(run=_write_description)
+    parser.set_defaults(run=_run_describe)
 
 
-def _write_description(options: argparse.Namespace) -> int:
+def _run_describe(options: argparse.Namespace) -> int:
+    """Print what the options ask for, a list or a crane, and return the exit code."""
     from cranedyn.data.files import write_text
     from cranedyn.errors import DataError
     from cranedyn.model.description import arguments
@@ -199,11 +224,16 @@ def _write_description(options: argparse.Namespace) -> int:
         file = options.urdf
         if options.machine is not None:
             file = read_machine(options.machine).urdf
-        for name, a in (arguments() if file is None else arguments(file)).items():
-            print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
+        listed = arguments() if file is None else arguments(file)
+        for name, argument in listed.items():
+            print(
+                f"{name:17} {argument.default:>9} {argument.unit:11} {argument.allowed:5} "
+                f"{argument.meaning}"
+            )
         return 0
     if options.machines:
-        for machine in map(read_machine, machine_names()):
+        for name in machine_names():
+            machine = read_machine(name)
             print(f"{machine.name:19} {machine.title} ({machine.source})")
         return 0
     crane = crane_from_options(options)
@@ -249,23 +279,29 @@ def _export(parser: _Parser) -> None:
     """
     exporters = parser.add_subparsers(required=True, dest="exporter", metavar="EXPORTER")
     for name in plugins.names("exporter"):
-        text = plugins.description("exporter", name).replace("%", "%%")  # no format of argparse
+        # A percent sign begins a format of argparse.
+        text = plugins.description("exporter", name).replace("%", "%%")
         exporter = exporters.add_parser(name, help=text, description=text)
-        exporter.configure = lambda parser, name=name: _exporter(parser, name)
+        exporter.configure = partial(_configure_exporter, name)
 
 
-def _exporter(parser: _Parser, name: str) -> None:
+def _configure_exporter(name: str, parser: _Parser) -> None:
+    """Add the arguments of an exporter, which are those of its module beside target and crane."""
     from cranedyn.export.target import check_free
 
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
-    add = parser.add_argument
-    text = "where to write; it must not be there yet"
-    add("target", type=Path, metavar=exporter.TARGET, help=text)
+    parser.add_argument(
+        "target",
+        type=Path,
+        metavar=exporter.TARGET,
+        help="where to write; it must not be there yet",
+    )
     _add_crane(parser)
     exporter.add_arguments(parser)
 
     def run(options: argparse.Namespace) -> int:
+        # Before anything is computed, which may take long.
         check_free(options.target)
         print(f"Written to {exporter.run(options)}.")
         return 0
@@ -329,8 +365,8 @@ COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "drive": _drive,
     "serve": _serve,
 }
-"""Function by the name of its command; it adds the arguments and sets what runs it, and its
-docstring is help and example."""
+"""Functions that configure the parsers of the commands, by the names of these; their docstrings are
+the help and an example."""
 
 
 if __name__ == "__main__":

@@ -259,7 +259,7 @@ envs(action='torque') => action is torque; allowed is velocity or acceleration.
 envs(reach=(1.0, 2.0)) => reach is (1.0, 2.0); allowed is three numbers: slew, trolley, hoist.
 envs(swing_limit=2.0) => swing_limit is 2.0 rad; allowed is 0.001 to 0.785398.
 envs(wind=-1.0) => wind is -1.0 m/s; allowed is 0 to 1000.
-envs(winds=1.0) => There is no rule of the task 'winds'; there are action, limits, reach, swing, swi
+envs(wind=-1.0) => wind is -1.0 m/s; allowed is 0 to 1000
 envs(autoreset_mode='Never') => autoreset_mode is 'Never'; allowed is one of NextStep, SameStep, Dis
 envs(num_envs=0) => num_envs is 0; allowed is a whole number >= 1.
 envs(max_episode_steps=0) => max_episode_steps is 0; allowed is a whole number >= 1.

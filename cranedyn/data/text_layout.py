@@ -170,7 +170,7 @@ def text_layout(sample: bytes, *, complete: bool) -> TextLayout:
     lines = re.split(r"\r\n|\n|\r", text)
     if not complete and len(lines) > 1:
         lines.pop()  # the last line may be cut
-    rows = _recognised_rows(lines)
+    rows = _only_fitting_rows(lines)
     header = _header(lines, rows)
     body = []
     for number, cells in rows.cells.items():
@@ -219,7 +219,7 @@ def _split(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def _is_row(cells: Sequence[str], decimal: str) -> bool:
+def _is_table_row(cells: Sequence[str], decimal: str) -> bool:
     """Return whether a line is a row of the table.
 
     A row has two cells with a number or a time, or one such cell beside empty ones. No cell of it
@@ -242,7 +242,7 @@ def _is_row(cells: Sequence[str], decimal: str) -> bool:
     return value_count >= 2 or (value_count == 1 and empty_count >= 1 and word_count == 0)
 
 
-def _rows_of(cells: Mapping[int, list[str]], delimiter: str, decimal: str) -> _Rows | None:
+def _find_rows(cells: Mapping[int, list[str]], delimiter: str, decimal: str) -> _Rows | None:
     """Return the rows of a sample under a delimiter and a decimal mark; None if there is none.
 
     Args:
@@ -252,7 +252,7 @@ def _rows_of(cells: Mapping[int, list[str]], delimiter: str, decimal: str) -> _R
     """
     row_widths: dict[int, int] = {}
     for number, row in cells.items():
-        if _is_row(row, decimal):
+        if _is_table_row(row, decimal):
             row_widths[number] = len(row)
     if not row_widths:
         return None
@@ -269,7 +269,7 @@ def _rows_of(cells: Mapping[int, list[str]], delimiter: str, decimal: str) -> _R
     return None
 
 
-def _recognised_rows(lines: Sequence[str]) -> _Rows:
+def _only_fitting_rows(lines: Sequence[str]) -> _Rows:
     """Return the rows under the only delimiter and decimal mark that fit the lines.
 
     Raises:
@@ -278,11 +278,11 @@ def _recognised_rows(lines: Sequence[str]) -> _Rows:
     # Commas between cells with decimal commas, as in "0,1","0,2", and blanks come last: many a line
     # of another table could be read so, too.
     pairs = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
-    fitting = _fitting(lines, pairs)
+    fitting = _rows_under_each(lines, pairs)
     if not fitting:
-        fitting = _fitting(lines, [(",", ",")])
+        fitting = _rows_under_each(lines, [(",", ",")])
     if not fitting:
-        fitting = _fitting(lines, [(BLANKS, "."), (BLANKS, ",")])
+        fitting = _rows_under_each(lines, [(BLANKS, "."), (BLANKS, ",")])
     if not fitting:
         raise ValueError(
             "it has no rows of two numbers or more with one delimiter (comma, semicolon, tab, bar "
@@ -298,14 +298,14 @@ def _recognised_rows(lines: Sequence[str]) -> _Rows:
     return best[0]
 
 
-def _fitting(lines: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[_Rows]:
+def _rows_under_each(lines: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[_Rows]:
     """Return the rows under each pair of a delimiter and a decimal mark that fits."""
     cells: dict[str, dict[int, list[str]]] = {}
     fitting = []
     for delimiter, decimal in pairs:
         if delimiter not in cells:
             cells[delimiter] = _split_lines(lines, delimiter)
-        rows = _rows_of(cells[delimiter], delimiter, decimal)
+        rows = _find_rows(cells[delimiter], delimiter, decimal)
         if rows is not None:
             fitting.append(rows)
     return fitting
@@ -405,7 +405,7 @@ def table_header(
         remark = f"it has no header; its columns are #1 to #{width}"
         return TableHeader(blank, blank, (remark,))
     last = above[-1]
-    names = _fitted(last.cells, width, ends_empty)
+    names = _as_header(last.cells, width, ends_empty)
     if names is None:
         if last.is_comment:
             remark = f"it has no header of {width} names; its columns are #1 to #{width}"
@@ -419,7 +419,7 @@ def table_header(
     header_number = last.number
     if len(above) > 1 and is_row_of_units(names):
         line_above = above[-2]
-        names_above = _fitted(line_above.cells, width, ends_empty)
+        names_above = _as_header(line_above.cells, width, ends_empty)
         if names_above is not None and _are_names(names_above):
             units = names
             names = names_above
@@ -439,12 +439,13 @@ def _are_names(cells: Sequence[str]) -> bool:
     return all(cells) and not any(_is_number(cell) for cell in cells)
 
 
-def _fitted(cells: list[str], width: int, ends_empty: bool) -> tuple[str, ...] | None:
-    """Return cells as a header of so many columns; None if they are no such header.
+def _as_header(cells: list[str], width: int, ends_empty: bool) -> tuple[str, ...] | None:
+    """Return cells as a header with one name for each of `width` columns; None if they are none.
 
-    A delimiter at the end of the header alone makes a cell too many, one at the end of the rows
-    alone a cell too few. A header over rows that begin with their number, which has no name, has
-    one too few as well; as the last cells of those rows are not empty, it is no such header.
+    A delimiter at the end of the header only makes a cell too many, one at the end of the rows only
+    makes a cell too few. A header over rows that begin with a number of their own, which has no
+    name, has a cell too few as well; it is refused, and told apart by the last cells of the rows,
+    which are not empty there.
     """
     if len(cells) == width + 1 and not cells[-1]:
         cells = cells[:-1]
@@ -456,8 +457,11 @@ def _fitted(cells: list[str], width: int, ends_empty: bool) -> tuple[str, ...] |
 
 
 def is_row_of_units(cells: Sequence[str]) -> bool:
-    """Return whether cells are units: known ones, in brackets or bare, or nothing. Bare ones have
-    one of time among them: "t, v, a" are names.
+    """Return whether the cells of a row are units: each is empty, or a known unit in brackets or
+    bare.
+
+    Bare units must have one of time among them, since "t, v, a" are known units, too, but more
+    likely names.
     """
     if not any(cells):
         return False
@@ -470,7 +474,7 @@ def is_row_of_units(cells: Sequence[str]) -> bool:
         unit = (in_brackets or cell).lower()
         if unit not in _KNOWN_UNITS:
             return False
-        # A cell of two characters has nothing between its first and its last, either.
+        # The brackets must enclose the whole cell: "x [m]" is a name with its unit.
         if not in_brackets or in_brackets != cell[1:-1].strip():
             are_bracketed = False
         if unit in _TIME_UNITS:

@@ -131,7 +131,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin episodes, and return observations and infos.
+        """Begin episodes, and return observations and infos, see `step`.
 
         Args:
             seed: Seed of the random numbers of all cranes; None goes on with the last ones.
@@ -154,7 +154,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         super().reset(seed=whole_seed)
         self._begin(mask, initial)
         self._was_reset = True
-        return self.task.observe(), {}
+        return self.task.observe(), {**self._infos(), "_distance": mask.copy()}
 
     def step(self, actions: np.ndarray) -> VectorStep:
         """Apply actions for a control period.
@@ -278,6 +278,9 @@ class TowerCraneEnv(gym.Env):
         cranes = load_crane() if crane is None else crane
         self.task = SwingTask(cranes, 1, rules, control_period, dt, threads=1)
         self.observation_space, self.action_space = _spaces(self.task)
+        # A picture after each step: a film of this rate shows the crane in real time.
+        rate = 1.0 / self.task.fleet.control_period
+        self.metadata = {**self.metadata, "render_fps": rate}
         self._episode = 0
         self._start = self.task.fleet.cranes[0].start
         # Accelerations of the drives in each step of the episode, shape (m,) each.

@@ -5,7 +5,7 @@ controller.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -112,7 +112,11 @@ class StateSpaceController:
     period: float | None
     delay: int = 0
     converters: Converters | None = None
-    _x: np.ndarray | float = 0.0
+    _x: np.ndarray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Begin at x = 0, also where no run is begun."""
+        self._x = np.zeros(len(self.a))
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Return to x = 0.
@@ -136,14 +140,14 @@ class StateSpaceController:
                     f"{self.delay}, the commands on their way that the feedback has gains for; run "
                     "it with the control period that it was designed with",
                 )
-        self._x = 0.0
+        self._x = np.zeros(len(self.a))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command of a control instant, shape (m,), and go on to the next one."""
         table = self.tracking.setpoint
         place = locate(t, self.tracking.period, len(table))
         deviation = np.concatenate(state) - interpolate(table, *place)
-        x = self._x + np.zeros(len(self.a))  # at the start of a run it is the number 0
+        x = self._x
         self._x = self.a @ x + self.b @ deviation
         return self.tracking(t, state, setpoint) + self.c @ x
 
@@ -159,17 +163,17 @@ def from_control(
 ) -> Tracking | StateSpaceController:
     """Return a feedback designed with python-control as a controller.
 
-    Without states of its own it is a `Tracking`, which `simulate` and `simulate_batch` run
-    compiled. A feedback of commands on their way, which are states of a sampled plant with
-    ``drive="velocity"``, remembers its own last commands; a command beyond the rate of a drive is
-    remembered as it was given.
+    A feedback without states of its own becomes a `Tracking`, which `simulate` and `simulate_batch`
+    run compiled, any other one a `StateSpaceController`. Commands on their way to the converters,
+    which are states of a sampled plant with ``drive="velocity"``, cannot be measured: a feedback of
+    them remembers its own last commands, also one beyond the rate of its drive as it was given.
 
     Args:
         crane: The crane.
-        feedback: The gain K of u = -K z, one column for each state of `to_control`, as
-            `control.lqr` and `control.dlqr` give it; or a system from states of the crane, all or
-            with states of its own some, to the commands; or the controller of
-            `control.create_statefbk_iosystem`.
+        feedback: One of three: the gain K of u = -K z, with a column for each state of
+            `to_control`, as `control.lqr` and `control.dlqr` give it; a state-space system from
+            the states of the crane to the commands, whose inputs may be some of the states only if
+            it has states of its own; or the controller of `control.create_statefbk_iosystem`.
         about: The rest, or the motion, from which z and u are deviations. The commands there are
             fed forward.
         drive: Outputs of the feedback: "effort", with "motion" the accelerations of the drives, or
@@ -188,13 +192,15 @@ def from_control(
     names = state_names(crane)
     inputs = input_names(crane, drive)
     if isinstance(about, Motion):
-        at = State(about.q[0], about.v[0])
+        first_state = State(about.q[0], about.v[0])
     else:
-        at = crane.layout.as_state("rest", about)
-    moving = np.setdiff1d(np.arange(len(names)), held_states(crane, at))
+        first_state = crane.layout.as_state("rest", about)
+    # The states of `to_control`: all but those that are held, such as the stretch of a rigid rope.
+    moving = np.setdiff1d(np.arange(len(names)), held_states(crane, first_state))
     delay = _commands_on_their_way(feedback, len(moving), inputs, drive)
     feedback_names = [names[i] for i in moving]
-    for periods in range(delay, 0, -1):  # the order of `linear_system`
+    # The oldest command first, which is the order of `linear_system`.
+    for periods in range(delay, 0, -1):
         feedback_names += [f"{name}_{periods}" for name in inputs]
     law = _matrices(feedback, feedback_names, inputs)
     selection = np.eye(len(names))[moving]
@@ -203,7 +209,7 @@ def from_control(
     if isinstance(about, Motion):
         tracking = _along(crane, about, gain, drive, dt)
     else:
-        tracking = _at_rest(crane, at, gain, drive)
+        tracking = _at_rest(crane, first_state, gain, drive)
     if not len(memory.a):
         return tracking
     elements = [memory.a.ravel(), memory.b.ravel(), memory.c.ravel()]
@@ -281,7 +287,14 @@ class _Memory(NamedTuple):
 
 
 def _commands_on_their_way(feedback: Any, states: int, inputs: Sequence[str], drive: Drive) -> int:
-    """Return how many commands of each drive, sent and not yet heard, a feedback has gains for."""
+    """Return for how many commands of each drive on their way a feedback has gains.
+
+    Args:
+        feedback: The gain or the system.
+        states: Number of the states of the crane that it may feed back.
+        inputs: Names of the commands.
+        drive: What the commands are; only rates take time on their way.
+    """
     if drive != "velocity":
         return 0
     if isinstance(feedback, ct.InputOutputSystem):
@@ -380,8 +393,8 @@ def _gain_matrices(gain: Any, names: Sequence[str], commands: Sequence[str]) -> 
 
 
 def _by_state(feedback: Any, names: Sequence[str]) -> np.ndarray:
-    """Return what the next states of a system and its commands get from each state of the crane,
-    shape (k + m, states).
+    """Return the matrix from the states of the crane to the next states of a system and then its
+    commands, shape (k + m, states).
 
     Inputs without any of these names are taken in their order. Further inputs must be those of
     `control.create_statefbk_iosystem`: the desired states and commands, from which the states are
@@ -396,7 +409,8 @@ def _by_state(feedback: Any, names: Sequence[str]) -> np.ndarray:
     """
     k = feedback.nstates
     labels = list(feedback.input_labels)
-    output = np.vstack([feedback.B, feedback.D])  # of the next states and of the commands
+    # Rows: the next states, then the commands. Columns: the inputs of the system.
+    output = np.vstack([feedback.B, feedback.D])
     is_positional = len(labels) == len(names) and not set(labels) & set(names)
     columns = {name: i for i, name in enumerate(names if is_positional else labels)}
     lacking = [name for name in names if name not in columns]
@@ -409,6 +423,8 @@ def _by_state(feedback: Any, names: Sequence[str]) -> np.ndarray:
         if name in columns:
             by_state[:, i] = output[:, columns[name]]
     further = output[:, [i for name, i in columns.items() if name not in names]]
+    # Columns of the desired states, which are subtracted, and of the desired commands, which are
+    # added.
     desired = np.hstack([-by_state, np.eye(len(output))[:, k:]])
     if further.size and not np.array_equal(further, desired):
         raise CraneError(

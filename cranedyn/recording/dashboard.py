@@ -5,6 +5,7 @@ on the right.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -24,7 +25,43 @@ _PAYLOAD_DISTANCE = 14.0
 """Distance from the payload of the eye that follows it [m], on a crane of 10 m and more."""
 
 _REACH_ROWS = 50
-"""Number of rows of a run, about, from which its reach is told; all of them would take long."""
+"""Number of rows of a run, about, in which its reach is looked for; all of them would take long."""
+
+_CORNER_DISTANCE = 0.8
+"""Distance of the eye above a corner, over the diagonal of the box around all cranes."""
+
+_DISTANCE_PER_SIZE = 0.8
+"""Distance of the eye beside a jib, over the sum of the height and the reach of the crane."""
+
+_DISTANCE_PER_WIDTH = 0.55
+"""Distance that is added to it, over the width of the row of feet as the eye sees it."""
+
+_DISTANCE_PER_DEPTH = 0.35
+"""Distance that is added to it, over the depth of the row of feet as the eye sees it."""
+
+_TARGET_REACH = 0.26
+"""Distance along the jib of the point at which the eye looks, over the reach."""
+
+
+class _EyeAngles(NamedTuple):
+    """From where the eye looks at tower cranes.
+
+    Attributes:
+        turn: Angle from square to the jibs towards their tips [rad].
+        rise: Height of the eye above the point at which it looks, over its horizontal distance.
+        target_height: Height of that point, over the height of the crane.
+    """
+
+    turn: float
+    rise: float
+    target_height: float
+
+
+_SQUARE = _EyeAngles(turn=0.0, rise=0.0, target_height=0.56)
+"""Level and square to the jib, so that what is plumb looks plumb."""
+
+_OBLIQUE = _EyeAngles(turn=float(np.radians(55.0)), rise=0.3, target_height=0.4)
+"""From above and from the side of the tips, where cranes in a row would hide each other."""
 
 
 def dashboard(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool = False) -> rrb.Blueprint:
@@ -201,7 +238,7 @@ def _corner_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
     is_longer_in_x = high[0] - low[0] > high[1] - low[1]
     direction = np.array([-0.45, -0.9, 0.4] if is_longer_in_x else [0.9, -0.45, 0.4])
     target = (low + high) / 2.0
-    position = target + 0.8 * np.linalg.norm(high - low) * direction
+    position = target + _CORNER_DISTANCE * np.linalg.norm(high - low) * direction
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=_UP)
 
 
@@ -219,23 +256,20 @@ def _jib_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
     reach = max(_reach(run) for run in runs)
     feet = np.array([run.offset for run in runs])
     in_a_row = np.ptp(feet @ across_jib) > np.ptp(feet @ along_jib)
-    if in_a_row:
-        turn = np.radians(55.0)
-        rise = 0.3
-        target_height = 0.4
-    else:
-        turn = 0.0
-        rise = 0.0
-        target_height = 0.56
+    angles = _OBLIQUE if in_a_row else _SQUARE
 
     # Horizontal unit vectors from the scene to the eye, and to the right of it.
-    towards_eye = np.cos(turn) * across_jib + np.sin(turn) * along_jib
-    sideways = np.cos(turn) * along_jib - np.sin(turn) * across_jib
+    towards_eye = np.cos(angles.turn) * across_jib + np.sin(angles.turn) * along_jib
+    sideways = np.cos(angles.turn) * along_jib - np.sin(angles.turn) * across_jib
     # From farther away the eye sees a larger crane, and feet that are farther apart.
-    distance = 0.8 * (height + reach)
-    distance += 0.55 * np.ptp(feet @ sideways) + 0.35 * np.ptp(feet @ towards_eye)
-    target = feet.mean(axis=0) + 0.26 * reach * along_jib + target_height * height * _UP
-    position = target + distance * (towards_eye + rise * _UP)
+    distance = _DISTANCE_PER_SIZE * (height + reach)
+    width = np.ptp(feet @ sideways)
+    depth = np.ptp(feet @ towards_eye)
+    distance += _DISTANCE_PER_WIDTH * width + _DISTANCE_PER_DEPTH * depth
+    target = (
+        feet.mean(axis=0) + _TARGET_REACH * reach * along_jib + angles.target_height * height * _UP
+    )
+    position = target + distance * (towards_eye + angles.rise * _UP)
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=_UP)
 
 

@@ -393,7 +393,8 @@ def _line(curve: Curve, run: str, run_colour: str, layout: Layout) -> rrb.visual
     # Black would not be seen in a dark viewer.
     colour = colour.replace("#000000", "#9A9A9A")
     if run:
-        # What accompanies the curves of a run is tinted, with this share of another colour.
+        # All curves of a run have its colour. Limits and setpoints, which accompany them, are mixed
+        # with grey, and θ with white, so that it is paler than φ.
         shares = {"limit": 0.7, "setpoint": 0.7, "theta": 0.55}
         tint = "#FFFFFF" if curve.quantity == "theta" else colour
         colour = mixed(run_colour, tint, shares.get(curve.quantity, 0.0))

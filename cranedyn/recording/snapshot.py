@@ -269,8 +269,12 @@ def _maximise_scene(client: ViewerClient) -> str:
             "The recording has no 3D view to take a picture of; allowed are recordings of cranes, "
             "as experiments and cranedyn.recording.recorder write them."
         )
-    # The view of that name, or the first of any other recording.
-    scene = min(views, key=lambda view: view.name != SCENE).view_id
+    # The scene, or the first view of a recording that has none of that name.
+    scene = views[0].view_id
+    for view in views:
+        if view.name == SCENE:
+            scene = view.view_id
+            break
     layout = client.get_blueprint().blueprint
     layout["/viewport"]["ViewportBlueprint"]["maximized"] = scene
     layout["/time_panel"] = {"TimePanelBlueprint": {"state": "Hidden"}}

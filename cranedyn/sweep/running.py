@@ -173,9 +173,7 @@ def sweep(
             # Some libraries turn an interruption into an error of their own.
             if not interrupted(error):
                 raise
-            # The files are counted, as the interruption may have come between a file and its entry
-            # in the ledger.
-            done = sum(files.manifest.rows(i).size for i in files.indices())
+            done = ledger.count_written()
             raise KeyboardInterrupt(
                 f"Interrupted: {done} of {len(design)} cases are done, and kept in {folder}; the "
                 "same sweep goes on from there."
@@ -237,6 +235,7 @@ class _Ledger:
 
     Attributes:
         missing: Chunks to compute.
+        damaged: Numbers of the chunks whose file is damaged, until they are computed again.
         progress: Progress so far.
     """
 
@@ -248,11 +247,16 @@ class _Ledger:
         # Tables of halved chunks by their first case, by the number of the chunk.
         self._pieces = defaultdict[int, dict[int, pa.Table]](dict)
         self.missing: list[CaseRange] = []
+        self.damaged: set[int] = set()
         done = 0
         bad = 0
         indices = set(files.indices())
         for i in range(files.manifest.chunks):
-            error = _read_errors(files, i) if i in indices else None
+            error = None
+            if i in indices:
+                error = _read_errors(files, i)
+                if error is None:
+                    self.damaged.add(i)
             if error is None:
                 self.missing.append(files.manifest.rows(i))
             else:
@@ -279,12 +283,25 @@ class _Ledger:
         for name in table.column_names:
             columns[name] = table[name]
         size = self._files.write(i, pa.table(columns))
+        self.damaged.discard(i)
         self.progress = self.progress._replace(
             done=self.progress.done + len(table),
             errors=self.progress.errors + len(table) - table["error"].null_count,
         )
         self._report_progress()
         self.check_disk(size / len(table))
+
+    def count_written(self) -> int:
+        """Return the number of cases in whole chunk files.
+
+        Unlike `progress` it counts a file also if an interruption has come between the file and its
+        entry here.
+        """
+        count = 0
+        for i in self._files.indices():
+            if i not in self.damaged:
+                count += self._files.manifest.rows(i).size
+        return count
 
     def check_disk(self, case_size: float) -> None:
         """Check that the results to come fit the disk.

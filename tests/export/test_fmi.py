@@ -707,6 +707,7 @@ def test_a_unit_is_a_hundred_times_as_quick_as_the_real_crane(unit: Unit) -> Non
     assert 2000 * PERIOD / (time.process_time() - began) > 100.0
 
 
+@pytest.mark.slow
 def test_a_version_may_be_any_number_that_equals_it(tmp_path: Path) -> None:
     path = fmi.export(damped(), tmp_path / "u.fmu", version=2.0)  # type: ignore[arg-type]
     with zipfile.ZipFile(path) as unit:

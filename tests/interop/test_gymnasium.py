@@ -250,6 +250,17 @@ def test_the_step_that_begins_an_episode_tells_the_distance_of_its_beginning() -
     assert not np.array_equal(infos["distance"], infos["final_info"]["distance"])
 
 
+def test_a_reset_tells_the_distance_of_the_episodes_that_it_begins() -> None:
+    env = many(3)
+    _, infos = env.reset(seed=4)
+    assert np.array_equal(infos["distance"], env.task.distance(env.task.fleet.z, env.task.goal))
+    assert infos["_distance"].all()
+    only_second = np.array([False, True, False])
+    _, infos = env.reset(options={"reset_mask": only_second})
+    assert np.array_equal(infos["_distance"], only_second)
+
+
+@pytest.mark.slow
 def test_cranes_in_different_gravities_are_refused() -> None:
     on_the_moon = load_crane(gravity=1.62)
     with pytest.raises(OutOfRange, match="gravity of the cranes"):
@@ -283,6 +294,11 @@ def test_an_episode_is_drawn_by_rerun_as_seen(tmp_path: Path, dt: float, rows: i
     z = env.unwrapped.task.fleet.z[:, 0]
     assert len(again) == rows and again.t[-1] == pytest.approx(2.0)
     assert_allclose(np.concatenate([again.q[-1], again.v[-1]]), z, atol=1e-12)
+
+
+def test_a_film_of_pictures_shows_the_crane_in_real_time() -> None:
+    assert TowerCraneEnv(crane=crane()).metadata["render_fps"] == 10
+    assert TowerCraneEnv(crane=crane(), control_period=0.05).metadata["render_fps"] == 20
 
 
 @pytest.mark.slow

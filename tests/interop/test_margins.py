@@ -147,6 +147,7 @@ def test_an_unstable_plant_has_a_lower_gain_margin_also_where_it_does_not_oscill
     assert found.drives[0].upper_gain == pytest.approx(4.2, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_luffing_jib_falls_just_below_its_lower_gain_margin() -> None:
     luffing = load_crane(urdf=ROOT / "urdf" / "luffing_crane.urdf.xacro")
     plant = sampled(luffing, luffing.start)

@@ -436,6 +436,7 @@ def rows_of(run: Trajectory, first: int, last: int) -> Trajectory:
     return replace(run, **tables)
 
 
+@pytest.mark.slow
 def test_a_piece_without_rows_is_refused_in_a_sentence(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ) -> None:

@@ -54,6 +54,22 @@ def _resume(folder: Path) -> Progress:
     return reported[0]
 
 
+@pytest.mark.slow
+def test_an_interrupted_sweep_does_not_count_damaged_files_as_done(copied: Path) -> None:
+    for index in (0, 1):
+        file = copied / CHUNK_FILE.format(index)
+        file.write_bytes(_flipped(file.read_bytes(), 800))
+
+    def interrupt_after_a_chunk(progress: Progress) -> None:
+        if progress.done > progress.before:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="4 of 6 cases are done"):
+        sweep(
+            studies.squares, grid(x=range(6)), copied, workers=1, progress=interrupt_after_a_chunk
+        )
+
+
 def _flipped(content: bytes, bit: int) -> bytes:
     """The content with one bit changed."""
     changed = bytearray(content)

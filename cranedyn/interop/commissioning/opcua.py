@@ -11,7 +11,7 @@ from typing import Any
 
 from cranedyn.errors import CraneError
 from cranedyn.interop.commissioning.security import Security
-from cranedyn.interop.commissioning.words import ProcessImage, Word
+from cranedyn.interop.commissioning.words import NAMESPACE, ProcessImage, Word
 
 try:
     import asyncua.server.server as asyncua_server
@@ -185,8 +185,8 @@ async def serve_opcua(
         server.set_identity_tokens([ua.AnonymousIdentityToken])
     else:
         await _secure(server, security)
-    space = await server.register_namespace("urn:cranedyn:crane")
-    crane = await server.nodes.objects.add_object(f"ns={space};s=Crane", f"{space}:Crane")
+    await server.register_namespace("urn:cranedyn:crane")  # the first, which is `NAMESPACE`
+    crane = await server.nodes.objects.add_object(f"ns={NAMESPACE};s=Crane", f"{NAMESPACE}:Crane")
     for word in image.words:
         await _add_word(server, crane, image, word)
     try:
@@ -237,7 +237,7 @@ async def _add_word(server: Server, crane: Any, image: ProcessImage, word: Word)
     two places.
     """
     kind = _KINDS[word.kind]
-    node = await crane.add_variable(f"ns=2;s={word.name}", f"2:{word.name}", 0, kind)
+    node = await crane.add_variable(word.node, f"{NAMESPACE}:{word.name}", 0, kind)
     # Bits, codes and counters have neither a scale nor a unit.
     description = f"{word.meaning} [{word.scale:g} {word.unit}]".replace(" [1 ]", "")
     text = ua.LocalizedText(description)
@@ -265,14 +265,15 @@ async def _add_word(server: Server, crane: Any, image: ProcessImage, word: Word)
 
 async def publish(server: Server, image: ProcessImage) -> None:
     """Report readings that have changed to subscriptions, until cancelled."""
-    kinds = {word.name: _KINDS[word.kind] for word in image.words}
+    words = {word.name: word for word in image.words}
     last: dict[str, int] = {}
     while True:
         # Each cycle of the plant replaces this dictionary, so these are of one cycle.
         readings = image.readings
         for name, value in readings.items() - last.items():
-            node = ua.NodeId.from_string(f"ns=2;s={name}")
-            data = ua.Variant(value, kinds[name])
+            word = words[name]
+            node = ua.NodeId.from_string(word.node)
+            data = ua.Variant(value, _KINDS[word.kind])
             await server.write_attribute_value(node, ua.DataValue(data))
         last = readings
         await asyncio.sleep(PUBLISH_PERIOD)

@@ -346,7 +346,11 @@ class ServedCrane:
         return readings
 
     def _status(self, speed: np.ndarray) -> np.ndarray:
-        """Return the status words of the drives, shape (m,), for their rates [rad/s or m/s]."""
+        """Return the status words of the drives, shape (m,), for their rates [rad/s or m/s].
+
+        A drive is at speed where it follows the rate that its converter is commanded, which is that
+        of the ramp, also on the way to the speed of its speed word.
+        """
         is_at_speed = (
             np.abs(speed - self._command) < STANDSTILL_SPEED_RATIO * self._converters.rates
         )

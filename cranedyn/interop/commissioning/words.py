@@ -32,6 +32,9 @@ HEARTBEAT_TIMEOUT = 0.5
 LOST_READING = -32768
 """Reading of a lost sensor."""
 
+NAMESPACE = 2
+"""Index of the namespace of the OPC UA nodes: 0 is that of OPC UA itself, 1 that of the server."""
+
 ENABLE_BIT = 1
 """Bit of the control word of a drive that enables it."""
 
@@ -174,8 +177,13 @@ class Word(NamedTuple):
     meaning: str
 
     @property
+    def node(self) -> str:
+        """Id of the OPC UA node."""
+        return f"ns={NAMESPACE};s={self.name}"
+
+    @property
     def size(self) -> int:
-        """Number of registers."""
+        """Number of Modbus registers."""
         return 2 if self.kind == "INT32" else 1
 
     def holds(self, value: object) -> bool:
@@ -256,7 +264,7 @@ def write_map(file: Path, words: Sequence[Word]) -> Path:
                     word.name,
                     "command" if word.command else "reading",
                     word.kind,
-                    f"ns=2;s={word.name}",
+                    word.node,
                     "holding" if word.command else "input",
                     word.address,
                     f"{word.scale:g}",

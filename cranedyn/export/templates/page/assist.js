@@ -2,20 +2,22 @@
 
 /**
  * @typedef {Object} AssistData What assistances need of the crane; joints and drives by index.
- * @property {number[]} rates Rates at full stick.
- * @property {number[]} accelerations
+ * @property {number[]} rates Rates at full stick [rad/s or m/s].
+ * @property {number[]} accelerations Of the ramps of the drives [rad/s² or m/s²].
  * @property {number[]} reaction Time from a command to the drive's deceleration [s].
  * @property {number[]} joints Joint of each drive.
  * @property {number} hoist Drive of the hoist, -1 for none.
  * @property {{lengths: number[], periods: number[]}} swing Swing period [s] over cable length [m].
  * @property {{x: number, phi: number, theta: number, l: number, slew: number, trolley: number,
- *   ratio: number, gravity: number}} [yielding]
+ *   ratio: number, gravity: number}} [yielding] Joints of radius, swings and cable, drives of slew
+ *   and trolley, damping ratio that they give the swing, and gravity [m/s²].
  * @property {{x: number, l: number, radii: number[], lengths: number[], gains: number[][],
  *   rest: number[]}} [lqr] Gains by radius and cable length, radius first; -1 for no such joint.
  */
 
-/** Straight line between rows: index of the row before, and the share of the way to the next.
- * @param {number[]} rows @param {number} x @returns {[number, number]} */
+/** Where a number lies in a table: the index of the row before it, and the share of the way to the
+ * next row.
+ * @param {number[]} rows Numbers that increase. @param {number} x @returns {[number, number]} */
 function locate(rows, x) {
   let i = 0;
   while (i < rows.length - 2 && x >= rows[i + 1]) i += 1;
@@ -23,10 +25,10 @@ function locate(rows, x) {
   return [i, Math.min(Math.max((x - rows[i]) / step, 0), 1)];
 }
 
-/** @param {number} x @param {number} limit */
+/** A number limited to [-limit, limit]. @param {number} x @param {number} limit */
 const clip = (x, limit) => Math.min(Math.max(x, -limit), limit);
 
-/** From sticks to commanded rates of the drives, with what assists the operator. */
+/** From the sticks of the operator to the commanded rates of the drives, with an assistance. */
 class Assistant {
   /**
    * @param {AssistData} data @param {JointData[]} joints @param {number} period
@@ -35,15 +37,16 @@ class Assistant {
     this.data = data;
     this.joints = joints;
     this.period = period;
-    /** @type {number[][]} Rates asked for at the last control instants, the latest first. */
+    /** @type {number[][]} Ramped rates of the last control instants, the latest first. */
     this.past = [];
-    /** @type {number[]} */
+    /** @type {number[]} Rates that the ramps of the drives allow now. */
     this.rate = [];
-    /** @type {number[]} */
+    /** @type {number[]} Positions to which these rates have led, about which the LQR acts. */
     this.position = [];
     /** Acceleration of the drives over its usual value. */
     this.ramps = 1;
-    this.most = Math.ceil(0.5 * Math.max(...data.swing.periods) / period) + 1;
+    // The shaper looks back by half of a swing period.
+    this.pastLength = Math.ceil(0.5 * Math.max(...data.swing.periods) / period) + 1;
   }
 
   /** Begin to assist from a state. @param {ArrayLike<number>} q @param {ArrayLike<number>} v */
@@ -54,20 +57,31 @@ class Assistant {
   }
 
   /**
-   * Rates within which every drive can stop before the end of its range.
+   * Rates limited so that every drive can stop before the end of its range.
    * @param {number[]} rates @param {ArrayLike<number>} q @returns {number[]}
    */
   limited(rates, q) {
     return rates.map((rate, i) => {
-      const {lower, upper} = this.joints[this.data.joints[i]], at = q[this.data.joints[i]];
-      return Math.min(Math.max(rate, -this.stoppable(i, at - lower)), this.stoppable(i, upper - at));
+      const joint = this.data.joints[i];
+      const {lower, upper} = this.joints[joint];
+      const slowest = -this.stoppable(i, q[joint] - lower);
+      const fastest = this.stoppable(i, upper - q[joint]);
+      return Math.min(Math.max(rate, slowest), fastest);
     });
   }
 
-  /** Rate from which a drive stops within a way. @param {number} i @param {number} way */
-  stoppable(i, way) {
-    const a = this.ramps * this.data.accelerations[i], delay = this.data.reaction[i];
-    return a * (Math.sqrt(delay * delay + 2 * Math.max(way, 0) / a) - delay);
+  /**
+   * Largest rate from which a drive stops within a distance.
+   *
+   * From the rate w it goes on for the reaction time t, and then stops with the acceleration a:
+   * w t + w²/(2 a) <= distance, of which the largest w is a (√(t² + 2 distance/a) - t).
+   * @param {number} i Drive. @param {number} distance
+   */
+  stoppable(i, distance) {
+    const acceleration = this.ramps * this.data.accelerations[i];
+    const delay = this.data.reaction[i];
+    const ahead = 2 * Math.max(distance, 0) / acceleration;
+    return acceleration * (Math.sqrt(delay * delay + ahead) - delay);
   }
 
   /**
@@ -79,7 +93,8 @@ class Assistant {
    * @returns {number[]}
    */
   command(name, sticks, q, v, cable) {
-    const {rates, hoist, joints} = this.data, wanted = sticks.map((stick, i) => stick * rates[i]);
+    const {rates, hoist, joints} = this.data;
+    const wanted = sticks.map((stick, i) => stick * rates[i]);
     if (cable !== null) {
       const way = cable - q[joints[hoist]];
       wanted[hoist] = Math.sign(way) * Math.min(rates[hoist], this.stoppable(hoist, Math.abs(way)));
@@ -91,29 +106,41 @@ class Assistant {
     return asked;
   }
 
-  /** Half at once and half after half a period of the swing (ZV), after the ramps of the drives,
-   * which would spoil the sum; the hoist as asked.
-   * @param {number[]} asked @param {ArrayLike<number>} q */
+  /**
+   * ZV shaping: half of the rates at once, and half of those of half a swing period ago, so that the
+   * swings of both cancel. It shapes the rates after the ramps of the drives, which would spoil the
+   * sum otherwise. The hoist, which starts no swing, gets what is asked.
+   * @param {number[]} asked @param {ArrayLike<number>} q
+   */
   shaped(asked, q) {
     this.ramp(asked);
     this.past.unshift(this.rate);
-    if (this.past.length > this.most) this.past.pop();
-    const {lengths, periods} = this.data.swing, hoist = this.data.hoist;
+    if (this.past.length > this.pastLength) this.past.pop();
+    const {lengths, periods} = this.data.swing;
+    const {hoist} = this.data;
     const length = hoist < 0 ? lengths[0] : q[this.data.joints[hoist]];
     const [i, share] = locate(lengths, length);
-    const period = periods[i] + share * ((periods[i + 1] ?? periods[i]) - periods[i]);
+    const next = periods[i + 1] ?? periods[i];
+    const period = periods[i] + share * (next - periods[i]);
     const before = this.past[Math.round(0.5 * period / this.period)] ?? asked.map(() => 0);
     return this.rate.map((rate, j) => (j === hoist ? asked[j] : 0.5 * (rate + before[j])));
   }
 
   /** Let the rates follow within the accelerations of the drives. @param {number[]} asked */
   ramp(asked) {
-    const {accelerations} = this.data, {period, ramps} = this;
+    const {accelerations} = this.data;
+    const {period, ramps} = this;
     this.rate = this.rate.map((r, i) => r + clip(asked[i] - r, ramps * accelerations[i] * period));
   }
 
-  /** Slew and trolley give way to the load, which damps its swing.
-   * @param {number[]} asked @param {ArrayLike<number>} q */
+  /**
+   * Slew and trolley give way to the load, which damps its swing.
+   *
+   * The swing φ under a pivot that moves at the rate x' is l φ'' + g φ = x''. With x' = -k φ, which
+   * is towards the load, it is l φ'' + k φ' + g φ = 0, whose damping ratio is ζ for k = 2 ζ √(g l).
+   * The slew moves the pivot at the radius of the trolley, and not at all where that is 0.
+   * @param {number[]} asked @param {ArrayLike<number>} q
+   */
   yielding(asked, q) {
     const given = this.data.yielding;
     if (!given) return asked;
@@ -124,12 +151,18 @@ class Assistant {
     return rates;
   }
 
-  /** Feedback of the whole state about a motion that follows the sticks.
-   * @param {number[]} asked @param {ArrayLike<number>} q @param {ArrayLike<number>} v */
+  /**
+   * Feedback of the whole state about a motion that follows the sticks, by gains that are
+   * interpolated over radius and cable length.
+   * @param {number[]} asked @param {ArrayLike<number>} q @param {ArrayLike<number>} v
+   */
   lqr(asked, q, v) {
-    const given = this.data.lqr, {joints} = this.data, {period} = this;
+    const given = this.data.lqr;
+    const {joints} = this.data;
+    const {period} = this;
     if (!given) return asked;
     this.ramp(asked);
+    // The goal is the load at rest below drives that move as the sticks ask for.
     const goal = [...given.rest, ...given.rest.map(() => 0)];
     joints.forEach((joint, i) => {
       this.position[i] += this.rate[i] * period;
@@ -137,6 +170,7 @@ class Assistant {
       goal[given.rest.length + joint] = this.rate[i];
     });
     const error = [...Array.from(q), ...Array.from(v)].map((z, i) => z - goal[i]);
+    // Bilinear: the weights of the four corners of the cell in which radius and length lie.
     const [i, along] = locate(given.radii, given.x < 0 ? 0 : q[given.x]);
     const [j, down] = locate(given.lengths, given.l < 0 ? 0 : q[given.l]);
     const corners = [[i, j, (1 - along) * (1 - down)], [i, j + 1, (1 - along) * down],

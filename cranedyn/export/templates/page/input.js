@@ -8,7 +8,11 @@ const DRIVE_KEYS = {
   ArrowUp: [1, 1], KeyW: [1, 1], ArrowDown: [1, -1], KeyS: [1, -1],
   KeyR: [2, 1], PageUp: [2, 1], KeyF: [2, -1], PageDown: [2, -1],
 };
-const DEAD_ZONE = 0.12, PRECISE = 0.25;
+/** Deflection of a stick below which it counts as released. */
+const DEAD_ZONE = 0.12;
+
+/** Share of the deflection that counts while Shift is held. */
+const PRECISE_SHARE = 0.25;
 
 /** Deflection without its dead zone, in hundredths, so that noise makes no inputs. @param {number} value */
 const beyond = value => Math.sign(value) * Math.round(100 * Math.max(0, Math.abs(value) - DEAD_ZONE) / (1 - DEAD_ZONE)) / 100;
@@ -23,7 +27,8 @@ class Hands {
       const drive = joints.findIndex(joint => joint.role === role);
       return drive < 0 && i < joints.length && !joints[i].role ? i : drive;
     });
-    // A push to the left turns counter-clockwise, one forward goes outward, one up shortens a rope.
+    // Sense of each drive along its coordinate: a push to the left turns the jib counter-clockwise, a
+    // push forward moves the trolley outward, and a push up shortens the rope.
     this.senses = this.order.map(drive => drive >= 0 && (joints[drive].kind === "revolute"
       ? joints[drive].axis[2] > 0 : joints[drive].axis[2] < -0.5) ? -1 : 1);
     /** Deflections of the three axes, -1 to 1. */
@@ -78,7 +83,7 @@ class Hands {
       axes[1] -= beyond(pad.axes[1] ?? 0);
       axes[2] -= beyond(pad.axes[3] ?? 0);
     }
-    const share = keys.has("ShiftLeft") || keys.has("ShiftRight") ? PRECISE : 1;
+    const share = keys.has("ShiftLeft") || keys.has("ShiftRight") ? PRECISE_SHARE : 1;
     values.fill(0);
     for (let i = 0; i < 3; i++) {
       axes[i] = share * Math.min(1, Math.max(-1, axes[i]));

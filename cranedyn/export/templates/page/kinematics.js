@@ -16,7 +16,8 @@
  * @property {string} role
  */
 
-/** Poses of all joints in the world, in place: it is asked for at every control instant. */
+/** Poses of all joints in the world. Arrays are reused, since poses are computed at every control
+ * instant. */
 class Kinematics {
   /** @param {JointData[]} joints */
   constructor(joints) {
@@ -35,6 +36,7 @@ class Kinematics {
       const pose = this.poses[i], before = parent < 0 ? this._world : this.poses[parent];
       if (kind === "revolute") {
         multiply(before, rotation, this._placed);
+        // Rotation by q about the axis (x, y, z), by Rodrigues' formula.
         const c = Math.cos(q[i]), s = Math.sin(q[i]), d = 1 - c, turn = this._turn;
         turn[0] = c + x * x * d; turn[1] = x * y * d - z * s; turn[2] = x * z * d + y * s;
         turn[3] = y * x * d + z * s; turn[4] = c + y * y * d; turn[5] = y * z * d - x * s;

@@ -1,8 +1,18 @@
 "use strict";
 // The page around the picture: what the operator reads and sets, and the messages of the worker.
 
-const STRIP_SECONDS = 30, STRIP_ROWS = 480, NOTICE_SECONDS = 6;
+/** Time that the plots show [s]. */
+const STRIP_SECONDS = 30;
+
+/** Number of rows of the plots that are kept. */
+const STRIP_ROWS = 480;
+
+/** Time for which a notice is shown [s]. */
+const NOTICE_SECONDS = 6;
+
 const DEGREES = 180 / Math.PI;
+
+/** Letters of coordinates by their symbols. */
 const GREEK = /** @type {Record<string, string>} */ ({gamma: "γ", phi: "φ", theta: "θ"});
 
 /** @param {string} id @returns {any} */
@@ -21,10 +31,12 @@ function element(tag, properties = {}, ...children) {
 const fixed = (value, digits) => value == null ? "–"
   : value.toFixed(digits).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
 
-/** Next of 1, 2, 5, 10, 20, ... that is no smaller. @param {number} value */
+/** The smallest of 1, 2, 5, 10, 20, ... that is no smaller than a value, or less than 3 % smaller: a
+ * curve may reach that much beyond its axis. @param {number} value */
 function roundUp(value) {
   const power = 10 ** Math.floor(Math.log10(value) + 1e-9);
-  return Number(((([1, 2, 5].find(x => x * power >= value * 0.97)) ?? 10) * power).toPrecision(1));
+  const digit = [1, 2, 5].find(x => x * power >= value * 0.97) ?? 10;
+  return Number((digit * power).toPrecision(1)); // the product has round-off
 }
 
 /** Plots over the last 30 s of simulated time, one below the other. */
@@ -41,11 +53,18 @@ class Strips {
 
   /** Keep a row if the last is old enough. @param {number[]} row Time [s] and values. */
   push(row) {
-    const {rows, columns} = this, last = this.count ? rows[(this.count - 1) * columns] : -Infinity;
+    const {rows, columns} = this;
+    const last = this.count ? rows[(this.count - 1) * columns] : -Infinity;
+    // Time runs back where a new run begins. Twenty rows are to spare, since rows come late.
     if (row[0] < last) this.count = 0;
     else if (row[0] - last < STRIP_SECONDS / (STRIP_ROWS - 20)) return;
-    if (this.count === STRIP_ROWS) rows.copyWithin(0, columns, columns * this.count--);
-    rows.set(row, this.count++ * columns);
+    if (this.count === STRIP_ROWS) {
+      // The oldest row goes.
+      rows.copyWithin(0, columns, columns * this.count);
+      this.count -= 1;
+    }
+    rows.set(row, this.count * columns);
+    this.count += 1;
   }
 
   /** Times [s] at which a column passes zero upward. @param {number} column */

@@ -49,16 +49,18 @@
  * @property {number} drag Half the density of air times drag coefficient and area of the load.
  */
 
-/** Time for which a load must be still where it belongs, until a task is done [s]. */
-const STILL = 2;
+/** Time for which a load must hang still in its goal before a task is done [s]. */
+const STILL_SECONDS = 2;
 
-/** Share of its range by which predictive control keeps a drive from each end, beyond which it swings. */
-const REACH = 0.02;
+/** Share of the range of a drive that goals of predictive control keep from each end: closer to an
+ * end the controller makes the load swing. */
+const GOAL_MARGIN_RATIO = 0.02;
 
 /** Largest position of a goal, as of the inputs of exported blocks. */
 const LARGEST = 1e12;
 
-/** A drive of the crane: the same inputs at the same instants make the same motion to the bit. */
+/** One run of the crane, from its start on: the same inputs at the same control instants make the
+ * same motion to the bit. */
 class Run {
   /** @param {PageData} data @param {Awaited<ReturnType<typeof compile>>} code */
   constructor(data, code) {
@@ -102,7 +104,7 @@ class Run {
     this.look();
   }
 
-  /** Note where the crane is. */
+  /** Keep where the crane is now, and how it moves, for the messages to the page. */
   look() {
     const {q, v, force} = this.kernel;
     this.kinematics.move(q);
@@ -150,7 +152,7 @@ class Run {
     const {joints, drives} = this.crane;
     this.kernel.goal.set(goal.map((position, i) => {
       const {lower, upper} = joints[drives[i]];
-      const margin = REACH * (upper - lower);
+      const margin = GOAL_MARGIN_RATIO * (upper - lower);
       return Math.min(Math.max(position, lower + margin), upper - margin);
     }));
   }
@@ -168,7 +170,8 @@ class Run {
     this.vary();
   }
 
-  /** Give the crane the numbers of the sliders. */
+  /** Give the crane the numbers of the sliders, in which they are affine: the usual ones, plus the
+   * change by a unit of each slider times its distance from where it usually stands. */
   vary() {
     const {sliders, data: {kernel: {numbers, variations}}} = this;
     this.assistant.ramps = sliders.ramp / this.usual.ramp;
@@ -202,8 +205,8 @@ class Run {
     return Math.hypot(...swings.map(i => this.kernel.q[i] - rest[i]));
   }
 
-  /** Log a control instant and advance by a period, unless the run has ended; it ends where the model
-   * ceases to hold, or the assistance commands what is no number. */
+  /** Log a control instant and advance by a control period, unless the run has ended. It ends where
+   * the model ceases to hold, or the assistance commands what is not a number. */
   advance() {
     if (this.event !== null) return;
     const {kernel, crane} = this, {q, v} = kernel;
@@ -220,6 +223,8 @@ class Run {
     this.look();
     const rope = this.points;
     this.state.force = this.blow(rope);
+    // Positions run ahead of rates by the lead, in semi-implicit Euler; work is force times the way
+    // between positions of the instants of the rates.
     const middle = crane.drives.map(i => q[i] - crane.lead * v[i]);
     const power = crane.damping.reduce((sum, _, i) => sum + resistance(crane, i, v[i]) * v[i], 0);
     const {period} = this.data.kernel;
@@ -238,19 +243,25 @@ class Run {
     this.k += 1;
   }
 
-  /** Share of the rated load that pulls at the rope; null where a chart or the tension is not known. */
+  /** Force of the rope as a share of the rated load at the radius of the trolley; null where there is
+   * no chart, the radius is outside of it, or the tension is not known. */
   get utilisation() {
-    const {data: {chart}, tension} = this, radius = Math.hypot(this.points[0][0], this.points[0][1]);
+    const {data: {chart}, tension} = this;
+    const radius = Math.hypot(this.points[0][0], this.points[0][1]);
     if (!chart || tension === null) return null;
-    const {least, radii, rated} = chart, [i, share] = locate(radii, radius);
+    const {least, radii, rated} = chart;
+    const [i, share] = locate(radii, radius);
     if (radius < least || radius > radii[radii.length - 1]) return null;
+    // Between two rows of the chart the rated moment, radius times load, is interpolated, and no load
+    // is more than that of the row before.
     /** Moment of a row. @param {number} k */
     const moment = k => radii[k] * rated[k];
     const between = moment(i) + (share && share * (moment(i + 1) - moment(i)));
     return tension / this.crane.gravity / Math.min(rated[i], between / radius);
   }
 
-  /** Let the wind act on the load, and return the forces. @param {number[][]} rope */
+  /** Let the wind act on the load, by the drag of the air that passes it, and return the forces on
+   * all points [N]. @param {number[][]} rope */
   blow(rope) {
     const {force} = this.kernel, speed = this.sliders.wind_speed ?? 0;
     force.fill(0);
@@ -265,7 +276,8 @@ class Run {
     return Array.from(force);
   }
 
-  /** Add up work and dissipation since the last control instant.
+  /** Add up the work of the drives and of the wind and the dissipation since the last control instant,
+   * as `simulate` does: the mean force of both instants times the way between.
    * @param {number[]} middle @param {number} power @param {number[][]} rope */
   account(middle, power, rope) {
     const before = this._before, {row, force} = this.kernel, {period} = this.data.kernel;
@@ -304,7 +316,9 @@ class Run {
     return null;
   }
 
-  /** @param {number[]} load Centre of the load [m]. */
+  /** Update the score of the task. The load counts as still where its swing [rad], and the rate of
+   * that [rad/s], are both no larger than the allowed swing.
+   * @param {number[]} load Centre of the load [m]. */
   judge(load) {
     const task = this.task, {period} = this.data.kernel;
     if (!task || task.done) return;
@@ -312,12 +326,13 @@ class Run {
     task.largest = Math.max(task.largest, this.swing);
     const {effort} = this.kernel.row, rates = this.crane.drives.map(joint => this.kernel.v[joint]);
     task.energy += Math.max(rates.reduce((sum, v, i) => sum + v * effort[i], 0), 0) * period;
-    const {goal} = task, away = goal ? Math.hypot(...load.map((x, i) => x - goal[i])) : 0;
+    const {goal} = task;
+    const distance = goal ? Math.hypot(...load.map((x, i) => x - goal[i])) : 0;
     const {v} = this.state;
     const rate = Math.hypot(...this.crane.swings.map(i => v[i]));
-    const quiet = this.swing <= task.swing && rate <= task.swing && away <= task.radius;
-    task.still = quiet ? task.still + period : 0;
-    task.done = task.still >= STILL;
+    const isStill = this.swing <= task.swing && rate <= task.swing;
+    task.still = isStill && distance <= task.radius ? task.still + period : 0;
+    task.done = task.still >= STILL_SECONDS;
   }
 
   /** Values of the columns of the last control instant. */

@@ -3,10 +3,31 @@
 // its body, whose pose is a uniform: the whole crane is one draw call, and its shadow another.
 
 const VIEWS = ["cabin", "follow", "side", "top", "orbit"];
-const PATH_SECONDS = 12, PATH_POINTS = 150, MAX_LINE_POINTS = 640;
-const VERTEX_FLOATS = 11, LINE_FLOATS = 8;
-const TANGENT = Math.tan(0.42); // of half the field of view
-const ROPE_RADIUS = 0.05, MOVE_SECONDS = 0.6;
+
+/** Time that the path of the load shows [s]. */
+const PATH_SECONDS = 12;
+
+/** Number of points of that path. */
+const PATH_POINTS = 150;
+
+/** Largest number of points of all lines. */
+const MAX_LINE_POINTS = 640;
+
+/** Numbers of a vertex: position, normal, colour and body. */
+const VERTEX_FLOATS = 11;
+
+/** Numbers of a point of a line: position, width and colour. */
+const LINE_FLOATS = 8;
+
+/** Tangent of half the field of view. */
+const TANGENT = Math.tan(0.42);
+
+/** Radius of the rope [m]. */
+const ROPE_RADIUS = 0.05;
+
+/** Time in which the eye moves from one view to another [s]. */
+const MOVE_SECONDS = 0.6;
+
 const UNIFORMS = ["bodies", "camera", "cut", "eye", "forward", "ground", "lamp", "night", "right", "shade", "size", "up"];
 
 /** Red, green and blue of a hex colour, 0 to 1. @param {string} hex */

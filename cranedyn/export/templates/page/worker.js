@@ -1,10 +1,13 @@
 "use strict";
 
-/** Time between two pictures [ms], and the share of it that the motion may take. */
-const TICK = 1000 / 60, SHARE = 0.8;
+/** Time between two pictures [ms]. */
+const TICK = 1000 / 60;
 
-/** Instants a longer pause of the page may make up for. */
-const LATE = 0.25;
+/** Share of that time in which the motion is computed, at most. */
+const MOTION_SHARE = 0.8;
+
+/** Longest time that is made up for after a pause of the page [s]. */
+const MAX_PAUSE = 0.25;
 
 /** The crane in real time, or at a multiple of it. */
 class Session {
@@ -12,16 +15,20 @@ class Session {
   constructor(data, code) {
     this.data = data;
     this.code = code;
+    /** Speed of the crane's time over that of the clock, as asked for. */
     this.factor = 1;
+    /** The same as reached, smoothed over some twenty pictures. */
     this.ratio = 0;
     /** @type {Input[]} Inputs to replay, the earliest last. */
     this.waiting = [];
     this.run = new Run(data, code);
+    /** Control instants that are due and not yet computed. */
     this.due = 0;
     this.last = performance.now();
     setInterval(() => this.tick(), TICK);
   }
 
+  /** Begin a new run with the sliders, the assistance and the task of the last one. */
   reset() {
     const {sliders, assist, task} = this.run;
     this.run = new Run(this.data, this.code);
@@ -34,14 +41,15 @@ class Session {
     if (task) this.run.input("task", task.name);
   }
 
+  /** Compute the control instants that are due, and send the page where the crane is. */
   tick() {
     const now = performance.now(), {period} = this.data.kernel, {run} = this;
-    const passed = Math.min((now - this.last) / 1000, LATE);
+    const passed = Math.min((now - this.last) / 1000, MAX_PAUSE);
     this.last = now;
     if (run.event !== null) return;
     this.due += passed * this.factor / period;
     const first = run.k;
-    while (this.due >= 1 && run.event === null && performance.now() - now < SHARE * TICK) {
+    while (this.due >= 1 && run.event === null && performance.now() - now < MOTION_SHARE * TICK) {
       while (this.waiting.length && this.waiting[this.waiting.length - 1][0] <= run.k) {
         const [, kind, value] = /** @type {Input} */ (this.waiting.pop());
         run.input(kind, value);
@@ -54,7 +62,7 @@ class Session {
     if (run.k > first || run.k === 0 || run.event !== null) this.show(run);
   }
 
-  /** @param {Run} run */
+  /** Send the page the state of a run. @param {Run} run */
   show(run) {
     const {kernel, task} = run, rope = run.points;
     if (!run.state || !rope) return;
@@ -82,7 +90,8 @@ class Session {
       return;
     }
     let text = `${Object.values(crane.columns).flat().join(",")}\n`;
-    const pieces = /** @type {Blob[]} */ ([]); // an hour is too long for one text
+    // The rows of an hour are too long for one text.
+    const pieces = /** @type {Blob[]} */ ([]);
     replay(this.data, this.code, inputs, k, run => {
       text += `${run.values().join(",")}\n`;
       if (run.k % 5000 && run.k < k) return;
@@ -92,7 +101,7 @@ class Session {
     postMessage({type: "saved", file, blob: new Blob([...pieces, text])});
   }
 
-  /** @param {any} message */
+  /** Do what a message of the page asks for. @param {any} message */
   receive(message) {
     const {type} = message, {run} = this;
     if (type === "speed") this.factor = message.factor;
@@ -107,7 +116,7 @@ class Session {
       this.run = new Run(this.data, this.code);
       this.due = 0;
       this.waiting = [...message.inputs].reverse();
-    } else if (this.waiting.length) return; // nobody steers while a drive is shown again
+    } else if (this.waiting.length) return; // inputs are ignored while a run is replayed
     else if (type === "sticks") {
       if (message.values.some((/** @type {number} */ x, /** @type {number} */ i) => x !== run.sticks[i])) {
         run.input("sticks", message.values);
