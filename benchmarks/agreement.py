@@ -12,23 +12,26 @@ from experiments.harness.outcome import ResultTable
 
 ALLOWED = 1e-9
 """Largest difference with which a contestant is shown: of a coordinate or rate [rad, m, per
-second], and of an effort as a share of its limit. Rounding makes a hundred-thousandth of that;
-swing damping of 1 N m s/rad taken at another time in the step already 0.4 of it."""
+second], and of an effort as a share of its limit.
+
+Rounding makes a hundred-thousandth of that. Swing damping of 1 N m s/rad that is taken at another
+time in the step makes 0.4 of it.
+"""
 
 STRETCH = 2.0
 """Length of the common stretch [s]."""
 
 CRANES = 19
-"""How many run together on it: no multiple of any vector's length."""
+"""Number of cranes that run together on it; no multiple of the length of any vector."""
 
 
 @dataclass(frozen=True)
 class Ready:
-    """A contestant that agrees.
+    """A contestant that agrees with the plain loop.
 
     Attributes:
-        contestant: Who.
-        run: Its way to run the case.
+        contestant: The contestant.
+        run: Function that runs the case its way.
         max_deviation: Its largest difference from the plain loop, counted as in `ALLOWED`.
     """
 
@@ -48,17 +51,23 @@ class Truth:
     def max_deviation(self, run: Run, *, many: bool) -> float:
         """Return the largest deviation of a contestant, in the units of `ALLOWED`.
 
-        Of many cranes at the end and in their peaks, of single ones in the whole logs from the
-        first and the last start.
+        Many cranes are compared at the end and in their largest swings, single ones in their whole
+        logs from the first and the last start.
+
+        Args:
+            run: Function that runs the case.
+            many: Whether it runs many cranes at once.
         """
         if many:
             got = run(self._starts, STRETCH)
             ends = np.concatenate([result.ends for result in self._results])
             peaks = np.concatenate([result.peaks for result in self._results])
             return max(_largest(got.ends, ends), _largest(got.peaks, peaks))
-        return max(
-            self._of_log(run(self._starts[i][None], STRETCH), self._results[i]) for i in (0, -1)
-        )
+        deviations = []
+        for i in (0, -1):
+            got = run(self._starts[i][None], STRETCH)
+            deviations.append(self._of_log(got, self._results[i]))
+        return max(deviations)
 
     def _of_log(self, got: Result, expected: Result) -> float:
         scale = np.concatenate([np.ones(2 * self._case.n), self._case.crane.effort_limit])
@@ -88,7 +97,8 @@ def sort(
     ready = []
     refused = []
     for contestant in contestants:
-        if reason := contestant.missing():
+        reason = contestant.missing()
+        if reason:
             refused.append((contestant.name, reason))
             continue
         try:

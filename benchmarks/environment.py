@@ -9,6 +9,7 @@ import statistics
 import sys
 import time
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,10 +17,31 @@ from cranedyn.interop.gymnasium import TowerCraneVectorEnv
 from cranedyn.interop.task import cranes_between
 
 COUNTS = (1024, 4096, 16_384, 65_536)
+"""Numbers of cranes."""
 
 
-def measure_environment(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
-    """Return steps a second, best and median round, and steps in a second of processor time."""
+class StepRates(NamedTuple):
+    """Steps a second of an environment.
+
+    Attributes:
+        best: In the best round [1/s].
+        median: In the median round [1/s].
+        of_processor: Steps in a second of processor time, in the median round [1/s].
+    """
+
+    best: float
+    median: float
+    of_processor: float
+
+
+def measure_environment(count: int, rounds: int, seconds: float) -> StepRates:
+    """Measure the environment.
+
+    Args:
+        count: Number of cranes.
+        rounds: Number of rounds.
+        seconds: Duration of a round [s].
+    """
     env = TowerCraneVectorEnv(
         count,
         crane=cranes_between(4, payload_mass=(500.0, 3000.0)),
@@ -30,17 +52,17 @@ def measure_environment(count: int, rounds: int, seconds: float) -> tuple[float,
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 3)).astype(np.float32)
     env.step(actions)
     rates = []
-    processor = []
+    processor_rates = []
     for _ in range(rounds):
-        wall = time.perf_counter()
-        busy = time.process_time()
+        wall_begin = time.perf_counter()
+        processor_begin = time.process_time()
         steps = 0
-        while not steps or time.perf_counter() - wall < seconds:
+        while not steps or time.perf_counter() - wall_begin < seconds:
             env.step(actions)
             steps += count
-        rates.append(steps / (time.perf_counter() - wall))
-        processor.append(steps / (time.process_time() - busy))
-    return max(rates), statistics.median(rates), statistics.median(processor)
+        rates.append(steps / (time.perf_counter() - wall_begin))
+        processor_rates.append(steps / (time.process_time() - processor_begin))
+    return StepRates(max(rates), statistics.median(rates), statistics.median(processor_rates))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -58,12 +80,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("cranes   best [M/s]   median [M/s]   in a second of one processor [M]")
     best = []
     for count in options.counts:
-        rates = [
-            1e-6 * rate
-            for rate in measure_environment(count, max(options.rounds, 1), options.seconds)
-        ]
-        best.append(rates[0])
-        print(f"{count:6}   {rates[0]:10.3f}   {rates[1]:12.3f}   {rates[2]:32.3f}")
+        rates = measure_environment(count, max(options.rounds, 1), options.seconds)
+        best.append(1e-6 * rates.best)
+        print(
+            f"{count:6}   {1e-6 * rates.best:10.3f}   {1e-6 * rates.median:12.3f}   "
+            f"{1e-6 * rates.of_processor:32.3f}"
+        )
     return 0 if max(best) >= options.least else 1
 
 

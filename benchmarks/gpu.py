@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,8 +35,13 @@ CRANES: dict[str, dict[str, Any]] = {
     "tower crane": {},
     "hook and slung load": {"hook_mass": 300.0, "sling_length": 4.0},
 }
+"""Numbers of the cranes for which code is made, by name."""
+
 CHIPS = ("sm_75", "sm_90")
+"""Kinds of GPU for which code is assembled."""
+
 COUNTS = (1_000, 10_000, 100_000, 1_000_000)
+"""Numbers of cranes whose speed is measured."""
 
 
 def kernel_options(
@@ -46,9 +51,16 @@ def kernel_options(
     buffers: bool = False,
     everything: bool = False,
 ) -> KernelOptions:
-    """Return the options of code for threads; with `everything`, each crane has its own controller,
-    forces, sensor errors and rows.
+    """Return a recipe of code for threads.
+
+    Args:
+        integrator: The stepping rule.
+        drive: Kind of the drives.
+        buffers: Whether buffers end the ranges of the drives.
+        everything: Whether each crane has its own controller, forces, sensor errors and rows.
     """
+    # Gains, setpoints and forces are shared, or nothing is, sensor offsets included.
+    shared = (False,) * 4 if everything else (True,) * 3
     return KernelOptions(
         WARP,
         drive,
@@ -57,7 +69,7 @@ def kernel_options(
         integral=everything,
         offset=everything,
         forces=everything,
-        shared=(not everything,) * (3 + everything),
+        shared=shared,
         log=everything,
         summary=True,
         threads=True,
@@ -104,10 +116,10 @@ def assembler() -> Path | None:
     the path of programs; None if there is neither.
     """
     package = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
-    folders = [Path(p) for p in (package.submodule_search_locations or ())] if package else []
-    packaged = next((file for path in folders for file in path.glob("bin/ptxas*")), None)
-    if packaged is not None:
-        return packaged
+    if package is not None:
+        for folder in package.submodule_search_locations or ():
+            for file in Path(folder).glob("bin/ptxas*"):
+                return file
     on_path = shutil.which("ptxas")
     return None if on_path is None else Path(on_path)
 
@@ -132,7 +144,8 @@ def assemble(assembler: Path, ptx_source: str, chip: str) -> AssemblerReport:
 
 def assembly_table() -> ResultTable:
     """Return a row for each crane and kind of code."""
-    if (program := assembler()) is None:
+    program = assembler()
+    if program is None:
         missing = "ptxas, NVIDIA's assembler, is not installed: pip install 'cranedyn[ptxas]'"
         raise CraneError(missing)
     rows: list[list[float | str | None]] = []
@@ -156,19 +169,34 @@ def assembly_table() -> ResultTable:
     return ResultTable("Assembled for a GPU", columns, rows, note)
 
 
-def measure_speed(
-    simulated: float = 1e5, rounds: int = 3
-) -> Iterator[tuple[int, float, float, float]]:
-    """Yield crane count, million steps a second on GPU and processor with copies, and their ratio.
+class Speed(NamedTuple):
+    """Speed of a number of cranes, copies included.
+
+    Attributes:
+        cranes: Number of cranes.
+        gpu: Million steps a second on the GPU.
+        processor: Million steps a second on the processor.
+        ratio: The one over the other.
+    """
+
+    cranes: int
+    gpu: float
+    processor: float
+    ratio: float
+
+
+def measure_speed(simulated: float = 1e5, rounds: int = 3) -> Iterator[Speed]:
+    """Yield the speed of each number of cranes.
 
     Args:
-        simulated: Time of all cranes together [s], 1 to 70 s of each.
-        rounds: How many.
+        simulated: Simulated time of all cranes together [s], 1 to 70 s of each.
+        rounds: Number of rounds.
     """
     for count in COUNTS:
         duration = max(1.0, min(70.0, simulated / count))
-        gpu, processor = (measured(count, on, duration, rounds) for on in get_args(Device)[::-1])
-        yield count, gpu, processor, gpu / processor
+        gpu = measured(count, "cuda", duration, rounds)
+        processor = measured(count, "cpu", duration, rounds)
+        yield Speed(count, gpu, processor, gpu / processor)
 
 
 def measured(count: int, device: Device, duration: float, rounds: int) -> float:

@@ -9,6 +9,7 @@ import json
 import statistics
 import sys
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from benchmarks.timing import fresh
 
@@ -26,18 +27,32 @@ crane.urdf
 last = time.perf_counter()
 print(json.dumps([imported - start, first - imported, (others - first) / 10, last - others]))
 """
-"""Script that prints the four times [s] of `measure_loading`."""
+"""Script that prints the numbers of `LoadingTimes`."""
 
 
-def measure_loading(rounds: int) -> list[float]:
-    """Return medians [s]: imports, the first crane, each of ten other cranes, the whole URDF."""
+class LoadingTimes(NamedTuple):
+    """Times of a process that loads cranes.
+
+    Attributes:
+        imports: Time for the imports [s].
+        first: Time for the first crane [s].
+        another: Time for each of ten other cranes [s].
+        urdf: Time for the whole URDF of a crane [s].
+    """
+
+    imports: float
+    first: float
+    another: float
+    urdf: float
+
+
+def measure_loading(rounds: int) -> LoadingTimes:
+    """Return the median of each time over a number of processes."""
     # Python translates the modules in the first process, which is not measured.
     fresh(_PROGRAM)
     runs = [json.loads(fresh(_PROGRAM)) for _ in range(rounds)]
-    medians = []
-    for times in zip(*runs, strict=True):
-        medians.append(statistics.median(times))
-    return medians
+    medians = [statistics.median(times) for times in zip(*runs, strict=True)]
+    return LoadingTimes(*medians)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     names = ("imports", "first crane", "another crane", "its whole URDF")
     for name, seconds in zip(names, times, strict=True):
         print(f"{name:15} {1e3 * seconds:6.1f} ms")
-    return 0 if times[1] <= options.most else 1
+    return 0 if times.first <= options.most else 1
 
 
 if __name__ == "__main__":

@@ -108,7 +108,11 @@ def batch_rate(crane: Crane, move: RestToRest, along: bool, rounds: int) -> floa
 
 
 def problem_of(controller: Receding) -> tuple[HorizonProblem, np.ndarray]:
-    """Return the last programme of a controller and its solution."""
+    """Return the last programme of a controller and its solution.
+
+    Both are read from the memory of the optimisation: blocks that all stages share, and then the
+    blocks of each stage, at the places that `HorizonShape` gives by name.
+    """
     shape = controller.programme.shape(1)
     work = controller.memory_of_optimisation()
     z = shape.states

@@ -42,7 +42,9 @@ def swinging(cases: Columns) -> Columns:
 
     before = time.process_time()
     crane, controller = _crane()
-    q, v = (np.tile(values, (len(cases["x"]), 1)) for values in crane.start)
+    count = len(cases["x"])
+    q = np.tile(crane.start.q, (count, 1))
+    v = np.tile(crane.start.v, (count, 1))
     q[:, crane.swings[0]] = 0.3 * cases["x"]
     batch = simulate_batch(crane, controller, start=State(q, v), duration=SWING, threads=1)
     spent = (time.process_time() - before) / len(q)

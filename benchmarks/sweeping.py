@@ -23,22 +23,35 @@ from cranedyn.sweep import Design, Progress, Study, results, sweep
 from experiments.harness.outcome import ResultTable
 
 WORKERS = (2, 4, 8)
+"""Numbers of Dask's workers."""
+
 CRANES = 256
-"""Cases of a chunk that computes."""
+"""Number of cases in a chunk that computes."""
 
+COST_COLUMNS = (
+    ("by", ""),
+    ("first part after [s]", ".2f"),
+    ("a part [ms]", ".2f"),
+    ("a case [µs]", ".2f"),
+)
+"""Columns of the table of what a sweep adds."""
 
-COST_COLUMNS = [("by", ""), ("first part after [s]", ".2f")]
-COST_COLUMNS += [("a part [ms]", ".2f"), ("a case [µs]", ".2f")]
-GROWTH_COLUMNS = [("by", ""), ("waiting [%]", ".0f"), ("swings/s", ",.0f"), ("ratio", ".2f")]
-GROWTH_COLUMNS += [("a swing [ms]", ".3f")]
+GROWTH_COLUMNS = (
+    ("by", ""),
+    ("waiting [%]", ".0f"),
+    ("swings/s", ",.0f"),
+    ("ratio", ".2f"),
+    ("a swing [ms]", ".3f"),
+)
+"""Columns of the table of growth with the number of workers."""
 
 
 class Way(NamedTuple):
-    """Who computes.
+    """What computes the cases of a sweep.
 
     Attributes:
-        name: What it is called.
-        workers: How many processes.
+        name: Name in tables.
+        workers: Number of processes.
         scheduler: Address of Dask's scheduler; None for processes of the sweep's own.
     """
 
@@ -47,16 +60,16 @@ class Way(NamedTuple):
     scheduler: str | None
 
 
-def _counted(count: int, word: str) -> str:
-    ending = "" if count == 1 else "es" if word.endswith("s") else "s"
-    return f"{count} {word}{ending}"
+def _counted(count: int, word: str, plural: str) -> str:
+    """Return a number with its noun."""
+    return f"{count} {word if count == 1 else plural}"
 
 
 @contextmanager
 def way(kind: str, workers: int) -> Iterator[Way]:
     """Yield processes, or workers of Dask that live as long as the context."""
     if kind == "processes":
-        yield Way(_counted(workers, "process"), workers, None)
+        yield Way(_counted(workers, "process", "processes"), workers, None)
         return
     try:
         from distributed import LocalCluster
@@ -70,17 +83,19 @@ def way(kind: str, workers: int) -> Iterator[Way]:
         worker_dashboard_address="127.0.0.1:0",
         silence_logs=50,
     ) as cluster:
-        yield Way(f"Dask, {_counted(workers, 'worker')}", workers, cluster.scheduler_address)
+        yield Way(
+            f"Dask, {_counted(workers, 'worker', 'workers')}", workers, cluster.scheduler_address
+        )
 
 
 class Pace(NamedTuple):
-    """How a sweep went.
+    """Times of a sweep.
 
     Attributes:
         first: Time to its first part [s].
         each: Time between parts from then on [s].
         busy: Processor time of the program that sweeps, for each part [s].
-        spent: Processor time of a case [s], the middle one, where the study tells it; else 0.
+        spent: Median processor time of a case [s], where the study tells it; 0 otherwise.
     """
 
     first: float
@@ -119,8 +134,12 @@ def pace(study: Study, by: Way, chunks: int, chunk: int) -> Pace:
 
 
 class Overhead(NamedTuple):
-    """What a sweep costs besides its cases: time until its first part is there [s], and processor
-    time of the program that sweeps for each part [s] and each case [s].
+    """What a sweep costs besides its cases.
+
+    Attributes:
+        once: Time until its first part is there [s].
+        part: Processor time of the program that sweeps for each part [s].
+        case: Processor time of the program that sweeps for each case [s].
     """
 
     once: float
@@ -135,11 +154,29 @@ def overhead(by: Way, chunks: int, chunk: int) -> Overhead:
     return Overhead(small.first, small.busy, (large.busy - small.busy) / (chunk - 1))
 
 
-def scaling(by: Way, chunks: int) -> tuple[float, float, float]:
-    """Return efficiency of waiting chunks, swings a second, processor time of a swing [s]."""
+class Scaling(NamedTuple):
+    """How fast a number of workers is.
+
+    Attributes:
+        efficiency: Rate of chunks that only wait, over that of ideal workers.
+        rate: Swings a second.
+        spent: Processor time of a swing [s].
+    """
+
+    efficiency: float
+    rate: float
+    spent: float
+
+
+def scaling(by: Way, chunks: int) -> Scaling:
+    """Measure how fast the workers are."""
     waited = pace(waiting, by, chunks, 1)
     swung = pace(swinging, by, chunks, CRANES)
-    return PAUSE / by.workers / waited.each, CRANES / swung.each, swung.spent
+    return Scaling(
+        efficiency=PAUSE / by.workers / waited.each,
+        rate=CRANES / swung.each,
+        spent=swung.spent,
+    )
 
 
 def bytes_a_case(chunks: int = 2, chunk: int = 1000) -> float:
@@ -191,7 +228,7 @@ def billion_case_table(measured: Overhead, spent: float, size: float, workers: i
 
 def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[ResultTable]:
     """Return the tables of overhead, scaling, and a billion cases."""
-    alone = 0.0
+    rate_of_one = 0.0
     costs: list[list[float | str | None]] = []
     grown: list[list[float | str | None]] = []
     kinds = [("processes", 1), ("processes", workers[0]), *(("Dask", count) for count in workers)]
@@ -199,10 +236,19 @@ def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Res
         print(f"measuring: {kind}, {count}", file=sys.stderr)
         with way(kind, count) as by:
             cost = overhead(by, chunks, chunk)
-            share, rate, spent = scaling(by, 6 * count)
-        alone = alone or rate
+            speed = scaling(by, 6 * count)
+        # The first is one process, with which the others are compared.
+        rate_of_one = rate_of_one or speed.rate
         costs.append([by.name, cost.once, 1e3 * cost.part, 1e6 * cost.case])
-        grown.append([by.name, 100.0 * share, rate, rate / alone, 1e3 * spent])
+        grown.append(
+            [
+                by.name,
+                100.0 * speed.efficiency,
+                speed.rate,
+                speed.rate / rate_of_one,
+                1e3 * speed.spent,
+            ]
+        )
     note = (
         f"On {os.cpu_count()} processors that had {os.getloadavg()[1]:.0f} processes to run on "
         "average. First part: by the clock; a part, a case: processor time of the program that "
@@ -218,7 +264,7 @@ def sweeping_tables(workers: Sequence[int], chunks: int, chunk: int) -> list[Res
             f"processor. Swings: of {SWING:g} s, in chunks of {CRANES}, and the ratio to one "
             f"process, on {os.cpu_count()} processors; a swing: processor time of one.",
         ),
-        billion_case_table(cost, spent, bytes_a_case(), count),
+        billion_case_table(cost, speed.spent, bytes_a_case(), count),
     ]
 
 
@@ -227,7 +273,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     quick = {"action": "store_true", "help": "less of each, and less precisely"}
 
     def measure(options: argparse.Namespace) -> list[ResultTable]:
-        return sweeping_tables(*((1,), 24, 100) if options.quick else (WORKERS, 128, 4000))
+        if options.quick:
+            return sweeping_tables((1,), chunks=24, chunk=100)
+        return sweeping_tables(WORKERS, chunks=128, chunk=4000)
 
     return print_tables("sweeping", __doc__, measure, argv, quick=quick)
 

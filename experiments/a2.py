@@ -60,7 +60,7 @@ MIN_PEAKS = 3
 """Least number of peaks while the cable runs to which a power law is fitted."""
 
 
-class Published(NamedTuple):
+class PublishedHoisting(NamedTuple):
     """The article's results.
 
     Attributes:
@@ -84,7 +84,7 @@ class Published(NamedTuple):
     amplitude_after: float
 
 
-PUBLISHED = Published(
+PUBLISHED = PublishedHoisting(
     mean_error=0.79,
     max_error=2.69,
     exponent=-0.685,

@@ -5,6 +5,7 @@ feed-forward.
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -20,12 +21,12 @@ from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, make_table
 from experiments.scenarios.moves import (
     AFTER,
-    CLOSE,
     COMBINED,
     MOVES,
+    SETTLED_DISTANCE,
     RestToRest,
     Score,
-    of_sampling,
+    sampling_swing,
 )
 from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import (
@@ -40,6 +41,10 @@ from experiments.scenarios.strategies import (
 )
 
 SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
+"""Strategies of the tables."""
+
+DRAWN = (PD, PAPER, LQR, FLAT)
+"""Strategies whose runs are stored and drawn."""
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -48,11 +53,19 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
     runs: dict[RestToRest, dict[str, Trajectory]] = {move: {} for move in MOVES}
     scores: dict[RestToRest, dict[str, Score]] = {move: {} for move in MOVES}
+    for move, strategy in itertools.product(MOVES, SHOWN):
+        plan = STRATEGIES[strategy](setup, move)
+        run, score = make(setup, move, plan, label=f"{move.name}, {strategy}")
+        runs[move][strategy] = run
+        scores[move][strategy] = score
+
+    trajectories = {}
+    for move, strategy in itertools.product(MOVES, DRAWN):
+        name = f"b1_{move.name}_{file_name(strategy)}"
+        trajectories[name] = runs[move][strategy]
+    figures = {f"tracking_{move.name}": _tracking_figure(runs[move][PAPER]) for move in MOVES}
     for move in MOVES:
-        for strategy in SHOWN:
-            plan = STRATEGIES[strategy](setup, move)
-            label = f"{move.name}, {strategy}"
-            runs[move][strategy], scores[move][strategy] = make(setup, move, plan, label=label)
+        figures[f"swing_{move.name}"] = _swing_figure(move, runs[move])
     return Outcome(
         tables=[_table(move, of_move) for move, of_move in scores.items()],
         claims=_claims(setup, COMBINED, scores[COMBINED]),
@@ -62,13 +75,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "paper_slew_weights": [np.diag(w).tolist() for w in paper.SLEW_WEIGHTS],
             "paper_hoist_pid": paper.HOIST,
         },
-        trajectories={
-            f"b1_{move.name}_{file_name(strategy)}": runs[move][strategy]
-            for move in MOVES
-            for strategy in (PD, PAPER, LQR, FLAT)
-        },
-        figures={f"tracking_{move.name}": _tracking_figure(runs[move][PAPER]) for move in MOVES}
-        | {f"swing_{move.name}": _swing_figure(move, of_move) for move, of_move in runs.items()},
+        trajectories=trajectories,
+        figures=figures,
         recording=[
             Run(strategy, setup.crane, runs[COMBINED][strategy], colour=strategy_colour(strategy))
             for strategy in (PD, PAPER)
@@ -77,27 +85,31 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 
 
 def _claims(setup: Setup, move: RestToRest, scores: Mapping[str, Score]) -> list[Claim]:
-    pd, ours, lqr, best = (scores[strategy] for strategy in (PD, PAPER, LQR, FLAT))
+    pd = scores[PD]
+    paper_score = scores[PAPER]
+    lqr = scores[LQR]
+    flat = scores[FLAT]
     planned = flat_motion(setup, move)
-    plan = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
-    sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
+    planned_peak = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
+    sampling = sampling_swing(setup.gravity, flat.length, setup.control_period, planned_peak)
     return [
         Claim(
             f"Combined move: within {AFTER:g} s of the arrival the paper's control settles to "
-            f"{1000 * CLOSE:g} mm ({_settled(ours)}), the PD does not ({_settled(pd)}).",
-            math.isfinite(ours.settled) and not math.isfinite(pd.settled),
+            f"{1000 * SETTLED_DISTANCE:g} mm ({_settled(paper_score)}), the PD does not "
+            f"({_settled(pd)}).",
+            math.isfinite(paper_score.settled) and not math.isfinite(pd.settled),
         ),
         Claim(f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)),
         Claim(
-            f"Flat feed-forward with LQR leaves no swing at the arrival: {1000 * best.arrival:.4f} "
+            f"Flat feed-forward with LQR leaves no swing at the arrival: {1000 * flat.arrival:.4f} "
             "mrad, where efforts that are held for "
             f"{1000 * setup.control_period:g} ms may leave {1000 * sampling:.4f} mrad.",
-            best.arrival < sampling,
+            flat.arrival < sampling,
         ),
         Claim(
-            f"Its peak swing ({1000 * best.peak:.3f} mrad) is the planned ({1000 * plan:.3f} mrad) "
-            "within the same.",
-            abs(best.peak - plan) < sampling,
+            f"Its peak swing ({1000 * flat.peak:.3f} mrad) is the planned "
+            f"({1000 * planned_peak:.3f} mrad) within the same.",
+            abs(flat.peak - planned_peak) < sampling,
         ),
     ]
 
@@ -132,12 +144,19 @@ def _table(move: RestToRest, scores: Mapping[str, Score]) -> ResultTable:
 def _tracking_figure(run: Trajectory) -> Figure:
     """Draw the drives and their references, in the manner of the paper's Fig. 5."""
     figure, axes = panels(3, height=1.8, sharex=True)
-    for ax, name, label in zip(axes, ("gamma", "x", "l"), ("γ [°]", "x [m]", "l [m]"), strict=True):
-        scale, unit = (np.degrees(1.0), "rad") if name == "gamma" else (1.0, "m")
+    for ax, (name, unit, scale, label) in zip(
+        axes,
+        (
+            ("gamma", "rad", np.degrees(1.0), "γ [°]"),
+            ("x", "m", 1.0, "x [m]"),
+            ("l", "m", 1.0, "l [m]"),
+        ),
+        strict=True,
+    ):
         setpoint = scale * run[f"{name}_setpoint_{unit}"]
         ax.plot(run.t, setpoint, "--", color=COLOURS["setpoint"], label="setpoint")
-        ours = scale * run[f"{name}_{unit}"]
-        ax.plot(run.t, ours, color=COLOURS[name], label="paper's control")
+        position = scale * run[f"{name}_{unit}"]
+        ax.plot(run.t, position, color=COLOURS[name], label="paper's control")
         ax.set_ylabel(label)
     axes[0].legend(loc="lower right")
     axes[-1].set_xlabel("time [s]")
@@ -148,8 +167,8 @@ def _swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
     """Draw radial and tangential swing of each strategy, in the manner of the paper's Fig. 6."""
     figure, axes = panels(2, height=2.6, sharex=True)
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):
-        for strategy in (PD, PAPER, LQR, FLAT):
-            style = LINE_STYLES[column.removesuffix("_rad")]
+        style = LINE_STYLES[column.removesuffix("_rad")]
+        for strategy in DRAWN:
             colour = strategy_colour(strategy)
             run = runs[strategy]
             ax.plot(run.t, np.degrees(run[column]), style, color=colour, label=strategy)

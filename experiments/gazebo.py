@@ -75,14 +75,18 @@ class RecordedPair:
 
 def pairs(setup: Setup) -> dict[str, RecordedPair]:
     """Return every recording with its run made here, by name."""
-    length, stiffness, damping, _ = a1.SOFT
-    soft = a1.run(setup, length, stiffness={"x": stiffness}, damping={"x": damping})
+    soft = a1.SOFT
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
-    runs |= {"a1_soft": soft.trajectory, "a2": a2.run(setup), "a3": a3.run(setup)}
-    return {
-        name: RecordedPair(name, read_columns(RECORDINGS / f"{name}.parquet", COLUMNS), run)
-        for name, run in runs.items()
-    }
+    runs["a1_soft"] = a1.run(
+        setup, soft.length, stiffness={"x": soft.stiffness}, damping={"x": soft.damping}
+    ).trajectory
+    runs["a2"] = a2.run(setup)
+    runs["a3"] = a3.run(setup)
+    recordings = {}
+    for name, run in runs.items():
+        recorded = read_columns(RECORDINGS / f"{name}.parquet", COLUMNS)
+        recordings[name] = RecordedPair(name, recorded, run)
+    return recordings
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
@@ -122,7 +126,7 @@ def _swings(free: Sequence[RecordedPair]) -> ResultTable:
         return round(float(pair.recorded["l_m"][0]), 6)
 
     def published(pair: RecordedPair) -> a1.Published:
-        return a1.SOFT[3] if pair.name == "a1_soft" else a1.PUBLISHED[length(pair)]
+        return a1.SOFT.published if pair.name == "a1_soft" else a1.PUBLISHED[length(pair)]
 
     def error(pair: RecordedPair, columns: Mapping[str, np.ndarray] | Trajectory) -> float:
         point = float(theory.point_period(length(pair), STANDARD_GRAVITY))
@@ -150,10 +154,7 @@ def _swings(free: Sequence[RecordedPair]) -> ResultTable:
 
 
 def _hoisting(pair: RecordedPair) -> ResultTable:
-    readings = {
-        name: a2.read_swing(data["t_s"], data["phi_rad"], data["l_m"])
-        for name, data in (("Gazebo", dict(pair.recorded)), ("here", pair.run))
-    }
+    readings = {"Gazebo": a2.read_run(pair.recorded), "here": a2.read_run(pair.run)}
     return make_table(
         "Hoisting while swinging (A2) in Gazebo and here",
         readings.items(),
@@ -177,14 +178,13 @@ def _hoisting(pair: RecordedPair) -> ResultTable:
 
 
 def _slewing(pair: RecordedPair) -> ResultTable:
-    columns = {column: pair.run[column] for column in a3.COLUMNS}
-    rows = [
-        (name, a3.by_paper(data).agreement)
-        for name, data in (("Gazebo", dict(pair.recorded)), ("here", columns))
-    ]
     return make_table(
         "Slewing (A3) in Gazebo and here",
-        [*rows, ("article", a3.PUBLISHED)],
+        [
+            ("Gazebo", a3.by_paper(pair.recorded).agreement),
+            ("here", a3.by_paper(pair.run).agreement),
+            ("article", a3.PUBLISHED),
+        ],
         ("run", "", lambda row: row[0]),
         ("θ [rad]", ".4f", lambda row: row[1].measured),
         ("correlation", "+.5f", lambda row: row[1].correlation),

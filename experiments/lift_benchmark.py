@@ -6,11 +6,13 @@ How often one is found and certified, how fast, how near the best.
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.checks import whole
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.interfaces import Controller, Reference
+from cranedyn.interfaces import Controller, Drive, Reference
 from cranedyn.lifts.planning.certificate import AFTER, Certificate, certify
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.lift import Lift, NoWay, plan_lift
@@ -27,6 +29,7 @@ from cranedyn.lifts.planning.solids import Solid, box
 from cranedyn.model.crane import Crane
 from cranedyn.references.simple import shortest, spline
 from experiments import harness
+from experiments.harness import Claim, Outcome, ResultTable, Setup
 from experiments.harness.table import Cell
 from experiments.lift import (
     LEAST_TIME,
@@ -45,22 +48,43 @@ SITES = 100
 SEED = 14
 """Seed of the sites."""
 
-_LOAD = np.array([[x, y, z] for x in (-0.75, 0.75) for y in (-1.0, 1.0) for z in (-0.6, 0.6)])
+LOAD_SIZE = (1.5, 2.0, 1.2)
+"""Sides of the load along X, Y and Z [m]."""
+
+MIN_END_MARGIN = 0.1
+"""Least distance of the load from obstacles at start and goal, beyond what its swing takes [m]."""
+
+RECORD_STRIDE = 20
+"""Control periods from one instant to the next at which the clearance of other means is measured.
+"""
+
+PLANNED = "planned"
+"""Name of the planned motion among the means."""
 
 
-Measures = tuple[float, float, float]
-"""Duration [s], least distance [m] and swing at the arrival [rad]."""
+class Measures(NamedTuple):
+    """What a motion along the way of a lift is like.
+
+    Attributes:
+        duration: Its duration [s].
+        clearance: Least distance from obstacles in the run [m].
+        arrival_swing: Amplitude of the swing at the arrival [rad].
+    """
+
+    duration: float
+    clearance: float
+    arrival_swing: float
 
 
 @dataclass(frozen=True, eq=False)
 class SiteLift:
-    """What came of a site.
+    """Result of a site.
 
     Attributes:
-        certificate: The planned lift, simulated and checked; None if there is none.
-        refused: Why there is none.
-        seconds: For plan and certificate [s].
-        means: The measures along the same way as planned and by other means, by name.
+        certificate: The planned lift, simulated and checked; None if no way was found.
+        refused: Why no way was found; empty if one was.
+        seconds: Time that plan and certificate took [s].
+        means: The measures of the planned motion and of other means along the same way, by name.
         least: The same lift in least time; None if it was not asked for.
     """
 
@@ -73,29 +97,59 @@ class SiteLift:
     @property
     def why(self) -> str:
         """Why there is no certified lift; empty if there is."""
-        checks = self.certificate.checks if self.certificate else ()
-        return self.refused or "; ".join(check.sentence for check in checks if not check.holds)
+        if self.certificate is None:
+            return self.refused
+        failed = [check.sentence for check in self.certificate.checks if not check.holds]
+        return "; ".join(failed)
+
+
+class CertifiedLift(NamedTuple):
+    """A site whose lift is certified.
+
+    Attributes:
+        result: Result of the site.
+        certificate: Its certificate.
+    """
+
+    result: SiteLift
+    certificate: Certificate
+
+    @property
+    def lift(self) -> Lift:
+        """The planned lift."""
+        return self.certificate.lift
 
 
 def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
-    """Random sites on which start and goal are free: 4 to 10 boxes, some of them as high as the jib
-    allows.
+    """Yield random sites with 4 to 10 boxes, on which start and goal are free.
+
+    Args:
+        crane: The crane.
+        count: Number of sites.
+        seed: Seed of all that is random.
     """
     rng = np.random.default_rng(seed)
-    index = 0
-    while index < count:
-        solids = tuple(_box(rng, i) for i in range(rng.integers(4, 11)))
-        start, goal = (
-            np.array([radius * math.cos(a), radius * math.sin(a), z]) for radius, a, z in _ends(rng)
-        )
-        site = Site(f"site {index + 1}", solids, load=_LOAD, start=start, goal=goal)
+    load = _load_corners()
+    found = 0
+    while found < count:
+        solids = tuple(_random_box(rng, i) for i in range(rng.integers(4, 11)))
+        start, goal = _random_ends(rng)
+        site = Site(f"site {found + 1}", solids, load=load, start=start, goal=goal)
         clearance = Clearance(crane, site)
-        if min(clearance.swing_margin(clearance.place(point)) for point in (start, goal)) > 0.1:
-            index += 1
+        margins = [clearance.swing_margin(clearance.place(point)) for point in (start, goal)]
+        if min(margins) > MIN_END_MARGIN:
+            found += 1
             yield site
 
 
-def _box(rng: np.random.Generator, i: int) -> Solid:
+def _load_corners() -> np.ndarray:
+    """Return the corners of the load from its centre [m], shape (8, 3)."""
+    signs = itertools.product((-0.5, 0.5), repeat=3)
+    return np.array([np.array(sign) * LOAD_SIZE for sign in signs])
+
+
+def _random_box(rng: np.random.Generator, i: int) -> Solid:
+    """Return a box on the ground; the highest are as high as the jib allows."""
     angle = rng.uniform(-math.pi, math.pi)
     radius = rng.uniform(6.0, 22.0)
     size = [*rng.uniform(1.0, 7.0, 2), float(rng.uniform(3.0, 20.0))]
@@ -103,30 +157,41 @@ def _box(rng: np.random.Generator, i: int) -> Solid:
     return box(f"box {i + 1}", centre, size, 0.0, rng.uniform(0.0, math.pi))
 
 
-def _ends(rng: np.random.Generator) -> list[tuple[float, float, float]]:
+def _random_ends(rng: np.random.Generator) -> list[np.ndarray]:
+    """Return start and goal [m], shape (3,) each, between which the jib turns by 0.8 to 2.8 rad."""
     begin = rng.uniform(-math.pi, math.pi)
     turn = rng.uniform(0.8, 2.8) * rng.choice([-1.0, 1.0])
-    return [
-        (rng.uniform(6.0, 20.0), angle, rng.uniform(3.0, 12.0)) for angle in (begin, begin + turn)
-    ]
+    points = []
+    for angle in (begin, begin + turn):
+        radius = rng.uniform(6.0, 20.0)
+        height = rng.uniform(3.0, 12.0)
+        points.append(np.array([radius * math.cos(angle), radius * math.sin(angle), height]))
+    return points
 
 
-def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Plan and certify a lift on each site."""
     count = whole("sites", options.sites, 1)
     update = setup.reporter.count("sites", count)
-    tried = list[SiteLift]()
+    results: list[SiteLift] = []
     for site in sites(setup.crane, count):
-        tried.append(_tried(setup, site, options.least_time))
-        update(len(tried))
-    return harness.Outcome(
-        tables=[_summary(tried), _beside(tried), _failed(tried)],
-        claims=_claims(tried),
+        results.append(_lift_on(setup, site, options.least_time))
+        update(len(results))
+    return Outcome(
+        tables=[_summary(results), _means_table(results), _uncertified_table(results)],
+        claims=_claims(results),
         parameters={"sites": count, "seed": SEED},
     )
 
 
-def _tried(setup: harness.Setup, site: Site, least_time: bool) -> SiteLift:
+def _lift_on(setup: Setup, site: Site, least_time: bool) -> SiteLift:
+    """Plan and certify the lift of a site, and run other means along its way.
+
+    Args:
+        setup: Crane and clocks.
+        site: The site.
+        least_time: Whether to find the same lift in least time, too.
+    """
     begun = time.monotonic()
     try:
         lift = plan_lift(site, LIMITS, crane=setup.crane, period=setup.control_period)
@@ -134,7 +199,7 @@ def _tried(setup: harness.Setup, site: Site, least_time: bool) -> SiteLift:
         return SiteLift(None, str(error), time.monotonic() - begun, {})
     certificate = certify(lift, dt=setup.dt)
     seconds = time.monotonic() - begun
-    means = {"planned": _measures(certificate), **_others(setup, lift)}
+    means = {PLANNED: _measures(certificate), **_other_means(setup, lift)}
     least = None
     if least_time and certificate.holds:
         least = certify_in_least_time(lift, setup.dt)
@@ -143,11 +208,15 @@ def _tried(setup: harness.Setup, site: Site, least_time: bool) -> SiteLift:
 
 
 def _measures(certificate: Certificate) -> Measures:
-    return arrival(certificate), certificate.nearest.distance, certificate.residual_swing
+    return Measures(
+        duration=arrival(certificate),
+        clearance=certificate.nearest.distance,
+        arrival_swing=certificate.residual_swing,
+    )
 
 
-def _others(setup: harness.Setup, lift: Lift) -> dict[str, Measures]:
-    """Run the same path stopping at every corner, by splines under PD, and by an operator."""
+def _other_means(setup: Setup, lift: Lift) -> dict[str, Measures]:
+    """Run the same path with a stop at every corner, by splines under PD, and by an operator."""
     start, _ = lift.states()
     corners = lift.points[1:].tolist()
     durations = shortest(
@@ -155,85 +224,131 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, Measures]:
     )
     splines = spline(lift.crane, start, corners, durations)
     joystick, end = joystick_path(lift.crane, start, lift.points.tolist(), lift.limits)
+    exact_splines = follow(lift.crane, splines, setup.control_period)
+    exact_joystick = follow(lift.crane, joystick, setup.control_period)
+    brake = hold_controller(lift.crane)
     return {
-        "stop at corners": _run(setup, lift, splines, splines.arrival, True),
-        "spline + PD": _run(setup, lift, splines, splines.arrival, False),
-        "operator": _run(setup, lift, joystick, end, True),
+        "stop at corners": _run(setup, lift, exact_splines, "motion", splines, splines.arrival),
+        "spline + PD": _run(setup, lift, brake, "effort", splines, splines.arrival),
+        "operator": _run(setup, lift, exact_joystick, "motion", joystick, end),
     }
 
 
 def _run(
-    setup: harness.Setup, lift: Lift, reference: Reference, arrives: float, exact: bool
+    setup: Setup,
+    lift: Lift,
+    controller: Controller,
+    drive: Drive,
+    reference: Reference,
+    arrives: float,
 ) -> Measures:
-    if exact:
-        controller: Controller = follow(lift.crane, reference, setup.control_period)
-    else:
-        controller = hold_controller(lift.crane)
-    duration = instant(arrives + AFTER, setup.control_period)
-    start = lift.states()[0]
+    """Run a motion along the way of a lift.
+
+    Args:
+        setup: The clocks.
+        lift: The lift.
+        controller: Controller of the drives.
+        drive: Kind of the drives.
+        reference: Motion of the drives.
+        arrives: Time at which it arrives [s].
+    """
     batch = simulate_batch(
         lift.crane,
         controller,
         reference,
-        start=start,
-        duration=duration,
+        start=lift.states()[0],
+        duration=instant(arrives + AFTER, setup.control_period),
         dt=setup.dt,
         control_period=setup.control_period,
-        drive="motion" if exact else "effort",
-        record=20,
+        drive=drive,
+        record=RECORD_STRIDE,
         threads=1,
     )
-    clearance = min(lift.clearance.least_distance(q) for q in batch.q[0])
-    k = int(np.searchsorted(batch.t, arrives))
+    row = int(np.searchsorted(batch.t, arrives))
     passive = lift.crane.layout.passive
-    hoist = lift.clearance.joints.hoist
-    q = batch.q[:, k]
-    v = batch.v[:, k]
-    swing = swing_amplitude(q[:, passive], v[:, passive], float(q[0, hoist]), lift.crane.gravity)
-    return arrives, clearance, float(swing[0])
+    q = batch.q[:, row]
+    v = batch.v[:, row]
+    cable = float(q[0, lift.clearance.joints.hoist])
+    swing = swing_amplitude(q[:, passive], v[:, passive], cable, lift.crane.gravity)
+    return Measures(
+        duration=arrives,
+        clearance=min(lift.clearance.least_distance(q) for q in batch.q[0]),
+        arrival_swing=float(swing[0]),
+    )
 
 
-def _held(tried: Sequence[SiteLift]) -> list[tuple[SiteLift, Certificate]]:
-    return [(r, r.certificate) for r in tried if r.certificate is not None and not r.why]
+def _certified(results: Sequence[SiteLift]) -> list[CertifiedLift]:
+    """Return the sites whose lift is certified."""
+    found = []
+    for result in results:
+        if result.certificate is not None and not result.why:
+            found.append(CertifiedLift(result, result.certificate))
+    return found
 
 
-def _summary(tried: Sequence[SiteLift]) -> harness.ResultTable:
+def _summary(results: Sequence[SiteLift]) -> ResultTable:
     """Return median and worst values of certified lifts."""
-    certified = _held(tried)
-    lifts = [certificate.lift for _, certificate in certified]
-    measured: dict[str, list[float]] = {
-        "plan and certificate [s]": [result.seconds for result, _ in certified],
-        "way / grid": [lift.way_duration / lift.grid_duration for lift in lifts],
-        "drives along the way / bound": [lift.timed.bound / lift.least_duration for lift in lifts],
-        "motion / bound": [lift.timed.motion.arrival / lift.least_duration for lift in lifts],
-        "motion [s]": [lift.timed.motion.arrival for lift in lifts],
-        "least clearance [m]": [-certificate.nearest.distance for _, certificate in certified],
-        "least time / bound": [
-            arrival(result.least) / certificate.lift.least_duration
-            for result, certificate in certified
-            if result.least and result.least.holds
-        ],
-    }
-    rows: list[list[Cell]] = [
-        [name, *(abs(float(np.quantile(values, share))) for share in (0.5, 0.9, 1.0))]
-        for name, values in measured.items()
-        if values
-    ]
-    quantiles = ((name, ".3f") for name in ("median", "worst tenth", "worst"))
-    columns = [("of certified lifts", ""), *quantiles]
-    note = f"{len(certified)} of {len(tried)} sites certified, every segment proven."
-    return harness.ResultTable("Random sites", columns, rows, note)
-
-
-def _beside(tried: Sequence[SiteLift]) -> harness.ResultTable:
-    """Return the table of other means along the same paths."""
-    certified = _held(tried)
+    certified = _certified(results)
+    lifts = [one.lift for one in certified]
+    motions = [lift.timed.motion.arrival for lift in lifts]
+    bounds = [lift.least_duration for lift in lifts]
     rows: list[list[Cell]] = []
-    for name in certified[0][0].means if certified else ():
-        times, clearances, swings = zip(*(r.means[name] for r, _ in certified), strict=True)
-        required = (certificate.lift.clearance.site.distance for _, certificate in certified)
-        nearer = sum(near < least for near, least in zip(clearances, required, strict=True))
-        rows.append([name, float(np.median(times)), min(clearances), nearer, 1e3 * max(swings)])
+    for name, values in (
+        ("plan and certificate [s]", [one.result.seconds for one in certified]),
+        ("way / grid", [lift.way_duration / lift.grid_duration for lift in lifts]),
+        ("drives along the way / bound", [lift.timed.bound / lift.least_duration for lift in lifts]),
+        ("motion / bound", _ratios(motions, bounds)),
+        ("motion [s]", motions),
+        # The worst clearance is the least, and so the largest of the negative ones.
+        ("least clearance [m]", [-one.certificate.nearest.distance for one in certified]),
+        ("least time / bound", [least / bound for least, bound in _least_times(certified)]),
+    ):
+        if values:
+            quantiles = [abs(float(np.quantile(values, share))) for share in (0.5, 0.9, 1.0)]
+            rows.append([name, *quantiles])
+    columns = [
+        ("of certified lifts", ""),
+        ("median", ".3f"),
+        ("worst tenth", ".3f"),
+        ("worst", ".3f"),
+    ]
+    note = f"{len(certified)} of {len(results)} sites certified, every segment proven."
+    return ResultTable("Random sites", columns, rows, note)
+
+
+def _ratios(values: Sequence[float], bounds: Sequence[float]) -> list[float]:
+    return [value / bound for value, bound in zip(values, bounds, strict=True)]
+
+
+def _least_times(certified: Sequence[CertifiedLift]) -> list[tuple[float, float]]:
+    """Return the duration of each lift in least time that is certified, and its bound [s]."""
+    pairs = []
+    for one in certified:
+        least = one.result.least
+        if least is not None and least.holds:
+            pairs.append((arrival(least), one.lift.least_duration))
+    return pairs
+
+
+def _means_table(results: Sequence[SiteLift]) -> ResultTable:
+    """Return a row for each means along the same paths."""
+    certified = _certified(results)
+    names = [*certified[0].result.means] if certified else []
+    rows: list[list[Cell]] = []
+    for name in names:
+        measures = [one.result.means[name] for one in certified]
+        too_near = 0
+        for one, measure in zip(certified, measures, strict=True):
+            too_near += measure.clearance < one.lift.clearance.site.distance
+        rows.append(
+            [
+                name,
+                float(np.median([measure.duration for measure in measures])),
+                min(measure.clearance for measure in measures),
+                too_near,
+                1e3 * max(measure.arrival_swing for measure in measures),
+            ]
+        )
     columns = [
         ("along the same way", ""),
         ("median [s]", ".1f"),
@@ -241,52 +356,59 @@ def _beside(tried: Sequence[SiteLift]) -> harness.ResultTable:
         ("below required clearance", "d"),
         ("swing at arrival [mrad]", ".3g"),
     ]
-    return harness.ResultTable("Beside other means", columns, rows)
+    return ResultTable("Beside other means", columns, rows)
 
 
-def _failed(tried: Sequence[SiteLift]) -> harness.ResultTable:
-    rows = [(f"site {i + 1}", result.why) for i, result in enumerate(tried) if result.why]
-    return harness.ResultTable(
-        "Sites without a certified lift", [("site", ""), ("because", "")], rows
-    )
+def _uncertified_table(results: Sequence[SiteLift]) -> ResultTable:
+    rows = []
+    for number, result in enumerate(results, start=1):
+        if result.why:
+            rows.append((f"site {number}", result.why))
+    return ResultTable("Sites without a certified lift", [("site", ""), ("because", "")], rows)
 
 
-def _claims(tried: Sequence[SiteLift]) -> list[harness.Claim]:
-    certified = _held(tried)
-    planned = sum(result.certificate is not None for result in tried)
-    shorter = [
-        (arrival(result.least), certificate.lift.least_duration)
-        for result, certificate in certified
-        if result.least is not None and result.least.holds
-    ]
-
-    def at_most(subject: str, ratio: float, times: list[tuple[float, float]]) -> harness.Claim:
-        worst = max((lasts / bound for lasts, bound in times), default=math.inf)
-        sentence = f"{subject} at most {ratio:g} times what drives need at least: {worst:.3f}."
-        return harness.Claim(sentence, worst <= ratio)
-
-    claims = [
-        harness.Claim(
+def _claims(results: Sequence[SiteLift]) -> list[Claim]:
+    certified = _certified(results)
+    planned = sum(result.certificate is not None for result in results)
+    lifts = [one.lift for one in certified]
+    claims = []
+    if any(one.result.least for one in certified):
+        least_times = _least_times(certified)
+        subject = f"In least time {len(least_times)} of {len(certified)} are certified and last"
+        # The claim is about all of them: it fails if one is not certified.
+        times = least_times if len(least_times) == len(certified) else []
+        claims.append(_at_most(subject, MAX_LEAST_TIME_RATIO, times))
+    claims += [
+        Claim(
             f"Every lift that is planned is certified: {len(certified)} of {planned}; "
-            f"{len(tried) - planned} sites are refused.",
+            f"{len(results) - planned} sites are refused.",
             len(certified) == planned > 0,
         ),
-        at_most(
+        _at_most(
             "Along its way a lift takes the drives",
             MAX_PATH_RATIO,
-            [(c.lift.timed.bound, c.lift.least_duration) for _, c in certified],
+            [(lift.timed.bound, lift.least_duration) for lift in lifts],
         ),
-        at_most(
+        _at_most(
             "A planned motion lasts",
             MAX_MOTION_RATIO,
-            [(arrival(c), c.lift.least_duration) for _, c in certified],
+            [(lift.timed.motion.arrival, lift.least_duration) for lift in lifts],
         ),
     ]
-    if any(result.least for result, _ in certified):
-        subject = f"In least time {len(shorter)} of {len(certified)} are certified and last"
-        times = shorter if len(shorter) == len(certified) else []
-        claims.insert(0, at_most(subject, MAX_LEAST_TIME_RATIO, times))
     return claims
+
+
+def _at_most(subject: str, ratio: float, times: Sequence[tuple[float, float]]) -> Claim:
+    """Return the claim that no duration is longer than its bound times a ratio.
+
+    Args:
+        subject: What lasts.
+        ratio: The ratio.
+        times: Durations with their bounds [s]; without any the claim fails.
+    """
+    worst = max((duration / bound for duration, bound in times), default=math.inf)
+    sentence = f"{subject} at most {ratio:g} times what drives need at least: {worst:.3f}."
+    return Claim(sentence, worst <= ratio)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

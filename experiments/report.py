@@ -36,13 +36,22 @@ from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
 from experiments.harness.document import naming_result
 
-PLAIN = "a1 a2 a3 energy gazebo mass_ratio validate".split()
+BY_PINOCCHIO = ("a1", "a2", "a3", "energy", "gazebo", "mass_ratio", "validate")
 """Experiments that test Pinocchio's algorithms, and therefore run by them."""
 
-LONGEST = "lift compare lift_benchmark sweep lift_report observer margins cranes".split()
+LONGEST = (
+    "lift",
+    "compare",
+    "lift_benchmark",
+    "sweep",
+    "lift_report",
+    "observer",
+    "margins",
+    "cranes",
+)
 """Experiments that take longest, the longest first."""
 
-FOUND = (
+NEW_FINDINGS = (
     "At the cranes' slew rates",
     "Flat feed-forward with LQR leaves no swing",
     "the move of least time settles before any other",
@@ -54,17 +63,25 @@ FOUND = (
 )
 """Phrases of the claims that say what was not known before."""
 
-PICTURES = (
-    "a1-budget a3-slewing energy-ledger linear_vs_full-slews compare-robustness margins-margins_map"
-    " sweep-sweep_map lift-site_tower factors-needed identify-twin_1"
-).split()
-"""Figures of the first screen: experiment and figure."""
+FIRST_PICTURES = (
+    "a1-budget",
+    "a3-slewing",
+    "energy-ledger",
+    "linear_vs_full-slews",
+    "compare-robustness",
+    "margins-margins_map",
+    "sweep-sweep_map",
+    "lift-site_tower",
+    "factors-needed",
+    "identify-twin_1",
+)
+"""Figures of the first screen: name of the experiment and of the figure."""
 
 COMMAND = (sys.executable, "-m", "cranedyn", "run")
 """What runs an experiment."""
 
-_LARGEST_FIGURE = 50_000_000
-"""Most bytes of a figure."""
+_MAX_FIGURE_SIZE = 50_000_000
+"""Largest size of a figure that is read [byte]."""
 
 
 def page(folders: Sequence[Path]) -> str:
@@ -80,7 +97,9 @@ def page(folders: Sequence[Path]) -> str:
     for folder in folders:
         with naming_result(folder / "result.json"):
             entries.append(_page_entry(folder, read_result(folder)))
-    claims = [claim for entry in entries for claim in entry.claims]
+    claims: list[PageClaim] = []
+    for entry in entries:
+        claims += entry.claims
     return render(
         Path(__file__).with_suffix(".html"),
         experiments=entries,
@@ -90,9 +109,14 @@ def page(folders: Sequence[Path]) -> str:
         unknown=sum(claim.verdict is Verdict.NOT_JUDGED for claim in claims),
         machines=", ".join(sorted({entry.machine for entry in entries})),
         failing=[claim for claim in claims if claim.verdict is Verdict.FAILS],
-        found=[claim for claim in claims if any(words in claim.sentence for words in FOUND)],
+        found=[claim for claim in claims if _is_new(claim)],
         pictures=_first_pictures(entries),
     )
+
+
+def _is_new(claim: PageClaim) -> bool:
+    """Return whether a claim says what was not known before."""
+    return any(phrase in claim.sentence for phrase in NEW_FINDINGS)
 
 
 @dataclass(frozen=True)
@@ -174,11 +198,15 @@ class PageEntry:
 
 def _first_pictures(entries: Sequence[PageEntry]) -> list[ReportFigure]:
     """Return the figures of the first screen, as far as they were made."""
-    figures = {figure.id: figure for entry in entries for figure in entry.figures}
-    return [figures[name] for name in PICTURES if name in figures]
+    figures = {}
+    for entry in entries:
+        for figure in entry.figures:
+            figures[figure.id] = figure
+    return [figures[name] for name in FIRST_PICTURES if name in figures]
 
 
-def _entry(result: Mapping[str, Any]) -> Entry:
+def _catalogue_entry(result: Mapping[str, Any]) -> Entry:
+    """Return the entry of an experiment in the catalogue, or one made of its result."""
     name = str(result["experiment"])
     return EXPERIMENTS.get(name) or Entry(name, str(result["about"]))
 
@@ -187,35 +215,49 @@ def read_result(folder: Path) -> dict[str, Any]:
     """Read the result in a folder.
 
     Raises:
-        DataError: If there is none.
+        DataError: If there is none, or a file of it is of another run.
     """
     file = folder / "result.json"
     with naming_result(file):
         result = parse_json(read_text(file))
-        _check_set(folder, result["files"])
-        words = (result[name] for name in ("experiment", "about", "command", "machine"))
-        sentences = (claim["sentence"] for claim in result["claims"])
-        if not all(isinstance(word, str) for word in (*words, *sentences)):
+        _check_files(folder, result["files"])
+        texts = [result[name] for name in ("experiment", "about", "command", "machine")]
+        texts += [claim["sentence"] for claim in result["claims"]]
+        if not all(isinstance(text, str) for text in texts):
             raise TypeError("a word is not text")
         if not all(claim["holds"] in (True, False, None) for claim in result["claims"]):
             raise TypeError("a claim is none")
     return dict(result)
 
 
-def _made(folder: Path) -> bool:
-    """Return whether a result and every file that it lists exist."""
+def _is_made(folder: Path) -> bool:
+    """Return whether a folder has a result with every file that it lists.
+
+    A result that cannot be read counts as made: reading it for the page then says what is wrong
+    with it, instead of a run that replaces it.
+    """
     file = folder / "result.json"
+    if not os.path.isfile(file):
+        return False
     try:
-        return os.path.isfile(file) and all(
-            os.path.isfile(folder / name) for name in parse_json(read_text(file))["files"]
-        )
+        names = [*parse_json(read_text(file))["files"]]
+        return all(os.path.isfile(folder / name) for name in names)
     except (DataError, LookupError, TypeError, ValueError, RecursionError):
         return True
 
 
-def _check_set(folder: Path, files: Mapping[str, str]) -> None:
-    """Return if every file is the one that its run wrote."""
-    for name, expected in files.items():
+def _check_files(folder: Path, digests: Mapping[str, str]) -> None:
+    """Check that each file of a result is the one that its run wrote.
+
+    Args:
+        folder: Folder of the result.
+        digests: Digest of each file, by its name.
+
+    Raises:
+        ValueError: If a name is not that of a file in the folder.
+        DataError: If a file is of another run.
+    """
+    for name, expected in digests.items():
         if Path(name).name != name or not os.path.isfile(folder / name):
             raise ValueError(f"{name!r} is no file in its folder")
         if digest(folder / name) != expected:
@@ -227,7 +269,7 @@ def _check_set(folder: Path, files: Mapping[str, str]) -> None:
 
 def _page_entry(folder: Path, result: Mapping[str, Any]) -> PageEntry:
     """Return the result in a folder as an entry of the page."""
-    entry = _entry(result)
+    entry = _catalogue_entry(result)
     name = str(result["experiment"])
     claims = []
     for claim in result["claims"]:
@@ -254,7 +296,8 @@ def _page_entry(folder: Path, result: Mapping[str, Any]) -> PageEntry:
 
 def _figures(folder: Path, result: Mapping[str, Any], entry: Entry) -> list[ReportFigure]:
     """Return the figures of a result, drawings where there are some."""
-    if strange := set(result["figures"]) - set(result["files"]):
+    strange = set(result["figures"]) - set(result["files"])
+    if strange:
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
     figures = []
     for file in result["figures"]:
@@ -277,7 +320,7 @@ def figure_address(folder: Path, name: str) -> str:
     """Return a figure of a folder of results as a data URL."""
     if Path(name).name != name or Path(name).suffix not in IMAGE_TYPES:
         raise ValueError(f"{name!r} is no figure in its folder")
-    content = read_bytes(folder / name, _LARGEST_FIGURE)
+    content = read_bytes(folder / name, _MAX_FIGURE_SIZE)
     return image_address(content, Path(name).suffix)
 
 
@@ -299,21 +342,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help=text)
     text = "how many experiments run side by side (default 2)"
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help=text)
-    text = "what computes steps, default compiled code, for these Pinocchio: " + ", ".join(PLAIN)
+    text = "what computes steps, default compiled code, for these Pinocchio: "
+    text += ", ".join(BY_PINOCCHIO)
     parser.add_argument("--engine", choices=get_args(EngineName), help=text)
     return command(lambda: _main(parser.parse_args(argv)))
 
 
 def _main(options: argparse.Namespace) -> int:
+    """Run what is missing and write the page; return the exit code."""
     folder = Path(options.out)
     for name in options.only:
         if name not in EXPERIMENTS:
             raise UnknownName("experiment", name, EXPERIMENTS)
     whole("jobs", options.jobs, 1)
-    missing = [name for name in options.only if options.again or not _made(folder / name)]
-    for file in (folder / "report.html", *(folder / name / "result.json" for name in missing)):
-        check_writable(file)
-    with lock_folder(folder):  # it is there for them, and gone again if they leave nothing
+    missing = [name for name in options.only if options.again or not _is_made(folder / name)]
+    # Checked before the runs, which take minutes.
+    check_writable(folder / "report.html")
+    for name in missing:
+        check_writable(folder / name / "result.json")
+    # The folder is there for the runs, and gone again if they leave nothing.
+    with lock_folder(folder):
         codes = _run(missing, options)
         finished = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
         for name in set(options.only) - set(finished):
@@ -325,7 +373,8 @@ def _main(options: argparse.Namespace) -> int:
             write_text(folder / "report.html", page([folder / name for name in finished]))
     if finished:
         print(f"Written to {folder / 'report.html'}.")
-    return max(map(abs, codes), default=0)  # of one killed by a signal the code is negative
+    # The code of a process that was killed by a signal is negative.
+    return max((abs(code) for code in codes), default=0)
 
 
 def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
@@ -334,17 +383,24 @@ def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
 
     def run(number: int, name: str) -> int:
         print(f"Experiment {number} of {len(names)}: {name}", flush=True)
-        command = [*COMMAND, name, *_arguments(name, options)]
-        pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-        process = subprocess.Popen(command, text=True, errors="replace", **pipes)
+        process = subprocess.Popen(
+            [*COMMAND, name, *_arguments(name, options)],
+            text=True,
+            errors="replace",
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
         started.append(process)
         lines = process.communicate()[0].splitlines()
-        for line in lines if process.returncode else [s for s in lines if " claims hold, " in s]:
+        if process.returncode == 0:
+            lines = [line for line in lines if " claims hold, " in line]
+        for line in lines:
             print(f"{name}: {line}", flush=True)
         if process.returncode == INTERRUPTED:
             raise KeyboardInterrupt
         return process.returncode
 
+    # The longest first; experiments that are not among them follow in their order.
     ordered = sorted(names, key=lambda name: (*LONGEST, name).index(name))
     with ThreadPoolExecutor(options.jobs) as pool:
         try:
@@ -357,14 +413,17 @@ def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
 
 
 def _arguments(name: str, options: argparse.Namespace) -> list[str]:
+    """Return the arguments of an experiment."""
     entry = EXPERIMENTS[name]
-    plain = name in PLAIN or find_spec("llvmlite") is None
-    engine = options.engine or ("pinocchio" if plain else "compiled")
-    return [
-        *(entry.quick if options.quick else entry.arguments),
-        *(["--engine", "compiled"] if engine == "compiled" else []),
-        f"--out={Path(options.out) / name}",
-    ]
+    engine = options.engine
+    if engine is None:
+        cannot_compile = find_spec("llvmlite") is None
+        engine = "pinocchio" if name in BY_PINOCCHIO or cannot_compile else "compiled"
+    arguments = [*(entry.quick if options.quick else entry.arguments)]
+    # Pinocchio is the default of most experiments, and no engine of the others.
+    if engine == "compiled":
+        arguments += ["--engine", "compiled"]
+    return [*arguments, f"--out={Path(options.out) / name}"]
 
 
 if __name__ == "__main__":

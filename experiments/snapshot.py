@@ -11,7 +11,6 @@ import argparse
 import sys
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 from cranedyn.checks import number
 from cranedyn.command import Parser, command
@@ -21,8 +20,10 @@ from experiments.harness.progress import reporting
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit code 0, or 2 for bad arguments, a file that is no recording, or where there is nothing
-    to draw with.
+    """Write pictures from the command line.
+
+    Returns:
+        0; 2 for bad arguments, a file that is no recording, or where there is nothing to draw with.
     """
     parser = Parser(
         prog="cranedyn snapshot",
@@ -59,20 +60,37 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _write(options: argparse.Namespace) -> list[Path]:
-    paths: list[Path] = []
-    how: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
+    """Write the pictures and the moving picture; return their files, the pictures first."""
+    size = tuple(options.size)
+    has_dashboard = options.view == "dashboard"
+    moving: list[Path] = []
+    pictures: list[Path] = []
     with reporting() as reporter:
         if options.gif:
-            start, end, file = options.gif
-            span = number("START", start, "s"), number("END", end, "s")
-            how["progress"] = reporter.count(
-                "moving picture", round((span[1] - span[0]) * options.fps)
+            start_text, end_text, file = options.gif
+            start = number("START", start_text, "s")
+            end = number("END", end_text, "s")
+            count = round((end - start) * options.fps)
+            path = animate(
+                options.recording,
+                (start, end),
+                file,
+                fps=options.fps,
+                size=size,
+                dashboard=has_dashboard,
+                progress=reporter.count("moving picture", count),
             )
-            paths.append(animate(options.recording, span, file, fps=options.fps, **how))
+            moving.append(path)
         if options.times:
-            how["progress"] = reporter.count("pictures", len(options.times))
-            paths[:0] = snapshot(options.recording, options.times, options.out, **how)
-    return paths
+            pictures += snapshot(
+                options.recording,
+                options.times,
+                options.out,
+                size=size,
+                dashboard=has_dashboard,
+                progress=reporter.count("pictures", len(options.times)),
+            )
+    return [*pictures, *moving]
 
 
 if __name__ == "__main__":

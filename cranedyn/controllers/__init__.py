@@ -10,6 +10,7 @@ Public names:
     `hold_controller`: hold each drive at its setpoint, the weight of the load fed forward.
     `lqr`, `paper_controller`: gains along a motion; both return a `Tracking`.
     `follow`: follow a reference with drives that take accelerations.
+    `repeated.Repeated`: the controller of one cycle, for cycle after cycle.
     `damping.with_damping`: drives that yield to the swing.
     `velocity_command.as_velocity_command`: any controller for drives with frequency converters.
 

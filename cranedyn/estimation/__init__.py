@@ -9,6 +9,7 @@ Public names:
     `with_load_estimate`: an extended Kalman filter also estimates load and cable, and the command
     is adapted to them.
     `mpc`: the LQR with limits of efforts, rates and swing; needs the extra ``mpc``.
+    `misread.Misread`: a controller whose hoist takes the cable for shorter than it is.
     `with_longer_cable`: the same path of a load on a longer cable.
 
 Begin with `sensor_model`, then `observer`. docs/results/control.md shows what each gains.

@@ -62,7 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     unit.setFloat64([reference[f"{name}_start"] for name in ("x", "l", "phi")], [12.0, 11.0, 0.2])
     unit.exitInitializationMode()
 
-    states, commands = ([reference[name] for name in names] for names in (STATES, COMMANDS))
+    states = [reference[name] for name in STATES]
+    commands = [reference[name] for name in COMMANDS]
     goal = hold(crane, start)(0.0)
     rows = []
     began = time.perf_counter()

@@ -15,19 +15,32 @@ from asyncua import Client, ua
 COUNT = 1e-4
 """Worth of a count of the trolley's encoder [m], from the CSV of ``cranedyn serve --map``."""
 
+CYCLE = 0.02
+"""Time from one cycle to the next [s]."""
+
+FULL_SPEED = 16384
+"""Full speed in the word of the speed [counts]."""
+
+SPEED_GAIN = 8000
+"""Speed for each metre from the target [counts/m]."""
+
 
 async def drive(url: str, target: float, seconds: float) -> float:
     """Drive the trolley to a place [m] every 20 ms, and return where it is after a time [s]."""
     async with Client(url) as client:
         names = ("heartbeat", "x.control", "x.speed", "x.encoder")
         beat, control, speed, encoder = (client.get_node(f"ns=2;s={name}") for name in names)
-        for cycle in range(round(seconds / 0.02)):
+        for cycle in range(round(seconds / CYCLE)):
             position = COUNT * await encoder.read_value()
-            counts = max(-16384, min(16384, round(8000 * (target - position))))
-            values = (cycle % 65536, ua.VariantType.UInt16), (1, ua.VariantType.UInt16)
-            words = [ua.Variant(*value) for value in (*values, (counts, ua.VariantType.Int16))]
+            wanted = round(SPEED_GAIN * (target - position))
+            counts = max(-FULL_SPEED, min(FULL_SPEED, wanted))
+            words = [
+                ua.Variant(cycle % 65536, ua.VariantType.UInt16),
+                ua.Variant(1, ua.VariantType.UInt16),
+                ua.Variant(counts, ua.VariantType.Int16),
+            ]
             await client.write_values([beat, control, speed], words)
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(CYCLE)
         await control.write_value(ua.Variant(0, ua.VariantType.UInt16))
         return COUNT * float(await encoder.read_value())
 

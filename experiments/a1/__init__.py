@@ -68,15 +68,21 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     swing = options.swing
     published = PUBLISHED if swing == SWING else {}
     cases = [run(setup, x, swing=swing, published=published.get(x)) for x in options.length]
-    length, k_p, k_d, article = SOFT
-    stiffness = {"x": k_p}
-    damping = {"x": k_d}
-    soft = run(setup, length, swing=swing, stiffness=stiffness, damping=damping, published=article)
+    soft = run(
+        setup,
+        SOFT.length,
+        swing=swing,
+        stiffness={"x": SOFT.stiffness},
+        damping={"x": SOFT.damping},
+        published=SOFT.published,
+    )
     return outcome(setup, cases, soft)
 
 
 def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcome:
     """Return tables, claims, figures and files of the cable lengths and the soft trolley."""
+    trajectories = {f"a1_l{case.length:g}": case.trajectory for case in cases}
+    trajectories["a1_soft"] = soft.trajectory
     return Outcome(
         tables=[
             tables.article_table(setup.crane, cases),
@@ -91,8 +97,7 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
             "fit_from_s": FIT_FROM,
             "pulse_at_s": PULSE_AT,
         },
-        trajectories={f"a1_l{case.length:g}": case.trajectory for case in cases}
-        | {"a1_soft": soft.trajectory},
+        trajectories=trajectories,
         figures={
             "waveform": figures.waveform_figure(cases),
             "period": figures.period_figure(cases),
@@ -105,31 +110,46 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
 
 
 def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterator[Claim]:
-    listed = [(case, case.published) for case in cases]
-    differences = {
-        "error": [100 * case.error - p.point for case, p in listed if p.point],
-        "damping ratio": [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta],
-        "amplitude": [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude],
-    }
-    cases = [*cases, soft]
-    explained, budget = _within([(case.unexplained, case.second_order) for case in cases])
-    agree, finite = _within([(case.prediction_error, case.finite_swing) for case in cases])
-    # The prediction is of lowest order in the swing.
-    small = all(case.predicted.amplitude < 1.1 * SWING for case in cases)
+    """Yield the claims on published columns, on the budget and on the prediction."""
+    # Ours less the published number, of each column where it is published.
+    differences: dict[str, list[float]] = {"error": [], "damping ratio": [], "amplitude": []}
+    for case in cases:
+        article = case.published
+        if article.point:
+            differences["error"].append(100 * case.error - article.point)
+        if article.zeta:
+            differences["damping ratio"].append(case.fit.damping_ratio - article.zeta)
+        if article.amplitude:
+            differences["amplitude"].append(case.fit.amplitude - article.amplitude)
     for column, values in differences.items():
         yield _published_claim(setup, column, values)
+
+    all_cases = [*cases, soft]
+    are_explained, budget = _within([(case.unexplained, case.second_order) for case in all_cases])
     yield Claim(
         f"Periods are explained within {budget}: the second order of the budget's parts.",
-        setup.judged(explained),
+        setup.judged(are_explained),
     )
+    are_predicted, finite = _within(
+        [(case.prediction_error, case.finite_swing) for case in all_cases]
+    )
+    # The prediction is of lowest order in the swing.
+    are_small = all(case.predicted.amplitude < 1.1 * SWING for case in all_cases)
     yield Claim(
         f"Periods are predicted within {finite}: the effect of a finite swing A on the compliance "
         "of the trolley, A² of it.",
-        agree if small else None,
+        are_predicted if are_small else None,
     )
 
 
 def _published_claim(setup: Setup, column: str, differences: Sequence[float]) -> Claim:
+    """Return the claim that a column agrees with the published one.
+
+    Args:
+        setup: The world.
+        column: Name of the column.
+        differences: Ours less the published number of each run.
+    """
     allowed = ROUNDING[column] + GAIN_RESIDUAL[column]
     unit = {"error": "percentage points", "amplitude": "rad"}.get(column, "")
     sentence = f"Published {column}s agree within {allowed:.2g} {unit}".rstrip()
@@ -143,16 +163,21 @@ def _published_claim(setup: Setup, column: str, differences: Sequence[float]) ->
 
 
 def _within(pairs: Sequence[tuple[float, float]]) -> tuple[bool, str]:
-    """Return whether all errors are within their bounds, and a text with the largest error and the
-    one nearest to its bound [%].
+    """Return whether all errors are within their bounds.
+
+    Args:
+        pairs: Each error with its bound.
+
+    Returns:
+        Whether they are, and a text with the largest error and the one nearest to its bound [%].
     """
     sizes = [(abs(error), bound) for error, bound in pairs]
     largest = max(sizes)
     nearest = max(sizes, key=lambda size: size[0] / size[1])
-    texts = [
-        f"{100 * error:.2g} % where {100 * bound:.2g} % are allowed"
-        for error, bound in dict.fromkeys([largest, nearest])
-    ]
+    texts = []
+    # Both may be the same.
+    for error, bound in dict.fromkeys([largest, nearest]):
+        texts.append(f"{100 * error:.2g} % where {100 * bound:.2g} % are allowed")
     return all(error < bound for error, bound in sizes), ", and nearest to it ".join(texts)
 
 

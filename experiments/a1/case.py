@@ -22,8 +22,14 @@ from experiments.harness import PlannedRun, Setup
 
 
 class Published(NamedTuple):
-    """A row of the article's table: period [s], errors against point and rigid pendulum [%], ζ,
-    amplitude [rad].
+    """A row of the article's table; None for what is not published.
+
+    Attributes:
+        period: Period [s].
+        point: Error of the period against a point pendulum [%].
+        rigid: Error of the period against a rigid pendulum [%].
+        zeta: Damping ratio ζ.
+        amplitude: Amplitude [rad].
     """
 
     period: float | None = None
@@ -44,11 +50,27 @@ PUBLISHED = {
 ROUNDING = {"error": 0.005, "damping ratio": 0.000005, "amplitude": 0.00005}
 """Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad]."""
 
-SOFT = (15.0, 3.0e4, 1.2e4, Published(point=1.18))
-"""The article's run with a soft trolley: cable length [m], k_p [N/m], k_d [N s/m], what is
-published.
 
-This k_d is chosen to meet the published error; with the 5e4 N s/m of the stiff trolley the error
+class SoftTrolley(NamedTuple):
+    """The article's run with a soft trolley.
+
+    Attributes:
+        length: Cable length [m].
+        stiffness: k_p of the trolley [N/m].
+        damping: k_d of the trolley [N s/m].
+        published: What the article says of it.
+    """
+
+    length: float
+    stiffness: float
+    damping: float
+    published: Published
+
+
+SOFT = SoftTrolley(15.0, 3.0e4, 1.2e4, Published(point=1.18))
+"""The article's run with a soft trolley.
+
+Its k_d is chosen to meet the published error; with the 5e4 N s/m of the stiff trolley the error
 would be +0.55 %.
 """
 
@@ -176,14 +198,26 @@ def run(
         control_period=setup.control_period,
     )
     amplitude = float(np.sqrt(np.mean(fit.amplitude_at(late.t) ** 2)))
-    causes = budget(crane, length, amplitude, controller)
-    k_p = float(controller.stiffness @ crane.layout.along("x"))
-    return SwingCase(length, k_p, published or Published(), fit, predicted, causes, trajectory)
+    return SwingCase(
+        length=length,
+        stiffness=float(controller.stiffness @ crane.layout.along("x")),
+        published=published or Published(),
+        fit=fit,
+        predicted=predicted,
+        budget=budget(crane, length, amplitude, controller),
+        trajectory=trajectory,
+    )
 
 
 def budget(crane: Crane, length: float, amplitude: float, controller: Hold) -> dict[str, float]:
     """Return what each cause adds to the period, relative to the point pendulum in standard
     gravity.
+
+    Args:
+        crane: The crane.
+        length: Cable length [m].
+        amplitude: Amplitude of the swing [rad].
+        controller: Controller of the drives, whose springs and dampers give way.
     """
     g = crane.gravity
     m = crane.payload_mass

@@ -22,7 +22,10 @@ _CAUSES = {
     "gravity": ["gravity"],
     "compliance of the hoist": ["hoist compliance"],
 }
-_COLOURS = tuple(map(run_colour, (1, 5, 0, 4, 3, 2)))
+"""Entries of the budget that are drawn as one cause, by its name in the legend."""
+
+_COLOURS = tuple(run_colour(index) for index in (1, 5, 0, 4, 3, 2))
+"""Colours of the causes, in their order."""
 
 
 def waveform_figure(cases: Sequence[SwingCase]) -> Figure:
@@ -35,9 +38,10 @@ def waveform_figure(cases: Sequence[SwingCase]) -> Figure:
         fit = case.fit
         point = float(theory.point_period(case.length, STANDARD_GRAVITY))
         late = t >= FIT_FROM
-        ideal = fit.amplitude_at(t) * np.cos(
-            2 * np.pi / point * (t - FIT_FROM) + 2 * np.pi / fit.period * FIT_FROM + fit.phase
-        )
+        # The phase of the fit where the fit begins, and the phase of the point pendulum from there.
+        phase_at_fit = 2 * np.pi / fit.period * FIT_FROM
+        phase_since = 2 * np.pi / point * (t - FIT_FROM)
+        ideal = fit.amplitude_at(t) * np.cos(phase_since + phase_at_fit + fit.phase)
         ax.plot(t, np.degrees(case.trajectory["phi_rad"]), color=COLOURS["phi"], label="simulated")
         style: Any = {"color": COLOURS["unexplained"], "linewidth": 1.0}
         ax.plot(t[late], np.degrees(ideal[late]), "--", label="at the period 2π√(l/g)", **style)
@@ -48,6 +52,7 @@ def waveform_figure(cases: Sequence[SwingCase]) -> Figure:
 
 
 def _errors(cases: Sequence[SwingCase]) -> tuple[list[float], list[float]]:
+    """Return the simulated and the published errors of the period [%]; NaN if there is none."""
     published = [case.published.point or np.nan for case in cases]
     return [100 * case.error for case in cases], published
 

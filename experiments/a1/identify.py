@@ -23,6 +23,8 @@ TROLLEY = (4.0e4, 4.5e4, 5.0e4, 5.5e4, 6.0e4)
 """Values of the trolley's k_d tried [N s/m], with a stiff hoist."""
 
 STIFF_HOIST = (1.0e6, 6.0e4)
+"""k_p [N/m] and k_d [N s/m] of a stiff hoist."""
+
 HOIST = (STIFF_HOIST, (1e5, 2e4), (5e4, 2e4), (3e4, 2e4), (3e4, 1e4), (2e4, 2e4), (1e4, 2e4))
 """Pairs of the hoist's k_p [N/m] and k_d [N s/m] tried, with the trolley's k_d of
 `cranedyn.controllers.hold`."""
@@ -53,9 +55,8 @@ def identify_hoist(setup: Setup) -> Outcome:
     fit = least_squares(residuals, np.log(gains), diff_step=0.02, xtol=1e-3, ftol=1e-3, max_nfev=4)
     fitted = np.exp(fit.x)
     ours = differences(setup, gains[0], gains[1:])
-    zeta, stiff = (
-        ", ".join(f"{value:+.6f}" for value in table[:, 1]) for table in (ours, hoists[0])
-    )
+    zeta = _zetas(ours)
+    zeta_of_stiff = _zetas(hoists[0])
     names = ("trolley k_d [N s/m]", "hoist k_p [N/m]", "hoist k_d [N s/m]")
     return Outcome(
         tables=[
@@ -81,7 +82,7 @@ def identify_hoist(setup: Setup) -> Outcome:
                 [("gain", ""), ("fitted", ".3g"), ("taken", ".3g")],
                 list(zip(names, fitted.tolist(), gains, strict=True)),
                 f"ζ left unexplained (ours less published) at 5, 10, 15, 20 m: {zeta} with the "
-                f"gains taken; {stiff} with a stiff hoist.",
+                f"gains taken; {zeta_of_stiff} with a stiff hoist.",
             ),
         ],
         claims=[
@@ -93,6 +94,11 @@ def identify_hoist(setup: Setup) -> Outcome:
         ],
         parameters={"fitted": fitted.tolist()},
     )
+
+
+def _zetas(differences: np.ndarray) -> str:
+    """Return the differences in ζ at the four lengths as text."""
+    return ", ".join(f"{value:+.6f}" for value in differences[:, 1])
 
 
 def _optimum(k_d: np.ndarray, differences: np.ndarray) -> float:
@@ -107,17 +113,24 @@ def misfit(differences: np.ndarray) -> float:
 
 
 def _table(title: str, rows: Iterable[tuple[object, np.ndarray]], *labels: Column) -> ResultTable:
-    """Return the differences at all lengths, of rows with what their labels show."""
-    quantities = (("error", "+.3f", 1.0), ("ζ", "+.1f", 1e5), ("A", "+.1f", 1e4))
+    """Return the table of the differences at all lengths.
 
-    def difference(row: tuple[object, np.ndarray], i: int, k: int) -> float:
-        return float(row[1][i, k] * quantities[k][2])
+    Args:
+        title: Its title.
+        rows: What each row is about, with its differences, shape (4, 3).
+        *labels: Columns that show what a row is about.
+    """
 
-    columns: list[Column] = [
-        (f"{name} {length:g} m", form, partial(difference, i=i, k=k))
-        for k, (name, form, _) in enumerate(quantities)
-        for i, length in enumerate(PUBLISHED)
-    ]
+    def difference(row: tuple[object, np.ndarray], i: int, k: int, scale: float) -> float:
+        return float(row[1][i, k] * scale)
+
+    columns: list[Column] = []
+    for k, (name, form, scale) in enumerate(
+        (("error", "+.3f", 1.0), ("ζ", "+.1f", 1e5), ("A", "+.1f", 1e4))
+    ):
+        for i, length in enumerate(PUBLISHED):
+            read = partial(difference, i=i, k=k, scale=scale)
+            columns.append((f"{name} {length:g} m", form, read))
     return make_table(
         title,
         rows,

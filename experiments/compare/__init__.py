@@ -39,41 +39,51 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     from cranedyn.recording import Run
 
     drive = options.drive
-    ideal = options.drive == IDEAL
+    is_ideal = drive == IDEAL
     moves = [*MOVES, SWINGING]
     of_move, tours = _compute(options, setup, moves)
     combined = of_move[COMBINED.name]
-    nominal = {strategy: results[NOMINAL.name].run for strategy, results in combined.items()}
-    runs = {strategy: run for strategy, run in nominal.items() if run is not None}
+    perturbed = _perturbed(combined)
+    runs = {}
+    for strategy, results in combined.items():
+        run = results[NOMINAL.name].run
+        if run is not None:
+            runs[strategy] = run
+
+    result_tables = [tables.move_table(move, of_move[move.name], drive) for move in moves]
+    for move in moves:
+        result_tables.append(tables.drives_table(move, of_move[move.name], beyond=not is_ideal))
+    if is_ideal:
+        result_tables.append(tables.tour_table(tours))
+    result_tables += tables.case_tables(perturbed, drive)
+    if is_ideal:
+        result_tables.append(tables.observer_table(combined))
+
+    if is_ideal:
+        found = [*claims.ideal_claims(setup, combined), *claims.observer_claims(combined)]
+    else:
+        found = [*claims.converter_claims(of_move)]
+    found += claims.time_claims(setup, of_move)
+
+    parameters: dict[str, object] = {
+        "rate_limits": list(LIMITS.rates),
+        "acceleration_limits": list(LIMITS.accelerations),
+        "moves": {move.name: [move.start, move.goal, move.duration, move.swing] for move in moves},
+    }
+    if not is_ideal:
+        parameters |= _converter_parameters(setup)
     return Outcome(
-        tables=[
-            *(tables.move_table(move, of_move[move.name], drive) for move in moves),
-            *(tables.drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
-            *([tables.tour_table(tours)] * ideal),
-            *tables.case_tables(_perturbed(combined), drive),
-            *([tables.observer_table(combined)] * ideal),
-        ],
-        claims=[
-            *(claims.ideal_claims(setup, combined) if ideal else claims.converter_claims(of_move)),
-            *(claims.observer_claims(combined) if ideal else ()),
-            *claims.time_claims(setup, of_move),
-        ],
-        parameters={
-            "rate_limits": list(LIMITS.rates),
-            "acceleration_limits": list(LIMITS.accelerations),
-            "moves": {
-                move.name: [move.start, move.goal, move.duration, move.swing] for move in moves
-            },
-            **({} if ideal else _numbers_of_converters(setup)),
-        },
+        tables=result_tables,
+        claims=found,
+        parameters=parameters,
         trajectories={f"compare_{file_name(strategy)}": run for strategy, run in runs.items()},
         figures={
             "swing": figures.swing_figure(COMBINED, runs),
-            "robustness": figures.robustness_figure(_perturbed(combined)),
+            "robustness": figures.robustness_figure(perturbed),
         },
         recording=[
-            Run(s, setup.crane, runs[s], colour=strategy_colour(s))
-            for s in recorded_strategies(list(runs))
+            Run(strategy, setup.crane, runs[strategy], colour=strategy_colour(strategy))
+            for strategy in recorded_strategies(list(runs))
         ],
     )
 
@@ -81,16 +91,24 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
 def _compute(
     options: argparse.Namespace, setup: Setup, moves: Sequence[RestToRest]
 ) -> tuple[dict[str, Results], dict[str, TourResult | str]]:
-    """Return the results of each move, and the tours if drives are ideal, computed in processes."""
+    """Compute everything in processes.
+
+    Returns:
+        The results of each move by its name; and the tours by their control, or why there is none,
+        if drives are ideal.
+    """
     drive = options.drive
     quiet = replace(setup, reporter=ProgressReporter())
     names = options.only or STRATEGIES
+    tasks = {}
+    tours = {}
     with processes(options.jobs) as workers:
-        submit = workers.submit
-        with ignore_sigint():  # submitting starts processes
-            tasks = {name: submit(strategy_results, quiet, moves, name, drive) for name in names}
-            controls = CONTROLS if drive == IDEAL else ()
-            tours = {control: submit(tour_results, quiet, control) for control in controls}
+        # Submitting starts processes, which must not end at an interruption by themselves.
+        with ignore_sigint():
+            for name in names:
+                tasks[name] = workers.submit(strategy_results, quiet, moves, name, drive)
+            for control in CONTROLS if drive == IDEAL else ():
+                tours[control] = workers.submit(tour_results, quiet, control)
         everything: list[Future[Any]] = [*tasks.values(), *tours.values()]
         update = setup.reporter.count("comparison", len(everything))
         for done, _ in enumerate(as_completed(everything), start=1):
@@ -116,7 +134,7 @@ def _perturbed(results: Results) -> Results:
     }
 
 
-def _numbers_of_converters(setup: Setup) -> dict[str, object]:
+def _converter_parameters(setup: Setup) -> dict[str, object]:
     typical = converters(setup.crane)
     rows = {name: array.tolist() for name, array in typical.response._asdict().items()}
     return {"drive": "velocity", "converters": rows | {"delay_s": typical.delay}}

@@ -33,14 +33,23 @@ from experiments.scenarios.moves import (
 )
 from experiments.scenarios.tours import CONTROLS
 
-UNSEEING = "it does not look at the swing"
+NO_SWING_FEEDBACK = "it does not look at the swing"
+"""Why a strategy without feedback of the swing has no result where only its measurement differs."""
 
 PREDICTIVE = (strategies.MPC, strategies.COMPILED_MPC, strategies.TO_GOAL)
 """Strategies whose time to compute is noted."""
 
 
 class StrategyResult(NamedTuple):
-    """A strategy under a case: its score, or why there is none; calls [s] are processor times."""
+    """Result of a strategy in one case.
+
+    Attributes:
+        score: Its score; None if there is none.
+        why: Why there is none; empty if there is one.
+        run: The run, if it is recorded.
+        calls: Processor time of each call of the controller [s], shape (calls,); empty if it was
+            not taken.
+    """
 
     score: Score | None
     why: str = ""
@@ -59,8 +68,14 @@ def score_of(results: Results, strategy: str, case: str) -> Score | None:
 
 
 class TourResult(NamedTuple):
-    """The seven legs under one control: length of the cycle [s], swing left in the dwells [mrad],
-    at the hook [mm], on the way [mrad].
+    """Result of the seven legs under one control.
+
+    Attributes:
+        cycle: Duration of the cycle [s].
+        worst: Largest residual swing in a dwell [mrad].
+        mean: Mean residual swing in the dwells [mrad].
+        hook: Largest amplitude of the hook in a dwell [mm].
+        peak: Largest swing on the way [mrad].
     """
 
     cycle: float
@@ -73,11 +88,24 @@ class TourResult(NamedTuple):
 def strategy_results(
     setup: Setup, moves: Sequence[RestToRest], strategy: str, drive: str = IDEAL
 ) -> dict[str, dict[str, StrategyResult]]:
-    """Return the results of moves by one strategy, as planned, and of the combined one under every
-    case; an error becomes the reason of a result. Moves that differ in their starting swing share a
-    plan, and equal cases a run.
+    """Make moves by one strategy.
+
+    Each move is made as planned, and the combined one in every case besides. An error becomes the
+    reason of a result.
+
+    Args:
+        setup: The world.
+        moves: The moves.
+        strategy: Name of the strategy.
+        drive: Kind of the drives, `IDEAL` or "velocity".
+
+    Returns:
+        The results by the name of the move, then of the case.
     """
-    perturbed = (*cases.PERTURBATIONS, *(cases.UNTOLD if drive == IDEAL else ()))
+    all_cases = list(cases.PERTURBATIONS)
+    if drive == IDEAL:
+        all_cases += cases.UNTOLD
+    # Moves that differ in their starting swing only share a plan.
     plans = dict[tuple, MovePlan]()
     results: dict[str, dict[str, StrategyResult]] = {move.name: {} for move in moves}
     for move, by_case in zip(moves, results.values(), strict=True):
@@ -89,14 +117,15 @@ def strategy_results(
         except CraneError as error:
             by_case[cases.NOMINAL.name] = StrategyResult(None, str(error))
             continue
-        for case in perturbed if move == COMBINED else (cases.NOMINAL,):
-            equal = (c.name for c in perturbed if replace(c, name=case.name) == case)
-            result = by_case.get(next(equal))  # of equal ones the first is watched longest
-            by_case[case.name] = (
-                result._replace(calls=np.empty(0))
-                if result
-                else _result(setup, move, strategy, plans[ends], case)
-            )
+        for case in all_cases if move == COMBINED else [cases.NOMINAL]:
+            # Cases that differ in nothing but their name share a run: that of the first, which is
+            # watched longest.
+            equal = next(c for c in all_cases if replace(c, name=case.name) == case)
+            if equal.name in by_case:
+                # Its calls are counted once.
+                by_case[case.name] = by_case[equal.name]._replace(calls=np.empty(0))
+            else:
+                by_case[case.name] = _result(setup, move, strategy, plans[ends], case)
     return results
 
 
@@ -105,7 +134,7 @@ def _result(
 ) -> StrategyResult:
     """Return the result of a move under a case, with the run as planned."""
     if case.sensors_only and not plan.uses_swing_sensor:
-        return StrategyResult(None, UNSEEING)
+        return StrategyResult(None, NO_SWING_FEEDBACK)
     calls: list[float] = []
     untold = case in cases.UNTOLD
     timed = strategy in PREDICTIVE and not untold
@@ -125,16 +154,20 @@ def _result(
 
 @contextmanager
 def collector_waits(timed: bool) -> Iterator[None]:
-    """Collect Python's garbage after a run that is timed, not during it: going through all that a
-    process holds takes 0.15 s, which would be counted as the controller's.
+    """Let Python collect its garbage after a run whose controller is timed, not during it.
+
+    Going through all that a process holds takes 0.15 s, which would be counted as the controller's.
+
+    Args:
+        timed: Whether the run is timed.
     """
-    collects = gc.isenabled()
+    was_enabled = gc.isenabled()
     if timed:
         gc.disable()
     try:
         yield
     finally:
-        if collects:
+        if was_enabled:
             gc.enable()
 
 
@@ -170,6 +203,8 @@ def _tour(setup: Setup, control: str) -> TourResult:
     )
     dwells = [run.between(stage.arrival, stage.end) for stage in reference.stages]
     swings = [1000.0 * residual(dwell) for dwell in dwells]
-    hook = max(swing * float(dwell["l_m"][-1]) for swing, dwell in zip(swings, dwells, strict=True))
+    at_hook = []
+    for swing, dwell in zip(swings, dwells, strict=True):
+        at_hook.append(swing * float(dwell["l_m"][-1]))
     peak = 1000.0 * float(np.linalg.norm(run.coordinates("phi", "theta"), axis=1).max())
-    return TourResult(duration, max(swings), float(np.mean(swings)), hook, peak)
+    return TourResult(duration, max(swings), float(np.mean(swings)), max(at_hook), peak)

@@ -46,9 +46,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         claims=claims,
         parameters={
             "swing_rad": control_of_variants.SWING,
-            "way_m": control_of_variants.WAY,
-            "wind_m_s": control_of_variants.GUST,
-            "drag_area_m2": control_of_variants.AREA,
+            "way_m": control_of_variants.TRAVEL,
+            "wind_m_s": control_of_variants.WIND_SPEED,
+            "drag_area_m2": control_of_variants.DRAG_AREA,
             "duration_s": agreement.DURATION,
             "engine": setup.engine,
         },

@@ -43,7 +43,7 @@ MIN_MUJOCO_MASS = 1e-12
 SITES = ((0.0, 0.0), (40.0, 0.0), (80.0, 0.0), (0.0, -60.0), (40.0, -60.0), (75.0, -40.0))
 """Places of the cranes in the recording [m]."""
 
-OPEN = 2.4e-9
+LEDGER_TOLERANCE = 2.4e-9
 """Largest unexplained energy of RK4 over the range of the energy.
 
 It is (ω dt)⁴ of the fastest mode, 14 rad/s, in steps of 0.5 ms.
@@ -204,7 +204,7 @@ def _claims(agreements: Sequence[EngineAgreement]) -> list[Claim]:
     engines = max(a.engines for a in agreements)
     deviations = [a.mujoco for a in agreements if a.mujoco is not None]
     share = max(a.left_open / a.energy for a in agreements)
-    theirs = f"{max(deviations):.0e}" if deviations else "MuJoCo is not installed"
+    mujoco_text = f"{max(deviations):.0e}" if deviations else "MuJoCo is not installed"
     return [
         Claim(
             f"Pinocchio and compiled code agree on each crane to {engines:.0e} (allowed "
@@ -212,13 +212,13 @@ def _claims(agreements: Sequence[EngineAgreement]) -> list[Claim]:
             engines < ROUNDING,
         ),
         Claim(
-            f"MuJoCo, on the exported URDF under the same efforts, makes the same move: {theirs} "
-            f"(allowed {ROUNDING:.0e}).",
+            "MuJoCo, on the exported URDF under the same efforts, makes the same move: "
+            f"{mujoco_text} (allowed {ROUNDING:.0e}).",
             max(deviations) < ROUNDING if deviations else None,
         ),
         Claim(
             f"The ledger of each closes to {share:.0e} of what the energy changes by (allowed "
-            f"{OPEN:.0e}).",
-            share < OPEN,
+            f"{LEDGER_TOLERANCE:.0e}).",
+            share < LEDGER_TOLERANCE,
         ),
     ]

@@ -38,7 +38,7 @@ from experiments.scenarios.crane_variants import (
     rest_at,
     variant_crane,
 )
-from experiments.scenarios.moves import of_sampling
+from experiments.scenarios.moves import sampling_swing
 
 SWING = 0.05
 """Angle of all swing joints at the start [rad]."""
@@ -46,26 +46,31 @@ SWING = 0.05
 DURATION = 10.0
 """Time for which controllers damp the swing [s]."""
 
-WAY = 2.0
-"""Of the trolley in the moves of least time [m]."""
+TRAVEL = 2.0
+"""Distance of the trolley in the moves of least time [m]."""
 
-GUST = 15.0
+WIND_SPEED = 15.0
 """Speed of the wind [m/s]."""
 
-AREA = 4.0
-"""Drag area of the load [m²]: drag coefficient times area."""
+DRAG_AREA = 4.0
+"""Drag coefficient times area of the load [m²]."""
 
-HALF = 0.5
-"""A controller that damps leaves at most this share of what the hold controller leaves in the same
-time."""
+MAX_DAMPED_SHARE = 0.5
+"""Largest swing that a controller which damps leaves, over that which the hold controller leaves in
+the same time."""
 
-ALIKE = 0.05
-"""Of the swing left: how far MPC and LQR may differ, whose periods are 50 ms and 5 ms, and the run
-from the linear loop, at 0.05 rad."""
+SWING_TOLERANCE = 0.05
+"""Largest relative difference of the swing that is left.
 
-LEDGER = 1e-10
-"""Share of the wind's work: energies of 1e6 J are known to 1e-10 J, the work is 100 J, and there
-are 800 rows."""
+MPC and LQR differ in their periods, 50 ms and 5 ms; a run differs from the linear loop by its
+finite swing of 0.05 rad.
+"""
+
+LEDGER_TOLERANCE = 1e-10
+"""Largest share of the wind's work that the energy ledger leaves unexplained.
+
+Energies of 1e6 J are known to 1e-10 J, the work is 100 J, and there are 800 rows.
+"""
 
 STEP = 1e-3
 """Physics step [s]."""
@@ -97,7 +102,7 @@ class ControlResult(NamedTuple):
         arrival: Duration of the move of least time [s].
         residual: Residual swing of this move, all modes together [rad].
         sampling: Bound of that, since efforts are held for a control period, see
-            `experiments.scenarios.moves.of_sampling` [rad].
+            `experiments.scenarios.moves.sampling_swing` [rad].
         limits: Largest rate, acceleration or effort of the move over its limit.
         blown: Distance by which the wind moves the load [m].
         open: Share of the wind's work that the energy ledger leaves unexplained.
@@ -190,17 +195,24 @@ def _swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None 
 
 
 def _swing(crane: Crane, goal: State, q: np.ndarray, v: np.ndarray) -> float:
-    """Return the same for a state: the amplitudes of all modes, each by its share in a joint."""
+    """Return the same for a state: the amplitudes of all modes, each by its share in a joint.
+
+    Args:
+        crane: The crane.
+        goal: State of rest about which the modes swing.
+        q: Coordinates [rad or m], shape (n,).
+        v: Their rates, shape (n,).
+    """
     modes = free_modes(crane, goal)
-    reach = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)])
-    return float((reach @ modes.amplitudes(q[None], v[None])[0]).max())
+    shares = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)])
+    return float((shares @ modes.amplitudes(q[None], v[None])[0]).max())
 
 
 def _least_time(
     variant: CraneVariant, crane: Crane, engine: EngineName | None
 ) -> tuple[Motion, Trajectory]:
     """Return a motion of least time of the trolley, and a run in which an LQR tracks it."""
-    goal = rest_at(crane, x=at_start(crane, "x") + WAY)
+    goal = rest_at(crane, x=at_start(crane, "x") + TRAVEL)
     still = [joint.symbol for joint in crane.layout.driven if joint.symbol != "x"]
     motion = optimal(crane, crane.start, goal, variant.limits, ramp=1.0, still=still, period=PERIOD)
     tracking = lqr(crane, motion, dt=STEP)
@@ -209,13 +221,22 @@ def _least_time(
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
-    """Return the bound of `of_sampling` for the fastest mode that swings."""
+    """Return the bound of `sampling_swing` for the fastest mode that swings [rad].
+
+    Args:
+        crane: The crane.
+        goal: State of rest about which the modes swing.
+        motion: The planned motion, whose largest swing counts.
+    """
     modes = free_modes(crane, goal)
     shapes = np.abs(modes.shapes)
-    swinging = shapes[np.isin(modes.passive, crane.swings)].max(axis=0) > 0.01 * shapes.max(axis=0)
+    # A mode swings if a swing joint has more than a hundredth of it.
+    in_swing_joints = shapes[np.isin(modes.passive, crane.swings)].max(axis=0)
+    swinging = in_swing_joints > 0.01 * shapes.max(axis=0)
+    # The pendulum of the same frequency.
     length = crane.gravity / float(modes.frequencies[swinging].max()) ** 2
     peak = float(np.abs(motion.q[:, crane.swings]).max())
-    return of_sampling(crane.gravity, length, PERIOD, peak)
+    return sampling_swing(crane.gravity, length, PERIOD, peak)
 
 
 def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
@@ -229,7 +250,7 @@ def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
 
 def _blown(crane: Crane, engine: EngineName | None) -> tuple[float, float]:
     """Return the offset of the load in a steady wind [m], and the relative error of its work."""
-    breeze = wind(crane, steady(GUST), direction=0.0, payload_area=AREA)
+    breeze = wind(crane, steady(WIND_SPEED), direction=0.0, payload_area=DRAG_AREA)
     run = simulate(
         crane,
         hold_controller(crane),
@@ -286,8 +307,9 @@ def _table(results: Sequence[ControlResult]) -> ResultTable:
         ("batch", ".0e>1e-12", lambda c: c.lanes),
         note=f"From {1e3 * SWING:g} mrad in each swing joint: yield of the trolley under the hold "
         "controller, and swing after 10 s under each controller. Least time: a move of the trolley "
-        f"by {WAY:g} m. Wind: way of the load in {GUST:g} m/s on {AREA:g} m² for 4 s. Batch: "
-        "largest difference of eight cranes at once from single runs [rad, m, per second].",
+        f"by {TRAVEL:g} m. Wind: way of the load in {WIND_SPEED:g} m/s on {DRAG_AREA:g} m² for "
+        "4 s. Batch: largest difference of eight cranes at once from single runs [rad, m, per "
+        "second].",
     )
 
 
@@ -307,19 +329,20 @@ def _claims(controls: Sequence[ControlResult]) -> list[Claim]:
         ),
         Claim(
             "LQR, LQR with an observer that sees the drives alone, and MPC leave "
-            f"{100 * damped:.0f} % at most of what the hold leaves (allowed {100 * HALF:g} %).",
-            damped < HALF,
+            f"{100 * damped:.0f} % at most of what the hold leaves (allowed "
+            f"{100 * MAX_DAMPED_SHARE:g} %).",
+            damped < MAX_DAMPED_SHARE,
         ),
         Claim(
-            f"LQR: {100 * predicted:.1f} % off the linear loop at most (allowed {100 * ALIKE:g} "
-            "%).",
-            predicted < ALIKE,
+            f"LQR: {100 * predicted:.1f} % off the linear loop at most (allowed "
+            f"{100 * SWING_TOLERANCE:g} %).",
+            predicted < SWING_TOLERANCE,
         ),
         Claim(
             f"MPC is the LQR where no limit binds: {100 * alike:.1f} % apart (allowed "
-            f"{100 * ALIKE:g} %), efforts up to "
+            f"{100 * SWING_TOLERANCE:g} %), efforts up to "
             f"{100 * max(c.efforts for c in controls):.0f} % of their limits.",
-            alike < ALIKE and all(c.efforts <= 1.0 for c in controls),
+            alike < SWING_TOLERANCE and all(c.efforts <= 1.0 for c in controls),
         ),
         Claim(
             "Moves of least time keep all limits and end at rest in all modes: "
@@ -329,8 +352,8 @@ def _claims(controls: Sequence[ControlResult]) -> list[Claim]:
         ),
         Claim(
             f"Wind: its work is in the ledger to {max(c.open for c in controls):.0e} (allowed "
-            f"{LEDGER:.0e}), and it moves every load.",
-            all(c.open < LEDGER and c.blown > 0.01 for c in controls),
+            f"{LEDGER_TOLERANCE:.0e}), and it moves every load.",
+            all(c.open < LEDGER_TOLERANCE and c.blown > 0.01 for c in controls),
         ),
         Claim(
             f"Cranes of a batch move as alone: {max(c.lanes for c in controls):.0e} (allowed "

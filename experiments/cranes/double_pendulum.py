@@ -26,7 +26,7 @@ from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import shaped, zv
 from cranedyn.references.simple import spline
 from cranedyn.simulation.simulate import simulate
-from experiments.cranes.control_of_variants import ALIKE
+from experiments.cranes.control_of_variants import SWING_TOLERANCE
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.scenarios.crane_variants import (
     HOOK,
@@ -36,7 +36,7 @@ from experiments.scenarios.crane_variants import (
     rest_at,
     variant_crane,
 )
-from experiments.scenarios.moves import instant, of_sampling
+from experiments.scenarios.moves import instant, sampling_swing
 
 TRAVEL = 4.0
 """Distance that the trolley moves [m]."""
@@ -79,15 +79,16 @@ class Unaware:
 
 
 class ModeResidual(NamedTuple):
-    """What a move leaves.
+    """Swing that a move leaves in each mode.
 
     Attributes:
-        strategy: How it is made.
-        arrival: When the drives are there [s].
-        slow, fast: Amplitude of the load's sling, or of the cable, in each mode, whichever is
-            larger [rad].
-        run: What happened.
-        closed: The same by a closed form; None without one.
+        strategy: How the move is made.
+        arrival: Time at which the drives arrive [s].
+        slow: Amplitude of the slow mode: that of the sling or of the cable, whichever is larger
+            [rad].
+        fast: Amplitude of the fast mode likewise [rad].
+        run: The run.
+        closed: Both amplitudes in closed form, the slow one first [rad]; None without one.
     """
 
     strategy: str
@@ -118,11 +119,20 @@ def study(setup: Setup) -> Outcome:
 def _amplitudes(crane: Crane, goal: State, run: Trajectory, t: float) -> tuple[float, float]:
     """Return the amplitude of the slow and of the fast mode at a time [rad], radial and tangential
     together.
+
+    Args:
+        crane: The crane with the hook.
+        goal: State of rest about which the modes swing.
+        run: The run.
+        t: The time [s].
     """
     modes = free_modes(crane, goal)
     q, v = run.state(int(np.searchsorted(run.t, t - 1e-9)))
+    # Modes come in the order of their frequencies: two slow ones, then two fast ones.
     sizes = np.abs(modes.shapes).max(axis=0) * modes.amplitudes(q[None], v[None])[0]
-    return float(np.hypot(*sizes[:2])), float(np.hypot(*sizes[2:]))
+    slow = np.hypot(sizes[0], sizes[1])
+    fast = np.hypot(sizes[2], sizes[3])
+    return float(slow), float(fast)
 
 
 def _shaping(engine: EngineName | None) -> list[ModeResidual]:
@@ -196,22 +206,35 @@ def _one_pendulum() -> Crane:
     return load_crane(payload_mass=2300.0, **POINT)
 
 
-def _closed_loop_growth() -> tuple[float, float]:
-    """Return the largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and
-    of five joints on the crane with the hook.
+class ClosedLoopGrowth(NamedTuple):
+    """Largest growth rates of closed loops on the crane with the hook, at rest [1/s].
+
+    Attributes:
+        aware: Under the LQR of the whole model.
+        unaware: Under the LQR of the five joints of a crane without the hook.
     """
+
+    aware: float
+    unaware: float
+
+
+def _closed_loop_growth() -> ClosedLoopGrowth:
+    """Return the growth rates of the LQR that knows the hook and of the one that does not."""
     crane = variant_crane(HOOK)
     simple = _one_pendulum()
     loop = sampled(crane, crane.start, **CLOCKS)
+    # The gain of five joints, in the columns that these joints have in the whole model.
     indices = crane.layout.at(*simple.layout.symbols)
     n = crane.layout.n
-    gain = np.zeros((crane.layout.m, 2 * n))
-    gain[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
-    aware, unaware = (
-        float(np.log(np.abs(np.linalg.eigvals(loop.closed(matrix))).max()) / PERIOD)
-        for matrix in (_regulator(crane).gain[-1], gain)
-    )
-    return aware, unaware
+    gain_of_five = np.zeros((crane.layout.m, 2 * n))
+    gain_of_five[:, [*indices, *(n + i for i in indices)]] = _regulator(simple).gain[-1]
+
+    def growth(gain: np.ndarray) -> float:
+        """Return the growth rate of the least damped mode."""
+        eigenvalues = np.linalg.eigvals(loop.closed(gain))
+        return float(np.log(np.abs(eigenvalues).max()) / PERIOD)
+
+    return ClosedLoopGrowth(growth(_regulator(crane).gain[-1]), growth(gain_of_five))
 
 
 def _stirred(engine: EngineName | None) -> float:
@@ -276,23 +299,23 @@ def _later(result: ModeResidual) -> tuple[float, float]:
     return _amplitudes(crane, goal, result.run, float(result.run.t[-1]))
 
 
-def _unaware_note(growth: tuple[float, float]) -> str:
-    """Return a note on designs that do not know of the hook, with the growth rates of the closed
-    loops [1/s].
-    """
-    return (
+def _unaware_note(growth: ClosedLoopGrowth) -> str:
+    """Return a note on designs that do not know of the hook."""
+    note = (
         f"At the arrival, and {DURATION + 1:g} s later. Designs of five joints treat hook and load "
-        f"as one load of 2300 kg. The slowest mode at rest decays with {growth[0]:+.4f} 1/s under "
-        f"the LQR of the whole model, and has {growth[1]:+.4f} 1/s under that of five joints"
-        + ", which excites the fast mode across the jib through the slew."
-        * (growth[1] > 0.0)
+        f"as one load of 2300 kg. The slowest mode at rest decays with {growth.aware:+.4f} 1/s "
+        f"under the LQR of the whole model, and has {growth.unaware:+.4f} 1/s under that of five "
+        "joints"
     )
+    if growth.unaware > 0.0:
+        note += ", which excites the fast mode across the jib through the slew."
+    return note
 
 
 def _claims(
     shaped: Sequence[ModeResidual],
     moves: Sequence[ModeResidual],
-    growth: tuple[float, float],
+    growth: ClosedLoopGrowth,
     stirred: float,
 ) -> list[Claim]:
     size = max(shaped[0].slow, shaped[0].fast)
@@ -303,7 +326,7 @@ def _claims(
     crane = variant_crane(HOOK)
     length = crane.gravity / float(free_modes(crane, crane.start).frequencies[-1]) ** 2
     peak = float(np.abs(least_time.run.q[:, crane.swings]).max())
-    sampling = of_sampling(crane.gravity, length, PERIOD, peak)
+    sampling = sampling_swing(crane.gravity, length, PERIOD, peak)
     return [
         Claim(
             "Shapers on the double pendulum leave their closed form, Π |cos(π ω/(2 ω_i))|, to "
@@ -318,16 +341,18 @@ def _claims(
             max(least_time.slow, least_time.fast) < sampling,
         ),
         Claim(
-            f"The LQR of the whole model damps every motion ({growth[0]:+.3f} 1/s); planned and "
+            f"The LQR of the whole model damps every motion ({growth.aware:+.3f} 1/s); planned and "
             "tracked with five joints, the move of "
             f"least time leaves {unaware.slow / least_time.slow:.0f} and "
             f"{unaware.fast / least_time.fast:.0f} times as much in the two modes.",
-            growth[0] < 0.0 and unaware.slow > least_time.slow and unaware.fast > least_time.fast,
+            growth.aware < 0.0
+            and unaware.slow > least_time.slow
+            and unaware.fast > least_time.fast,
         ),
         Claim(
             "On the crane with the hook the LQR of five joints stirs up the fast mode across the "
             f"jib: {stirred:+.4f} 1/s in a run, "
-            f"{growth[1]:+.4f} 1/s by the linear loop (allowed {100 * ALIKE:g} %).",
-            stirred > 0.0 and abs(stirred / growth[1] - 1.0) < ALIKE,
+            f"{growth.unaware:+.4f} 1/s by the linear loop (allowed {100 * SWING_TOLERANCE:g} %).",
+            stirred > 0.0 and abs(stirred / growth.unaware - 1.0) < SWING_TOLERANCE,
         ),
     ]

@@ -24,10 +24,10 @@ STEP = 5e-4
 
 
 class Jump(NamedTuple):
-    """An extreme tension over the weight that hangs.
+    """An extreme tension of the rope over the weight that hangs.
 
     Attributes:
-        name: What happens to the load.
+        name: Event of the load.
         closed: Value in closed form.
         simulated: Value in a run.
         allowed: Largest difference between them.

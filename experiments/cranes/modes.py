@@ -34,8 +34,8 @@ from experiments.scenarios.crane_variants import (
 )
 
 EXACT = 1e-8
-"""How far linearisation and closed form, and run and linearisation with the step's error, may be
-apart [rad/s]."""
+"""Largest difference between linearisation and closed form, and between a run and the linearisation
+with the error of the step [rad/s]."""
 
 _SMALL = 1e-5
 """Amplitude of the small swings [rad or m]; what is not linear in them goes with its square, some
@@ -52,18 +52,17 @@ ROWS = 100
 
 
 class Frequency(NamedTuple):
-    """One frequency of one crane [rad/s].
+    """One frequency of one crane.
 
     Attributes:
-        crane: Which.
+        crane: Name of the crane.
         mode: What swings.
-        closed: By a closed form.
-        linear: By the linearisation of the crane.
-        simulated: Of a small swing in a run.
-        stepped: What the step makes of `linear`: sin(ω' dt/2) = ω dt/2, exact for semi-implicit
-            Euler.
-        allowed: Between `closed` and `linear`; where a structure leans at rest, the square of that
-            angle times the frequency.
+        closed: Frequency in closed form [rad/s].
+        linear: Frequency by the linearisation of the crane [rad/s].
+        simulated: Frequency of a small swing in a run [rad/s].
+        stepped: `linear` with the error of the step [rad/s], see `_stepped`.
+        allowed: Largest difference between `closed` and `linear` [rad/s]. Where a structure leans
+            at rest it is the square of that angle times the frequency.
     """
 
     crane: str
@@ -83,21 +82,22 @@ class Frequency(NamedTuple):
         )
 
 
-Measured = Callable[..., Frequency]
-"""A frequency once the engine of its run is known."""
+Measurement = Callable[..., Frequency]
+"""Function that runs a crane by an engine, the keyword `engine`, and returns a frequency."""
 
 
 def study(setup: Setup) -> Outcome:
-    """Compare all frequencies, with the runs by an engine."""
-    frequencies = [
-        measure(engine=setup.engine_of_runs)
-        for generator in (_hooks, _ropes, _twists, _bends, _bridges)
-        for measure in generator()
-    ]
+    """Compare the frequencies of all cranes."""
+    frequencies = []
+    for measurements in (_hooks(), _ropes(), _twists(), _bends(), _bridges()):
+        for measure in measurements:
+            frequencies.append(measure(engine=setup.engine_of_runs))
     return Outcome([_table(frequencies)], _claims(frequencies))
 
 
-def _hooks() -> Iterator[Measured]:
+def _hooks() -> Iterator[Measurement]:
+    """Yield the two modes of a load that is slung below a hook, on three cranes."""
+    # Lengths of cable and sling [m], masses of hook and load [kg].
     cases = [(15.0, 5.0, 300.0, 2000.0), (40.0, 4.0, 500.0, 5000.0), (20.0, 10.0, 1000.0, 1000.0)]
     for cable, sling, hook, load in cases:
         crane = HOOK.crane(
@@ -115,15 +115,18 @@ def _hooks() -> Iterator[Measured]:
             yield partial(_locked, name, mode, crane, closed)
 
 
-def _ropes() -> Iterator[Measured]:
+def _ropes() -> Iterator[Measurement]:
+    """Yield the bounce of a load on a rope that stretches."""
     crane = ROPE.crane(**POINT)
     bounce = theory.rope_bounce(rope_stiffness(crane), at_start(crane, "l"), crane.payload_mass)
     yield partial(_locked, ROPE.name, "bounce", crane, bounce)
 
 
-def _twists() -> Iterator[Measured]:
-    """Yield the frequencies of the 2 × 2 model: with a trolley whose mass counts in the 1e6 kg m²,
-    and with one that comes on top of them.
+def _twists() -> Iterator[Measurement]:
+    """Yield the two modes of a tower that twists.
+
+    The mass of the trolley once counts in the 1e6 kg m² of the structure, as in the 2 × 2 model
+    from which the frequencies are known, and once comes on top of them.
     """
     numbers = {"trolley_init": 20.0, "hoist_init": 15.0, "payload_mass": 2000.0, **POINT}
     numbers["trolley_inertia"] = 0.0
@@ -142,11 +145,14 @@ def _twists() -> Iterator[Measured]:
             yield partial(_locked, f"twist: J = 1e6 kg m², {name}", mode, crane, closed)
 
 
-def _bends() -> Iterator[Measured]:
+def _bends() -> Iterator[Measurement]:
+    """Yield the modes of a tower and of a jib that bend."""
     height = 28.0
     mass = 1000.0
     length = 15.0
     crane = BEND.crane(trolley_inertia=0.0, **POINT)
+    # Above the foot are the trolley and the upper structure, 3 t. The inertia of the latter about
+    # the axis along the jib is a fiftieth of its slewing inertia, 1e6 kg m².
     above = crane.trolley_mass + 3000.0
     inertia = above * height**2 + 0.02 * 1e6
     forms = theory.bending_tower(inertia, 1e8, above * height, height, length, mass, crane.gravity)
@@ -160,7 +166,8 @@ def _bends() -> Iterator[Measured]:
     yield partial(_locked, JIB.name, "up and down", crane, closed, closed * droop**2)
 
 
-def _bridges() -> Iterator[Measured]:
+def _bridges() -> Iterator[Measurement]:
+    """Yield the swings of an overhead crane with its drives locked and with one that rolls."""
     crane = BRIDGE.crane(**POINT)
     length = at_start(crane, "l")
     yield partial(_locked, BRIDGE.name, "drives locked", crane, math.sqrt(crane.gravity / length))
@@ -182,7 +189,16 @@ def _locked(
     *,
     engine: EngineName | None,
 ) -> Frequency:
-    """Return the mode with locked drives whose frequency is nearest to the closed form."""
+    """Return the mode with locked drives whose frequency is nearest to a closed form.
+
+    Args:
+        name: Name of the crane.
+        mode: What swings.
+        crane: The crane.
+        closed: The closed form [rad/s].
+        allowed: Largest difference between the two [rad/s].
+        engine: Engine of the run.
+    """
     modes = free_modes(crane, crane.start)
     k = int(np.argmin(np.abs(modes.frequencies - closed)))
     q = crane.start.q.copy()
@@ -196,13 +212,21 @@ def _locked(
 def _rolling(
     crane: Crane, symbol: str, mode: str, closed: float, *, engine: EngineName | None
 ) -> Frequency:
-    """Return a swing while no drive is held but the hoist's load."""
+    """Return a swing while all drives roll freely, but for the weight that the hoist holds.
+
+    Args:
+        crane: The crane.
+        symbol: Symbol of the joint that swings.
+        mode: What rolls.
+        closed: The closed form [rad/s].
+        engine: Engine of the run.
+    """
     holding = holding_effort(crane, crane.start.q)
     by_q = linearise(crane, crane.start, holding)[0][:, : crane.layout.n]
     squares = -np.linalg.eigvals(by_q).real
     linear = float(np.sqrt(squares[np.argmin(np.abs(squares - closed**2))]))
-    none = np.zeros(crane.layout.m)
-    free = Hold(crane, none, none, holding)
+    zeros = np.zeros(crane.layout.m)
+    free = Hold(crane, zeros, zeros, holding)
     start = moved(crane, **{symbol: _SMALL})
     signal = _rows(crane, free, start, "effort", engine)[:, crane.layout.index(symbol)]
     return Frequency(BRIDGE.name, mode, closed, linear, _frequency(signal), _stepped(linear))
@@ -226,17 +250,23 @@ def _rows(
 
 
 def _frequency(y: np.ndarray) -> float:
-    """Return the frequency of one undamped oscillation in rows [rad/s]: y[k+1] + y[k-1] = 2 cos(ω
-    T) y[k].
+    """Return the frequency of an undamped oscillation in rows a time T apart [rad/s].
+
+    Its rows obey y[k+1] + y[k-1] = 2 cos(ωT) y[k]. The least squares of 2 y[k] - y[k+1] - y[k-1] =
+    2 (1 - cos ωT) y[k] = 4 sin²(ωT/2) y[k] give the sine; a cosine would lose the digits of a slow
+    swing.
     """
-    ahead = y[2:] + y[:-2]
+    neighbours = y[2:] + y[:-2]
     middle = y[1:-1]
-    # 1 - cos, not cos, so that slow swings keep their digits
-    square = float((2.0 * middle - ahead) @ middle) / float(middle @ middle)
+    square = float((2.0 * middle - neighbours) @ middle) / float(middle @ middle)
     return 2.0 / PERIOD * math.asin(math.sqrt(square) / 2.0)
 
 
 def _stepped(frequency: float) -> float:
+    """Return the frequency that semi-implicit Euler gives a frequency ω [rad/s].
+
+    It is ω' with sin(ω' dt/2) = ω dt/2, exactly.
+    """
     return 2.0 / STEP * math.asin(frequency * STEP / 2.0)
 
 

@@ -36,9 +36,25 @@ LONG = 60.0
 DAMPINGS = (0.0, 1.0, 2.0e5)
 """Damping of the swing joints compared [N m s/rad]."""
 
-PUBLISHED = (1651.8, 19.3, -30.7, -1601.8)
-"""The article's ledger while a plugin overwrote its passive joints [J]: energy at 0 and 6 s, work
-of the drives, unexplained."""
+
+class PublishedLedger(NamedTuple):
+    """The article's ledger while a plugin overwrote its passive joints [J].
+
+    Attributes:
+        first: Swing energy at the start.
+        last: Swing energy after `AUDIT`.
+        work: Work of the drives.
+        unexplained: What is not explained.
+    """
+
+    first: float
+    last: float
+    work: float
+    unexplained: float
+
+
+PUBLISHED = PublishedLedger(first=1651.8, last=19.3, work=-30.7, unexplained=-1601.8)
+"""The article's ledger."""
 
 
 def run(setup: Setup, crane: Crane, swing: float, length: float, duration: float) -> Trajectory:

@@ -22,18 +22,25 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     moves = across(setup)
     hoists = upwards(setup)
     factors_derived = simulate_factors(setup.gravity)
+    recorded = {}
+    for need in moves:
+        if need.move == "trolley":
+            recorded[need.strategy] = (setup.crane, need.run)
     return Outcome(
-        tables=[_formulas(), _derived(factors_derived), _moves(moves), _hoists(hoists)],
-        claims=[*_claims(factors_derived), *_gains(moves, hoists)],
+        tables=[
+            _formulas_table(),
+            _derived_table(factors_derived),
+            _moves_table(moves),
+            _hoists_table(hoists),
+        ],
+        claims=[*_factor_claims(factors_derived), *_control_claims(moves, hoists)],
         trajectories={f"{need.move}_{i}": need.run for i, need in enumerate(moves)},
-        figures={"factors": _figure(factors_derived), "needed": _needed(moves)},
-        recording=harness.side_by_side(
-            {n.strategy: (setup.crane, n.run) for n in moves if n.move == "trolley"}, apart=0.0
-        ),
+        figures={"factors": _factors_figure(factors_derived), "needed": _needed_figure(moves)},
+        recording=harness.side_by_side(recorded, apart=0.0),
     )
 
 
-def _formulas() -> ResultTable:
+def _formulas_table() -> ResultTable:
     return make_table(
         "Formulas of the standards",
         FORMULAS,
@@ -45,7 +52,7 @@ def _formulas() -> ResultTable:
     )
 
 
-def _derived(factors: Sequence[Compared]) -> ResultTable:
+def _derived_table(factors: Sequence[Compared]) -> ResultTable:
     return make_table(
         "The same by mechanics alone",
         factors,
@@ -60,7 +67,7 @@ def _derived(factors: Sequence[Compared]) -> ResultTable:
     )
 
 
-def _moves(needs: Sequence[Need]) -> ResultTable:
+def _moves_table(needs: Sequence[Need]) -> ResultTable:
     return make_table(
         "What a move needs of ψ_h",
         needs,
@@ -76,7 +83,7 @@ def _moves(needs: Sequence[Need]) -> ResultTable:
     )
 
 
-def _hoists(needs: Sequence[Need]) -> ResultTable:
+def _hoists_table(needs: Sequence[Need]) -> ResultTable:
     return make_table(
         "What taking up a load needs of φ2",
         needs,
@@ -89,7 +96,7 @@ def _hoists(needs: Sequence[Need]) -> ResultTable:
     )
 
 
-def _claims(factors_derived: Sequence[Compared]) -> list[Claim]:
+def _factor_claims(factors_derived: Sequence[Compared]) -> list[Claim]:
     holding = sum(factor.holds for factor in FORMULAS)
     worst = max(factors_derived, key=lambda factor: abs(factor.difference))
     return [
@@ -106,12 +113,19 @@ def _claims(factors_derived: Sequence[Compared]) -> list[Claim]:
     ]
 
 
-def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
+def _control_claims(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
+    """Return the claims on what control needs of the factors.
+
+    Args:
+        moves: Needs of moves of trolley and slew.
+        hoists: Needs of loads that are taken up, from rough to gentle.
+    """
     claims = []
+    one_push = moves[0].allowed
     for name in dict.fromkeys(need.move for need in moves):
         needs = {need.strategy: need.needed for need in moves if need.move == name}
         joystick = needs.pop("operator")
-        one_push = moves[0].allowed
+        listed = ", ".join(f"{strategy} {needed:.3f}" for strategy, needed in needs.items())
         claims += [
             Claim(
                 f"{name}: a joystick that brakes while the load swings needs ψ_h = {joystick:.3f}, "
@@ -120,24 +134,24 @@ def _gains(moves: Sequence[Need], hoists: Sequence[Need]) -> list[Claim]:
                 one_push < joystick < 2.0 * one_push,
             ),
             Claim(
-                f"{name}: under control the standard's {one_push:g} is enough: "
-                f"{', '.join(f'{strategy} {needed:.3f}' for strategy, needed in needs.items())}.",
+                f"{name}: under control the standard's {one_push:g} is enough: {listed}.",
                 max(needs.values()) <= one_push,
             ),
         ]
-    rough, *gentler = (need.needed for need in hoists)
+    needed = [need.needed for need in hoists]
+    gentler = ", ".join(f"{factor:.3f}" for factor in needed[1:])
     claims.append(
         Claim(
-            f"hoist: taken up at full speed a load needs φ2 = {rough:.3f}, {hoists[0].allowed:.3f} "
-            f"in closed form; creeping, from a taut rope, and shaped "
-            f"{', '.join(f'{need:.3f}' for need in gentler)}, each less than the one before.",
-            all(one > next_one for one, next_one in itertools.pairwise([rough, *gentler])),
+            f"hoist: taken up at full speed a load needs φ2 = {needed[0]:.3f}, "
+            f"{hoists[0].allowed:.3f} in closed form; creeping, from a taut rope, and shaped "
+            f"{gentler}, each less than the one before.",
+            all(rougher > gentler for rougher, gentler in itertools.pairwise(needed)),
         )
     )
     return claims
 
 
-def _figure(factors_derived: Sequence[Compared]) -> Figure:
+def _factors_figure(factors_derived: Sequence[Compared]) -> Figure:
     """Draw ψ_h over the mass ratio, and β2 over the class."""
     figure, (ratio, slope) = panels(1, 2, height=3.4, width=10.0)
     mus = [0.2 + 0.1 * i for i in range(110)]
@@ -156,7 +170,7 @@ def _figure(factors_derived: Sequence[Compared]) -> Figure:
     return figure
 
 
-def _needed(moves: Sequence[Need]) -> Figure:
+def _needed_figure(moves: Sequence[Need]) -> Figure:
     figure, axes = panels(1, 2, height=3.0, width=10.0)
     for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
         of_move = [need for need in moves if need.move == name]

@@ -23,14 +23,21 @@ if TYPE_CHECKING:
     from cranedyn.compiled.batch import Batch
 
 AGREES = 1e-3
-"""Relative. Largest parts: strain of the rope, 2e-4; instants 5 ms apart miss a maximum by (ω
-h)²/8, 4e-5; swings of 12 mrad are not quite small, 1e-4; steps of 0.5 ms, (ω dt)."""
+"""Largest relative difference between formula and simulation.
+
+Its largest parts are the strain of the rope, 2e-4; the time h of 5 ms between instants, which miss
+a maximum by (ω h)²/8, 4e-5; the swing of 12 mrad, which is not quite small, 1e-4; and the step of
+0.5 ms, (ω dt)².
+"""
 
 RATIOS = (0.5, 1.5, 3.0, 10.0)
 """Masses of the load over that of the carriage for which ψ_h is derived."""
 
 DURATIONS = (1.0 / 12.0, 1.0 / 6.0, 0.25, 1.0 / 3.0, 0.5)
 """Durations of accelerations, in periods of the pendulum, for which ψ_h is derived."""
+
+STEPS_PER_PERIOD = 1200
+"""Number of control periods in a period of the pendulum while a trolley is accelerated evenly."""
 
 HOIST_LENGTH = 2.0e4
 """Cable length of a hoist [m], so long that stretch and hoisting do not change its stiffness."""
@@ -44,7 +51,7 @@ The softest hoist then stretches within the range of its joint. Only ω/g counts
 LOAD = 1000.0
 """Mass of the load [kg]."""
 
-LEAN = 0.005
+INCLINATION = 0.005
 """Acceleration of the carriage over gravity: the angle at which the rope would hang at rest [rad].
 
 It is small, since ψ_h is that of a small swing.
@@ -75,7 +82,8 @@ def simulate_factors(gravity: float) -> list[Compared]:
     ]
 
 
-def _derived(name: str, means: str, formula: float, simulated: float) -> Compared:
+def _compared(name: str, means: str, formula: float, simulated: float) -> Compared:
+    """Return a factor by its formula and by simulation, with the means that simulated it."""
     return Compared(name, means, formula, simulated, AGREES)
 
 
@@ -87,7 +95,13 @@ def _simulated(crane: Crane, controller: Hold, **options: Any) -> Batch:
 
 
 def _hoist(slope: float, mass: float = LOAD) -> Crane:
-    """Return a point load on a rope as stiff as a hoist of slope β2 [s/m] with 1 t."""
+    """Return a point load on a rope that is as stiff as a hoist with 1 t.
+
+    Args:
+        slope: Slope β2 of the class of the hoist [s/m].
+        mass: Mass of the load [kg].
+    """
+    # A load that is taken up at the speed v pulls by 1 + v ω/g: the slope is ω/g, with ω² = k/m.
     stiffness = LOAD * (slope * HOIST_GRAVITY) ** 2
     return load_crane(
         gravity=HOIST_GRAVITY,
@@ -101,6 +115,14 @@ def _hoist(slope: float, mass: float = LOAD) -> Crane:
 
 
 def _coast(crane: Crane, start: State, duration: float, force: np.ndarray | None = None) -> Batch:
+    """Run a crane whose drives keep their speed.
+
+    Args:
+        crane: The crane.
+        start: Where it starts.
+        duration: Duration [s].
+        force: External forces at each control instant [N], shape (rows, 3 points).
+    """
     return _simulated(
         crane,
         zero_command(crane),
@@ -130,25 +152,25 @@ def _pick_ups() -> Iterator[Compared]:
             0.6 * 2.0 * math.pi / (hoisting_class.slope * HOIST_GRAVITY),
         )
         slope = (float(_pulls(crane, batch).max()) - 1.0) / PICK_UP_SPEED
-        yield _derived(f"β2 of {name} [s/m]", "pick-up", hoisting_class.slope, slope)
+        yield _compared(f"β2 of {name} [s/m]", "pick-up", hoisting_class.slope, slope)
 
 
 def _releases() -> Iterator[Compared]:
     """Let go a part of a load that hangs: at once, or evenly over a time."""
     slope = factors.HOISTING["HC4"].slope
-    period = 2.0 * math.pi / (slope * HOIST_GRAVITY)
     for share in (0.2, 0.4):
         least_pull = _least_pull(slope, share, 0.0)
         name = f"φ3, {share:g} let go at once"
-        yield _derived(name, "release", factors.phi_3(share), least_pull)
+        yield _compared(name, "release", factors.phi_3(share), least_pull)
     share = 0.4
-    periods = 0.6034
-    # The part that is left bounces faster.
-    lasts = periods * period * math.sqrt(1.0 - share)
-    least_pull = _least_pull(slope, share, lasts)
-    name = "φ3, 0.4 let go slowly"
+    # A force that changes evenly over a time T excites a spring by |sin(πT/τ)/(πT/τ)| of what it
+    # does at once: by half, the β3 of a slow release, if T is 0.6034 of the period τ. That is the
+    # period of the part that is left, which bounces faster than the whole load.
+    period = 2.0 * math.pi / (slope * HOIST_GRAVITY)
+    duration = 0.6034 * period * math.sqrt(1.0 - share)
+    least_pull = _least_pull(slope, share, duration)
     formula = factors.phi_3(share, factors.SLOW_RELEASE)
-    yield _derived(name, "release", formula, least_pull)
+    yield _compared("φ3, 0.4 let go slowly", "release", formula, least_pull)
 
 
 def _least_pull(slope: float, share: float, lasts: float) -> float:
@@ -176,6 +198,7 @@ def _braked(gravity: float) -> Iterator[Compared]:
     of all durations: from each of its rows on the trolley stands still.
     """
     for ratio in RATIOS:
+        # The trolley of the crane stands for the carriage.
         carriage = LOAD / ratio
         crane = load_crane(
             gravity=gravity,
@@ -186,29 +209,30 @@ def _braked(gravity: float) -> Iterator[Compared]:
             hoist_init=LENGTH,
             **POINT,
         )
-        force = LEAN * gravity * (LOAD + carriage)
+        force = INCLINATION * gravity * (LOAD + carriage)
         ahead = np.array([0.0, force, -LOAD * gravity])
         controller = Hold(crane, np.array([5e5, 0.0, 3e5]), np.array([1e6, 0.0, 2e4]), ahead)
         period = 2.0 * math.pi / math.sqrt(gravity / LENGTH * (1.0 + ratio))
         run = _simulated(
             crane, controller, start=[crane.start], duration=instant(period, PERIOD), record=1
         )
-        psi = float(_swings_on(crane, run).max()) / LEAN
-        yield _derived(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), psi)
+        psi = float(_swings_on(crane, run).max()) / INCLINATION
+        yield _compared(f"ψ_h at μ = {ratio:g}", "braking", factors.psi_h(ratio), psi)
 
 
 def _regulated(gravity: float) -> Iterator[Compared]:
     """Accelerate a trolley evenly, whatever the load does, for some part of a period."""
     crane = load_crane(gravity=gravity, trolley_init=5.0, hoist_init=LENGTH, **POINT)
-    zero = np.zeros(crane.layout.m)
+    zeros = np.zeros(crane.layout.m)
     period = 2.0 * math.pi * math.sqrt(LENGTH / gravity)
-    step = period / 1200.0
-    pushed = Hold(crane, zero, zero, LEAN * gravity * crane.layout.along("x"))
+    # All durations are whole numbers of such steps.
+    step = period / STEPS_PER_PERIOD
+    pushed = Hold(crane, zeros, zeros, INCLINATION * gravity * crane.layout.along("x"))
     run = _simulated(
         crane,
         pushed,
         start=[crane.start],
-        duration=600.0 * step,
+        duration=STEPS_PER_PERIOD / 2 * step,
         dt=step / 10.0,
         control_period=step,
         drive="motion",
@@ -216,9 +240,9 @@ def _regulated(gravity: float) -> Iterator[Compared]:
     )
     swings = _swings_on(crane, run)
     for beta in DURATIONS:
-        psi = float(swings[round(1200.0 * beta)]) / LEAN
+        psi = float(swings[round(STEPS_PER_PERIOD * beta)]) / INCLINATION
         formula = factors.psi_h_regulated(beta)
-        yield _derived(f"ψ_h at β = {beta:.3g}", "pushes", formula, psi)
+        yield _compared(f"ψ_h at β = {beta:.3g}", "pushes", formula, psi)
 
 
 def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
@@ -243,12 +267,13 @@ def _blown(gravity: float) -> Iterator[Compared]:
         batch = _coast(crane, crane.start, 8.0, rows)
         formula = wind_standards.gust_lean(force, LOAD, gravity)
         name = f"lean in {speed:g} m/s on {area:g} m² [rad]"
-        yield _derived(name, "gust", formula, float(batch.peak_swing[0]))
+        yield _compared(name, "gust", formula, float(batch.peak_swing[0]))
 
 
 def _stopped(gravity: float) -> Iterator[Compared]:
+    """Brake a slew of 0.8 rpm at a constant deceleration to a standstill."""
     crane = load_crane(gravity=gravity, trolley_init=20.0, hoist_init=LENGTH, **POINT)
-    zero = np.zeros(crane.layout.m)
+    zeros = np.zeros(crane.layout.m)
     rate = 0.8 * math.pi / 30.0
     braking = 0.02
     angle, lasts = factors.stopping(rate, braking)
@@ -257,7 +282,7 @@ def _stopped(gravity: float) -> Iterator[Compared]:
     v[crane.layout.index("gamma")] = rate
     batch = _simulated(
         crane,
-        Hold(crane, zero, zero, -braking * crane.layout.along("gamma")),
+        Hold(crane, zeros, zeros, -braking * crane.layout.along("gamma")),
         start=[State(crane.start.q, v)],
         duration=lasts,
         dt=control / 10.0,
@@ -265,4 +290,4 @@ def _stopped(gravity: float) -> Iterator[Compared]:
         drive="motion",
     )
     turned = float(batch.end.q[0, crane.layout.index("gamma")])
-    yield _derived("slew stops within [rad]", "braking", angle, turned)
+    yield _compared("slew stops within [rad]", "braking", angle, turned)

@@ -48,12 +48,12 @@ class Need(NamedTuple):
     """What a strategy needs.
 
     Attributes:
-        move: What is moved.
-        strategy: How.
-        arrives: When the drives are there [s]; None where that is not the question.
-        allowed: The factor of the standard.
-        needed: The factor that was found.
-        run: What happened.
+        move: Name of the move.
+        strategy: How it is made.
+        arrives: Time at which the drives arrive [s]; None where that is not the question.
+        allowed: Factor of the standard.
+        needed: Factor that was found.
+        run: The run.
     """
 
     move: str
@@ -74,8 +74,8 @@ class PickUp:
     """How a load is taken up.
 
     Attributes:
-        name: What it is called.
-        speed: Of the drum when the rope comes taut [m/s]; 0 where it is taut before.
+        name: Name of the way.
+        speed: Speed of the drum when the rope gets taut [m/s]; 0 where it is taut before.
         shaped: Whether the drive, which starts with a taut rope, is shaped for the bounce.
     """
 
@@ -94,48 +94,73 @@ HOISTINGS = (
 
 
 def across(setup: Setup) -> list[Need]:
-    """Return the need of ψ_h of trolley and slew: the pull of the rope along the way of its drive,
-    over the mass that hangs times the acceleration of which the drive is capable.
+    """Return the need of ψ_h of trolley and slew.
+
+    It is the pull of the rope along the way of the drive, over the mass that hangs times the
+    acceleration of which the drive is capable.
     """
-    return [
-        _moved(setup, move, strategy)
-        for move in MOVES
-        if move.name in ("trolley", "slew")
-        for strategy in CONTROLLED
-    ]
+    needs = []
+    for move in MOVES:
+        if move.name in ("trolley", "slew"):
+            needs += [_need_of_move(setup, move, strategy) for strategy in CONTROLLED]
+    return needs
 
 
-def _moved(setup: Setup, move: RestToRest, strategy: str) -> Need:
+def _need_of_move(setup: Setup, move: RestToRest, strategy: str) -> Need:
+    """Return the need of ψ_h of a move of the trolley or the slew alone."""
     crane = setup.crane
     plan = STRATEGIES[strategy](setup, move)
     run, _ = make(setup, move, plan, label=f"{move.name}, {strategy}", after=AFTER)
     columns = loads(crane, run)
-    lead = columns["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
+    if move.name == "trolley":
+        lead = columns["off_lead_rad"]
+        acceleration = LIMITS.accelerations[crane.layout.drive("x")]
+    else:
+        lead = columns["side_lead_rad"]
+        radius = move.start[1]
+        acceleration = LIMITS.accelerations[crane.layout.drive("gamma")] * radius
     pull = float(np.abs(columns["pull_N"] * np.tan(lead)).max())
-    radius = 1.0 if move.name == "trolley" else move.start[1]
-    drive = crane.layout.drive("x" if move.name == "trolley" else "gamma")
-    capable = LIMITS.accelerations[drive] * radius
-    needed = pull / (hanging_mass(crane) * capable)
-    return Need(move.name, strategy, plan.arrives, factors.psi_h_regulated(1.0), needed, run)
+    return Need(
+        move=move.name,
+        strategy=strategy,
+        arrives=plan.arrives,
+        allowed=factors.psi_h_regulated(1.0),
+        needed=pull / (hanging_mass(crane) * acceleration),
+        run=run,
+    )
 
 
 def upwards(setup: Setup) -> list[Need]:
-    """Return the need of φ2 of a load on a rope that stretches, beside the factor of the class of
-    this rope: 1 + v ω/g at full speed.
+    """Return the need of φ2 of a load on a rope that stretches.
+
+    It stands beside the factor of the class of this rope: 1 + v ω/g at full speed.
     """
     crane = ROPE.crane(gravity=setup.gravity, **POINT)
     length = at_start(crane, "l")
     omega = theory.rope_bounce(rope_stiffness(crane), length, crane.payload_mass)
     allowed = theory.pickup_factor(FULL_SPEED, omega, crane.gravity)
-    return [_taken_up(setup, crane, hoisting, omega, allowed) for hoisting in HOISTINGS]
+    return [_need_of_pick_up(setup, crane, hoisting, omega, allowed) for hoisting in HOISTINGS]
 
 
-def _taken_up(setup: Setup, crane: Crane, hoisting: PickUp, omega: float, allowed: float) -> Need:
+def _need_of_pick_up(
+    setup: Setup, crane: Crane, hoisting: PickUp, omega: float, allowed: float
+) -> Need:
+    """Return the need of φ2 of a load that is taken up.
+
+    Args:
+        setup: Clocks and engine.
+        crane: The crane.
+        hoisting: How the load is taken up.
+        omega: Frequency of the load on its rope [rad/s].
+        allowed: Factor of the standard.
+    """
     start = State(crane.start.q, crane.start.v.copy())
     controller: Controller
     reference: Reference | None = None
     if hoisting.speed:
-        start.v[crane.layout.at("l", "rope_stretch")] = -hoisting.speed, hoisting.speed
+        # The drum turns, and the load still stands.
+        start.v[crane.layout.index("l")] = -hoisting.speed
+        start.v[crane.layout.index("rope_stretch")] = hoisting.speed
         controller = zero_command(crane)
         duration = instant(2.0 * math.pi / omega, setup.control_period)
     else:
@@ -156,10 +181,18 @@ def _taken_up(setup: Setup, crane: Crane, hoisting: PickUp, omega: float, allowe
     return Need("hoist", hoisting.name, None, allowed, needed, run)
 
 
-def _lifted(crane: Crane, of_bounce: bool, omega: float) -> Reference:
-    """Return a move up at full speed and back to rest, at the limit of the acceleration."""
-    accelerations = [ACCELERATION] * crane.layout.m
-    base = joystick(
-        crane, crane.start, [JoystickPulse("l", -FULL_SPEED, 0.0, 3.0)], accelerations=accelerations
+def _lifted(crane: Crane, is_shaped: bool, omega: float) -> Reference:
+    """Return a move up at full speed and back to rest, at the limit of the acceleration.
+
+    Args:
+        crane: The crane.
+        is_shaped: Whether the move is shaped for the bounce.
+        omega: Frequency of the bounce [rad/s].
+    """
+    up = joystick(
+        crane,
+        crane.start,
+        [JoystickPulse("l", -FULL_SPEED, 0.0, 3.0)],
+        accelerations=[ACCELERATION] * crane.layout.m,
     )
-    return shaped(base, zv(), 2.0 * math.pi / omega) if of_bounce else base
+    return shaped(up, zv(), 2.0 * math.pi / omega) if is_shaped else up

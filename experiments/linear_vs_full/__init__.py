@@ -10,9 +10,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from experiments import harness
-from experiments.harness import Claim, Outcome, Setup
+from experiments.harness import Claim, Outcome, ResultTable, Setup
 from experiments.linear_vs_full import linear_moves, linear_results
-from experiments.linear_vs_full.linear_moves import ANGLES, SHARES, SITES, LinearCase
+from experiments.linear_vs_full.linear_moves import (
+    ANGLES,
+    SHARES,
+    SITES,
+    HoistingPowers,
+    LinearCase,
+)
 from experiments.linear_vs_full.linear_results import RPM
 
 DT = 4e-3
@@ -21,49 +27,62 @@ DT = 4e-3
 CONTROL_PERIOD = 4e-2
 """Time between control instants [s], coarser than elsewhere."""
 
-OF_STEP = 0.002
-"""The step's own error, over the swing: some ω dt/2 of it."""
+STEP_ERROR = 0.002
+"""Error of the step itself over the swing: some ω dt/2."""
 
 GOOD = 0.05
-"""What counts as good enough: root mean square of the error over the largest swing."""
+"""Root mean square of the error over the largest swing that counts as good enough."""
 
-ALONE = ("trolley", "trolley, spline")
+TROLLEY_ALONE = ("trolley", "trolley, spline")
 """Moves in which nothing slews and nothing is hoisted."""
 
-OF_SLEWING = ("γ̇² (x - lφ)", "2γ̇ (lθ)˙", "2γ̇ (ẋ - (lφ)˙)")
+JIB_50 = SITES[1]
+"""The crane with a jib of 50 m at 0.8 rpm, whose moves are drawn."""
+
+SLEWING_TERMS = ("γ̇² (x - lφ)", "2γ̇ (lθ)˙", "2γ̇ (ẋ - (lφ)˙)")
 """The centrifugal and Coriolis terms."""
 
-SHOWN = ("slew", "slew, trolley, fast hoist")
-"""Moves of the 71 EC-B 5 to look at."""
+SHOWN = {"swing_slew": "slew", "swing_all": "slew, trolley, fast hoist"}
+"""Moves of this crane that are drawn, by the name of the figure."""
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     """Make every move of every crane, slower slews, and slow hoisting."""
     setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
-    cranes = {site: site.crane(setup) for site in SITES}
-    cases = [
-        case
-        for site, crane in cranes.items()
-        for case in linear_moves.run_cases(setup, site, crane)
-    ]
-    slow, short = (
-        {
-            site.name: linear_moves.scan(setup, crane, slews(site, crane))
-            for site, crane in cranes.items()
-        }
-        for slews in (linear_moves.slow_slews, linear_moves.short_slews)
-    )
-    rates = {
-        site.name: site.slew * linear_moves.reaches(SHARES, slow[site.name], GOOD) for site in SITES
-    }
-    angles = {site.name: linear_moves.reaches(ANGLES, short[site.name], GOOD) for site in SITES}
-    hoisted = {site.name: linear_moves.powers(setup, site, crane) for site, crane in cranes.items()}
-    drawn = [case for case in cases if case.site is SITES[1] and case.job.name in SHOWN]
-    of_site = {site: [case for case in cases if case.site is site] for site in SITES}
+    cases: list[LinearCase] = []
+    slow: dict[str, list[float]] = {}
+    short: dict[str, list[float]] = {}
+    rates: dict[str, float] = {}
+    angles: dict[str, float] = {}
+    hoisted: dict[str, HoistingPowers] = {}
+    tables: list[ResultTable] = []
+    dropped_tables: list[ResultTable] = []
+    for site in SITES:
+        crane = site.crane(setup)
+        of_site = linear_moves.run_cases(setup, site, crane)
+        cases += of_site
+        tables.append(linear_results.errors_table(site, of_site))
+        dropped_tables.append(linear_results.dropped_table(site, of_site))
+        slow[site.name] = linear_moves.scan(setup, crane, linear_moves.slow_slews(site, crane))
+        short[site.name] = linear_moves.scan(setup, crane, linear_moves.short_slews(site, crane))
+        rates[site.name] = site.slew * linear_moves.reaches(SHARES, slow[site.name], GOOD)
+        angles[site.name] = linear_moves.reaches(ANGLES, short[site.name], GOOD)
+        hoisted[site.name] = linear_moves.powers(setup, site, crane)
+
+    figures = {}
+    trajectories = {}
+    recorded = {}
+    for figure, move in SHOWN.items():
+        case = next(case for case in cases if case.site is JIB_50 and case.job.name == move)
+        figures[figure] = linear_results.angles_figure(case, setup.gravity)
+        trajectories[move.replace(", ", "_").replace(" ", "_")] = case.run
+        recorded[move] = (JIB_50.crane(setup), case.run)
+    figures["slews"] = linear_results.slew_figure(slow, short, GOOD)
+    figures["dropped"] = linear_results.dropped_figure(cases, [*SHOWN.values()])
     return Outcome(
         tables=[
-            *(linear_results.errors_table(*site_cases) for site_cases in of_site.items()),
-            *(linear_results.dropped_table(*site_cases) for site_cases in of_site.items()),
+            *tables,
+            *dropped_tables,
             linear_results.rates_table(slow, rates, GOOD),
             linear_results.angles_table(short, angles, GOOD),
             linear_results.powers_table(hoisted),
@@ -75,20 +94,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "control_period_s": setup.control_period,
             "engine": setup.engine,
         },
-        trajectories={
-            case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in drawn
-        },
-        figures={
-            name: linear_results.angles_figure(case, setup.gravity)
-            for name, case in zip(("swing_slew", "swing_all"), drawn, strict=True)
-        }
-        | {
-            "slews": linear_results.slew_figure(slow, short, GOOD),
-            "dropped": linear_results.dropped_figure(cases, SHOWN),
-        },
-        recording=harness.side_by_side(
-            {case.job.name: (cranes[case.site], case.run) for case in drawn}, apart=120.0
-        ),
+        trajectories=trajectories,
+        figures=figures,
+        recording=harness.side_by_side(recorded, apart=120.0),
     )
 
 
@@ -96,27 +104,33 @@ def claims(
     cases: Sequence[LinearCase],
     rates: Mapping[str, float],
     angles: Mapping[str, float],
-    hoisted: Mapping[str, Sequence[float]],
+    hoisted: Mapping[str, HoistingPowers],
 ) -> list[Claim]:
-    """Claim where the linear equations hold, as far as these moves show it."""
-    alone = [case.paper.rms for case in cases if case.job.name in ALONE]
+    """Return the claims on where the linear equations hold, as far as these moves show it.
+
+    Args:
+        cases: All moves of all cranes.
+        rates: Slew rate up to which they are good enough [rad/s], by crane.
+        angles: Slew angle up to which they are good enough [°], by crane.
+        hoisted: Powers of slow hoisting, by crane.
+    """
+    alone = [case.paper.rms for case in cases if case.job.name in TROLLEY_ALONE]
     slewing = [case for case in cases if case.job.name.startswith("slew")]
-    terms = [
-        case.dropped[name]
-        for case in slewing
-        for name in OF_SLEWING
-        if case.site is SITES[1] and "spline" not in case.job.name
-    ]
+    terms = []
+    for case in slewing:
+        if case.site is JIB_50 and "spline" not in case.job.name:
+            terms += [case.dropped[name] for name in SLEWING_TERMS]
     off = [case.paper.rms for case in slewing]
-    back = [case.rates.rms for case in cases]
-    full_speed = min(case.paper.rms for case in cases if case.job.name not in ALONE)
+    all_rates = [case.rates.rms for case in cases]
+    full_speed = min(case.paper.rms for case in cases if case.job.name not in TROLLEY_ALONE)
     shares = [rates[site.name] / site.slew for site in SITES]
-    plant, eq8 = ([powers[k] for powers in hoisted.values()] for k in (0, 1))
+    plant = [powers.plant for powers in hoisted.values()]
+    eq8 = [powers.paper for powers in hoisted.values()]
     return [
         Claim(
             f"Trolley alone at full speed: Eq. (8) is off by {_span(alone)} on every crane, less "
-            f"than the step's own {100 * OF_STEP:g} %.",
-            max(alone) < OF_STEP,
+            f"than the step's own {100 * STEP_ERROR:g} %.",
+            max(alone) < STEP_ERROR,
         ),
         Claim(
             "Jib of 50 m at 0.8 rpm: the centrifugal and Coriolis terms dropped are "
@@ -129,9 +143,9 @@ def claims(
             min(off) > 0.3,
         ),
         Claim(
-            f"With the dropped terms put back every move is within 5 % ({_span(back)}), left by "
-            "finite angles.",
-            max(back) < 0.05,
+            f"With the dropped terms put back every move is within 5 % ({_span(all_rates)}), "
+            "left by finite angles.",
+            max(all_rates) < 0.05,
         ),
         Claim(
             f"Hoisted slowly a swing goes with the power {plant[0]:+.3f} of the cable, by Eq. (8) "
@@ -150,6 +164,7 @@ def claims(
 
 
 def _span(shares: Sequence[float]) -> str:
+    """Return the least and the largest share as text [%]."""
     return f"{100 * min(shares):.1f} to {100 * max(shares):.1f} %"
 
 

@@ -34,14 +34,17 @@ from experiments.linear_vs_full.linear_equations import (
 from experiments.scenarios.crane_variants import POINT
 from experiments.scenarios.moves import instant
 
-RAMPS = (5.0, 4.0)
-"""Time in which slew and trolley reach their speed [s]; ours."""
+SLEW_RAMP = 5.0
+"""Time in which the slew reaches its rate [s]; our choice."""
 
-HOISTING = 0.4
-"""Acceleration of the hoist [m/s²]; ours."""
+TROLLEY_RAMP = 4.0
+"""Time in which the trolley reaches its speed [s]; our choice."""
 
-QUARTER = math.pi / 2.0
-"""How far every slew goes [rad]."""
+HOIST_ACCELERATION = 0.4
+"""Acceleration of the hoist [m/s²]; our choice."""
+
+QUARTER_TURN = math.pi / 2.0
+"""Angle of every slew at full rate [rad]."""
 
 
 class SiteCrane(NamedTuple):
@@ -50,10 +53,11 @@ class SiteCrane(NamedTuple):
     Attributes:
         name: What it is called.
         jib: Largest trolley radius [m].
-        height: Of the hook at most, taken as the longest cable [m].
+        height: Largest height of the hook, which is taken as the longest cable [m].
         trolley: Speed of the trolley [m/s].
         slew: Slew rate [rad/s].
-        hoist: Speed of the hoist with a heavy load and with a light one [m/s].
+        slow_hoist: Speed of the hoist with a heavy load [m/s].
+        fast_hoist: Speed of the hoist with a light load [m/s].
     """
 
     name: str
@@ -61,7 +65,8 @@ class SiteCrane(NamedTuple):
     height: float
     trolley: float
     slew: float
-    hoist: tuple[float, float]
+    slow_hoist: float
+    fast_hoist: float
 
     def crane(self, setup: Setup, **values: float) -> Crane:
         """Return the crane, by default with a point load; its mast is high enough for the
@@ -77,28 +82,48 @@ class SiteCrane(NamedTuple):
 
     @property
     def accelerations(self) -> tuple[float, float, float]:
-        """Of slew [rad/s²], trolley and hoist [m/s²]."""
-        return self.slew / RAMPS[0], self.trolley / RAMPS[1], HOISTING
+        """Accelerations of slew [rad/s²], trolley and hoist [m/s²]."""
+        return self.slew / SLEW_RAMP, self.trolley / TROLLEY_RAMP, HOIST_ACCELERATION
 
 
-_HOIST = (17.0 / 60.0, 134.0 / 60.0)
+SLOW_HOIST = 17.0
+"""Speed of the makers' hoists with the heaviest load [m/min]."""
+
+FAST_HOIST = 134.0
+"""Speed of the makers' hoists with a light load [m/min]."""
 
 
-def _site(name: str, jib: float, height: float, trolley: float, slew: float) -> SiteCrane:
-    return SiteCrane(name, jib, height, trolley / 60.0, slew * math.pi / 30.0, _HOIST)
+def _listed_crane(name: str, jib: float, height: float, trolley: float, slew: float) -> SiteCrane:
+    """Return a crane of a maker's list.
 
+    Args:
+        name: What it is called.
+        jib: Largest trolley radius [m].
+        height: Largest height of the hook [m].
+        trolley: Speed of the trolley [m/min].
+        slew: Slew rate [1/min].
+    """
+    return SiteCrane(
+        name,
+        jib,
+        height,
+        trolley / 60.0,
+        slew * math.pi / 30.0,
+        SLOW_HOIST / 60.0,
+        FAST_HOIST / 60.0,
+    )
+
+
+ARTICLE_CRANE = SiteCrane("article's crane", 22.0, 26.4, 0.8, 0.08, SLOW_HOIST / 60.0, 0.8)
+"""The article's crane with the speeds of the demo."""
 
 SITES = (
-    SiteCrane("article's crane", 22.0, 26.4, 0.8, 0.08, (17.0 / 60.0, 0.8)),
-    _site("71 EC-B 5", 50.0, 45.0, 63.0, 0.8),
-    _site("380 EC-B 16", 75.0, 83.0, 95.0, 0.8),
-    _site("L1-24", 25.0, 19.0, 22.0, 0.5),
+    ARTICLE_CRANE,
+    _listed_crane("71 EC-B 5", 50.0, 45.0, 63.0, 0.8),
+    _listed_crane("380 EC-B 16", 75.0, 83.0, 95.0, 0.8),
+    _listed_crane("L1-24", 25.0, 19.0, 22.0, 0.5),
 )
-"""The article's crane with the speeds of the demo, and three of a maker's list: jib [m], hook
-height [m], trolley [m/min], slew [1/min].
-
-Their hoists run at 17 to 134 m/min, the slower the heavier the load.
-"""
+"""The article's crane, and three of a maker's list."""
 
 
 class Job(NamedTuple):
@@ -124,27 +149,36 @@ def jobs(site: SiteCrane, crane: Crane) -> list[Job]:
     middle = 0.5 * site.jib
     tip = 0.9 * site.jib
     high = 2.0 / 3.0 * site.height
-    outward = JoystickPulse("x", site.trolley, 0.0, 0.4 * site.jib / site.trolley)
-    slew = JoystickPulse("gamma", site.slew, 0.0, QUARTER / site.slew)
-    slow, fast = (
-        JoystickPulse("l", -speed, 0.0, share_of_height * site.height / speed)
-        for speed, share_of_height in zip(site.hoist, (0.3, 0.6), strict=True)
-    )
-    inside, outside, below = (
-        crane.state(x=x, l=cable)
-        for x, cable in ((middle, high), (tip, high), (middle, 0.9 * site.height))
-    )
+    low = 0.9 * site.height
+    inside = crane.state(x=middle, l=high)
+    outside = crane.state(x=tip, l=high)
+    below = crane.state(x=middle, l=low)
+    outward = _full_speed("x", site.trolley, 0.4 * site.jib)
+    slew = _full_speed("gamma", site.slew, QUARTER_TURN)
+    slow = _full_speed("l", -site.slow_hoist, 0.3 * site.height)
+    fast = _full_speed("l", -site.fast_hoist, 0.6 * site.height)
     pulsed = partial(_pulsed, crane, site.accelerations)
     return [
         _splined("trolley, spline", site, crane, inside, (0.0, tip, high)),
         pulsed("trolley", inside, outward),
-        _splined("slew, spline", site, crane, outside, (QUARTER, tip, high)),
+        _splined("slew, spline", site, crane, outside, (QUARTER_TURN, tip, high)),
         pulsed("slew", outside, slew),
         pulsed("slew, trolley", inside, slew, outward),
         pulsed("trolley, slow hoist", below, outward, slow),
         pulsed("trolley, fast hoist", below, outward, fast),
         pulsed("slew, trolley, fast hoist", below, slew, outward, fast),
     ]
+
+
+def _full_speed(symbol: str, rate: float, distance: float) -> JoystickPulse:
+    """Return the pulse of the joystick that moves a drive by a distance at a rate.
+
+    Args:
+        symbol: Symbol of the drive.
+        rate: Rate, with the sign of the direction [rad/s or m/s].
+        distance: Distance [rad or m].
+    """
+    return JoystickPulse(symbol, rate, 0.0, distance / abs(rate))
 
 
 SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32)
@@ -159,17 +193,14 @@ ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 
 def slow_slews(site: SiteCrane, crane: Crane) -> list[Job]:
     """Return slews at shares of the crane's rate, reached in the usual time."""
-    slew, *accelerations = site.accelerations
-    return [
-        _pulsed(
-            crane,
-            (share * slew, *accelerations),
-            f"slew at {share:g} of the rate",
-            _outside(site, crane),
-            JoystickPulse("gamma", share * site.slew, 0.0, HOLD),
-        )
-        for share in SHARES
-    ]
+    slew, trolley, hoist = site.accelerations
+    slews = []
+    for share in SHARES:
+        name = f"slew at {share:g} of the rate"
+        pulse = JoystickPulse("gamma", share * site.slew, 0.0, HOLD)
+        accelerations = (share * slew, trolley, hoist)
+        slews.append(_pulsed(crane, accelerations, name, _outside(site, crane), pulse))
+    return slews
 
 
 def short_slews(site: SiteCrane, crane: Crane) -> list[Job]:
@@ -179,31 +210,40 @@ def short_slews(site: SiteCrane, crane: Crane) -> list[Job]:
     slews = []
     for angle in ANGLES:
         angle_rad = math.radians(angle)
+        # The joystick is held while the jib speeds up over half of the angle, t = √(angle/a); or,
+        # if the jib reaches its rate before, for as long as the angle takes at this rate.
         hold = max(math.sqrt(angle_rad / site.accelerations[0]), angle_rad / site.slew)
         pulse = JoystickPulse("gamma", site.slew, 0.0, hold)
         name = f"slew of {angle:g}°"
-        start = _outside(site, crane)
-        slews.append(_pulsed(crane, site.accelerations, name, start, pulse))
+        slews.append(_pulsed(crane, site.accelerations, name, _outside(site, crane), pulse))
     return slews
 
 
 def _outside(site: SiteCrane, crane: Crane) -> State:
+    """Return the crane at rest with the trolley near the tip of the jib."""
     return crane.state(x=0.9 * site.jib, l=2.0 / 3.0 * site.height)
 
 
 def _splined(name: str, site: SiteCrane, crane: Crane, start: State, goal: Sequence[float]) -> Job:
-    rates = (site.slew, site.trolley, site.hoist[1])
-    accelerations = site.accelerations
-    (duration,) = shortest(crane, start, [goal], rates=rates, accelerations=accelerations)
+    """Return a move by a quintic spline, as fast as the limits of the drives allow."""
+    (duration,) = shortest(
+        crane,
+        start,
+        [goal],
+        rates=(site.slew, site.trolley, site.fast_hoist),
+        accelerations=site.accelerations,
+    )
     return Job(name, start, spline(crane, start, [goal], [duration]), duration)
 
 
 def _pulsed(
     crane: Crane, accelerations: Sequence[float], name: str, start: State, *pulses: JoystickPulse
 ) -> Job:
+    """Return a move by pulses of the joystick, which ends once all drives stand still again."""
     limits = dict(zip(("gamma", "x", "l"), accelerations, strict=True))
-    arrival = max(pulse.at + pulse.hold + abs(pulse.rate) / limits[pulse.drive] for pulse in pulses)
-    return Job(name, start, joystick(crane, start, pulses, accelerations=accelerations), arrival)
+    ends = [pulse.at + pulse.hold + abs(pulse.rate) / limits[pulse.drive] for pulse in pulses]
+    reference = joystick(crane, start, pulses, accelerations=accelerations)
+    return Job(name, start, reference, max(ends))
 
 
 INERTIA = {"payload_inertia": 400.0, "dummy_mass": 50.0, "dummy_inertia": 50.0}
@@ -212,10 +252,10 @@ INERTIA = {"payload_inertia": 400.0, "dummy_mass": 50.0, "dummy_inertia": 50.0}
 SWING = 0.02
 """Swing at the start of slow hoisting [rad]."""
 
-DEEP = 0.9
+SLOW_START = 0.9
 """Cable length before slow hoisting, over the longest."""
 
-HIGH = 0.45
+SLOW_END = 0.45
 """Cable length after slow hoisting, over the longest."""
 
 
@@ -224,14 +264,15 @@ class LinearCase(NamedTuple):
     it.
 
     Attributes:
-        site, job: Which crane and move.
-        run: What the plant did.
-        paper: The paper's equations against it.
-        rates: The equations with all rates against it.
-        rigid: The paper's equations against the plant with the article's inertia, where that was
-            run.
-        kept: The larger of ẍ and x γ̈ [m/s²].
-        dropped: What the paper drops, by formula, as a share of that.
+        site: The crane.
+        job: The move.
+        run: The run of the plant.
+        paper: Error of the paper's equations.
+        rates: Error of the equations with all rates.
+        rigid: Error of the paper's equations beside the plant with the article's inertia; None
+            where that was not run.
+        kept: The larger of ẍ and x γ̈, which the paper keeps [m/s²].
+        dropped: Largest value of each term that the paper drops, over this, by its formula.
     """
 
     site: SiteCrane
@@ -260,38 +301,62 @@ def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
 
 
 def run_cases(setup: Setup, site: SiteCrane, crane: Crane) -> list[LinearCase]:
-    """Make every move of one crane with a point load; with inertia besides where it is known, on
-    the article's crane.
+    """Make every move of one crane with a point load.
+
+    The article's crane, whose inertia is known, makes it with that besides.
     """
-    rigid = site.crane(setup, **INERTIA) if site is SITES[0] else None
-
-    def missed(run: Trajectory, model: Model) -> Miss:
-        return miss(run, integrate(run, model, setup.gravity))
-
+    rigid_crane = site.crane(setup, **INERTIA) if site is ARTICLE_CRANE else None
     cases = []
     for job in jobs(site, crane):
         label = f"{site.name}: {job.name}"
         run = move(setup, crane, job, label)
-        inertia = missed(move(setup, rigid, job, f"{label}, inertia"), paper) if rigid else None
-        misses = missed(run, paper), missed(run, all_rates), inertia
-        cases.append(LinearCase(site, job, run, *misses, *dropped(run)))
+        rigid = None
+        if rigid_crane is not None:
+            rigid_run = move(setup, rigid_crane, job, f"{label}, inertia")
+            rigid = _missed(setup, rigid_run, paper)
+        kept, dropped_terms = dropped(run)
+        case = LinearCase(
+            site=site,
+            job=job,
+            run=run,
+            paper=_missed(setup, run, paper),
+            rates=_missed(setup, run, all_rates),
+            rigid=rigid,
+            kept=kept,
+            dropped=dropped_terms,
+        )
+        cases.append(case)
     return cases
+
+
+def _missed(setup: Setup, run: Trajectory, model: Model) -> Miss:
+    """Return the error of a model beside a run."""
+    return miss(run, integrate(run, model, setup.gravity))
 
 
 def scan(setup: Setup, crane: Crane, jobs_of_crane: Sequence[Job]) -> list[float]:
     """Return the error of the paper's equations in each of some moves, root mean square over the
     largest swing.
     """
-    trajectories = [move(setup, crane, job, job.name) for job in jobs_of_crane]
-    return [miss(run, integrate(run, paper, setup.gravity)).rms for run in trajectories]
+    errors = []
+    for job in jobs_of_crane:
+        run = move(setup, crane, job, job.name)
+        errors.append(_missed(setup, run, paper).rms)
+    return errors
 
 
 def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> float:
-    """Return the value at which an error that grows with it reaches `good`, interpolated between
-    two neighbours by their logarithms.
+    """Return the value at which an error that grows with it is just good enough.
+
+    It is interpolated between two neighbours by their logarithms.
+
+    Args:
+        values: Values.
+        errors: Error at each.
+        good: Largest error that is good enough.
 
     Raises:
-        DataError: If it is not that large, or not that small, at any.
+        DataError: If the error is good enough at all values, or at none.
     """
     by_size = sorted(zip(errors, values, strict=True))
     for (low, value), (high, next_value) in itertools.pairwise(by_size):
@@ -302,23 +367,36 @@ def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> fl
     )
 
 
-def powers(setup: Setup, site: SiteCrane, crane: Crane) -> list[float]:
-    """Return the power of the cable length with which a free swing changes when it is hoisted
-    slowly: in the plant, and by Eq. (8).
+class HoistingPowers(NamedTuple):
+    """Powers of the cable length with which a free swing changes when it is hoisted slowly.
+
+    Attributes:
+        plant: In the run of the plant.
+        paper: By the paper's Eq. (8).
     """
-    first = DEEP * site.height
-    last = HIGH * site.height
+
+    plant: float
+    paper: float
+
+
+def powers(setup: Setup, site: SiteCrane, crane: Crane) -> HoistingPowers:
+    """Return the powers of slow hoisting of a crane."""
+    first = SLOW_START * site.height
+    last = SLOW_END * site.height
     start = crane.state(l=first, phi=SWING)
-    duration = 15.0 / 8.0 * (first - last) / site.hoist[0]
+    # The largest rate of a quintic spline is 15/8 of its mean: it is the slow speed of the hoist.
+    duration = 15.0 / 8.0 * (first - last) / site.slow_hoist
     goal = (0.0, start.q[crane.layout.index("x")], last)
     job = Job("", start, spline(crane, start, [goal], [duration]), duration)
     run = move(setup, crane, job, f"{site.name}: slow hoisting")
-    by_model = integrate(run, paper, setup.gravity)
-    amplitudes = [
-        swing_amplitude(swing[-1:], rates[-1:], last, setup.gravity)[0]
-        for swing, rates in (
-            (run.coordinates("phi", "theta"), run.rates("phi", "theta")),
-            np.split(by_model, 2, axis=1),
-        )
-    ]
-    return [math.log(amplitude / SWING) / math.log(last / first) for amplitude in amplitudes]
+    by_paper, by_paper_rates = np.split(integrate(run, paper, setup.gravity), 2, axis=1)
+
+    def power(swing: np.ndarray, rates: np.ndarray) -> float:
+        """Return the power from the swing at the end."""
+        amplitude = swing_amplitude(swing[-1:], rates[-1:], last, setup.gravity)[0]
+        return math.log(amplitude / SWING) / math.log(last / first)
+
+    return HoistingPowers(
+        plant=power(run.coordinates("phi", "theta"), run.rates("phi", "theta")),
+        paper=power(by_paper, by_paper_rates),
+    )

@@ -14,12 +14,13 @@ from experiments.harness import Column, ResultTable, make_table
 from experiments.linear_vs_full.linear_equations import all_rates, integrate, paper
 from experiments.linear_vs_full.linear_moves import (
     ANGLES,
-    DEEP,
-    HIGH,
     HOLD,
-    RAMPS,
     SHARES,
     SITES,
+    SLEW_RAMP,
+    SLOW_END,
+    SLOW_START,
+    HoistingPowers,
     LinearCase,
     SiteCrane,
 )
@@ -43,7 +44,7 @@ def errors_table(site: SiteCrane, cases: Sequence[LinearCase]) -> ResultTable:
         ("all rates: rms [%]", ".1f", lambda c: 100.0 * c.rates.rms),
         ("with inertia: rms [%]", ".1f", lambda c: c.rigid and 100.0 * c.rigid.rms),
         note=f"Jib {site.jib:g} m, cable {site.height:g} m, trolley {site.trolley:.2f} m/s, slew "
-        f"{site.slew * RPM:.2f} rpm, hoist {site.hoist[0]:.2f} and {site.hoist[1]:.2f} m/s.",
+        f"{site.slew * RPM:.2f} rpm, hoist {site.slow_hoist:.2f} and {site.fast_hoist:.2f} m/s.",
     )
 
 
@@ -72,7 +73,7 @@ def rates_table(
         errors,
         [f"{share:g} [%]" for share in SHARES],
         (f"{100.0 * good:g} % at [rpm]", ".3f", lambda name: rates[name] * RPM),
-        f"The rate is reached in {RAMPS[0]:g} s, and left {HOLD:g} s after the start; root mean "
+        f"The rate is reached in {SLEW_RAMP:g} s, and left {HOLD:g} s after the start; root mean "
         "square over the largest swing.",
     )
 
@@ -102,38 +103,36 @@ def _scan_table(
     return make_table(title, errors, ("crane", "", str), *columns, limit, note=note)
 
 
-def powers_table(powers: Mapping[str, Sequence[float]]) -> ResultTable:
+def powers_table(powers: Mapping[str, HoistingPowers]) -> ResultTable:
     """Return how a free swing changes on a cable that is hoisted slowly."""
     return make_table(
         "Power of the cable length with which a free swing changes",
         powers,
         ("crane", "", str),
-        ("plant", "+.3f", lambda name: powers[name][0]),
-        ("Eq. (8)", "+.3f", lambda name: powers[name][1]),
-        note=f"Cable from {DEEP:g} to {HIGH:g} of its longest. By the action: -3/4, and +1/4 for l "
-        "φ̈ + g φ = 0, which lacks 2 l̇ φ̇.",
+        ("plant", "+.3f", lambda name: powers[name].plant),
+        ("Eq. (8)", "+.3f", lambda name: powers[name].paper),
+        note=f"Cable from {SLOW_START:g} to {SLOW_END:g} of its longest. By the action: -3/4, and "
+        "+1/4 for l φ̈ + g φ = 0, which lacks 2 l̇ φ̇.",
     )
 
 
-_CRANES = ("theta", "x", "gamma", "l")
+_CRANE_COLOURS = ("theta", "x", "gamma", "l")
+"""Colour of each crane, by its key in `COLOURS`."""
 
 
 def angles_figure(case: LinearCase, gravity: float) -> Figure:
     """Draw both angles of the plant, of the paper's equations, and with all rates kept."""
     figure, axes = panels(2, height=2.6, sharex=True)
-    swings = {
-        "Eqs. (8), (10)": integrate(case.run, paper, gravity),
-        "all rates kept": integrate(case.run, all_rates, gravity),
-    }
-    for ax, i, angle in zip(axes, (0, 1), ("φ", "θ"), strict=True):
-        angle = np.degrees(case.run.coordinates("phi", "theta")[:, i])
-        ax.plot(case.run.t, angle, color=COLOURS["x"], label="plant")
-        for (name, swing), colour, line in zip(
-            swings.items(), (COLOURS["gamma"], COLOURS["unexplained"]), ("-", ":"), strict=True
-        ):
-            ax.plot(
-                case.run.t, np.degrees(swing[:, i]), line, color=colour, linewidth=1.2, label=name
-            )
+    models = (
+        ("Eqs. (8), (10)", integrate(case.run, paper, gravity), "-", COLOURS["gamma"]),
+        ("all rates kept", integrate(case.run, all_rates, gravity), ":", COLOURS["unexplained"]),
+    )
+    for i, (ax, angle) in enumerate(zip(axes, ("φ", "θ"), strict=True)):
+        swing = np.degrees(case.run.coordinates("phi", "theta")[:, i])
+        ax.plot(case.run.t, swing, color=COLOURS["x"], label="plant")
+        for name, modelled, line, colour in models:
+            degrees = np.degrees(modelled[:, i])
+            ax.plot(case.run.t, degrees, line, color=colour, linewidth=1.2, label=name)
         ax.axvline(case.job.arrival, linestyle="--", color=COLOURS["limit"], linewidth=1.0)
         ax.set_ylabel(f"{angle} [°]")
     axes[0].legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
@@ -146,7 +145,7 @@ def slew_figure(
 ) -> Figure:
     """Draw the error over slew rate and over slew angle, for each crane."""
     figure, (left, right) = panels(1, 2, height=3.8, sharey=True)
-    for site, colour in zip(SITES, _CRANES, strict=True):
+    for site, colour in zip(SITES, _CRANE_COLOURS, strict=True):
         rates = RPM * site.slew * np.array(SHARES)
         errors = 100.0 * np.array(slow[site.name])
         left.loglog(rates, errors, ".-", color=COLOURS[colour], label=site.name)
@@ -171,7 +170,7 @@ def dropped_figure(cases: Sequence[LinearCase], moves: Sequence[str]) -> Figure:
     for ax, name in zip(axes, moves, strict=True):
         of_move = [case for case in cases if case.job.name == name]
         positions = np.arange(len(of_move[0].dropped))
-        for k, (case, colour) in enumerate(zip(of_move, _CRANES, strict=True)):
+        for k, (case, colour) in enumerate(zip(of_move, _CRANE_COLOURS, strict=True)):
             shares = [100.0 * share for share in case.dropped.values()]
             height = positions + 0.2 * (k - 1.5)
             ax.barh(height, shares, 0.2, color=COLOURS[colour], label=case.site.name)

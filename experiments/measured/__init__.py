@@ -28,13 +28,13 @@ from experiments.measured.sources import SOURCES, PublicRecords
 if TYPE_CHECKING:
     from cranedyn.recording import Run
 
-STEPS = 60
+MIN_SENSOR_STEPS = 60
 """Least peak-to-peak swing of a record, in steps of its sensor.
 
 Of a smaller swing the sensor shows its steps rather than the motion.
 """
 
-COVERED = 12 / 13
+MIN_AGREEING_SHARE = 12 / 13
 """Least share of the records whose offset agrees with the mean of all."""
 
 MAX_FIGURES = 4
@@ -93,7 +93,7 @@ def _identified(source: PublicRecords, logs: list[tuple[str, Log]], setup: Setup
     records = [
         Record.of(prior.crane, columns, name=name)
         for name, columns in logs
-        if _steps(columns["phi_rad"]) >= STEPS
+        if _steps(columns["phi_rad"]) >= MIN_SENSOR_STEPS
     ]
     count = setup.reporter.count(source.name, len(records))
     estimates = []
@@ -141,57 +141,73 @@ def _held_out(estimate: Estimate, peers: Sequence[Estimate]) -> float | None:
         return None
     model = estimate.model
     means = _means(peers)
-    values = np.array(
-        [
-            means[p.name] if p.record is None else value
-            for p, value in zip(model.parameters, estimate.values.tolist(), strict=True)
-        ]
-    )
+    values = []
+    for p, value in zip(model.parameters, estimate.values.tolist(), strict=True):
+        values.append(means[p.name] if p.record is None else value)
     measured = model.measured(0)[0]
-    error = model.predicted(0, values[None])[0, 0] - measured
+    error = model.predicted(0, np.array(values)[None])[0, 0] - measured
     return float(np.sqrt(np.mean(error**2)) / np.std(measured))
 
 
 def _outcome(singles: Sequence[Single], drives: Sequence[Log], count: int) -> Outcome:
-    shares = {
-        name: min(s.estimate.least_explained for s in singles if s.source == name)
-        for name in dict.fromkeys(single.source for single in singles)
-    }
-    claims = [
-        Claim(
-            f"{name}: each record alone explains {100 * EXPLAINED_SHARE:g} % of its swing at least "
-            f"({100 * share:.1f} % of {column}).",
-            share >= EXPLAINED_SHARE,
+    """Return tables, claims and figures.
+
+    Args:
+        singles: Records identified alone.
+        drives: Logs whose motor has a command.
+        count: Number of all records, those included that swing too little.
+    """
+    claims = []
+    for name in dict.fromkeys(single.source for single in singles):
+        of_source = [single.estimate.least_explained for single in singles if single.source == name]
+        share, column = min(of_source)
+        claims.append(
+            Claim(
+                f"{name}: each record alone explains {100 * EXPLAINED_SHARE:g} % of its swing at least "
+                f"({100 * share:.1f} % of {column}).",
+                share >= EXPLAINED_SHARE,
+            )
         )
-        for name, (share, column) in shares.items()
-    ]
-    moved = [s.record for s in singles if "x_dot_m_s" in s.record.columns]
-    fits = [fit(moved, names) for names in CANDIDATES] if len(moved) > 1 else []
-    best = min(fits, key=lambda f: f.criterion) if fits else None
-    if best is not None:
-        claims += _shared(best, fits[1])
-    chosen = [
-        singles[i] for i in np.unique(np.linspace(0, len(singles) - 1, MAX_FIGURES, dtype=int))
-    ]
+    tables = [_records_table(singles, count)]
+    # Effects are told apart by records of a trolley that moves.
+    moved = [single.record for single in singles if "x_dot_m_s" in single.record.columns]
+    if len(moved) > 1:
+        fits = [fit(moved, names) for names in CANDIDATES]
+        best = min(fits, key=lambda one: one.criterion)
+        claims += _shared_claims(best, fits[1])
+        tables += [effects_table(fits), offsets_table(best, moved)]
+    if drives:
+        tables.append(drive_table(drives))
+
+    # Records that are drawn, evenly among all.
+    indices = np.unique(np.linspace(0, len(singles) - 1, MAX_FIGURES, dtype=int)).tolist()
+    figures = {}
+    recording: list[Run] = []
+    for number, index in enumerate(indices):
+        figures[f"record_{number + 1}"] = beside(singles[index].estimate, 0)
+        recording += _runs(singles[index], 4.0 * number)
     return Outcome(
-        tables=[
-            _records_table(singles, count),
-            *([] if best is None else [effects_table(fits), offsets_table(best, moved)]),
-            *([drive_table(drives)] if drives else []),
-        ],
+        tables=tables,
         claims=claims,
         parameters={
             "sources": [f"{source.repository}@{source.commit}" for source in SOURCES],
-            "least_steps": STEPS,
+            "least_steps": MIN_SENSOR_STEPS,
         },
-        figures={f"record_{i + 1}": beside(single.estimate, 0) for i, single in enumerate(chosen)},
-        recording=[run for i, single in enumerate(chosen) for run in _runs(single, 4.0 * i)],
+        figures=figures,
+        recording=recording,
     )
 
 
 def _runs(single: Single, aside: float) -> list[Run]:
-    """Return a record and its twin, drawn into each other; the recorded swing without its bias, its
-    lateness and what an average takes of its size.
+    """Return a record and its twin, drawn into each other.
+
+    The recorded swing is shown without the errors of its sensor: without bias and delay, and as
+    large as it was before it was averaged. An average over a window W takes sinc(W/T) off a swing
+    with the period T, and delays it by W/2.
+
+    Args:
+        single: The record.
+        aside: Distance of both from the axis of the recording [m].
     """
     from cranedyn.recording import Run
 
@@ -210,7 +226,7 @@ def _runs(single: Single, aside: float) -> list[Run]:
     i = crane.layout.index(joint.symbol)
     q[:, i] = (swing - numbers.get(f"{joint.symbol}_bias", 0.0)) / np.sinc(window / period)
     v[:, i] = np.gradient(q[:, i], twin.t)
-    energies = [energy(crane, State(*row)) for row in zip(q, v, strict=True)]
+    energies = [energy(crane, State(*qv)) for qv in zip(q, v, strict=True)]
     recorded = replace(twin, q=q, v=v, energy=np.array(energies))
     return [
         Run(f"{record.name}: {name}", crane, run, (0.0, aside, 0.0))
@@ -218,10 +234,16 @@ def _runs(single: Single, aside: float) -> list[Run]:
     ]
 
 
-def _shared(best: Fit, averaged: Fit) -> list[Claim]:
-    """Return the claims on all records of the crane whose trolley moves, fitted together."""
+def _shared_claims(best: Fit, averaged: Fit) -> list[Claim]:
+    """Return the claims on all records of the crane whose trolley moves, fitted together.
+
+    Args:
+        best: The fit with the best effects.
+        averaged: The fit whose only effect is that the sensor averages over a window.
+    """
     effects = " and ".join(best.names[1:]) or "nothing else"
-    spread, former = (1e3 * f.offsets.std() for f in (best, averaged))
+    spread = 1e3 * best.offsets.std()
+    former = 1e3 * averaged.offsets.std()
     mean, agree = best.agreement
     gravity, margin = best.gravity
     return [
@@ -231,9 +253,10 @@ def _shared(best: Fit, averaged: Fit) -> list[Claim]:
             spread < 0.5 * former,
         ),
         Claim(
-            f"Then the offset of {100 * COVERED:.0f} % of the records at least agrees with the "
-            f"mean, {1e3 * mean:.1f} mm, within its interval ({agree.sum()} of {len(agree)}).",
-            bool(agree.mean() >= COVERED),
+            f"Then the offset of {100 * MIN_AGREEING_SHARE:.0f} % of the records at least agrees "
+            f"with the mean, {1e3 * mean:.1f} mm, within its interval ({agree.sum()} of "
+            f"{len(agree)}).",
+            bool(agree.mean() >= MIN_AGREEING_SHARE),
         ),
         Claim(
             f"Their gravity, {gravity:.3f} ± {margin:.3f} m/s², holds the standard one (an "
@@ -266,7 +289,7 @@ def _records_table(singles: Sequence[Single], count: int) -> ResultTable:
         note="Offset: pendulum less recorded cable. ±: half the 95 % interval. Held out: RMS error "
         "predicted with the means of the others, over the standard deviation. "
         f"{within} of {len(others)} intervals hold the mean. {count - len(singles)} of {count} "
-        f"records swing by less than {STEPS} steps of their sensor and are left out.",
+        f"records swing by less than {MIN_SENSOR_STEPS} steps of their sensor and are left out.",
     )
 
 

@@ -26,38 +26,39 @@ from cranedyn.references.limits import LARGE_CRANE, Limits
 from cranedyn.references.motion import Motion
 from experiments.harness.setup import Setup
 
-CLOSE = 0.010
-"""How near the payload must stay to its goal to count as settled [m]."""
+SETTLED_DISTANCE = 0.010
+"""Largest distance of the payload from its goal at which it counts as settled [m]."""
 
 AFTER = 20.0
-"""How long a move is watched after the arrival [s]."""
+"""Time for which a move is watched after the arrival [s]."""
 
 DRAG = 5.0
 """Drag coefficient times area of the load that gusts blow at [m²]."""
 
 LIMITS = LARGE_CRANE
-"""What the drives may do."""
+"""Limits of the drives."""
 
 IDEAL = "ideal"
-"""Drives that take what each strategy answers."""
+"""Name of drives that take what each strategy answers, efforts or accelerations."""
 
 TOUR_LIMITS = Limits(rates=(0.08, 0.8, 0.8), accelerations=LIMITS.accelerations)
-"""The same in a tour: rates of the article's demonstration are not published, these are ours."""
+"""Limits of the drives in a tour. The rates of the article's demonstration are not published; these
+are ours."""
 
 DWELL = 6.0
-"""How long a tour stands still after each leg [s]."""
+"""Time for which a tour stands still after each leg [s]."""
 
 
 @dataclass(frozen=True)
 class RestToRest:
-    """From one rest to another.
+    """A move from one rest to another.
 
     Attributes:
-        name: What it is called.
-        start: Slew [rad], trolley radius [m], cable length [m] at the start.
+        name: Name of the move.
+        start: Slew [rad], trolley radius [m] and cable length [m] at the start.
         goal: The same at the end.
-        duration: Time for it [s].
-        swing: Radial and tangential swing in which the load is let go at the start [rad].
+        duration: Planned duration [s].
+        swing: Radial and tangential swing from which the load is let go at the start [rad].
     """
 
     name: str
@@ -67,11 +68,13 @@ class RestToRest:
     swing: tuple[float, float] = (0.0, 0.0)
 
     def ends(self, crane: Crane) -> tuple[State, State]:
-        """Start and goal as states at rest with the load plumb."""
-        first, last = (
-            crane.state(gamma=end[0], x=end[1], l=end[2]) for end in (self.start, self.goal)
-        )
-        return first, last
+        """Return start and goal as states at rest with the load plumb."""
+        return self._at_rest(crane, self.start), self._at_rest(crane, self.goal)
+
+    @staticmethod
+    def _at_rest(crane: Crane, end: tuple[float, float, float]) -> State:
+        slew, radius, length = end
+        return crane.state(gamma=slew, x=radius, l=length)
 
 
 MOVES = (
@@ -79,10 +82,10 @@ MOVES = (
     RestToRest("slew", (0.0, 15.0, 15.0), (0.6, 15.0, 15.0), 20.0),
     RestToRest("combined", (0.0, 10.0, 15.0), (0.6, 20.0, 10.0), 20.0),
 )
-"""Single axes and all three together."""
+"""Moves of single axes, and of all three together."""
 
 COMBINED = MOVES[-1]
-"""All three together."""
+"""The move of all three axes together."""
 
 SWINGING = replace(COMBINED, name="combined, with a swing at the start", swing=(0.1, 0.05))
 """The combined move of a load that swings already."""
@@ -90,11 +93,11 @@ SWINGING = replace(COMBINED, name="combined, with a swing at the start", swing=(
 
 @dataclass(frozen=True)
 class Score:
-    """What a move was like.
+    """Swing, errors and efforts of a move.
 
     Attributes:
-        arrives: When the drives should be there [s].
-        peak: Largest swing on the way [rad], radial and tangential together.
+        arrives: Time at which the drives should arrive [s].
+        peak: Largest swing on the way, radial and tangential together [rad].
         arrival: Amplitude of the swing at the arrival [rad].
         later: Amplitude of the swing 20 s after it [rad].
         settled: Time after the arrival from which the payload stays within 10 mm of its goal [s];
@@ -107,9 +110,9 @@ class Score:
         rate: Largest rate of a drive as a share of its limit.
         acceleration: Largest acceleration of a drive as a share of its limit, between control
             instants.
-        work: What the drives put in, not counting what they took back [J].
-        beyond: Time in which drives that follow a motion or a rate were asked for more than they
-            have, or the model did not hold [s].
+        work: Work that the drives put in, without what they took back [J].
+        beyond: Time in which drives that follow a motion or a rate were asked for more effort than
+            they have, or the model did not hold [s].
     """
 
     arrives: float
@@ -137,22 +140,25 @@ def instant(t: float, control_period: float) -> float:
     return control_period * float(np.ceil(t / control_period - 1e-9))
 
 
-def of_sampling(gravity: float, length: float, control_period: float, peak: float) -> float:
-    """Swing that a plan which leaves none may leave [rad], because efforts are held for a control
-    period and so come half of it late.
+def sampling_swing(gravity: float, length: float, control_period: float, peak: float) -> float:
+    """Return the swing that a plan which leaves none may leave all the same [rad].
+
+    Efforts are held for a control period T, and so come T/2 late on average. A swing of the
+    amplitude A that is late by T/2 differs by A ω T/2.
 
     Args:
-        gravity: [m/s²].
-        length: Of the cable [m].
-        control_period: Time between control instants [s].
-        peak: Largest swing on the way [rad].
+        gravity: Gravity [m/s²].
+        length: Cable length [m].
+        control_period: Time between control instants, T [s].
+        peak: Largest swing on the way, A [rad].
     """
     return math.sqrt(gravity / length) * control_period / 2.0 * peak
 
 
 def residual(trajectory: Trajectory) -> float:
-    """Return the amplitude of the swing over a stretch without drive motion [rad]: half the longest
-    way across, radial and tangential together.
+    """Return the amplitude of the swing over a stretch in which the drives stand still [rad].
+
+    It is half of the range of the swing, radial and tangential together.
 
     Raises:
         OutOfRange: If the stretch has less than two rows.
@@ -163,30 +169,41 @@ def residual(trajectory: Trajectory) -> float:
             len(trajectory),
             "2 or more: a shorter control period, a longer dwell",
         )
-    return float(math.hypot(*(np.ptp(trajectory.coordinates("phi", "theta"), axis=0) / 2.0)))
+    radial, tangential = np.ptp(trajectory.coordinates("phi", "theta"), axis=0) / 2.0
+    return float(math.hypot(radial, tangential))
 
 
 def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
-    """Score a run that should arrive at a goal at a time [s] and goes on for 20 s."""
+    """Score a run of a move that goes on for 20 s after the arrival.
+
+    Args:
+        crane: The crane.
+        goal: Where it should arrive.
+        run: The run.
+        arrives: Time at which it should arrive [s].
+    """
     swing = run.coordinates("phi", "theta")
     amplitude = swing_amplitude(swing, run.rates("phi", "theta"), run["l_m"], crane.gravity)
-    goal_position = payload_position(crane, goal.q)
     after = run.since(arrives - 1e-9)
+    goal_position = payload_position(crane, goal.q)
     distance = np.linalg.norm(point_paths(crane, after.q)[:, 0] - goal_position, axis=1)
-    beyond = run.effort + crane.payload_mass * crane.gravity * crane.layout.along("l")
+
+    # The hoist holds the load by the effort -m g.
+    effort = run.effort + crane.payload_mass * crane.gravity * crane.layout.along("l")
     limits = LIMITS.for_crane(crane)
-    acceleration = np.abs(np.diff(run.v[:, run.drives], axis=0)) / np.diff(run.t)[:, None]
+    rates = run.v[:, run.drives]
+    acceleration = np.abs(np.diff(rates, axis=0)) / np.diff(run.t)[:, None]
     return Score(
         arrives=arrives,
         peak=float(np.linalg.norm(swing, axis=1).max()),
         arrival=float(amplitude[-len(after)]),
         later=float(amplitude[-1]),
-        settled=settling_time(after.t - arrives, distance, CLOSE),
+        settled=settling_time(after.t - arrives, distance, SETTLED_DISTANCE),
         length=float(run["l_m"][-1]),
         tracking=1000.0 * np.abs(run.q[:, run.drives] - run.setpoint).max(axis=0),
-        effort=np.abs(beyond).max(axis=0),
-        rms=np.sqrt(np.mean(beyond**2, axis=0)),
-        rate=float((np.abs(run.v[:, run.drives]) / limits.rates).max()),
+        effort=np.abs(effort).max(axis=0),
+        rms=np.sqrt(np.mean(effort**2, axis=0)),
+        rate=float((np.abs(rates) / limits.rates).max()),
         acceleration=float((acceleration / limits.accelerations).max()),
         work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
         beyond=float(np.diff(run.t)[run.valid[:-1] == 0.0].sum()),
@@ -197,15 +214,17 @@ class MovePlan(NamedTuple):
     """How a move is to be made.
 
     Attributes:
-        controller: Makes a controller, a new one for each run.
-        reference: Where the drives should be.
-        drive: How they take commands.
-        arrives: When they should be there [s].
-        motion: What a tracking controller goes by, None where there is none.
+        controller: Function that makes a controller, a new one for each run.
+        reference: Motion that the drives should make.
+        drive: Kind of the drives, by what they take.
+        arrives: Time at which the drives should arrive [s].
+        motion: Motion about which a controller tracks or an observer is linearised; None if there
+            is none.
         uses_swing_sensor: Whether the controller needs the swing measured.
-        softer: Makes a controller that is gentle enough for converters; None where the other is.
-        rates: Makes a controller for converters that answers rates by itself; None where they are
-            made of what the other answers.
+        softer: Function that makes a controller gentle enough for converters; None if that is
+            `controller`.
+        rates: Function that makes a controller which answers rates for converters by itself; None
+            if rates are made of the answers of the others.
     """
 
     controller: Callable[[], Controller]
@@ -219,33 +238,37 @@ class MovePlan(NamedTuple):
 
 
 Planner = Callable[[Setup, RestToRest], MovePlan]
-"""Plans a move."""
+"""Function that plans a move in a setup."""
 
 
 def on_converters(setup: Setup, plan: MovePlan) -> MovePlan:
-    """Return a plan for drives with typical frequency converters: commands of its controller become
-    rates, see `cranedyn.controllers.velocity_command`.
+    """Return a plan for drives with typical frequency converters.
+
+    The commands of its controller become rates, see `cranedyn.controllers.velocity_command`.
     """
     if plan.rates:
         return plan._replace(controller=plan.rates, drive="velocity")
 
-    def controller() -> Controller:
+    def make_controller() -> Controller:
+        make_inner = plan.softer or plan.controller
         return as_velocity_command(
             setup.crane,
-            (plan.softer or plan.controller)(),
+            make_inner(),
             drive="motion" if plan.drive == "motion" else "effort",
             control_period=setup.control_period,
         )
 
-    first = controller()
-    if isinstance(first, VelocityCommand):  # what is inside may remember
-        return plan._replace(controller=controller, drive="velocity")
+    first = make_controller()
+    # What is inside such a command may remember a run: each needs a new one.
+    if isinstance(first, VelocityCommand):
+        return plan._replace(controller=make_controller, drive="velocity")
+    # Of this one only the integral remembers.
     if isinstance(first, HoistIntegral):
         return plan._replace(controller=lambda: replace(first, integral=0.0), drive="velocity")
     return plan._replace(controller=lambda: first, drive="velocity")
 
 
 def followed(setup: Setup, reference: Reference, arrives: float) -> MovePlan:
-    """Return the plan of a reference that drives follow exactly and that nothing corrects."""
+    """Return the plan of a reference that drives follow exactly, without feedback of the swing."""
     controller = partial(follow, setup.crane, reference, setup.control_period)
     return MovePlan(controller, reference, "motion", arrives, uses_swing_sensor=False)

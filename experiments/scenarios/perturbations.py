@@ -11,15 +11,14 @@ from typing import Literal
 
 import numpy as np
 
-from cranedyn.clocks import Clocked
-from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
 from cranedyn.estimation.load_estimate import LoadEstimateController, with_load_estimate
+from cranedyn.estimation.misread import Misread
 from cranedyn.estimation.observer import with_observer
 from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
-from cranedyn.interfaces import Controller, Disturbance, Setpoint, State
+from cranedyn.interfaces import Controller, Disturbance, State
 from cranedyn.model.crane import Crane
 from experiments.harness import PlannedRun, Setup
 from experiments.scenarios.moves import AFTER, DRAG, MovePlan, RestToRest, Score, instant, score
@@ -30,17 +29,18 @@ class Perturbation:
     """How the crane that moves differs from the one that was planned for.
 
     Attributes:
-        name: What it is called.
-        load: Mass of the payload over that planned for.
+        name: Name of the case.
+        load: Mass of the payload over the planned one.
         values: Further numbers of the crane.
-        cable: By which share the cable is longer than measured.
-        offset: By how much it is longer besides, wherever the hoist stands [m].
-        noise: Of the sensors, as a multiple of `cranedyn.estimation.sensor_model.noise_of`.
-        delay: By how many control periods the sensors are late.
-        disturbance: What acts from outside, for a crane and the time at which it should arrive [s].
+        cable: Share by which the cable is longer than measured.
+        offset: Length by which it is longer besides, wherever the hoist stands [m].
+        noise: Noise of the sensors, as a multiple of `cranedyn.estimation.sensor_model.noise_of`.
+        delay: Delay of the sensors in control periods.
+        disturbance: Function that returns external forces, from a crane and the time at which it
+            should arrive [s]; None for no forces.
         observer: Empty where the state is measured. "state" where the swing is estimated from the
-            drives, load and cable as planned; else what an observer that estimates load and cable,
-            too, has for sensors, see `cranedyn.estimation.load_filter.Sensors`.
+            drives, with load and cable as planned. Otherwise the sensors of an observer that also
+            estimates load and cable, see `cranedyn.estimation.load_filter.Sensors`.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Perturbation:
 
     @property
     def sensors_only(self) -> bool:
-        """Whether it is nothing but the measurement of the swing that differs."""
+        """Whether nothing but the measurement of the swing may differ."""
         return self.noise > 0.0 or self.delay > 0 or self.observer != ""
 
 
@@ -63,66 +63,6 @@ def _gust(crane: Crane, arrives: float) -> Disturbance:
     """Return a gust of 12 m/s across the jib in the last ten seconds, on 5 m² of load."""
     gust = cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0)
     return wind(crane, gust, direction=0.0, payload_area=DRAG)
-
-
-@dataclass(frozen=True, eq=False)
-class Misread:
-    """A controller whose hoist reads less than the cable has: l = (1 + share) reading + offset.
-
-    Attributes:
-        crane: The crane.
-        controller: What acts on the reading.
-        share: By which share the cable is longer than it is read.
-        offset: By how much it is longer besides, wherever the hoist stands [m].
-    """
-
-    crane: Crane
-    controller: Controller
-    share: float
-    offset: float
-
-    def begin_run(self, t: float, control_period: float) -> None:
-        """Begin a run, see `cranedyn.clocks.Clocked`."""
-        if isinstance(self.controller, Clocked):
-            self.controller.begin_run(t, control_period)
-
-    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Return the command, shape (m,)."""
-        hoist = self.crane.layout.index("l")
-        q = state.q.copy()
-        v = state.v.copy()
-        q[hoist] = (q[hoist] - self.offset) / (1.0 + self.share)
-        v[hoist] /= 1.0 + self.share
-        return self.controller(t, State(q, v), setpoint)
-
-    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """Return the affine form, see `cranedyn.controllers.affine`: what z - setpoint is to the
-        reading, (z - added) / scale - setpoint, is that of the cable from scale setpoint + added,
-        over scale.
-        """
-        layout = self.crane.layout
-        form = affine_form(self.controller, times, positions, 2 * layout.n)
-        if form is None:
-            return None
-        scale = np.ones(2 * layout.n)
-        added = np.zeros(2 * layout.n)
-        scale[layout.index("l") :: layout.n] += self.share  # position and rate
-        added[layout.index("l")] = self.offset
-        of_drives = scale[layout.drives]
-        return replace(
-            form,
-            gain=form.gain / scale,
-            setpoint=scale * form.setpoint + added,
-            target=of_drives * form.target + added[layout.drives],
-            integral_gain=form.integral_gain / of_drives,
-            integral=of_drives * form.integral,
-        )
-
-    def resume(self, t: float, integral: np.ndarray) -> None:
-        """Resume a run, see `cranedyn.controllers.affine.Stateful`."""
-        if isinstance(self.controller, Stateful):
-            scale = 1.0 + self.share * self.crane.layout.along("l")
-            self.controller.resume(t, integral / scale)
 
 
 _observer = lru_cache(maxsize=1)(with_observer)
@@ -172,7 +112,15 @@ def make(
     label: str = "",
     after: float = AFTER,
 ) -> tuple[Trajectory, Score]:
-    """Make a planned move under a case and watch what is left for some time after it [s].
+    """Make a planned move with a perturbed crane, and score it.
+
+    Args:
+        setup: The world.
+        move: The move.
+        plan: How it is made.
+        perturbation: How the crane differs from the planned one.
+        label: Name of the run for the progress.
+        after: Time for which it is watched after the arrival [s].
 
     Raises:
         CraneError: If the run breaks off, or the plan has no motion that an observer could go by.
@@ -181,46 +129,71 @@ def make(
     if perturbation.load != 1.0:
         values["payload_mass"] = perturbation.load * setup.crane.payload_mass
     crane = setup.variant(**values) if values else setup.crane
-    misread = perturbation.cable, perturbation.offset
-    first, last = (_stretched(crane, end, *misread) for end in move.ends(setup.crane))
-    first.q[crane.swings] = move.swing
-    controller = plan.controller()
-    if perturbation.observer:
-        if plan.motion is None:
-            raise CraneError("An observer is linearised about a planned motion, and there is none.")
-        if plan.drive == "velocity":
-            raise CraneError(UNOBSERVED)
-        controller = (
-            replace(_observer(None, setup.crane, plan.motion, dt=setup.dt), controller=controller)
-            if perturbation.observer == "state"
-            else with_load_estimate(
-                controller, setup.crane, plan.motion, sensors=perturbation.observer
-            )
-        )
-        if setup.engine == "compiled" and isinstance(controller, LoadEstimateController):
-            from cranedyn.compiled.load_filter_code import compile_load_estimate
-
-            controller = compile_load_estimate(controller)
-    if perturbation.noise or perturbation.delay:
-        noise = perturbation.noise * noise_of(crane)
-        controller = with_sensor_model(
-            crane, controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1)
-        )
-    if any(misread):
-        controller = Misread(crane, controller, *misread)
-    disturbance = perturbation.disturbance
+    start, goal = move.ends(crane)
+    start = _stretched(crane, start, perturbation.cable, perturbation.offset)
+    goal = _stretched(crane, goal, perturbation.cable, perturbation.offset)
+    start.q[crane.swings] = move.swing
+    disturbance = None
+    if perturbation.disturbance is not None:
+        disturbance = perturbation.disturbance(crane, plan.arrives)
     planned = PlannedRun(
         crane,
-        controller,
+        _perturbed_controller(setup, crane, plan, perturbation),
         plan.reference,
-        first,
+        start,
         instant(plan.arrives + after, setup.control_period),
         label,
         drive=plan.drive,
-        disturbance=disturbance(crane, plan.arrives) if disturbance else None,
+        disturbance=disturbance,
     )
     run = setup.make(planned)
-    return run, score(crane, last, run, plan.arrives)
+    return run, score(crane, goal, run, plan.arrives)
+
+
+def _perturbed_controller(
+    setup: Setup, crane: Crane, plan: MovePlan, perturbation: Perturbation
+) -> Controller:
+    """Return the controller of a plan behind the sensors of a perturbed crane."""
+    controller = plan.controller()
+    if perturbation.observer:
+        controller = _observed(setup, plan, controller, perturbation.observer)
+    if perturbation.noise or perturbation.delay:
+        controller = with_sensor_model(
+            crane,
+            controller,
+            delay=perturbation.delay,
+            noise=perturbation.noise * noise_of(crane),
+            rng=np.random.default_rng(1),
+        )
+    if perturbation.cable or perturbation.offset:
+        controller = Misread(crane, controller, perturbation.cable, perturbation.offset)
+    return controller
+
+
+def _observed(
+    setup: Setup,
+    plan: MovePlan,
+    controller: Controller,
+    observer: Literal["state", "drives", "swing", "imu"],
+) -> Controller:
+    """Return a controller that acts on the estimate of an observer, see `Perturbation`.
+
+    Raises:
+        CraneError: If there is no such observer for the plan.
+    """
+    if plan.motion is None:
+        raise CraneError("An observer is linearised about a planned motion, and there is none.")
+    if plan.drive == "velocity":
+        raise CraneError(UNOBSERVED)
+    if observer == "state":
+        of_state = _observer(None, setup.crane, plan.motion, dt=setup.dt)
+        return replace(of_state, controller=controller)
+    estimating = with_load_estimate(controller, setup.crane, plan.motion, sensors=observer)
+    if setup.engine == "compiled" and isinstance(estimating, LoadEstimateController):
+        from cranedyn.compiled.load_filter_code import compile_load_estimate
+
+        return compile_load_estimate(estimating)
+    return estimating
 
 
 def planned_move(setup: Setup, move: RestToRest, plan: MovePlan) -> PlannedRun:

@@ -24,8 +24,8 @@ from experiments.scenarios.perturbations import planned_move
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
 RUNS = ("a1", "a2", "a3", "swing", "move")
-"""Free swing, hoisting, slewing, the swing of the energy ledger, and the combined move of the
-control experiments."""
+"""Names of the runs: free swing, hoisting, slewing, the swing of the energy ledger, and the
+combined move of the control experiments."""
 
 LENGTH = 15.0
 """Cable length of a1 and swing, unless another is asked for [m]."""
@@ -37,10 +37,10 @@ def program(
     """Return a run of the experiments by its name.
 
     Args:
-        name: One of `RUNS`.
+        name: Name of the run, one of `RUNS`.
         setup: Its gravity, crane and clocks.
         length: Cable length of a1 and swing [m]; None for `LENGTH`.
-        strategy: Of a move, one of `STRATEGIES`; None for flat + LQR.
+        strategy: Strategy of a move, one of `STRATEGIES`; None for flat + LQR.
 
     Raises:
         UnknownName: If there is no such run or strategy.
@@ -52,9 +52,9 @@ def program(
         raise DataError(f"--length has no effect on the run {name}; leave it out.")
     if strategy is not None and name != "move":
         raise DataError(f"--strategy has no effect on the run {name}; leave it out.")
-    planned = _planned(
-        name, setup, LENGTH if length is None else length, FLAT if strategy is None else strategy
-    )
+    length = LENGTH if length is None else length
+    strategy = FLAT if strategy is None else strategy
+    planned = _planned(name, setup, length, strategy)
     return Program(
         planned.crane,
         planned.controller,

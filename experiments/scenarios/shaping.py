@@ -7,6 +7,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from cranedyn.interfaces import Reference, State
 from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
@@ -18,33 +19,58 @@ from cranedyn.theory import point_period
 from experiments.harness import Setup
 from experiments.scenarios.moves import LIMITS, MovePlan, Planner, RestToRest, followed, instant
 
+MIN_DISTANCE = 1e-6
+"""Distance up to which a drive does not move [rad or m]."""
+
+
+class TimedReference(NamedTuple):
+    """A motion of the drives that ends.
+
+    Attributes:
+        reference: Motion of the drives.
+        end: Time at which it ends [s].
+    """
+
+    reference: Reference
+    end: float
+
 
 def joystick_path(
     crane: Crane, start: State, corners: Sequence[Sequence[float]], limits: Limits
-) -> tuple[Reference, float]:
-    """Return the motion of an operator who knows the way from corner to corner, the first of which
-    is the start: full rate at once in every drive, and back to rest in time; with its end [s].
+) -> TimedReference:
+    """Return the motion of an operator who knows the way from corner to corner.
+
+    At each corner every drive begins at full rate, and brakes in time to rest at the next one. All
+    drives wait there for the last.
+
+    Args:
+        crane: The crane.
+        start: State at the start.
+        corners: Positions of the drives at the corners [rad or m]; the first is the start.
+        limits: Limits of the drives.
     """
     pulses = []
     end = 0.0
-    drives = crane.layout.driven
     for corner, next_corner in itertools.pairwise(corners):
-        lasts = 0.0
-        for joint, begin, finish, rate, acceleration in zip(
-            drives, corner, next_corner, limits.rates, limits.accelerations, strict=True
-        ):
+        leg_duration = 0.0
+        for i, joint in enumerate(crane.layout.driven):
+            begin = corner[i]
+            finish = next_corner[i]
+            rate = limits.rates[i]
+            acceleration = limits.accelerations[i]
             distance = abs(finish - begin)
-            if distance > 1e-6:
+            if distance > MIN_DISTANCE:
+                # A short way ends before the full rate is reached, at v = √(d a).
                 speed = min(rate, math.sqrt(distance * acceleration))
-                signed = math.copysign(speed, finish - begin)
-                pulses.append(JoystickPulse(joint.symbol, signed, end, distance / speed))
-                lasts = max(lasts, distance / speed + speed / acceleration)
-        end += lasts
-    return joystick(crane, start, pulses, accelerations=limits.accelerations), end
+                signed_speed = math.copysign(speed, finish - begin)
+                pulses.append(JoystickPulse(joint.symbol, signed_speed, end, distance / speed))
+                leg_duration = max(leg_duration, distance / speed + speed / acceleration)
+        end += leg_duration
+    return TimedReference(joystick(crane, start, pulses, accelerations=limits.accelerations), end)
 
 
-def joystick_move(setup: Setup, move: RestToRest) -> tuple[Reference, float]:
-    """Return the motion of an operator for a move, and its end [s]."""
+def joystick_move(setup: Setup, move: RestToRest) -> TimedReference:
+    """Return the motion of an operator for a move."""
     crane = setup.crane
     start = move.ends(setup.crane)[0]
     return joystick_path(crane, start, [move.start, move.goal], LIMITS.for_crane(crane))
@@ -56,20 +82,21 @@ def operator_plan(setup: Setup, move: RestToRest) -> MovePlan:
     return followed(setup, reference, instant(end, setup.control_period))
 
 
-Base = Callable[[Setup, RestToRest, float], tuple[Reference, float]]
-"""A motion that is to be shaped, and its end [s]: of a setup, a move, and by how much shaping
+Base = Callable[[Setup, RestToRest, float], TimedReference]
+"""Function that returns a motion to be shaped, from a setup, a move, and the time by which shaping
 prolongs it [s]."""
 
 
-def _joystick_base(setup: Setup, move: RestToRest, longer: float) -> tuple[Reference, float]:
+def _joystick_base(setup: Setup, move: RestToRest, longer: float) -> TimedReference:
+    """Return the motion of an operator, who does not know of the shaping."""
     return joystick_move(setup, move)
 
 
-def spline_base(setup: Setup, move: RestToRest, longer: float) -> tuple[Reference, float]:
+def spline_base(setup: Setup, move: RestToRest, longer: float) -> TimedReference:
     """Return a spline that is so much shorter that it ends with the move when shaped."""
     shorter = move.duration - longer
     start = move.ends(setup.crane)[0]
-    return spline(setup.crane, start, [move.goal], [shorter]), shorter
+    return TimedReference(spline(setup.crane, start, [move.goal], [shorter]), shorter)
 
 
 def shaped_plan(shaper: Shaper, base: Base = _joystick_base) -> Planner:

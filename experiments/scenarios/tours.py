@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from cranedyn.controllers import hold_controller, paper_controller
-from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.repeated import Repeated
 from cranedyn.errors import CraneError
-from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.interfaces import Controller, State
 from cranedyn.lifts.planning.itinerary import ARTICLE_TOUR, Timetable, Tour, itinerary, tour
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.references import hanging_reference, shaped_hoisting, shortest, spline, zv
@@ -21,11 +20,22 @@ from cranedyn.references.motion import Motion
 from experiments.harness import Setup
 from experiments.scenarios.strategies import with_integral
 
-Way = tuple[Timetable, Controller]
-"""A tour, which is the reference, and what drives it."""
+ControlledTour = tuple[Timetable, Controller]
+"""A tour, which is the reference, and the controller that drives it."""
+
+TourControl = Callable[[Setup, Limits, float], ControlledTour]
+"""Function that returns a tour from a setup, limits of the drives, and the time at rest after each
+leg [s]."""
+
+RAMP_FACTOR = 2.5
+"""Duration of a ramp over that of an even acceleration.
+
+The smoothstep of `cranedyn.references.flat` rises at up to 2.46 times its mean slope.
+"""
 
 
-def _none(setup: Setup, limits: Limits, dwell: float) -> Way:
+def _none(setup: Setup, limits: Limits, dwell: float) -> ControlledTour:
+    """Return the tour at constant rates under PD controllers, without swing control."""
     crane = setup.crane
     timetable = itinerary(crane, crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
     for stage in timetable.stages:
@@ -34,105 +44,97 @@ def _none(setup: Setup, limits: Limits, dwell: float) -> Way:
     return timetable, hold_controller(crane, gravity=STANDARD_GRAVITY)
 
 
-def _shaped(setup: Setup, limits: Limits, dwell: float) -> Way:
-    bare, brake = _none(setup, limits, dwell)
-    reference = shaped_hoisting(setup.crane, bare, zv(), bare.duration, step=setup.control_period)
-    hoist = setup.crane.layout.along("l")
-    later = [
-        float(np.pi * np.sqrt(stage.target @ hoist / setup.crane.gravity)) for stage in bare.stages
-    ]
-    if dwell < max(later):
-        raise CraneError(
-            f"The dwell is {dwell:g} s; shaped legs take {max(later):.2f} s longer than bare ones, "
-            "so it must be that at least."
-        )
-    stages = tuple(
-        stage._replace(arrival=stage.arrival + by)
-        for stage, by in zip(bare.stages, later, strict=True)
+def _shaped(setup: Setup, limits: Limits, dwell: float) -> ControlledTour:
+    """Return the same tour with commands that a ZV shaper has shaped.
+
+    Raises:
+        CraneError: If a shaped leg would not end within its dwell.
+    """
+    unshaped, brake = _none(setup, limits, dwell)
+    reference = shaped_hoisting(
+        setup.crane, unshaped, zv(), unshaped.duration, step=setup.control_period
     )
-    plan = hanging_reference(setup.crane, reference, bare.duration, setup.control_period)
-    return Tour(stages, plan), brake
+    hoist = setup.crane.layout.along("l")
+    stages = []
+    longest_delay = 0.0
+    for stage in unshaped.stages:
+        # ZV prolongs a leg by half a period at its end.
+        length = stage.target @ hoist
+        delay = float(np.pi * np.sqrt(length / setup.crane.gravity))
+        longest_delay = max(longest_delay, delay)
+        stages.append(stage._replace(arrival=stage.arrival + delay))
+    if dwell < longest_delay:
+        raise CraneError(
+            f"The dwell is {dwell:g} s; shaped legs take {longest_delay:.2f} s longer than bare "
+            "ones, so it must be that at least."
+        )
+    plan = hanging_reference(setup.crane, reference, unshaped.duration, setup.control_period)
+    return Tour(tuple(stages), plan), brake
 
 
 def _spline(setup: Setup, limits: Limits, dwell: float) -> Tour:
-    def plan(start: State, goal: State) -> Motion:
-        aim = [goal.q[setup.crane.layout.drives]]
-        (duration,) = shortest(
-            setup.crane, start, aim, rates=limits.rates, accelerations=limits.accelerations
-        )
-        duration = setup.control_period * np.ceil(duration / setup.control_period)
-        return hanging_reference(
-            setup.crane, spline(setup.crane, start, aim, [duration]), duration, setup.control_period
-        )
+    """Return the tour by splines of the drives, each as fast as the limits allow."""
+    crane = setup.crane
+    period = setup.control_period
 
-    return tour(setup.crane, ARTICLE_TOUR, plan, dwell=dwell)
+    def plan(start: State, goal: State) -> Motion:
+        aim = [goal.q[crane.layout.drives]]
+        (duration,) = shortest(
+            crane, start, aim, rates=limits.rates, accelerations=limits.accelerations
+        )
+        duration = period * np.ceil(duration / period)
+        return hanging_reference(crane, spline(crane, start, aim, [duration]), duration, period)
+
+    return tour(crane, ARTICLE_TOUR, plan, dwell=dwell)
 
 
 def _flat(setup: Setup, limits: Limits, dwell: float) -> Tour:
-    gaining = 2.5 * np.divide(limits.rates, limits.accelerations)
+    """Return the tour by flat paths of the payload, each as fast as the limits allow."""
+    # Time in which each drive reaches its full rate [s].
+    ramps = RAMP_FACTOR * np.divide(limits.rates, limits.accelerations)
 
     def plan(start: State, goal: State) -> Motion:
         moving = ~np.isclose(goal.q, start.q, rtol=0.0, atol=1e-9)[setup.crane.layout.drives]
-        ramp = float(gaining[moving].max(initial=0.0))
+        ramp = float(ramps[moving].max(initial=0.0))
 
         def lasting(duration: float, period: float = 10.0 * setup.control_period) -> Motion:
-            soft = max(period, min(ramp, duration / 2.0))
-            return flat(setup.crane, start, goal, duration, ramp=soft, period=period)
+            # Half of the duration for speeding up is the most, and a sample the least.
+            fitting_ramp = max(period, min(ramp, duration / 2.0))
+            return flat(setup.crane, start, goal, duration, ramp=fitting_ramp, period=period)
 
+        # The search takes fewer samples. Between them the motion may go beyond the limits a little.
         duration = fastest(setup.crane, lasting, limits)
-        # Between the samples of the search.
         beyond = max(use(setup.crane, lasting(duration, setup.control_period), limits).values())
         return lasting(duration * max(1.0, beyond), setup.control_period)
 
     return tour(setup.crane, ARTICLE_TOUR, plan, dwell=dwell)
 
 
-@dataclass(frozen=True, eq=False)
-class Repeated:
-    """A controller that repeats a cycle.
-
-    Attributes:
-        controller: The controller of one cycle.
-        cycle: Duration of the cycle [s].
-    """
-
-    controller: HoistIntegral
-    cycle: float
-
-    def begin_run(self, t: float, control_period: float) -> None:
-        """Begin a run, see `cranedyn.clocks.Clocked`."""
-        self.controller.begin_run(t % self.cycle, control_period)
-
-    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Return the efforts [N m or N], shape (m,)."""
-        return self.controller(t % self.cycle, state, setpoint)
-
-    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """Return the affine form, see `cranedyn.controllers.affine`."""
-        return self.controller.affine(times % self.cycle, positions)
-
-    def resume(self, t: float, integral: np.ndarray) -> None:
-        """Resume a run, see `cranedyn.controllers.affine.Stateful`."""
-        self.controller.resume(t % self.cycle, integral)
-
-
 def _tracked(
     plan: Callable[[Setup, Limits, float], Tour], design: Callable[[Setup, Motion], HoistIntegral]
-) -> Callable[[Setup, Limits, float], Way]:
-    def control(setup: Setup, limits: Limits, dwell: float) -> Way:
+) -> TourControl:
+    """Return the control of a tour that a controller tracks.
+
+    Args:
+        plan: Function that plans the tour.
+        design: Function that makes the controller for one cycle of its motion.
+    """
+
+    def control(setup: Setup, limits: Limits, dwell: float) -> ControlledTour:
         planned = plan(setup, limits, dwell)
         return planned, Repeated(design(setup, planned.motion), planned.duration)
 
     return control
 
 
-CONTROLS: dict[str, Callable[[Setup, Limits, float], Way]] = {
+def _paper(setup: Setup, motion: Motion) -> HoistIntegral:
+    return paper_controller(setup.crane, motion, gravity=STANDARD_GRAVITY)
+
+
+CONTROLS: dict[str, TourControl] = {
     "none": _none,
     "shaped": _shaped,
-    "paper": _tracked(
-        _spline,
-        lambda setup, motion: paper_controller(setup.crane, motion, gravity=STANDARD_GRAVITY),
-    ),
+    "paper": _tracked(_spline, _paper),
     "lqr": _tracked(_spline, with_integral),
     "flat": _tracked(_flat, with_integral),
 }

@@ -32,11 +32,16 @@ from experiments.sweep.sweep_results import (
 from experiments.sweep.sweep_study import DRAWN, SWEPT, drawn, simulate_cases
 
 _COLUMNS = 8
-"""Columns of the design."""
+"""Number of columns of the design of the grid."""
 
-_LARGEST_COUNT = 10**9
+_MAX_COUNT = 10**9
+"""Largest count that the command line takes."""
+
 _DRAWN_CHUNK = 512
+"""Number of drawn cases in a chunk."""
+
 _SEED = 1
+"""Seed of the drawn cases, unless another is given."""
 
 
 def design(setup: harness.Setup, points: int, durations: int, drive: str = IDEAL) -> Design:
@@ -61,6 +66,7 @@ def design(setup: harness.Setup, points: int, durations: int, drive: str = IDEAL
 
 
 def _even(ends: tuple[float, float], count: int) -> list[float]:
+    """Return numbers at equal distances between two ends."""
     return np.linspace(*ends, count).tolist()
 
 
@@ -152,14 +158,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     option("--tls-ca-file", metavar="FILE", help="certificates of those to trust")
     option("--tls-cert", metavar="FILE", help="certificate of this program")
     option("--tls-key", metavar="FILE", help="its private key")
-    means = "workers", "limit", "scheduler", "tls_ca_file", "tls_cert", "tls_key"
-    harness.add_mode(parser, "cases", "only", "without", "seed", "drive", "engine", *means)
+    harness.add_mode(
+        parser,
+        "cases",
+        "only",
+        "without",
+        "seed",
+        "drive",
+        "engine",
+        "workers",
+        "limit",
+        "scheduler",
+        "tls_ca_file",
+        "tls_cert",
+        "tls_key",
+    )
     return harness.run_experiment(parser, experiment, argv)
 
 
 def _count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= float(text) <= _LARGEST_COUNT:
+    if not text.isdecimal() or not 1 <= float(text) <= _MAX_COUNT:
         raise argparse.ArgumentTypeError(
-            f"{text[:40]!r} is not a whole number from 1 to {_LARGEST_COUNT}"
+            f"{text[:40]!r} is not a whole number from 1 to {_MAX_COUNT}"
         )
     return int(text)

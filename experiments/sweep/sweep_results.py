@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -26,11 +27,12 @@ CABLES = (-1.5, 1.5)
 DURATIONS = (13.0, 35.0)
 """Range of the grid: duration of the move [s]."""
 
-MOST_LEFT = 5e-3
-"""Swing that may be left [rad]: 5 cm at the hook, on the 10 m of cable with which the move ends."""
+MAX_RESIDUAL_SWING = 5e-3
+"""Largest residual swing with which a move does not fail [rad]: 5 cm at the hook, on the 10 m of
+cable with which the move ends."""
 
-RARELY = 1e-3
-"""Share of cases in which a strategy may fail that is claimed not to."""
+MAX_FAILURE_SHARE = 1e-3
+"""Largest share of cases in which a strategy fails that is claimed not to fail."""
 
 CONFIDENCE = 0.95
 """Confidence of the intervals."""
@@ -42,15 +44,17 @@ CELLS = 12
 """Cells of a map of drawn cases along each side."""
 
 Columns = Mapping[str, np.ndarray]
+"""Columns of a design and its results by name, shape (cases,) each."""
 
 
 def by_strategy(columns: Columns) -> dict[str, Columns]:
     """Return the columns of each strategy, in the order of the cases."""
     strategies = columns["strategy"]
-    return {
-        strategy: {name: column[strategies == strategy] for name, column in columns.items()}
-        for strategy in dict.fromkeys(strategies.tolist())
-    }
+    result: dict[str, Columns] = {}
+    for strategy in dict.fromkeys(strategies.tolist()):
+        rows = strategies == strategy
+        result[strategy] = {name: column[rows] for name, column in columns.items()}
+    return result
 
 
 def grid_table(columns: Columns, drive: str) -> ResultTable:
@@ -83,6 +87,7 @@ def grid_table(columns: Columns, drive: str) -> ResultTable:
 
 
 def _none_is_bad(columns: Columns, errors: int) -> Claim:
+    """Return the claim that no case failed with an error."""
     count = len(columns["case"])
     return Claim(f"Each of the {count:,} cases is done and none is bad.", errors == 0)
 
@@ -90,10 +95,10 @@ def _none_is_bad(columns: Columns, errors: int) -> Claim:
 def grid_claims(columns: Columns, errors: int) -> list[Claim]:
     """Return the claims on the grid."""
     durations = len(np.unique(columns["duration_s"]))
-    residual = {
-        strategy: cases["residual_swing_rad"].reshape(durations, -1)
-        for strategy, cases in by_strategy(columns).items()
-    }
+    # Residual swings of each strategy, a row for each duration.
+    residual = {}
+    for strategy, cases in by_strategy(columns).items():
+        residual[strategy] = cases["residual_swing_rad"].reshape(durations, -1)
     other_swings = np.array([swing for strategy, swing in residual.items() if strategy != FLAT])
     pd = residual[PD]
     paper = residual[PAPER]
@@ -114,25 +119,27 @@ def grid_claims(columns: Columns, errors: int) -> list[Claim]:
 def drawn_claims(columns: Columns, drive: str, errors: int) -> list[Claim]:
     """Return the claims on drawn cases."""
     claims = [_none_is_bad(columns, errors)]
-    if (flat := by_strategy(columns).get(FLAT)) is not None:
+    flat = by_strategy(columns).get(FLAT)
+    if flat is not None:
         failed = failures(flat)
         claims.append(
             Claim(
-                f"On {drive} drives {FLAT} fails in at most {1e3 * RARELY:g} of a thousand cases "
-                f"({failed.sum()} of {len(failed):,}).",
-                bool(failed.sum() <= RARELY * len(failed)),
+                f"On {drive} drives {FLAT} fails in at most {1e3 * MAX_FAILURE_SHARE:g} of a "
+                f"thousand cases ({failed.sum()} of {len(failed):,}).",
+                bool(failed.sum() <= MAX_FAILURE_SHARE * len(failed)),
             )
         )
     return claims
 
 
-def _too_much(columns: Columns) -> np.ndarray:
-    return ~(columns["residual_swing_rad"] <= MOST_LEFT)
+def _leaves_too_much(columns: Columns) -> np.ndarray:
+    """Return whether each case leaves too much swing; a crane that diverged does."""
+    return ~(columns["residual_swing_rad"] <= MAX_RESIDUAL_SWING)
 
 
 def failures(columns: Columns) -> np.ndarray:
     """Return whether each case left a range, had a slack rope, diverged or left too much swing."""
-    return (columns["broken"] == 1.0) | _too_much(columns)
+    return (columns["broken"] == 1.0) | _leaves_too_much(columns)
 
 
 def drawn_tables(columns: Columns, drive: str) -> list[ResultTable]:
@@ -181,22 +188,24 @@ def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
         interval = binomtest(int(failed.sum()), len(failed)).proportion_ci(CONFIDENCE, "exact")
         shares = (
             cases["broken"].mean(),
-            _too_much(cases).mean(),
+            _leaves_too_much(cases).mean(),
             failed.mean(),
             interval.low,
             interval.high,
             np.isfinite(cases["valid_until_s"]).mean(),
         )
         rows.append([strategy, *(100.0 * float(share) for share in shares)])
-    headings = ["broken", "too much left", "fails", "at least", "at most", "beyond"]
+    columns = [("strategy", "")]
+    for heading in ("broken", "too much left", "fails", "at least", "at most", "beyond"):
+        columns.append((f"{heading} [%]", ".2f"))
     return ResultTable(
         f"How often moves fail that are drawn, {drives}",
-        [("strategy", ""), *((f"{heading} [%]", ".2f") for heading in headings)],
+        columns,
         rows,
         "Broken: a joint leaves its range, the rope goes slack or the load touches the ground, at "
-        f"20 instants a second. Too much left: more than {1e3 * MOST_LEFT:g} mrad. At least, at "
-        f"most: {100 * CONFIDENCE:g} % interval of the probability (Clopper and Pearson). Beyond: "
-        "broken, or a drive is asked for more than its limits.",
+        f"20 instants a second. Too much left: more than {1e3 * MAX_RESIDUAL_SWING:g} mrad. At "
+        f"least, at most: {100 * CONFIDENCE:g} % interval of the probability (Clopper and "
+        "Pearson). Beyond: broken, or a drive is asked for more than its limits.",
     )
 
 
@@ -211,20 +220,31 @@ def _costs(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
     )
 
 
-Map = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Errors of the cable [m], loads, and the swing left [mrad], shape (loads, cables)."""
+class SwingMap(NamedTuple):
+    """Residual swing over load and cable.
+
+    Attributes:
+        cables: True less measured cable lengths [m], shape (cables,).
+        loads: Masses of the payload over the planned one, shape (loads,).
+        swing: Residual swing [mrad], shape (loads, cables).
+    """
+
+    cables: np.ndarray
+    loads: np.ndarray
+    swing: np.ndarray
 
 
 def map_figure(columns: Columns) -> Figure:
     """Plot the residual swing of each strategy over load and cable, for the median duration."""
     durations = np.unique(columns["duration_s"])
     duration = durations[len(durations) // 2]
-    maps: dict[str, Map] = {}
+    maps: dict[str, SwingMap] = {}
     for strategy, cases in by_strategy(columns).items():
         selected = cases["duration_s"] == duration
-        loads, cables = (np.unique(cases[name][selected]) for name in ("load", "cable_error_m"))
+        loads = np.unique(cases["load"][selected])
+        cables = np.unique(cases["cable_error_m"][selected])
         residual = 1e3 * cases["residual_swing_rad"][selected].reshape(len(loads), len(cables))
-        maps[strategy] = cables, loads, residual
+        maps[strategy] = SwingMap(cables, loads, residual)
     return _maps(maps, f"swing left of a move in {duration:.3g} s [mrad]")
 
 
@@ -233,7 +253,7 @@ def drawn_figure(columns: Columns) -> Figure:
 
     A cell without cases, or in which most diverge, stays empty.
     """
-    maps: dict[str, Map] = {}
+    maps: dict[str, SwingMap] = {}
     for strategy, cases in by_strategy(columns).items():
         residual = 1e3 * cases["residual_swing_rad"]
         median, loads, cables, _ = binned_statistic_2d(
@@ -244,15 +264,21 @@ def drawn_figure(columns: Columns) -> Figure:
             bins=CELLS,
             range=[RANGES["load"], RANGES["cable_error_m"]],
         )
-        across, up = ((edges[1:] + edges[:-1]) / 2.0 for edges in (cables, loads))
-        maps[strategy] = across, up, np.where(np.isfinite(median), median, np.nan)
+        maps[strategy] = SwingMap(
+            cables=(cables[1:] + cables[:-1]) / 2.0,
+            loads=(loads[1:] + loads[:-1]) / 2.0,
+            swing=np.where(np.isfinite(median), median, np.nan),
+        )
     return _maps(maps, "median of the swing left [mrad]")
 
 
-def _maps(maps: Mapping[str, Map], label: str) -> Figure:
-    swings = np.concatenate([medians[np.isfinite(medians)] for _, _, medians in maps.values()])
+def _maps(maps: Mapping[str, SwingMap], label: str) -> Figure:
+    """Draw the map of each strategy, four in a row, all with one scale."""
+    swings = np.concatenate([drawn.swing[np.isfinite(drawn.swing)] for drawn in maps.values()])
     norm = LogNorm(swings.min(), swings.max()) if len(swings) else LogNorm(1.0, 10.0)
-    figure, axes = panels(-(-len(maps) // 4), 4, height=2.6, width=11.0, sharex=True, sharey=True)
+    figure, axes = panels(
+        math.ceil(len(maps) / 4), 4, height=2.6, width=11.0, sharex=True, sharey=True
+    )
     for ax, (strategy, values) in zip(axes, maps.items(), strict=False):
         mesh = ax.pcolormesh(*values, norm=norm, cmap="viridis", rasterized=True)
         ax.set_title(strategy, fontsize=10.0)

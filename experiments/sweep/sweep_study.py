@@ -1,5 +1,8 @@
-"""What a chunk of the sweep is: strategies for the combined move, planned once each, by many cranes
-that are not quite those planned for, perhaps in everything at once, drawn at random.
+"""The study of the sweep: the combined move by a strategy, on cranes that are not as planned.
+
+Each strategy plans the move once. Many cranes then make it together as a batch. They differ from
+the planned one in load and cable; or, where cases are drawn at random, in everything at once: load,
+cable, wind, sensors and drives.
 """
 
 from __future__ import annotations
@@ -38,10 +41,10 @@ from experiments.scenarios.moves import (
 )
 
 AFTER = 10.0
-"""How long after the arrival the residual swing is looked at [s]."""
+"""Time after the arrival at which the residual swing is read [s]."""
 
-CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
-"""Columns of a design that say in which world it takes place, the same in every case."""
+WORLD_COLUMNS = ("gravity_m_s2", "dt_s", "control_period_s")
+"""Columns of a design with gravity and clocks, which are the same in every case."""
 
 
 SWEPT: dict[str, Planner] = {
@@ -54,56 +57,57 @@ SWEPT: dict[str, Planner] = {
     strategies.LQR: strategies.STRATEGIES[strategies.LQR],
     strategies.FLAT: strategies.STRATEGIES[strategies.FLAT],
 }
-"""Plans by name. Those without a controller in their name have drives that follow exactly, as stiff
-velocity-controlled drives do."""
+"""Strategies of the grid, by name. Those without a controller in their name have drives that follow
+exactly, as stiff velocity-controlled drives do."""
 
 STRATEGIES = strategies.STRATEGIES | SWEPT
-"""All plans that there are."""
+"""All strategies, by name."""
 
 
 NOISY_BATCH = 128
 """Largest number of moves in a batch whose sensors have noise; each of them needs some MB."""
 
 ROW_INTERVAL = 0.05
-"""Time between the instants at which such moves are looked at [s]."""
+"""Time between the instants at which drawn cases are recorded [s]."""
 
 Cases = Mapping[str, np.ndarray]
 """Columns of cases by name, shape (cases,) each."""
 
 
 def simulate_cases(cases: Cases) -> dict[str, np.ndarray]:
-    """Make moves and see what is left of them; a study for `cranedyn.sweep`.
+    """Make the move of each case: a study for `cranedyn.sweep`.
 
     Args:
-        cases: Columns ``strategy``; ``duration_s`` planned for the move; ``load``, mass of the
-            payload over that planned for; ``cable_error_m``, by how much the cable is longer than
-            measured; those of `CLOCKS`. Where there are: ``drive``, "ideal" or "velocity"; and of
-            moves that are drawn, those of `drawn`.
+        cases: Columns of all cases: ``strategy``; ``duration_s``, the planned duration; ``load``,
+            the mass of the payload over the planned one; ``cable_error_m``, the true less the
+            measured cable length; and `WORLD_COLUMNS`. Also ``drive``, "ideal" or "velocity", by
+            default "ideal"; and of cases that are drawn the columns of `drawn`.
 
     Returns:
-        Columns: largest swing and amplitude of the swing 10 s after the arrival [rad]; distance of
-        the payload from its goal then [m]; largest efforts over those of the drives; time at which
-        the model ceased to hold or drives could not follow [s], masked where that did not come. Of
-        moves that are drawn also the amplitude at the arrival [rad], whether a range was left or
-        the rope went slack (1 or 0), and the processor time of the case [s]; of a crane that
-        diverged what is not finite is masked.
+        Columns of all cases: largest swing, and amplitude of the swing 10 s after the arrival
+        [rad]; distance of the payload from its goal then [m]; largest efforts over those of the
+        drives; and the time at which the model ceased to hold or drives could not follow [s],
+        masked where that did not occur. Of cases that are drawn also the amplitude at the arrival
+        [rad], whether a range was left or the rope went slack (1 or 0), and the processor time of
+        the case [s]. Of a crane that diverged, what is not finite is masked.
     """
-    gravity, dt, control_period = (float(cases[name][0]) for name in CLOCKS)
+    # All cases of a sweep are in one world.
+    gravity, dt, control_period = (float(cases[name][0]) for name in WORLD_COLUMNS)
     setup = Setup(gravity, dt=dt, control_period=control_period)
     count = len(cases["strategy"])
     drives = cases.get("drive", np.full(count, IDEAL))
-    strategies_of_cases = cases["strategy"].tolist()
-    durations = cases["duration_s"].tolist()
-    # Cases with one plan run as a batch.
-    kinds = list(zip(strategies_of_cases, durations, drives.tolist(), strict=True))
+    # Cases with the same strategy, duration and drives have one plan, and run as a batch.
+    kinds = list(
+        zip(cases["strategy"].tolist(), cases["duration_s"].tolist(), drives.tolist(), strict=True)
+    )
     columns: dict[str, np.ndarray] = {}
     for kind in dict.fromkeys(kinds):
-        rows = np.array([row for row, kind_of_case in enumerate(kinds) if kind_of_case == kind])
+        rows = np.array([row for row, kind_of_row in enumerate(kinds) if kind_of_row == kind])
         batches = math.ceil(len(rows) / NOISY_BATCH) if "noise" in cases else 1
+        plan, move = _planned(gravity, dt, control_period, *kind)
         for chunk in np.array_split(rows, batches):
             of_chunk = {name: column[chunk] for name, column in cases.items()}
-            plan, move = _planned(gravity, dt, control_period, *kind)
-            for name, values in _made(setup, plan, move, of_chunk):
+            for name, values in _batch_columns(setup, plan, move, of_chunk).items():
                 columns.setdefault(name, np.ma.masked_all(count))[chunk] = values
     return columns
 
@@ -119,26 +123,33 @@ def _planned(
     return (plan if drive == IDEAL else on_converters(setup, plan)), move
 
 
-def _made(
+def _batch_columns(
     setup: Setup, plan: MovePlan, move: RestToRest, cases: Cases
-) -> list[tuple[str, np.ndarray]]:
-    """Simulate moves by one plan as a batch and return the columns of results."""
+) -> dict[str, np.ndarray]:
+    """Simulate cases with one plan as a batch, and return their columns of results.
+
+    Args:
+        setup: The world.
+        plan: How the move is made.
+        move: The move.
+        cases: Columns of these cases.
+    """
     began = time.process_time()
-    masses = (cases["load"] * setup.crane.payload_mass).tolist()
+    crane = setup.crane
+    masses = (cases["load"] * crane.payload_mass).tolist()
     cranes = [_crane(setup.gravity, mass) for mass in masses]
-    errors = cases["cable_error_m"]
-    drawn = "noise" in cases
-    move_start, move_goal = move.ends(setup.crane)
-    start = _longer(setup.crane, move_start, errors)
-    goal = _longer(setup.crane, move_goal, errors)
-    # A plan that states no arrival has the duration of the move for it.
+    is_drawn = "noise" in cases
+    move_start, move_goal = move.ends(crane)
+    start = _longer(crane, move_start, cases["cable_error_m"])
+    goal = _longer(crane, move_goal, cases["cable_error_m"])
+    # A plan without an arrival, such as one that goes to a goal, is read after the planned time.
     arrives = instant(plan.arrives or move.duration, setup.control_period)
     ends = instant(arrives + AFTER, setup.control_period)
     times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
     stride = max(1, round(ROW_INTERVAL / setup.control_period))
     # Drives that follow exactly need no sensors.
     if plan.drive == "motion":
-        cases = {name: column for name, column in cases.items() if name not in SENSOR_CASES}
+        cases = {name: column for name, column in cases.items() if name not in SENSOR_COLUMNS}
     batch = simulate_batch(
         cranes,
         plan.controller(),
@@ -148,57 +159,61 @@ def _made(
         dt=setup.dt,
         control_period=setup.control_period,
         drive=plan.drive,
-        force=gusts(setup.crane, cases, times) if drawn else None,
-        sensor_offset=readings(setup.crane, cases, len(times)),
+        force=gusts(crane, cases, times) if is_drawn else None,
+        sensor_offset=readings(crane, cases, len(times)),
         sensor_delay=cases["delay"].astype(int).tolist() if "delay" in cases else 0,
-        converters=lagging(setup.crane, cases) if drawn and plan.drive == "velocity" else None,
-        record=stride if drawn else 0,
+        converters=lagging(crane, cases) if is_drawn and plan.drive == "velocity" else None,
+        record=stride if is_drawn else 0,
         residual_from=ends,
         threads=1,
     )
-    result = [
-        ("peak_swing_rad", batch.peak_swing),
-        ("residual_swing_rad", batch.residual_swing),
-        ("off_goal_m", _away(cranes, batch.end.q, goal.q)),
-    ]
-    shares = batch.largest_effort / setup.crane.effort_limit
-    result += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(DRIVES)]
-    result.append(("valid_until_s", batch.valid_until))
-    if drawn:
+    columns = {
+        "peak_swing_rad": batch.peak_swing,
+        "residual_swing_rad": batch.residual_swing,
+        "off_goal_m": _distances_from_goals(cranes, batch.end.q, goal.q),
+    }
+    shares = batch.largest_effort / crane.effort_limit
+    for i, drive in enumerate(DRIVES):
+        columns[f"{drive}_effort_share"] = shares[:, i]
+    if is_drawn:
         row = int(np.searchsorted(batch.t, arrives - 1e-9))
         spent = (time.process_time() - began) / len(masses)
-        result += [
-            ("arrival_swing_rad", _amplitudes(setup.crane, batch, row)),
-            ("broken", 1.0 - _whole(setup.crane, batch)),
-            ("spent_s", np.full(len(masses), spent)),
-        ]
-    masked = []
-    for name, values in result:
-        may_be_invalid = drawn or name == "valid_until_s"
-        masked.append((name, np.ma.masked_invalid(values) if may_be_invalid else values))
-    return masked
+        columns["valid_until_s"] = batch.valid_until
+        columns["arrival_swing_rad"] = _amplitudes(crane, batch, row)
+        columns["broken"] = (~_stays_valid(crane, batch)).astype(float)
+        columns["spent_s"] = np.full(len(masses), spent)
+        return {name: np.ma.masked_invalid(values) for name, values in columns.items()}
+    # A time that is not finite did not occur. Whatever else is not finite on the grid is a fault,
+    # which is not masked.
+    columns["valid_until_s"] = np.ma.masked_invalid(batch.valid_until)
+    return columns
 
 
 DRIVES = ("slew", "trolley", "hoist")
 """Names of the drives, in the order of the chain."""
 
-SENSOR_CASES = ("noise", "delay")
+SENSOR_COLUMNS = ("noise", "delay")
 """Columns of cases that change sensors."""
 
 
 def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
     """Return the forces of a gust on each load [N], shape (cranes, rows, 3 points).
 
-    Its speed rises and falls as (1 - cos)/2. The load's own velocity is neglected: the force is
-    that on a load at rest.
+    The speed of a gust rises and falls as (1 - cos)/2. The load's own velocity is neglected: the
+    force is that on a load at rest.
+
+    Args:
+        crane: The crane.
+        cases: The cases.
+        times: Times of the rows [s].
     """
     shape = gust_shape(times, cases["gust_at_s"][:, None], cases["gust_lasts_s"][:, None])
     speed = cases["gust_m_s"][:, None] * shape
     direction = cases["gust_to_rad"]
-    along = np.column_stack([np.cos(direction), np.sin(direction)])
+    unit_vector = np.column_stack([np.cos(direction), np.sin(direction)])
     first = 3 * crane.layout.points.index("payload")
     force = np.zeros((*speed.shape, 3 * len(crane.points)))
-    force[..., first : first + 2] = drag_force(DRAG, speed[..., None] * along[:, None])
+    force[..., first : first + 2] = drag_force(DRAG, speed[..., None] * unit_vector[:, None])
     return force
 
 
@@ -221,7 +236,7 @@ def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
         sizes = noise_of(crane)
         added = np.empty((len(errors), rows, len(sizes)))
         for noise, seed, number in zip(added, cases["seed"], cases["number"], strict=True):
-            # Of a case itself, so that it does not depend on how cases are put into batches.
+            # Each case has noise of its own, so that it does not depend on the batch it is in.
             bits = np.random.SFC64([int(seed), int(number)])
             np.random.Generator(bits).standard_normal(out=noise)
         added *= cases["noise"][:, None, None] * sizes
@@ -237,7 +252,7 @@ def lagging(crane: Crane, cases: Cases) -> list[Converters]:
     return [replace(typical, lags=lag * typical.lags) for lag in cases["lag"].tolist()]
 
 
-def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarray:
+def _distances_from_goals(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarray:
     """Return the distances of loads from their goals [m]; NaN where a crane diverged."""
     distances = []
     for crane, q, goal in zip(cranes, ends, goals, strict=True):
@@ -258,8 +273,10 @@ def _amplitudes(crane: Crane, batch: Batch, row: int) -> np.ndarray:
     return swing_amplitude(q[:, swings], v[:, swings], length, crane.gravity)
 
 
-def _whole(crane: Crane, batch: Batch) -> np.ndarray:
-    """Return 1 where joints are in range, rope taut and load above ground, shape (cranes,)."""
+def _stays_valid(crane: Crane, batch: Batch) -> np.ndarray:
+    """Return whether the joints stay in range, the rope taut and the load above ground, shape
+    (cranes,).
+    """
     shape = batch.q.shape[:2]
     q = batch.q.reshape(-1, batch.q.shape[-1])
     v = batch.v.reshape(-1, batch.v.shape[-1])
@@ -267,13 +284,13 @@ def _whole(crane: Crane, batch: Batch) -> np.ndarray:
     # A crane that diverged has numbers that are not finite.
     with np.errstate(invalid="ignore"):
         holds = valid(conditions(crane, q, v, hoist_force(crane, effort))).reshape(shape)
-    return holds.all(axis=1).astype(float)
+    return np.asarray(holds.all(axis=1))
 
 
-def _longer(crane: Crane, state: State, by: np.ndarray) -> State:
-    """Return copies of a state with longer cables [m]."""
-    q = np.tile(state.q, (len(by), 1))
-    q[:, crane.layout.index("l")] += by
+def _longer(crane: Crane, state: State, extra: np.ndarray) -> State:
+    """Return copies of a state at rest, each with a cable that is longer by so much [m]."""
+    q = np.tile(state.q, (len(extra), 1))
+    q[:, crane.layout.index("l")] += extra
     return State(q, np.zeros_like(q))
 
 
@@ -310,7 +327,7 @@ UNBATCHED = {
     strategies.MPC: "its optimiser is called from Python; the compiled one stands for it",
     strategies.YIELD: "its rates are not affine in the state",
 }
-"""Strategies that no batch runs, and why."""
+"""Why strategies cannot run in a batch, by their names."""
 
 DRAWN = [name for name in strategies.STRATEGIES if name not in UNBATCHED]
 """Strategies for which cases are drawn."""
@@ -342,9 +359,11 @@ def drawn(setup: Setup, names: Sequence[str], drive: str, count: int, seed: int)
         control_period_s=setup.control_period,
         seed=seed,
     )
+    # A row of random numbers for each case, so that fewer cases are the first of more.
     low, high = np.array(list(RANGES.values())).T
     shares = np.random.default_rng(seed).random((count, len(RANGES)))
     columns = dict(zip(RANGES, (low + (high - low) * shares).T, strict=True))
+    # Loads are rounded to levels, delays to whole periods.
     lightest, heaviest = RANGES["load"]
     levels = np.linspace(lightest, heaviest, LEVELS)
     share = (columns["load"] - lightest) / (heaviest - lightest)

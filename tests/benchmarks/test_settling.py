@@ -30,7 +30,7 @@ def test_a_random_move_settles_within_one_and_a_half_times_the_least_time_at_any
     slew = abs(one.move.goal[0])
     assert one.least > slew / 0.0838 + 0.0838 / 0.02 if slew > 0.0838**2 / 0.02 else True
     assert one.least < 1.02 * one.taken
-    assert one.ratio < settling.RATIO[False]
+    assert one.ratio < settling.MAX_RATIO
     # Times go with the root of the size under limits that go with it. Moves are planned in whole
     # control periods, which are the same for both, and so are times between optimisations.
     assert other.least == pytest.approx(0.5 * one.least, abs=5e-3)

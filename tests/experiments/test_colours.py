@@ -16,7 +16,7 @@ from cranedyn.recording.dashboard import payload_view, scene_view
 from cranedyn.recording.scene import looks, payload_entity
 from cranedyn.recording.series import plots, series_table, time_series_view
 from experiments import harness
-from experiments.demo import in_step
+from experiments.demo.live import in_step
 from experiments.scenarios.moves import TOUR_LIMITS
 from experiments.scenarios.strategies import strategy_colour
 from experiments.scenarios.tours import CONTROLS

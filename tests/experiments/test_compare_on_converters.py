@@ -13,7 +13,7 @@ from experiments.compare import claims, runs, tables
 from experiments.compare.runs import Results, StrategyResult
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
-from experiments.scenarios.moves import CLOSE, MOVES, SWINGING, Score, on_converters
+from experiments.scenarios.moves import MOVES, SETTLED_DISTANCE, SWINGING, Score, on_converters
 from experiments.scenarios.perturbations import NOMINAL, UNOBSERVED
 from experiments.scenarios.strategies import (
     COMPILED_MPC,
@@ -50,7 +50,7 @@ def test_a_planned_path_leaves_no_swing_on_converters_whatever_is_not_as_planned
     for results in found.values():
         score = results[FLAT][NOMINAL.name].score
         assert score is not None
-        assert score.later * score.length < 0.1 * CLOSE
+        assert score.later * score.length < 0.1 * SETTLED_DISTANCE
         assert score.beyond == 0.0
 
 

@@ -23,6 +23,7 @@ from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
 from cranedyn.lifts.planning.itinerary import ARTICLE_TOUR, itinerary
 from cranedyn.recording import Live
 from experiments import demo, harness
+from experiments.demo import endless, live
 from experiments.scenarios.moves import residual
 from tests.document_numbers import missing
 from tests.experiments.conftest import Ran
@@ -80,7 +81,7 @@ def test_no_drive_exceeds_its_rate_and_every_dwell_stands_still_as_long_as_asked
 
 @pytest.fixture(scope="module")
 def pieces() -> list[Trajectory]:
-    return list(demo.pieces(WORLD, TOUR, hold_controller(WORLD.crane), TOUR.duration + 20.0))
+    return list(live.pieces(WORLD, TOUR, hold_controller(WORLD.crane), TOUR.duration + 20.0))
 
 
 def test_pieces_joined_are_the_run_in_one_go(pieces: list[Trajectory]) -> None:
@@ -109,8 +110,8 @@ def test_residual_is_the_amplitude_of_a_known_swing(pieces: list[Trajectory]) ->
 def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
     pieces: list[Trajectory], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(demo.endless, "PART", 7.0)
-    record = demo.endless.EndlessRecord(tmp_path / "demo.parquet")
+    monkeypatch.setattr(endless, "PART", 7.0)
+    record = endless.EndlessRecord(tmp_path / "demo.parquet")
     for piece in pieces:
         record.append(piece)
         last = record.last()
@@ -135,7 +136,7 @@ def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
 def test_what_is_left_in_the_dwells_is_the_same_from_pieces_as_from_the_whole_run(
     pieces: list[Trajectory],
 ) -> None:
-    dwells = demo.endless.Dwells(TOUR, WORLD.control_period)
+    dwells = endless.Dwells(TOUR, WORLD.control_period)
     whole = join(pieces)
     told = [dwell for piece in pieces if (dwell := dwells.add(piece)) is not None]
     assert told == dwells.rows
@@ -205,22 +206,25 @@ def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_i
     assert (done.code, done.failed()) == (0, [])
     run = read(done.folder / "demo.parquet")
     tour = itinerary(WORLD.crane, WORLD.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    dwells = demo.endless.Dwells(tour, WORLD.control_period)
+    dwells = endless.Dwells(tour, WORLD.control_period)
     dwells.add(run.between(0.0, tour.stages[0].end))
-    assert [claim.holds for claim in demo._bare(WORLD, tour, dwells)] == [True, True]
+    assert [claim.holds for claim in demo._uncontrolled_claims(WORLD, tour, dwells)] == [True, True]
     monkeypatch.setattr(demo, "DAMPING", {"trolley": 4.0 * demo.DAMPING["trolley"]})
-    dwells.rows = [demo.endless.Dwell("leg", 0.0, 100.0, 9.0)]  # 9 mm at the hook count as settled
-    assert [claim.holds for claim in demo._bare(WORLD, tour, dwells)] == [False, False]
+    dwells.rows = [endless.Dwell("leg", 0.0, 100.0, 9.0)]  # 9 mm at the hook count as settled
+    assert [claim.holds for claim in demo._uncontrolled_claims(WORLD, tour, dwells)] == [
+        False,
+        False,
+    ]
 
 
 def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> None:
-    dwells = demo.endless.Dwells(TOUR, WORLD.control_period)
+    dwells = endless.Dwells(TOUR, WORLD.control_period)
     dwells.peak = 0.04
     dwells.shortest = 10.0
     most = np.sqrt(WORLD.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
     for left, holds in ((0.99 * most, True), (1.01 * most, False)):
-        dwells.rows = [demo.endless.Dwell("leg", 0.0, left, 0.0)]
-        assert demo._nothing(WORLD, dwells).holds == holds
+        dwells.rows = [endless.Dwell("leg", 0.0, left, 0.0)]
+        assert [claim.holds for claim in demo._flat_claims(WORLD, dwells)] == [holds]
 
 
 @pytest.mark.long
@@ -243,8 +247,8 @@ def test_the_controlled_demo_has_no_swing_worth_the_name_and_is_recorded_over_th
 def test_a_long_demo_leaves_its_parts_and_its_last_minutes(
     control: str, monkeypatch: pytest.MonkeyPatch, ran: Callable[..., Ran]
 ) -> None:
-    monkeypatch.setattr(demo.endless, "PART", 12.0)
-    monkeypatch.setattr(demo, "RECORDED", 14.0)
+    monkeypatch.setattr(endless, "PART", 12.0)
+    monkeypatch.setattr(live, "MAX_FILE_DURATION", 14.0)
     words = "--cycles 0.3 --dwell 1 --control".split()
     long = ran("demo", *words, control, "--engine", FAST)
     parts = [read(long.folder / name) for name in long.result["parameters"]["earlier_parts"]]

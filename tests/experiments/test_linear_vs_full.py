@@ -18,7 +18,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Setpoint, State
 from experiments import harness, linear_vs_full
-from experiments.linear_vs_full import ALONE, OF_SLEWING
+from experiments.linear_vs_full import SLEWING_TERMS, TROLLEY_ALONE
 from experiments.linear_vs_full.linear_equations import (
     Miss,
     all_rates,
@@ -29,6 +29,7 @@ from experiments.linear_vs_full.linear_equations import (
 )
 from experiments.linear_vs_full.linear_moves import (
     SITES,
+    HoistingPowers,
     Job,
     LinearCase,
     SiteCrane,
@@ -54,7 +55,7 @@ def result(ran: Callable[..., Ran]) -> Ran:
 @pytest.mark.long
 def test_the_readme_tells_its_largest_errors(result: Ran) -> None:
     rows = [row for site in SITES for row in result.table(f"{site.name}: error")]
-    alone = [row["both rms [%]"] for row in rows if row["move"] in ALONE]
+    alone = [row["both rms [%]"] for row in rows if row["move"] in TROLLEY_ALONE]
     slewing = [row["both rms [%]"] for row in rows if row["move"].startswith("slew")]
     told = f"at most {max(alone):.1f} %, jib turning {min(slewing):.0f} to {max(slewing):.0f} %"
     assert missing([told], "README.md") == []
@@ -123,7 +124,7 @@ def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: Si
         setpoints = [job.reference(t) for t in np.linspace(0.0, job.arrival, 401)]
         position, velocity, acceleration = map(np.array, zip(*setpoints, strict=True))
         x, length = position[:, 1:].T
-        rates = (site.slew, site.trolley, site.hoist[1])
+        rates = (site.slew, site.trolley, site.fast_hoist)
         assert 2.0 <= x.min() and x.max() <= site.jib * rounding
         assert 1.0 <= length.min() and length.max() <= site.height * rounding
         assert (np.abs(velocity) <= np.array(rates) * rounding).all()
@@ -250,7 +251,7 @@ def _cases() -> list[LinearCase]:
         "slew": large,
         "trolley, slow hoist": large,
     }
-    dropped = dict.fromkeys(OF_SLEWING, 0.4)
+    dropped = dict.fromkeys(SLEWING_TERMS, 0.4)
     return [
         LinearCase(
             site, Job(name, run.state(0), lambda t: None, 1.0), run, of, small, None, 0.3, dropped
@@ -260,7 +261,7 @@ def _cases() -> list[LinearCase]:
     ]
 
 
-_GOOD = {"rates": 0.004, "angles": 8.0, "powers": [-0.75, 0.25]}
+_GOOD = {"rates": 0.004, "angles": 8.0, "powers": HoistingPowers(-0.75, 0.25)}
 
 
 @pytest.mark.parametrize(
@@ -273,8 +274,8 @@ _GOOD = {"rates": 0.004, "angles": 8.0, "powers": [-0.75, 0.25]}
         ({"slew": Miss(0.1, 0.01, 0.01, 0.3)}, [2, 5]),
         ({"dropped": 0.1}, [1]),
         ({"rates": 0.02}, [5]),
-        ({"powers": [-0.74, 0.25]}, [4]),
-        ({"powers": [-0.75, -0.75]}, [4]),
+        ({"powers": HoistingPowers(-0.74, 0.25)}, [4]),
+        ({"powers": HoistingPowers(-0.75, -0.75)}, [4]),
         ({"all rates": Miss(0.1, 0.06, 0.0, 0.1)}, [3]),
     ],
 )
@@ -283,7 +284,7 @@ def test_each_claim_fails_where_it_should(changed: dict[str, Any], failing: list
         c._replace(
             paper=changed.get(c.job.name, c.paper),
             rates=changed.get("all rates", c.rates),
-            dropped=dict.fromkeys(OF_SLEWING, changed.get("dropped", 0.4)),
+            dropped=dict.fromkeys(SLEWING_TERMS, changed.get("dropped", 0.4)),
         )
         for c in _cases()
     ]

@@ -31,10 +31,10 @@ def test_the_map_tells_what_is_near_its_end(done: Ran) -> None:
         for column in ("damping [%]", "upper gain margin", "delay margin [ms]")
     )
     # a PD that knows nothing of the swing leaves it undamped; an LQR made for elsewhere does worse
-    assert damping[margins.KEPT] < 0.0 < damping[PD] < 0.1 < 5.0 < damping[LQR]
+    assert damping[margins.UNSCHEDULED] < 0.0 < damping[PD] < 0.1 < 5.0 < damping[LQR]
     # a Kalman filter takes away what an LQR has of margins (Doyle 1978)
-    assert stronger[margins.BLIND] < 1.1 < 10.0 < stronger[LQR]
-    assert late[margins.BLIND] < late[LQR]
+    assert stronger[margins.NO_SWING_SENSOR] < 1.1 < 10.0 < stronger[LQR]
+    assert late[margins.NO_SWING_SENSOR] < late[LQR]
     assert late[PAPER] > 5.0
     assert (done.folder / "margins_map.png").is_file()
 

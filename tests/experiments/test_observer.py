@@ -27,7 +27,10 @@ def test_a_corner_of_the_grid_is_made_judged_and_holds(
 
 
 def test_a_run_that_breaks_off_is_no_pass(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = {("drives", "share", 0.5, 0.1): 1e-5, ("drives", "offset", 0.5, 0.1): math.inf}
+    found = {
+        observer.GridCase("drives", "share", 0.5, 0.1): 1e-5,
+        observer.GridCase("drives", "offset", 0.5, 0.1): math.inf,
+    }
     monkeypatch.setattr(observer, "residual_swings", lambda setup, sensors: found)
     options = type("Options", (), {"sensors": ["drives"]})()
     outcome = observer.experiment(options, harness.Setup())

@@ -219,10 +219,12 @@ def test_a_trolley_out_of_its_range_is_broken_and_drives_that_cannot_follow_are_
         return simulate_batch(crane, follow(crane, way, 1e-2), way, **how, **COARSE)
 
     upper = strong.upper[strong.layout.index("x")]
-    assert sweep_study._whole(strong, run(strong, upper - 0.1)) == 1.0
-    assert sweep_study._whole(strong, run(strong, upper + 0.1)) == 0.0
+    assert sweep_study._stays_valid(strong, run(strong, upper - 0.1)).all()
+    assert not sweep_study._stays_valid(strong, run(strong, upper + 0.1)).any()
     overtaxed = run(weak, upper - 0.1)
-    assert np.isfinite(overtaxed.valid_until).all() and sweep_study._whole(weak, overtaxed) == 1.0
+    assert (
+        np.isfinite(overtaxed.valid_until).all() and sweep_study._stays_valid(weak, overtaxed).all()
+    )
 
 
 # --- what is counted ------------------------------------------------------------------------------
@@ -241,7 +243,7 @@ def _found(left: list[float], broken: list[float]) -> Columns:
 
 
 def test_what_breaks_diverges_or_leaves_too_much_fails_and_its_share_has_an_interval() -> None:
-    most = sweep_results.MOST_LEFT
+    most = sweep_results.MAX_RESIDUAL_SWING
     found = _found([most, 1.01 * most, 0.0, math.nan, 0.0], [0.0, 0.0, 1.0, 1.0, 0.0])
     assert sweep_results.failures(found).tolist() == [False, True, True, True, False]
     swings, failed, _ = sweep_results.drawn_tables(found, "ideal")

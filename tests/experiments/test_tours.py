@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.controllers import follow
 from cranedyn.controllers.damping import with_damping
+from cranedyn.controllers.repeated import Repeated
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import EngineName, State
@@ -26,7 +27,7 @@ from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from experiments.scenarios.moves import TOUR_LIMITS as LIMITS
 from experiments.scenarios.strategies import with_integral
-from experiments.scenarios.tours import CONTROLS, Repeated
+from experiments.scenarios.tours import CONTROLS
 from tests.helpers import FAST, G, big_crane, crane, quickly
 
 FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))

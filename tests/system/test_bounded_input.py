@@ -65,7 +65,7 @@ def test_a_result_that_is_a_pipe_and_a_figure_that_is_large_make_no_report(
     with pytest.raises(DataError, match=r"result\.json: it is no file but a device\."):
         report.page([tmp_path])
     (tmp_path / "a.png").write_bytes(bytes(2000))
-    monkeypatch.setattr(report, "_LARGEST_FIGURE", 1000)
+    monkeypatch.setattr(report, "_MAX_FIGURE_SIZE", 1000)
     with pytest.raises(DataError, match=r"a\.png: it is larger than 0\.001 MB\."):
         report.figure_address(tmp_path, "a.png")
 

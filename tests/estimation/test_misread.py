@@ -13,12 +13,12 @@ from numpy.testing import assert_allclose
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.repeated import Repeated
 from cranedyn.estimation import mpc
+from cranedyn.estimation.misread import Misread
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion, flat
 from cranedyn.simulation.simulate import simulate
-from experiments.scenarios.perturbations import Misread
-from experiments.scenarios.tours import Repeated
 from tests.helpers import FAST, crane
 
 C = crane()

@@ -1,21 +1,12 @@
-"""Lift-off and set-down: what they do to the rope and to the swing.
-
-A box stands on the ground with a slack rope, the hoist already turns, and the rope takes the box
-up; or the box hangs and is set down. Drives follow their motion exactly.
-"""
+"""Runs of a box that is lifted off the ground, slides on it, or is set down."""
 
 from __future__ import annotations
 
-import argparse
-import itertools
 import math
-import sys
-from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cranedyn.controllers.hold import zero_command
 from cranedyn.data.trajectory import Trajectory
@@ -27,10 +18,7 @@ from cranedyn.lifts.judging import factors
 from cranedyn.lifts.judging.factors import HOISTING, DriveClass, HoistingClass
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.plotting.figures import COLOURS, panels
-from cranedyn.plotting.style import run_colour
-from experiments import harness
-from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.harness import Setup
 from experiments.scenarios.moves import instant
 
 MASS = 1000.0
@@ -44,12 +32,6 @@ MAX_HOISTING_SPEED = 0.8
 
 CREEP_SPEED = 0.1
 """Creep speed of the hoist [m/s]."""
-
-DRIVES: tuple[DriveClass, ...] = ("HD1", "HD2", "HD4")
-"""Drive classes that differ in the speed of lift-off."""
-
-CLASSES: tuple[HoistingClass, ...] = ("HC1", "HC2", "HC3", "HC4")
-"""Hoisting classes."""
 
 CLASS_ROPE_LENGTH = 1000.0
 """Length of the rope of a hoist of a class [m], so long that its stiffness hardly changes while it
@@ -78,32 +60,11 @@ SLACK = 0.02
 SET_DOWN_HEIGHT = 0.05
 """Height of the box above ground before it is set down [m]."""
 
-OFFSETS = (0.1, 0.5, 1.0, 2.0)
-"""Distances of the trolley from above the box in lifts off-lead [m]."""
-
-FRICTIONS = (0.2, 0.6)
-"""Coefficients of friction of the ground."""
-
-OFF_LEAD_SPEEDS = (0.05, 0.2)
-"""Hoisting speeds of lifts off-lead [m/s]."""
-
 OFF_LEAD_TIME = 20.0
 """Duration of a lift off-lead [s]."""
 
-SINK_RATES = (0.05, 0.1, 0.2, 0.4)
-"""Speeds of setting down [m/s]."""
-
-THROWN_SPEEDS = (0.5, 1.5)
-"""Speeds of a box on the ground below a slack rope, which friction alone brings to rest [m/s]."""
-
 THROWN_SLACK = 0.5
-"""Slack of its rope [m], so that it stays slack until the box rests."""
-
-ADIABATIC_ERROR = 0.02
-"""Relative error of the law that a swing grows as l^(-3/4) on a rope that shortens slowly.
-
-It is of the order of the speed over l ω.
-"""
+"""Slack of the rope above a box that slides [m]; it stays slack until the box rests."""
 
 
 class LiftOff(NamedTuple):
@@ -192,33 +153,6 @@ class SetDown(NamedTuple):
     rebounds: float
 
 
-def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """Lift the box off and set it down in all ways."""
-    picked = []
-    for hoisting, drive in itertools.product(CLASSES, DRIVES):
-        picked.append(_pick_up(setup, hoisting, drive))
-    leaning = []
-    for friction, offset, speed in itertools.product(FRICTIONS, OFFSETS, OFF_LEAD_SPEEDS):
-        leaning.append(_off_lead(setup, friction, offset, speed))
-    slides = []
-    for friction, speed in itertools.product(FRICTIONS, THROWN_SPEEDS):
-        slides.append(_slide(setup, friction, speed))
-    down = [_set_down(setup, speed) for speed in SINK_RATES]
-    worst = max(leaning, key=lambda lift: lift.swing / lift.lead)
-    return Outcome(
-        tables=[
-            _pick_up_table(picked),
-            _off_lead_table(leaning),
-            _slide_table(slides),
-            _set_down_table(down),
-        ],
-        claims=[*_pick_up_claims(picked), _slide_claim(slides), *_other_claims(worst, down)],
-        trajectories={"off_lead": worst.run},
-        figures={"lift_off": _figure(picked)},
-        recording=harness.side_by_side({"off-lead": (_roped(setup), worst.run)}, apart=0.0),
-    )
-
-
 @cache
 def _crane(gravity: float, rope: float, length: float, **values: float) -> Crane:
     """Return a crane with the box, whose rope reaches from its pivot to the box on the ground.
@@ -246,7 +180,7 @@ def _crane(gravity: float, rope: float, length: float, **values: float) -> Crane
     return load_crane(gravity=gravity, values=numbers)
 
 
-def _roped(setup: Setup) -> Crane:
+def roped_crane(setup: Setup) -> Crane:
     """Return the crane with a real rope."""
     return _crane(
         setup.gravity,
@@ -326,7 +260,7 @@ def _push(crane: Crane, ground: Ground, run: Trajectory) -> np.ndarray:
     return np.array(forces) / (crane.payload_mass * crane.gravity)
 
 
-def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> LiftOff:
+def pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> LiftOff:
     """Lift the box off by a hoist of a class.
 
     A load on a spring that is taken up at the speed v pulls by 1 + v ω/g of its weight: the slope
@@ -351,7 +285,7 @@ def _pick_up(setup: Setup, hoisting: HoistingClass, drive: DriveClass) -> LiftOf
     return LiftOff(hoisting, drive, speed, float(_pull(crane, run).max()), allowed)
 
 
-def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> OffLead:
+def off_lead_lift(setup: Setup, friction: float, offset: float, speed: float) -> OffLead:
     """Lift the box off by a rope that leans.
 
     Args:
@@ -360,7 +294,7 @@ def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> Off
         offset: Distance of the trolley from above the box [m].
         speed: Hoisting speed [m/s].
     """
-    crane = _roped(setup)
+    crane = roped_crane(setup)
     ground = Ground(box_corners(*SIDES), (), friction)
     start = _from_ground(crane, ground, offset, SLACK / 4.0, speed)
     run = _run(setup, crane, ground, start, OFF_LEAD_TIME, f"{offset:g} m off-lead")
@@ -382,9 +316,9 @@ def _off_lead(setup: Setup, friction: float, offset: float, speed: float) -> Off
     )
 
 
-def _slide(setup: Setup, friction: float, speed: float) -> Slide:
+def slide(setup: Setup, friction: float, speed: float) -> Slide:
     """Let the box slide along the jib below a slack rope, level on the ground, until it rests."""
-    crane = _roped(setup)
+    crane = roped_crane(setup)
     ground = Ground(box_corners(*SIDES), (), friction)
     layout = crane.layout
     start = standing(crane, ground, crane.state(phi=0.0, l=ROPE_LENGTH + THROWN_SLACK))
@@ -407,9 +341,9 @@ def _slide(setup: Setup, friction: float, speed: float) -> Slide:
     return Slide(friction, speed, float(np.linalg.norm(slid[:2])), closed, allowed)
 
 
-def _set_down(setup: Setup, speed: float) -> SetDown:
+def set_down(setup: Setup, speed: float) -> SetDown:
     """Lower the box to the ground at a speed [m/s], and on until the rope is slack."""
-    crane = _roped(setup)
+    crane = roped_crane(setup)
     ground = Ground(box_corners(*SIDES))
     stretch = crane.start.q[crane.layout.index("rope_stretch")]
     start = crane.state(l=ROPE_LENGTH - SET_DOWN_HEIGHT - float(stretch), l_dot=speed)
@@ -430,140 +364,3 @@ def _set_down(setup: Setup, speed: float) -> SetDown:
         slack_after=slack_after,
         rebounds=float(rows_in_air * setup.control_period),
     )
-
-
-def _pick_up_table(picked: Sequence[LiftOff]) -> ResultTable:
-    return make_table(
-        "Lift-off by hoisting and drive class",
-        picked,
-        ("class", "", lambda p: p.hoisting),
-        ("drive", "", lambda p: p.drive),
-        ("v_h [m/s]", ".2f", lambda p: p.speed),
-        ("T/W", ".4f", lambda p: p.simulated),
-        ("1 + β2 v_h", ".4f", lambda p: p.closed),
-        ("allowed", ".0e", lambda p: p.allowed),
-        ("φ2", ".3f", lambda p: p.standard),
-        note="The hoist turns at v_h, the rope gets taut, the box leaves hard ground. Allowed: by "
-        "the sink of the ground and the strain of the rope. φ2 = φ2,min + β2 v_h, EN 1991-3 and "
-        "13001-2 read second hand. HD5 lifts off without speed.",
-    )
-
-
-def _figure(picked: Sequence[LiftOff]) -> Figure:
-    """Draw φ2 and simulated tensions over the speed of lift-off, a colour a class."""
-    figure, (ax,) = panels(width=7.0, height=3.6)
-    speeds = np.array([0.0, max(p.speed for p in picked)])
-    for i, hoisting in enumerate(CLASSES):
-        slope, intercept = HOISTING[hoisting]
-        drawn = [p for p in picked if p.hoisting == hoisting]
-        colour = run_colour(i)
-        ax.plot(speeds, intercept + slope * speeds, color=colour, label=f"φ2, {hoisting}")
-        ax.plot(speeds, 1.0 + slope * speeds, color=colour, linestyle=":")
-        ax.plot([p.speed for p in drawn], [p.simulated for p in drawn], "o", color=colour)
-    ax.plot([], [], ":", color=COLOURS["setpoint"], label="1 + β2 v")
-    ax.plot([], [], "o", color=COLOURS["setpoint"], label="simulated")
-    ax.set(xlabel="hoisting speed at lift-off [m/s]", ylabel="tension over weight")
-    ax.legend()
-    return figure
-
-
-def _off_lead_table(leaning: Sequence[OffLead]) -> ResultTable:
-    return make_table(
-        "Lift-off by a rope that leans",
-        leaning,
-        ("friction", ".1f", lambda o: o.friction),
-        ("offset [m]", ".1f", lambda o: o.offset),
-        ("v_h [m/s]", ".2f", lambda o: o.speed),
-        ("off-lead [°]", ".2f", lambda o: math.degrees(o.lead)),
-        ("slid [m]", ".2f>0.01", lambda o: o.slid),
-        ("swing [°]", ".2f", lambda o: math.degrees(o.swing)),
-        ("swing/off-lead", ".2f", lambda o: o.swing / o.lead),
-        note="Off-lead: as the rope gets taut. Swing: largest in 20 s, as on a rope of the length "
-        "at lift-off.",
-    )
-
-
-def _slide_table(slides: Sequence[Slide]) -> ResultTable:
-    return make_table(
-        "A box that slides to rest",
-        slides,
-        ("friction", ".1f", lambda s: s.friction),
-        ("v [m/s]", ".1f", lambda s: s.speed),
-        ("slid [m]", ".4f", lambda s: s.slid),
-        ("v²/(2 μ g)", ".4f", lambda s: s.closed),
-        ("allowed", ".0e", lambda s: s.allowed),
-        note="On the ground below a slack rope. Allowed: by the strain of contacts that stick and "
-        "the pitch of the box.",
-    )
-
-
-def _set_down_table(down: Sequence[SetDown]) -> ResultTable:
-    return make_table(
-        "Set-down",
-        down,
-        ("v [m/s]", ".2f", lambda d: d.speed),
-        ("T/W at most", ".3f", lambda d: d.pull),
-        ("ground/W at most", ".2f", lambda d: d.push),
-        ("slack after [s]", ".2f", lambda d: d.slack_after),
-        ("in the air again [s]", ".2f", lambda d: d.rebounds),
-    )
-
-
-def _pick_up_claims(picked: Sequence[LiftOff]) -> list[Claim]:
-    worst = max(picked, key=lambda p: abs(p.simulated - p.closed) / p.allowed)
-    near = min(picked, key=lambda p: p.standard - p.simulated)
-    return [
-        Claim(
-            f"A box that leaves the ground loads the rope by 1 + β2 v_h in {len(picked)} cases; "
-            f"worst: {worst.hoisting} {worst.drive}, {worst.simulated:.4f} beside "
-            f"{worst.closed:.4f}, {worst.allowed:.0e} allowed.",
-            all(abs(p.simulated - p.closed) <= p.allowed for p in picked),
-        ),
-        Claim(
-            f"φ2 covers each of them; nearest: {near.hoisting} {near.drive}, {near.simulated:.3f} "
-            f"of {near.standard:.3f}.",
-            near.simulated <= near.standard,
-        ),
-    ]
-
-
-def _slide_claim(slides: Sequence[Slide]) -> Claim:
-    worst = max(slides, key=lambda s: abs(s.slid - s.closed) / s.allowed)
-    return Claim(
-        f"A box that slides rests after v²/(2 μ g) in {len(slides)} cases; worst: {worst.slid:.4f} "
-        f"m beside {worst.closed:.4f} m, {worst.allowed:.0e} m allowed.",
-        all(abs(s.slid - s.closed) <= s.allowed for s in slides),
-    )
-
-
-def _other_claims(worst: OffLead, down: Sequence[SetDown]) -> list[Claim]:
-    """Return the claims on the swing after lift-off and on set-down.
-
-    Args:
-        worst: The lift off-lead with the largest swing over the angle by which its rope leaned.
-        down: All set-downs.
-    """
-    hard = max(down, key=lambda d: d.pull)
-    return [
-        Claim(
-            "After lift-off the load swings no farther than the rope leaned; worst: "
-            f"{worst.swing / worst.lead:.3f} of it, {1.0 + ADIABATIC_ERROR:g} allowed.",
-            worst.swing <= (1.0 + ADIABATIC_ERROR) * worst.lead,
-        ),
-        Claim(
-            f"A set-down loads the rope by no more than the weight: {hard.pull:.4f} at most; it "
-            "goes slack in each case and the box stays down.",
-            hard.pull <= 1.001
-            and all(math.isfinite(d.slack_after) and d.rebounds == 0.0 for d in down),
-        ),
-    ]
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run from the command line."""
-    parser = harness.parser("liftoff", __doc__, engines=("compiled",))
-    return harness.run_experiment(parser, experiment, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,5 @@
+"""The command ``python -m experiments.demo``."""
+
+from experiments.demo import main
+
+raise SystemExit(main())

@@ -1,0 +1,5 @@
+"""The command ``python -m experiments.liftoff``."""
+
+from experiments.liftoff import main
+
+raise SystemExit(main())
