@@ -296,7 +296,10 @@ def _summary(results: Sequence[SiteLift]) -> ResultTable:
     for name, values in (
         ("plan and certificate [s]", [one.result.seconds for one in certified]),
         ("way / grid", [lift.way_duration / lift.grid_duration for lift in lifts]),
-        ("drives along the way / bound", [lift.timed.bound / lift.least_duration for lift in lifts]),
+        (
+            "drives along the way / bound",
+            [lift.timed.bound / lift.least_duration for lift in lifts],
+        ),
         ("motion / bound", _ratios(motions, bounds)),
         ("motion [s]", motions),
         # The worst clearance is the least, and so the largest of the negative ones.

@@ -163,8 +163,8 @@ def _outcome(singles: Sequence[Single], drives: Sequence[Log], count: int) -> Ou
         share, column = min(of_source)
         claims.append(
             Claim(
-                f"{name}: each record alone explains {100 * EXPLAINED_SHARE:g} % of its swing at least "
-                f"({100 * share:.1f} % of {column}).",
+                f"{name}: each record alone explains {100 * EXPLAINED_SHARE:g} % of its swing at "
+                f"least ({100 * share:.1f} % of {column}).",
                 share >= EXPLAINED_SHARE,
             )
         )

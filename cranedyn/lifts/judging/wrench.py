@@ -72,7 +72,9 @@ class CraneStates:
             buffers: Whether buffers end the ranges of the drives.
         """
         topology = plant.Topology.of(crane)
-        crane_plant = plant.make_plant(topology, plant.plant_numbers(crane).tolist(), "effort", buffers)
+        crane_plant = plant.make_plant(
+            topology, plant.plant_numbers(crane).tolist(), "effort", buffers
+        )
         # The equations of motion take a column for each joint, of all rows at once.
         positions = scalars.column_objects(q)
         rates = scalars.column_objects(v)
