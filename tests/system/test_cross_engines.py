@@ -93,7 +93,7 @@ def test_mujoco_has_the_same_accelerations_with_damping(engine: Any) -> None:
     @given(states, efforts)
     def same(state: State, effort: np.ndarray) -> None:
         data.qpos[:], data.qvel[:] = state
-        data.qfrc_applied[:] = dynamics.full(crane(), effort)
+        data.qfrc_applied[:] = dynamics.over_all_joints(crane(), effort)
         mujoco.mj_forward(model, data)
         # Rounding, light trolley.
         assert_allclose(dynamics.acceleration(c, state, effort), data.qacc, atol=1e-10, rtol=1e-9)
@@ -135,7 +135,7 @@ def _apart(urdf: str, loop: str, *, implicit: bool = False, **damping: float) ->
         state = State(data.qpos.copy(), data.qvel.copy())
         apart = max(apart, *np.abs(state.q - run.q[k]), *np.abs(state.v - run.v[k]))
         effort = run.effort[k] if loop == "recorded" else law(t, state, reference(t))
-        data.qfrc_applied[:] = dynamics.full(c, effort)
+        data.qfrc_applied[:] = dynamics.over_all_joints(c, effort)
         mujoco.mj_step(model, data, round(PERIOD / DT))
     return apart
 
