@@ -136,7 +136,7 @@ def _apart(urdf: str, loop: str, *, implicit: bool = False, **damping: float) ->
         state = State(data.qpos.copy(), data.qvel.copy())
         apart = max(apart, *np.abs(state.q - run.q[k]), *np.abs(state.v - run.v[k]))
         effort = run.effort[k] if loop == "recorded" else law(t, state, reference(t))
-        data.qfrc_applied[:] = dynamics.full(c, effort)
+        data.qfrc_applied[:] = dynamics.over_all_joints(c, effort)
         mujoco.mj_step(model, data, round(PERIOD / DT))
     return apart
 
