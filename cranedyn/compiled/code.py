@@ -83,7 +83,8 @@ class Code(Instructions):
 
         Args:
             first: First number, of Python or of the code.
-            last: Number after the last one, of Python or of the code.
+            last: Number after the last one, of Python or of the code. Where the statements change
+                it, a function that emits it: it is asked anew before each number.
 
         Yields:
             The number for which the statements run.
@@ -98,6 +99,8 @@ class Code(Instructions):
         self.builder.position_at_end(head)
         counter = self.builder.phi(INTEGER)
         counter.add_incoming(begin, before)
+        if callable(end):
+            end = end()
         self.builder.cbranch(self.builder.icmp_signed("<", counter, end), body, after)
         self.builder.position_at_end(body)
         self._forget_angles()

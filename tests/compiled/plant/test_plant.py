@@ -438,7 +438,7 @@ def test_a_load_that_hangs_askew_swings_about_where_it_hangs() -> None:
     plumb = _plant_of(c)
     angle = np.array([0.02, -0.03])
     slope = np.array([[0.0, 1e-3, 2e-3], [4e-3, 0.0, -1e-3]])
-    askew = replace(plumb, rest=(angle, slope))
+    askew = replace(plumb, rest_angle=angle, rest_slope=slope)
     phi, theta = c.swings.tolist()
     q = c.start.q.copy()
     q[c.layout.drives] = [0.5, 8.0, 12.0]
