@@ -33,8 +33,11 @@ The other five are the blank line below the table, the count of claims, and up t
 say where files are and which commands show more.
 """
 
-MAX_OTHER_CLAIMS = 5
-"""Largest number of claims on a screen that do not fail; those that fail are all shown."""
+MAX_CLAIM_LINES = 8
+"""Lines on a screen for claims that do not fail; those that fail are all shown."""
+
+VERDICT_WIDTH = 11
+"""Width of the column of verdicts [characters]."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +87,8 @@ def show(outcome: Outcome, *, whole: bool = True) -> str:
     Args:
         outcome: The outcome.
         whole: Whether to print all of it. Otherwise only what fits a screen of 24 lines is printed:
-            the first columns and rows of the first table, and the claims. Claims that fail are
-            printed in full, the others are cut to a line.
+            the first columns and rows of the first table, all claims that fail, and as many of the
+            others as there is room for. A claim is never cut.
 
     Returns:
         What is left out, for example "3 tables and 5 columns"; empty if nothing is.
@@ -112,35 +115,56 @@ def _show_screen(console: Console, outcome: Outcome) -> dict[str, int]:
     # Claims that were not judged stand first, so that they are not the ones that are left out.
     others = [claim for claim in outcome.claims if claim.verdict is Verdict.NOT_JUDGED]
     others += [claim for claim in outcome.claims if claim.verdict is Verdict.HOLDS]
-    shown = others[:MAX_OTHER_CLAIMS]
-    claim_count = len(failed) + len(shown)
+    shown = _first_that_fit(console, others)
+    left_out_claims = len(others) - len(shown)
+    claim_lines = sum(_line_count(console, claim) for claim in [*failed, *shown])
 
-    left_out = {"table": 0, "column": 0, "row": 0, "claim": len(outcome.claims) - claim_count}
+    left_out = {"table": 0, "column": 0, "row": 0, "claim": left_out_claims}
     if outcome.tables:
-        first = excerpt(outcome.tables[0], console.width, SCREEN_LINES - claim_count)
+        first = excerpt(outcome.tables[0], console.width, SCREEN_LINES - claim_lines)
         left_out["table"] = len(outcome.tables) - 1
         left_out["column"] = first.columns_left_out
         left_out["row"] = first.rows_left_out
         console.print(first.block)
         console.print()
-    for claim in failed:
+    for claim in [*failed, *shown]:
         _print_claim(console, claim)
-    for claim in shown:
-        line = Text(f"{claim.verdict.word:11}{claim.sentence}")
-        line.truncate(console.width, overflow="ellipsis")
-        console.print(line)
     return left_out
+
+
+def _first_that_fit(console: Console, claims: Sequence[Claim]) -> list[Claim]:
+    """Return the first claims that take `MAX_CLAIM_LINES` together, and one in any case."""
+    fitting: list[Claim] = []
+    lines = 0
+    for claim in claims:
+        lines += _line_count(console, claim)
+        if fitting and lines > MAX_CLAIM_LINES:
+            break
+        fitting.append(claim)
+    return fitting
+
+
+def _line_count(console: Console, claim: Claim) -> int:
+    """Return how many lines a claim takes where `_print_claim` prints it."""
+    if not console.is_terminal:
+        return 1
+    return len(console.render_lines(_claim_grid(claim)))
+
+
+def _claim_grid(claim: Claim) -> RichTable:
+    """Return a claim whose sentence is folded beside its verdict."""
+    grid = RichTable.grid(padding=(0, 1, 0, 0))
+    grid.add_row(Text(f"{claim.verdict.word:{VERDICT_WIDTH - 1}}"), Text(claim.sentence))
+    return grid
 
 
 def _print_claim(console: Console, claim: Claim) -> None:
     """Print a claim in full: folded in its column on a terminal, else on one line."""
     if console.is_terminal:
-        grid = RichTable.grid(padding=(0, 1, 0, 0))
-        grid.add_row(Text(f"{claim.verdict.word:10}"), Text(claim.sentence))
-        console.print(grid)
+        console.print(_claim_grid(claim))
     else:
         # A line each, so that tools such as grep find whole claims.
-        print(f"{claim.verdict.word:11}{claim.sentence}")
+        print(f"{claim.verdict.word:{VERDICT_WIDTH}}{claim.sentence}")
 
 
 def _listed(counts: Mapping[str, int]) -> str:
