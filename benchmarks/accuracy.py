@@ -25,7 +25,7 @@ from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.plotting.figures import panels
+from cranedyn.plotting.figures import legend_above, panels
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.outcome import ResultTable
 
@@ -225,7 +225,7 @@ def accuracy_figure(table: ResultTable) -> Figure:
     # Whole decades, so that the axis has numbers at both ends.
     limits = 10.0 ** np.floor(decades.min()), 10.0 ** np.ceil(decades.max())
     right.set(xscale="log", xlim=limits, xlabel="computing time per simulated second [ms]")
-    left.legend(frameon=False)
+    legend_above(left)
     return figure
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 import cranedyn as cd
 from cranedyn.controllers import hold_controller
-from cranedyn.plotting.figures import panels, save
+from cranedyn.plotting.figures import legend_above, panels, save
 from cranedyn.plotting.style import LINE_STYLES, run_colour
 from cranedyn.references import hold, pulse
 
@@ -20,5 +20,5 @@ for i, (name, width) in enumerate({"half a period": 3.2, "a whole period": 6.4}.
     ax.plot(run.t, phi, LINE_STYLES["phi"], color=run_colour(i), label=name)
     print(f"a pulse of {name} leaves {abs(phi[run.t > 15]).max():.2f}°")
 ax.set(xlabel="time [s]", ylabel="radial swing [°]")
-ax.legend()
+legend_above(ax)
 save(figure, "pulses.svg")

@@ -24,7 +24,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Reference
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from cranedyn.references import hold, pulse, ramp
 from experiments import harness
 from experiments.harness import Claim, Outcome, PlannedRun, ResultTable, Setup, make_table
@@ -442,8 +442,8 @@ def _hoisting_figure(trajectory: Trajectory, reading: Reading) -> Figure:
     measured = (1 + reading.errors) * point
     period.plot(reading.times, measured, "o", color=COLOURS["phi"], label="half swings, doubled")
     period.set(ylabel="period [s]", xlabel="time [s]")
-    cable.legend()
-    period.legend()
+    legend_above(cable)
+    legend_above(period)
     return figure
 
 
@@ -488,7 +488,7 @@ def _draw_law(ax: Axes, reading: Reading, law: PowerLaw, name: str) -> None:
         axis.set_major_formatter(ScalarFormatter())
         axis.set_minor_formatter(NullFormatter())
         axis.set_ticks(ticks)
-    ax.legend()
+    legend_above(ax)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

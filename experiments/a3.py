@@ -23,7 +23,7 @@ from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from cranedyn.references import hold, pulse
 from experiments import harness
 from experiments.harness import Claim, Outcome, PlannedRun, ResultTable, Setup, make_table
@@ -441,7 +441,7 @@ def _slewing_figure(swing: PaperSwing) -> Figure:
         label="θ by Eq. (10)",
     )
     below.set(ylabel="θ [°]", xlabel="time [s]")
-    below.legend(loc="upper right", ncols=2)
+    legend_above(below, columns=2)
     return figure
 
 
@@ -462,7 +462,7 @@ def _stages_figure(results: Mapping[str, Sequence[tuple[str, Agreement]]]) -> Fi
     ax.invert_yaxis()
     ax.margins(x=0.12)
     ax.set_xlabel("RMS difference in θ [% of its amplitude]")
-    ax.legend()
+    legend_above(ax)
     return figure
 
 

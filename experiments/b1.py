@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from cranedyn.controllers import paper
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from cranedyn.plotting.style import LINE_STYLES
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, finite_or_none, make_table
@@ -158,7 +158,7 @@ def _tracking_figure(run: Trajectory) -> Figure:
         position = scale * run[f"{name}_{unit}"]
         ax.plot(run.t, position, color=COLOURS[name], label="paper's control")
         ax.set_ylabel(label)
-    axes[0].legend(loc="lower right")
+    legend_above(axes[0])
     axes[-1].set_xlabel("time [s]")
     return figure
 

@@ -16,7 +16,7 @@ from cranedyn.analysis.swing import SwingFit, fit_swing
 from cranedyn.data.trajectory import Trajectory, read_columns
 from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY
-from cranedyn.plotting.figures import panels
+from cranedyn.plotting.figures import legend_above, panels
 from experiments import a1, a2, a3, harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 
@@ -200,7 +200,7 @@ def _figure(recordings: Mapping[str, RecordedPair]) -> Figure:
         angle = "theta_rad" if name == "a3" else "phi_rad"
         ax.plot(pair.recorded["t_s"], 1e6 * pair.difference(angle), linewidth=1.0, label=name)
     ax.set(xlabel="time [s]", ylabel="Gazebo less here [µrad]")
-    ax.legend(ncols=4, loc="upper left")
+    legend_above(ax)
     return figure
 
 

@@ -20,7 +20,7 @@ from cranedyn.controllers.hold import zero_command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from cranedyn.references import spline
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
@@ -272,7 +272,7 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
     offset = "offset points"
     ax.annotate(text, (1.0, gain.min()), xytext=(6, 0), textcoords=offset)
     ax.set(xlabel="mass of each link [kg]", ylabel="gain in period over no links")
-    ax.legend()
+    legend_above(ax)
     return figure
 
 

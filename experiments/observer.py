@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from cranedyn.command import interrupted
 from cranedyn.errors import CraneError
-from cranedyn.plotting.figures import panels
+from cranedyn.plotting.figures import legend_above, panels
 from cranedyn.plotting.style import run_colour
 from experiments import harness
 from experiments.compare.claims import MAX_UNSEEN_SWING
@@ -161,7 +161,7 @@ def _figure(swings: Swings) -> Figure:
         )
     ax.axvline(1e3 * MAX_UNSEEN_SWING, linestyle=":", color="#999999")
     ax.set(xscale="log", xlabel="swing at the arrival [mrad]", ylabel="share of the grid")
-    ax.legend()
+    legend_above(ax)
     return figure
 
 

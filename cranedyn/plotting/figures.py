@@ -13,6 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter
 
@@ -20,7 +21,7 @@ from cranedyn.data.files import atomic_write
 from cranedyn.data.time_series import TimeSeries
 from cranedyn.plotting.style import COLOURS, GREEK, LINE_STYLES, RC, colour_of, run_colour
 
-__all__ = ["COLOURS", "panels", "save"]
+__all__ = ["COLOURS", "legend_above", "panels", "save"]
 
 _DPI = 130
 """Resolution of a picture [dots per inch]."""
@@ -34,6 +35,9 @@ _NIGHT = Path(__file__).with_name("night.css").read_bytes()
 
 _MIN_SPAN = 1e-3
 """Smallest span of an axis [° or m]."""
+
+_LEGEND_FONT_SIZE = 9.0
+"""Size of the letters of a legend [points]."""
 
 _PASSIVE_TITLES = {"rad": "swing", "m": "stretch"}
 """Label of the passive coordinates by their unit."""
@@ -91,6 +95,29 @@ def panels(
         figure = _NotebookFigure(figsize=(width, rows * height), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False, **arguments)
         return figure, list(axes.flat)
+
+
+def legend_above(ax: Axes, *, columns: int = 4) -> Legend:
+    """Put the legend of a panel above it, where it covers no curve; a title moves above both.
+
+    Args:
+        ax: The panel.
+        columns: Number of entries side by side.
+    """
+    legend = ax.legend(
+        loc="lower left",
+        bbox_to_anchor=(-0.01, 0.99),
+        ncols=columns,
+        fontsize=_LEGEND_FONT_SIZE,
+        frameon=False,
+        borderaxespad=0.2,
+    )
+    rows = -(-len(legend.get_texts()) // columns)
+    for place in ("left", "center", "right"):
+        title = ax.get_title(loc=place)
+        if title:
+            ax.set_title(title, loc=place, pad=6.0 + 1.7 * _LEGEND_FONT_SIZE * rows)
+    return legend
 
 
 def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
@@ -208,16 +235,30 @@ def plot_runs(runs: Mapping[str, TimeSeries]) -> Figure:
 def _draw_drive(ax: Axes, runs: Mapping[str, TimeSeries], symbol: str, unit: str) -> None:
     """Draw the coordinate of a drive beside its setpoint, which the legend names once."""
     label = GREEK.get(symbol, symbol)
+    is_named = False
     for i, (name, run) in enumerate(runs.items()):
-        setpoint, label_unit = _in_degrees(run[f"{symbol}_setpoint_{unit}"], unit)
-        position, _ = _in_degrees(run[f"{symbol}_{unit}"], unit)
-        grey = COLOURS["setpoint"]
-        legend = "setpoint" if i == 0 else None
-        ax.plot(run.t, setpoint, ":", color=grey, label=legend)
+        position, label_unit = _in_degrees(run[f"{symbol}_{unit}"], unit)
+        if _has_reference(run):
+            setpoint, _ = _in_degrees(run[f"{symbol}_setpoint_{unit}"], unit)
+            legend = None if is_named else "setpoint"
+            ax.plot(run.t, setpoint, ":", color=COLOURS["setpoint"], label=legend)
+            is_named = True
         ax.plot(run.t, position, color=run_colour(i), label=name or label)
         ax.set_ylabel(f"{label} [{label_unit}]")
     _widen(ax)
-    ax.legend(ncols=3, fontsize=9.0)
+    # The label of the axis says what a single curve is.
+    if len(ax.lines) > 1:
+        legend_above(ax)
+
+
+def _has_reference(run: TimeSeries) -> bool:
+    """Return whether somebody commanded the setpoints of a run.
+
+    A run without a reference has its start as setpoints, which nobody commanded. A table without a
+    record, such as one from a CSV file, does not say.
+    """
+    record = getattr(run, "record", {})
+    return "reference" in record or "controller" not in record
 
 
 def _draw_passive(
@@ -233,7 +274,9 @@ def _draw_passive(
             ax.plot(run.t, values, styles.get(symbol, "-"), color=run_colour(i), label=label)
             ax.set_ylabel(f"{_PASSIVE_TITLES[unit]} [{label_unit}]")
     _widen(ax)
-    ax.legend(ncols=4, fontsize=9.0)
+    # The label of the axis says what a single curve is.
+    if len(ax.lines) > 1:
+        legend_above(ax)
 
 
 def _widen(ax: Axes) -> None:

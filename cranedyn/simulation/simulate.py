@@ -138,12 +138,12 @@ def simulate(
             f"the class {controller.__name__}",
             f"a function, or an instance such as {controller.__name__}(...)",
         )
-    if reference is None:
-        reference = hold(crane, spec.start)
     engine_name = default_engine(spec) if engine is None else engine
     loaded_engine = load_engine(engine_name)
     parameters = run_parameters(spec, engine_name)
     record = run_record(spec, controller, reference)
+    if reference is None:
+        reference = hold(crane, spec.start)
     # A controller with a clock of its own learns start and period. A test with isinstance and the
     # protocol `cranedyn.clocks.Clocked` would take ten times as long.
     if hasattr(controller, "begin_run"):

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cranedyn import theory
 from cranedyn.model.crane import STANDARD_GRAVITY
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from cranedyn.plotting.style import run_colour
 from experiments.a1.case import FIT_FROM, SwingCase
 
@@ -71,8 +71,8 @@ def period_figure(cases: Sequence[SwingCase]) -> Figure:
     right.plot(lengths, ours, "o-", color=COLOURS["phi"], label="simulated")
     right.plot(lengths, published, "x", color=COLOURS["unexplained"], markersize=9, label="article")
     right.set(xlabel="cable length [m]", ylabel="error against 2π√(l/g) [%]", ylim=(0, None))
-    left.legend()
-    right.legend()
+    legend_above(left)
+    legend_above(right)
     return figure
 
 
@@ -91,5 +91,5 @@ def budget_figure(cases: Sequence[SwingCase]) -> Figure:
     ax.plot(positions, published, "x", label="article", **style)
     ax.set_xticks(positions, [f"l = {case.length:g} m" for case in cases])
     ax.set_ylabel("error against 2π√(l/g) [%]")
-    ax.legend()
+    legend_above(ax)
     return figure

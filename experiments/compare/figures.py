@@ -14,12 +14,19 @@ from experiments.compare.runs import Results, score_of
 from experiments.scenarios.moves import RestToRest
 from experiments.scenarios.strategies import strategy_colour
 
+MIN_HEIGHT = 2.2
+"""Smallest height of the figure of swings [inch]."""
+
 _MARKERS = "osv^D*PX>d"
+"""Markers of the cases, in their order."""
 
 
 def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
     """Draw the swing of each strategy over time in one move, in strips of the same scale."""
-    figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
+    count = max(len(runs), 1)
+    # A strip for each strategy. Few of them are higher, so that the labels have room.
+    height = max(0.75, MIN_HEIGHT / count)
+    figure, axes = panels(count, height=height, sharex=True, sharey=True)
     for ax, (strategy, run) in zip(axes, runs.items(), strict=False):
         ax.plot(
             run.t,
@@ -29,7 +36,6 @@ def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
         ax.axvline(move.duration, linestyle=":", color="#999999", linewidth=1.0)
         ax.text(1.0, 0.95, strategy, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
     axes[-1].set_xlabel(f"time [s]; dotted: {move.duration:g} s")
-    # One line for few strategies would be longer than the figure is high, and cut.
     figure.supylabel("swing [°]", fontsize=11.0)
     axes[0].set_title(
         f"Swing of the {move.name} move, radial and tangential together", fontsize=10.0, loc="left"

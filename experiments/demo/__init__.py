@@ -20,7 +20,7 @@ from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import OutOfRange
 from cranedyn.lifts.planning.itinerary import Stage, Timetable
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from cranedyn.references.limits import Limits
 from experiments import harness
 from experiments.demo.endless import Dwell, Dwells
@@ -279,8 +279,8 @@ def _figure(tour: Timetable, run: Trajectory) -> Figure:
             if start < last and first < end:
                 swing.axvspan(start, end, color=COLOURS["setpoint"], alpha=0.25, linewidth=0)
     swing.set(xlabel="time [s], dwells shaded", ylabel="swing [°]")
-    drives.legend(ncols=3, loc="upper left")
-    swing.legend(ncols=2, loc="upper left")
+    legend_above(drives, columns=3)
+    legend_above(swing, columns=2)
     return figure
 
 

@@ -17,7 +17,7 @@ from cranedyn.checks import number
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from experiments import harness
 from experiments.energy.swing import (
     AUDIT,
@@ -281,7 +281,7 @@ def _ledger_figure(crane: Crane, trajectory: Trajectory) -> Figure:
         below.plot(t, trajectory.work[:, i], color=COLOURS[drive], label=f"work of {name}")
     below.plot(t, trajectory.unexplained, "--", color=colour, label="unexplained")
     below.set(xlabel="time [s]", ylabel="energy [J]")
-    above.legend(loc="lower left")
+    legend_above(above)
     below.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, 1.3))
     return figure
 
@@ -294,7 +294,7 @@ def _remainder_figure(steps: Mapping[float, Trajectory]) -> Figure:
             trajectory.t, trajectory.unexplained, color=COLOURS[name], linewidth=1.0, label=label
         )
     ax.set(xlabel="time [s]", ylabel="unexplained [J]")
-    ax.legend(ncols=3, loc="upper right")
+    legend_above(ax, columns=3)
     return figure
 
 

@@ -15,7 +15,7 @@ from cranedyn.dynamics.equations_of_motion import energy
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from experiments.energy.swing import (
     AUDIT,
     DAMPINGS,
@@ -217,5 +217,5 @@ def _figure(
         phi = gazebo_run["phi_rad"][::40]
         ax.plot(t, phi, "x", color=COLOURS["x"], label="rates overwritten, Gazebo")
     ax.set(xlabel="time [s]", ylabel="φ [rad]")
-    ax.legend(loc="lower left")
+    legend_above(ax)
     return figure

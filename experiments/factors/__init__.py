@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from cranedyn.lifts.judging import factors
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from experiments import harness
 from experiments.factors.derived import AGREES, RATIOS, simulate_factors
 from experiments.factors.formulas import DIGITS, FORMULAS, Compared
@@ -166,7 +166,7 @@ def _factors_figure(factors_derived: Sequence[Compared]) -> Figure:
     slope.set(xlabel="hoisting class", ylabel="β2 [s/m]", xticks=at)
     slope.set_xticklabels(list(factors.HOISTING))
     for ax in (ratio, slope):
-        ax.legend()
+        legend_above(ax)
     return figure
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import periodogram
 
 from cranedyn.identification import Estimate
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +40,7 @@ def beside(estimate: Estimate, index: int) -> Figure:
         wave.plot(t, recorded, color=RECORDED_COLOUR, linewidth=2.4, label="recorded")
         wave.plot(t, twin, color=twin_colour, linewidth=1.0, label="twin")
         wave.set(xlabel="time [s]", ylabel=f"{symbol} [m{channel.unit}]")
-        wave.legend(loc="upper right", fontsize=9)
+        legend_above(wave)
         residual.plot(t, 1e3 * left, color=RESIDUAL_COLOUR, linewidth=0.7)
         residual.set(xlabel="time [s]", ylabel=f"recorded less twin [m{channel.unit}]")
         shown = spectra(record.interval, t, measured[c], left)
@@ -52,7 +52,7 @@ def beside(estimate: Estimate, index: int) -> Figure:
             amplitude = np.sqrt(np.maximum(density, 1e-300))
             spectrum.loglog(shown.frequency, amplitude, color=colour, linewidth=0.9, label=name)
         spectrum.set(xlabel="frequency [Hz]", ylabel="rad/√Hz")
-        spectrum.legend(loc="lower left", fontsize=9)
+        legend_above(spectrum)
     figure.suptitle(record.name)
     return figure
 

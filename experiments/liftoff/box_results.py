@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn.lifts.judging.factors import HOISTING
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from cranedyn.plotting.style import run_colour
 from experiments.harness import Claim, ResultTable, make_table
 from experiments.liftoff.box_runs import LiftOff, OffLead, SetDown, Slide
@@ -53,7 +53,7 @@ def lift_off_figure(picked: Sequence[LiftOff]) -> Figure:
     ax.plot([], [], ":", color=COLOURS["setpoint"], label="1 + β2 v")
     ax.plot([], [], "o", color=COLOURS["setpoint"], label="simulated")
     ax.set(xlabel="hoisting speed at lift-off [m/s]", ylabel="tension over weight")
-    ax.legend()
+    legend_above(ax)
     return figure
 
 

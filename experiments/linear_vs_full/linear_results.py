@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from experiments.harness import Column, ResultTable, make_table
 from experiments.linear_vs_full.linear_equations import all_rates, integrate, paper
 from experiments.linear_vs_full.linear_moves import (
@@ -160,7 +160,7 @@ def slew_figure(
         ax.minorticks_off()
         ax.set_xlabel(label)
     left.set_ylabel("rms error of Eqs. (8), (10) [%]")
-    left.legend()
+    legend_above(left)
     return figure
 
 
@@ -177,5 +177,5 @@ def dropped_figure(cases: Sequence[LinearCase], moves: Sequence[str]) -> Figure:
         ax.set_yticks(positions, list(of_move[0].dropped))
         ax.set(title=name, xlabel="of the kept term [%]")
     axes[0].invert_yaxis()
-    axes[0].legend(loc="lower right")
+    legend_above(axes[0])
     return figure

@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d, binomtest
 
-from cranedyn.plotting.figures import panels
+from cranedyn.plotting.figures import legend_above, panels
 from experiments.harness import Claim, ResultTable, make_table
 from experiments.harness.table import Cell
 from experiments.scenarios.moves import COMBINED, DRAG, IDEAL
@@ -303,5 +303,5 @@ def timing_figure(columns: Columns) -> Figure:
         ax.plot(durations, middle, marker=marker, markersize=4.0, color=colour, label=strategy)
         ax.fill_between(durations, lowest, highest, color=colour, alpha=0.15, linewidth=0.0)
     ax.set(yscale="log", xlabel="time for the move [s]", ylabel="swing left 10 s after it [mrad]")
-    ax.legend(ncols=2, fontsize=9.0)
+    legend_above(ax, columns=2)
     return figure

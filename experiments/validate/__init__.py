@@ -18,7 +18,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import parse_values
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.validate import (
@@ -194,7 +194,7 @@ def _convergence_figure(checks: Sequence[OracleCheck]) -> Figure:
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     ax.set(xlabel="dt [ms]", ylabel=f"error over that at {1000 * STEP:g} ms")
-    ax.legend()
+    legend_above(ax)
     return figure
 
 
@@ -210,7 +210,7 @@ def _ripple_figure(bench: Bench, crane: Crane) -> Figure:
         ax.plot(swing.t, gain, color=COLOURS[colour], label=label)
     full = crane.payload_mass * crane.gravity * locked_drives.LENGTH * (1.0 - np.cos(RIPPLE_SWING))
     ax.set(xlabel="time [s]", ylabel=f"gain of energy [J] of {full:.0f} J")
-    ax.legend(ncols=3, loc="upper right")
+    legend_above(ax, columns=3)
     return figure
 
 
@@ -235,7 +235,7 @@ def _oval_figure(trajectory: Trajectory) -> Figure:
         label="far ends by the integral",
     )
     ax.set(xlabel="[m]", ylabel="[m]", aspect="equal")
-    ax.legend(loc="upper right")
+    legend_above(ax)
     return figure
 
 

@@ -19,7 +19,7 @@ from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.lifts.planning.certificate import Certificate
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.solids import Solid, rotation_z
-from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, legend_above, panels
 from cranedyn.plotting.style import run_colour
 from cranedyn.recording import Obstacle, Scenery
 
@@ -97,7 +97,7 @@ def draw_loads(analysis: LiftAnalysis) -> Figure:
         lead.plot(t, np.degrees(analysis.loads[name]), style, color=COLOURS["phi"], label=label)
     lead.set(ylabel="rope from plumb [°]", xlabel="time [s]")
     for ax in (moment, lead):
-        ax.legend(ncols=2, fontsize=9)
+        legend_above(ax, columns=2)
     return figure
 
 
@@ -115,7 +115,7 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     rated.plot(analysis.loads["radius_m"], pull / 1e3, color=COLOURS["x"], label="this lift")
     rated.axhline(hanging_mass(analysis.crane) / 1e3, color=COLOURS["x"], linewidth=0.8, alpha=0.5)
     rated.set(xlabel="radius [m]", ylabel="load [t]", ylim=(0.0, None))
-    rated.legend(fontsize=9)
+    legend_above(rated)
     stations = np.linspace(0.0, float(analysis.loads["radius_m"].max()), _STATIONS)
     envelope = jib_moment(analysis.run_crane, analysis.run, stations).max(axis=0)
     jib.fill_between(stations, 1e-3 * envelope, color=COLOURS["x"], alpha=0.3)
@@ -146,7 +146,7 @@ def draw_wind(limit: WindLimit, required: float) -> Figure:
     swing = f"{math.degrees(limit.allowed['swing']):g}°"
     ax.set(xlabel="gust [m/s]; dotted: asked for", ylabel=f"share of the limit (swing {swing})")
     ax.set_ylim(0.0, 3.0)
-    ax.legend(fontsize=9)
+    legend_above(ax)
     return figure
 
 
@@ -197,7 +197,7 @@ def clearance_over_time(certificate: Certificate) -> Figure:
         clear.plot(certificate.t, certificate.distances[name], color=run_colour(i), label=name)
     clear.axhline(site.distance, color="#000000", linestyle="--", linewidth=1.0, label="required")
     clear.set(ylabel="clearance [m]", ylim=(0.0, _CLEARANCE_SCALE))
-    clear.legend(loc="upper right", ncols=2, fontsize=9)
+    legend_above(clear, columns=2)
     run = certificate.run
     swing.plot(run.t, 1e3 * run["phi_rad"], color=COLOURS["phi"], label="φ radial")
     swing.plot(run.t, 1e3 * run["theta_rad"], color=COLOURS["theta"], label="θ tangential")
@@ -205,7 +205,7 @@ def clearance_over_time(certificate: Certificate) -> Figure:
         swing.axhline(limit, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     swing.axvline(certificate.lift.timed.motion.arrival, color=COLOURS["limit"], linewidth=1.0)
     swing.set(xlabel="time [s], the line is the arrival", ylabel="swing [mrad]")
-    swing.legend(loc="upper right", ncols=2, fontsize=9)
+    legend_above(swing, columns=2)
     return figure
 
 
