@@ -49,9 +49,10 @@ class _Text:
 
 
 def share(folder: Path) -> None:
-    """Let `machine.translate` keep object files in a folder, and take them from there.
+    """Let `machine.translate` and `machine.object_code` keep object files in a folder, and take
+    them from there.
 
-    It must be called before anything imports the function.
+    It must be called before anything imports these functions.
     """
     # NumPy comes along, and must not be imported before its settings.
     from llvmlite import binding
@@ -59,6 +60,7 @@ def share(folder: Path) -> None:
     from cranedyn.compiled import machine
 
     translate = machine.translate
+    object_code = machine.object_code
     optimise = machine._optimise
     create_engine = binding.create_mcjit_compiler
     # What translates is replaced for one module at a time.
@@ -67,7 +69,7 @@ def share(folder: Path) -> None:
     @functools.wraps(translate)
     def translate_once(module: Any, *, inlining: bool = False) -> machine.Machine:
         text = _Text(module)
-        file = folder / _digest(str(text), inlining)
+        file = folder / _digest(str(text), str(inlining))
 
         def create(code: Any, target: Any) -> Any:
             engine = create_engine(code, target)
@@ -84,15 +86,26 @@ def share(folder: Path) -> None:
                 binding.create_mcjit_compiler = create_engine
                 machine._optimise = optimise
 
+    @functools.wraps(object_code)
+    def object_code_once(module: Any, triple: str, features: str = "") -> bytes:
+        file = folder / _digest(str(module), triple, features)
+        with lock:
+            if not file.exists():
+                _writer(file)(None, object_code(module, triple, features))
+        return file.read_bytes()
+
     machine.translate = translate_once
+    machine.object_code = object_code_once
 
 
 def _leave(code: Any, target: Any, *args: Any, **options: Any) -> None:
     """Do not optimise a module whose object file is there."""
 
 
-def _digest(text: str, inlining: bool) -> str:
-    """Return a name for the object file of a module: of all that it depends on."""
+def _digest(text: str, *options: str) -> str:
+    """Return a name for the object file of a module: of its text, the options of its translation,
+    and all else that it depends on.
+    """
     import llvmlite
     from llvmlite import binding
 
@@ -101,7 +114,7 @@ def _digest(text: str, inlining: bool) -> str:
     digest = hashlib.sha256()
     parts = (
         text,
-        str(inlining),
+        *options,
         Path(machine.__file__).read_text("utf-8"),
         llvmlite.__version__,
         binding.get_host_cpu_name(),

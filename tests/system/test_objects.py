@@ -38,8 +38,9 @@ def scaled(translated: machine.Machine, value: float) -> float:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder that is shared instead of that of this run."""
-    # The function without the folder of this run, which is put back at the end.
+    # The functions without the folder of this run, which are put back at the end.
     monkeypatch.setattr(machine, "translate", inspect.unwrap(machine.translate))
+    monkeypatch.setattr(machine, "object_code", inspect.unwrap(machine.object_code))
     objects.share(tmp_path)
     return tmp_path
 
@@ -61,6 +62,16 @@ def test_a_module_with_another_number_is_another_file(folder: Path) -> None:
     assert scaled(machine.translate(scaling(3.0)), 5.0) == 15.0
     assert scaled(machine.translate(scaling(7.0)), 5.0) == 35.0
     assert len([*folder.iterdir()]) == 2
+
+
+def test_code_for_another_platform_is_made_once_for_each(folder: Path) -> None:
+    web = "wasm32-unknown-unknown"
+    plain = machine.object_code(scaling(3.0), web)
+    assert machine.object_code(scaling(3.0), web) == plain
+    assert len([*folder.iterdir()]) == 1
+    machine.object_code(scaling(3.0), web, "+simd128")
+    machine.object_code(scaling(3.0), "aarch64-unknown-linux-gnu")
+    assert len([*folder.iterdir()]) == 3
 
 
 def test_what_was_made_once_is_not_made_again(
