@@ -342,9 +342,10 @@ def _without_last(batch: Batch) -> Batch:
     """Return a batch without its last crane. What is read from its log, such as `Batch.q`, has as
     many cranes as the other arrays.
     """
+    coordinates, rates = batch.end
     return replace(
         batch,
-        end=State(batch.end.q[:-1], batch.end.v[:-1]),
+        end=State(coordinates[:-1], rates[:-1]),
         peak_swing=batch.peak_swing[:-1],
         residual_swing=batch.residual_swing[:-1],
         largest_effort=batch.largest_effort[:-1],

@@ -150,9 +150,12 @@ def _limited() -> Iterator[None]:
     left alone.
     """
     fired = False
+    ended = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal fired
+        if ended:
+            return
         codes = {getattr(callback, "__code__", None) for callback in gc.callbacks}
         if not codes.isdisjoint(f.f_code for f, _ in traceback.walk_stack(frame)):
             interrupt_after(0.01)
@@ -169,6 +172,8 @@ def _limited() -> Iterator[None]:
     try:
         yield
     finally:
+        # Python hears a timer that has gone off already only after it was stopped.
+        ended = True
         interrupt_after(0.0)
         signal.signal(signal.SIGPROF, before)
         signal.signal(signal.SIGINT, handler)

@@ -76,7 +76,12 @@ def commands() -> dict[str, Callable[[list[str]], int]]:
 def _command(name: str, argv: list[str]) -> int:
     parser = cli._Parser(prog=name)
     cli.COMMANDS[name](parser)
-    return command_line(lambda: cli._run(parser.parse_args(argv)))
+
+    def run() -> int:
+        options = parser.parse_args(argv)
+        return int(options.run(options))
+
+    return command_line(run)
 
 
 def _trial(argv: list[str]) -> int:
