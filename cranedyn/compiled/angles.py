@@ -189,7 +189,7 @@ def _choose_pair(
     code: Instructions, condition: ir.Value, yes: tuple[Value, Value], no: tuple[Value, Value]
 ) -> tuple[Value, Value]:
     """Return one pair in the lanes where a condition holds, and another in the others."""
-    return code.chosen(condition, yes[0], no[0]), code.chosen(condition, yes[1], no[1])
+    return code.where(condition, yes[0], no[0]), code.where(condition, yes[1], no[1])
 
 
 def _of_eighth_turn(code: Instructions, angle: Value) -> tuple[Value, Value]:
@@ -217,8 +217,8 @@ def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
     half = code.call("llvm.floor", quarter * 0.5)
     odd = quarter - half * 2.0 > 0.5
     sign = 1.0 - half * 2.0
-    sign = code.chosen(code.call("llvm.fabs", angle) < LARGEST_ANGLE, sign, np.nan)
-    return code.chosen(odd, cosine, sine) * sign, code.chosen(odd, -sine, cosine) * sign
+    sign = code.where(code.call("llvm.fabs", angle) < LARGEST_ANGLE, sign, np.nan)
+    return code.where(odd, cosine, sine) * sign, code.where(odd, -sine, cosine) * sign
 
 
 def _polynomial(code: Instructions, x: Value, coefficients: Sequence[float]) -> Value:

@@ -340,10 +340,10 @@ def _clipped(code: BlockCode, value: Any, variable: Variable) -> Any:
     """
     if math.isfinite(variable.lower):
         value = code.value(value)
-        value = code.chosen(value < variable.lower, variable.lower, value)
+        value = code.where(value < variable.lower, variable.lower, value)
     if math.isfinite(variable.upper):
         value = code.value(value)
-        value = code.chosen(value > variable.upper, variable.upper, value)
+        value = code.where(value > variable.upper, variable.upper, value)
     return value
 
 

@@ -68,7 +68,7 @@ class _C(Language):
     def element(self, name: str, index: str, *, table: bool) -> str:
         return f"{self.name}_{name}[{index}]" if table else f"self->{name}[{index}]"
 
-    def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
+    def where(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
         condition_text = condition.as_operand(Precedence.CHOICE, right=True)
         yes_text = yes.as_operand(Precedence.CHOICE, right=True)
         no_text = no.as_operand(Precedence.CHOICE, right=True)

@@ -399,7 +399,7 @@ class _CraneCode:
         """Return one array where a condition holds, and another elsewhere."""
         values = []
         for if_so, if_not in zip(yes, no, strict=True):
-            values.append(self.code.chosen(condition, if_so, if_not))
+            values.append(self.code.where(condition, if_so, if_not))
         return array(values)
 
 
@@ -423,11 +423,11 @@ def _outputs(crane_code: _CraneCode, names: _Names, delay: int, dt: float) -> di
     conditions = crane.conditions(q, v, hoist_force, dynamics.needed)
     if crane.response is not None:
         for cut in crane.response.saturates(crane_code.command):
-            conditions.append(code.chosen(cut, 1.0, 0.0) < 0.5)
+            conditions.append(code.where(cut, 1.0, 0.0) < 0.5)
     outputs = dict(zip(names.accelerations, dynamics.acceleration, strict=True))
     outputs |= dict(zip(names.efforts, dynamics.effort, strict=True))
     outputs["energy"] = crane.energy(q, v)
-    outputs["valid"] = code.chosen(code.both(*conditions), 1.0, 0.0)
+    outputs["valid"] = code.where(code.both(*conditions), 1.0, 0.0)
     return outputs
 
 

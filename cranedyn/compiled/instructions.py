@@ -53,7 +53,7 @@ class Value:
 
     @property
     def choices(self) -> Instructions:
-        """What chooses between such numbers, see `cranedyn.dynamics.scalars.chosen`."""
+        """What chooses between such numbers, see `cranedyn.dynamics.scalars.where`."""
         return self.code
 
     def __add__(self, operand: Any) -> Any:
@@ -244,7 +244,7 @@ class Instructions:
         registers = [self.value(value).register for value in values]
         return Value(self, self._intrinsic(name, self.type, registers))
 
-    def chosen(self, condition: ir.Value, yes: Any, no: Any) -> Value:
+    def where(self, condition: ir.Value, yes: Any, no: Any) -> Value:
         """Return one value in the lanes where a condition holds, and another in the others."""
         registers = self.value(yes).register, self.value(no).register
         return Value(self, self.builder.select(condition, *registers))
@@ -269,8 +269,8 @@ class Instructions:
 
     def clipped(self, value: Value, low: Any, high: Any) -> Value:
         """Clip a value to the range [low, high]. NaN is returned unchanged."""
-        value = self.chosen(value < low, low, value)
-        return self.chosen(value > high, high, value)
+        value = self.where(value < low, low, value)
+        return self.where(value > high, high, value)
 
     def both(self, *conditions: Any) -> ir.Value:
         """Return whether all conditions hold; some may be Python bools."""

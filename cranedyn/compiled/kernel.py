@@ -734,7 +734,7 @@ class _Loop:
             return []
         values = [self.code.value(number) for number in command]
         exceeds = self.code.either(*self.plant.response.saturates(values))
-        return [self.code.chosen(exceeds, 1.0, 0.0)]
+        return [self.code.where(exceeds, 1.0, 0.0)]
 
     def _controller_command(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the command of the controller, shape (m,)."""
@@ -889,9 +889,9 @@ class _Loop:
         checked = [*q, *row[self.sizes.m + self.sizes.z :]]
         numbers_are_finite = abs(_pairwise_sum(checked)) < np.inf
         is_bounded = code.both(numbers_are_finite, v @ v < DIVERGED**2)
-        _keep_largest(code, self.state["diverged"][0], code.chosen(is_bounded, 0.0, 1.0))
+        _keep_largest(code, self.state["diverged"][0], code.where(is_bounded, 0.0, 1.0))
         # NaN asks the log to judge the row, and to find out why the model does not hold.
-        return [*row, code.chosen(values.holds, 1.0, np.nan)]
+        return [*row, code.where(values.holds, 1.0, np.nan)]
 
     def _update_summary(self, instant: ir.Value, values: _InstantValues) -> None:
         """Update the summary of the run, see `BufferLayout.summary`."""
@@ -911,7 +911,7 @@ class _Loop:
         # As a number, the instant is exact up to 2⁵³.
         unchanged = first_invalid.get()
         earlier = code.call("llvm.minnum", first_invalid.get(), now)
-        first_invalid.set(code.chosen(values.holds, unchanged, earlier))
+        first_invalid.set(code.where(values.holds, unchanged, earlier))
 
 
 def _keep_largest(code: Code, variable: StackVariable, value: Value) -> None:
@@ -919,7 +919,7 @@ def _keep_largest(code: Code, variable: StackVariable, value: Value) -> None:
     comparison fails. A later number would replace that NaN, but a state that is NaN stays so.
     """
     old = variable.get()
-    variable.set(code.chosen(value <= old, old, value))
+    variable.set(code.where(value <= old, old, value))
 
 
 def _pairwise_sum(numbers: Sequence[Any]) -> Any:

@@ -119,7 +119,7 @@ class Language(ABC):
         """Return an element of an array of the block, or of one of its tables."""
 
     @abstractmethod
-    def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
+    def where(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
         """Return one expression where a condition holds, and another elsewhere."""
 
     def routine(self, name: str, arrays: Sequence[str]) -> str:
@@ -215,7 +215,7 @@ class ExpressionPrinter:
             sign = self._language.comparison[instruction.op[-2:]]
             return _infix(values, sign, Precedence.COMPARISON)
         if operation == "select":
-            return self._language.chosen(*values)
+            return self._language.where(*values)
         if operation in ("and", "or"):
             return _infix(values, self._language.and_or[operation], Precedence.LOGIC)
         if operation in _SUMS:

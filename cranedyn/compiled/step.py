@@ -351,7 +351,7 @@ class Step:
             Whether the rope changes its phase within the step.
         """
         code: Code = before.q[0].code
-        (lasts,) = code.variables([code.chosen(stays_taut, 1.0, 0.0)])
+        (lasts,) = code.variables([code.where(stays_taut, 1.0, 0.0)])
         slack = code.builder.not_(taut)
         with code.when(code.anywhere(slack)):
             loose_end = self._by_rule(before, taut=False).state
@@ -389,7 +389,7 @@ class Step:
         """
         code: Code = before.q[0].code
         state = code.variables(before.numbers)
-        rest, time, phase = code.variables([self.dt, self.dt, code.chosen(taut, 1.0, 0.0)])
+        rest, time, phase = code.variables([self.dt, self.dt, code.where(taut, 1.0, 0.0)])
         low, low_margin, high, high_margin, side, tries, changes = code.variables([0.0] * 7)
         with (
             code.loop(0, PHASE_CHANGES * (_ILLINOIS_STEPS + 1) + 1),
@@ -417,32 +417,32 @@ class Step:
             ends = code.both(new, holds)
             replaces_a = code.both(bracketed, holds)
             replaces_b = code.both(bracketed, fails)
-            count = code.chosen(new, 0.0, tries.get() + 1.0)
+            count = code.where(new, 0.0, tries.get() + 1.0)
             found = code.both(left > 0.0, count >= float(_ILLINOIS_STEPS))
 
             # The bracket [a, b] and the margins at its ends.
-            a = code.chosen(replaces_a, trying, low.get())
-            b = code.chosen(fails, trying, high.get())
+            a = code.where(replaces_a, trying, low.get())
+            b = code.where(fails, trying, high.get())
             a_stays_again = code.both(replaces_b, side.get() < 0.0)
-            kept_at_a = code.chosen(a_stays_again, 0.5 * low_margin.get(), low_margin.get())
-            kept_or_first_at_a = code.chosen(new, trial.start_margin, kept_at_a)
-            at_a = code.chosen(replaces_a, margin, kept_or_first_at_a)
+            kept_at_a = code.where(a_stays_again, 0.5 * low_margin.get(), low_margin.get())
+            kept_or_first_at_a = code.where(new, trial.start_margin, kept_at_a)
+            at_a = code.where(replaces_a, margin, kept_or_first_at_a)
             b_stays_again = code.both(replaces_a, side.get() > 0.0)
-            kept_at_b = code.chosen(b_stays_again, 0.5 * high_margin.get(), high_margin.get())
-            at_b = code.chosen(fails, margin, kept_at_b)
+            kept_at_b = code.where(b_stays_again, 0.5 * high_margin.get(), high_margin.get())
+            at_b = code.where(fails, margin, kept_at_b)
 
-            remaining = code.chosen(ends, 0.0, code.chosen(found, left - trying, left))
+            remaining = code.where(ends, 0.0, code.where(found, left - trying, left))
             updates = {
                 rest: remaining,
-                time: code.chosen(found, remaining, a + (b - a) * at_a / (at_a - at_b)),
-                phase: code.chosen(found, 1.0 - phase.get(), phase.get()),
-                low: code.chosen(found, 0.0, a),
+                time: code.where(found, remaining, a + (b - a) * at_a / (at_a - at_b)),
+                phase: code.where(found, 1.0 - phase.get(), phase.get()),
+                low: code.where(found, 0.0, a),
                 low_margin: at_a,
-                high: code.chosen(found, 0.0, b),
+                high: code.where(found, 0.0, b),
                 high_margin: at_b,
-                side: code.chosen(replaces_a, 1.0, code.chosen(replaces_b, -1.0, 0.0)),
+                side: code.where(replaces_a, 1.0, code.where(replaces_b, -1.0, 0.0)),
                 tries: count,
-                changes: changes.get() + code.chosen(found, 1.0, 0.0),
+                changes: changes.get() + code.where(found, 1.0, 0.0),
             }
             self._replace(state, code.either(ends, found), trial.state.numbers)
             for variable, value in updates.items():
@@ -479,8 +479,8 @@ class Step:
             # A taut rope pulls. A slack one is shorter than its length or, if it is elastic, would
             # have to push.
             if rope.inextensible:
-                return code.chosen(taut, pull, -state.q[rope.stretch])
-            return code.chosen(taut, pull, -pull)
+                return code.where(taut, pull, -state.q[rope.stretch])
+            return code.where(taut, pull, -pull)
 
         end_pull = joint.pull(trial.q, trial.v)
         phase_lasts = code.both(False)
@@ -498,4 +498,4 @@ class Step:
         """Assign values to variables in the lanes where a condition holds."""
         for variable, value in zip(variables, values, strict=True):
             old = variable.get()
-            variable.set(old.code.chosen(where, value, old))
+            variable.set(old.code.where(where, value, old))

@@ -45,7 +45,7 @@ class _StructuredText(Language):
     def element(self, name: str, index: str, *, table: bool) -> str:
         return f"{name}[{index}]"
 
-    def chosen(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
+    def where(self, condition: Expression, yes: Expression, no: Expression) -> Expression:
         return Expression(f"SEL({condition.text}, {no.text}, {yes.text})")
 
     def in_range(self, value: str, low: float, high: float) -> str:

@@ -10,7 +10,7 @@ from typing import Any, Protocol, cast, runtime_checkable
 import numpy as np
 
 from cranedyn.checks import as_array, read_only
-from cranedyn.dynamics.scalars import chosen, magnitude
+from cranedyn.dynamics.scalars import magnitude, where
 from cranedyn.errors import Misshapen
 from cranedyn.model.crane import Crane
 
@@ -162,8 +162,8 @@ def integrated_command(
     next_integral = integral + error * period
     total = command + gain * next_integral
     is_within_limit = magnitude(total) <= limit
-    at_limit = chosen(error * total < 0.0, next_integral, integral)
-    integral = chosen(is_within_limit, next_integral, at_limit)
+    at_limit = where(error * total < 0.0, next_integral, integral)
+    integral = where(is_within_limit, next_integral, at_limit)
     return command + gain * integral, integral
 
 

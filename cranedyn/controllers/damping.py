@@ -10,7 +10,7 @@ import numpy as np
 
 from cranedyn.checks import ShortRepr, number
 from cranedyn.clocks import soon_enough
-from cranedyn.dynamics.scalars import array, chosen, clipped, square_root
+from cranedyn.dynamics.scalars import array, clipped, square_root, where
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -82,7 +82,7 @@ class DampingController(ShortRepr):
         # The pivot yields by 2 ζ ω l φ = 2 ζ √(g l) φ: the trolley along the jib, and across it the
         # slew by the θ part over the radius x. On the slew axis slewing does not move the pivot.
         is_off_axis = x * x > 0.0
-        theta_over_radius = chosen(is_off_axis, theta / chosen(is_off_axis, x, 1.0), 0.0)
+        theta_over_radius = where(is_off_axis, theta / where(is_off_axis, x, 1.0), 0.0)
         speed = 2.0 * self.ratio * square_root(self.crane.gravity * length)
         rates = wanted + self.recovery * (position - q[self.crane.layout.drives])
         rates = rates - (layout.slew * (theta_over_radius * speed) + layout.trolley * (phi * speed))

@@ -27,7 +27,7 @@ import numpy as np
 from cranedyn.checks import finite, number, within
 from cranedyn.dynamics.equations_of_motion import body_points
 from cranedyn.dynamics.joint_forces import TAUT
-from cranedyn.dynamics.scalars import chosen, flag, smaller, square_root
+from cranedyn.dynamics.scalars import indicator, smaller, square_root, where
 from cranedyn.errors import ModelError, OutOfRange, quoted
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -520,7 +520,7 @@ class Contacts(NamedTuple):
                 shortest = exit_distance
                 continue
             nearest = _choose(exit_distance < shortest, face_depth, nearest)
-            shortest = chosen(exit_distance < shortest, exit_distance, shortest)
+            shortest = where(exit_distance < shortest, exit_distance, shortest)
         assert nearest is not None
         return nearest
 
@@ -537,7 +537,7 @@ class Contacts(NamedTuple):
         for neighbour in face.neighbours:
             depth_inside = self._depth_inside(neighbour, exit_point)
             is_covered = depth_inside > 0.0
-            distance = chosen(is_covered, depth + COVERED_PENALTY, distance)
+            distance = where(is_covered, depth + COVERED_PENALTY, distance)
         return distance
 
     def _depth_inside(self, support: int, point: Vector) -> Any:
@@ -574,7 +574,7 @@ class Contacts(NamedTuple):
         """
         depth, normal = self.depth(position)
         push = self.stiffness * depth - self.damping * _dot(normal, velocity)
-        load = chosen(depth > 0.0, chosen(push > 0.0, push, 0.0), 0.0)
+        load = where(depth > 0.0, where(push > 0.0, push, 0.0), 0.0)
 
         offset = [p - a for p, a in zip(position, anchor, strict=True)]
         slip = _across(normal, offset)
@@ -588,8 +588,8 @@ class Contacts(NamedTuple):
         square = _dot(sticking, sticking)
         limit = self.friction * load
         slides = square > limit * limit
-        root = square_root(chosen(slides, square, 1.0))
-        share = 1.0 - flag(slides, square) * (1.0 - limit / root)
+        root = square_root(where(slides, square, 1.0))
+        share = 1.0 - indicator(slides, square) * (1.0 - limit / root)
         friction = [share * component for component in sticking]
 
         spring_offset = []
@@ -597,7 +597,7 @@ class Contacts(NamedTuple):
             spring_offset.append(-(f + self.slip_damping * r) / self.stiffness)
         moved = []
         for p, h, a in zip(position, spring_offset, anchor, strict=True):
-            moved.append(chosen(load > 0.0, chosen(slides, p - h, a), p))
+            moved.append(where(load > 0.0, where(slides, p - h, a), p))
         force = [load * n + f for n, f in zip(normal, friction, strict=True)]
         return force, moved
 
@@ -672,10 +672,10 @@ def _choose(condition: Any, yes: _FaceDepth, no: _FaceDepth) -> _FaceDepth:
     """Return one depth and normal where a condition holds, another where not.
 
     Components of two normals are often plain floats, among which a condition of compiled code
-    cannot choose, see `scalars.chosen`. They are therefore mixed by a weight of 1 or 0.
+    cannot choose, see `scalars.where`. They are therefore mixed by a weight of 1 or 0.
     """
-    depth = chosen(condition, yes.depth, no.depth)
-    weight = flag(condition, depth)
+    depth = where(condition, yes.depth, no.depth)
+    weight = indicator(condition, depth)
     normal = []
     for a, b in zip(yes.normal, no.normal, strict=True):
         is_same = isinstance(a, float) and isinstance(b, float) and a == b

@@ -21,13 +21,13 @@ import numpy as np
 from cranedyn.checks import finite, number, within
 from cranedyn.dynamics.scalars import (
     array,
-    chosen,
     clipped,
-    flag,
+    indicator,
     magnitude,
     rounded,
     solve_linear,
     square_root,
+    where,
 )
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.model.crane import Crane
@@ -112,10 +112,10 @@ class Response(NamedTuple):
                 continue
             # A resolution that is not known yet may turn out to be 0, which means no rounding. It
             # is replaced by 1 where it divides.
-            divisor = chosen(step > 0.0, step, 1.0)
+            divisor = where(step > 0.0, step, 1.0)
             quantized = rounded(allowed * (1.0 / divisor)) * step
             if not isinstance(step, float):
-                quantized = chosen(step > 0.0, quantized, allowed)
+                quantized = where(step > 0.0, quantized, allowed)
             rates.append(quantized)
         return rates
 
@@ -159,7 +159,7 @@ class Response(NamedTuple):
             stoppable = 0.5 * (square_root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)
             slope_limit = clipped(stoppable, 0.0, distance / dt)
             slope_limit = clipped(slope_limit, 0.0, self.accelerations[i])
-            target_slope = chosen(error < 0.0, -slope_limit, slope_limit)
+            target_slope = where(error < 0.0, -slope_limit, slope_limit)
             new_slope = clipped(target_slope, slope[i] - jump, slope[i] + jump)
             lead = self.accelerations[i] * self.lags[i]
             new_reference = reference[i] + dt * new_slope
@@ -227,8 +227,8 @@ def within_efforts(
     acceleration: Any = target
     for _ in range(m):
         for i, limit in enumerate(limits):
-            over = flag(magnitude(effort[i]) > limit, effort[i])
-            goal[i] = chosen(over > 0.5, clipped(effort[i], -limit, limit), goal[i])
+            over = indicator(magnitude(effort[i]) > limit, effort[i])
+            goal[i] = where(over > 0.5, clipped(effort[i], -limit, limit), goal[i])
             saturated[i] = saturated[i] + over - saturated[i] * over  # logical or
         correction = solve_linear(*_saturated_system(inertia, saturated, goal, needed))
         acceleration = target + correction
@@ -236,7 +236,7 @@ def within_efforts(
     limited = []
     for i, limit in enumerate(limits):
         is_saturated = saturated[i] > 0.5
-        limited.append(chosen(is_saturated, goal[i], clipped(effort[i], -limit, limit)))
+        limited.append(where(is_saturated, goal[i], clipped(effort[i], -limit, limit)))
     efforts = array(limited) if target.dtype == object else np.array(limited)
     return DrivenMotion(acceleration, efforts, needed)
 

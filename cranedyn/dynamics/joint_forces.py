@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.dynamics.scalars import array, chosen, clipped, square_root
+from cranedyn.dynamics.scalars import array, clipped, square_root, where
 from cranedyn.model.crane import Crane
 from cranedyn.model.friction import DryFriction
 from cranedyn.model.layout import Layout
@@ -186,7 +186,7 @@ class JointForces:
         """
         spring, damper = self._rope_forces(q, v)
         taut = self.pull(q, v) > 0.0 if self.taut is None else self.taut
-        return chosen(taut, spring + damper, 0.0)
+        return where(taut, spring + damper, 0.0)
 
     def pull(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return a force that is positive where an elastic rope pulls [N].
@@ -196,7 +196,7 @@ class JointForces:
         stretched, however fast it lengthens.
         """
         spring, damper = self._rope_forces(q, v)
-        return spring + chosen(damper < 0.0, damper, 0.0)
+        return spring + where(damper < 0.0, damper, 0.0)
 
     def phase(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Return `TAUT` or `SLACK` for a rope that may go slack, of states in floats."""
@@ -205,7 +205,7 @@ class JointForces:
             taut = (q[self.rope.stretch] >= 0.0) & (v[self.rope.stretch] >= 0.0)
         else:
             taut = self.pull(q, v) > 0.0
-        return chosen(taut, TAUT, SLACK)
+        return where(taut, TAUT, SLACK)
 
     def _rope_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
         """Return the forces EA s/l of the spring of a rope, and d v_s of its damper [N]."""
@@ -306,7 +306,7 @@ class Stops:
         """
         beyond = position - clipped(position, self.lower[drive], self.upper[drive])
         pushing = -(self.stiffness[drive] * beyond) - self.damping[drive] * rate
-        return chosen(pushing * beyond < 0.0, pushing, 0.0)
+        return where(pushing * beyond < 0.0, pushing, 0.0)
 
     def beyond(self, q: np.ndarray) -> list[Any]:
         """Return for each end of the range of each drive whether the drive is beyond it, 2 m in

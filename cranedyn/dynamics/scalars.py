@@ -2,12 +2,12 @@
 once.
 
 A number is a float, an array of floats (many rows at once), or a value of a program under
-construction. The attribute `choices` of such a value is the program, whose methods ``chosen`` and
+construction. The attribute `choices` of such a value is the program, whose methods ``where`` and
 ``call`` emit choices and calls of functions.
 
 A comparison of values of a program gives a condition that is not known while the program is made,
 so that Python's ``if``, ``and`` and ``or`` do not work on it. That is why physics chooses by
-`chosen`, `smaller`, `larger` and `clipped`, and computes with `flag`.
+`where`, `smaller`, `larger` and `clipped`, and computes with `indicator`.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def column_objects(table: np.ndarray) -> np.ndarray:
     return columns
 
 
-def chosen(condition: Any, yes: Any, no: Any) -> Any:
+def where(condition: Any, yes: Any, no: Any) -> Any:
     """Return one number where a condition holds, another where not.
 
     Args:
@@ -74,41 +74,41 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
     if isinstance(condition, np.ndarray):
         return np.where(condition, yes, no)
     value = yes if hasattr(yes, "choices") else no
-    return value.choices.chosen(condition, yes, no)
+    return value.choices.where(condition, yes, no)
 
 
 def smaller(a: Any, b: Any) -> Any:
     """Return the smaller of two numbers."""
-    return chosen(a < b, a, b)
+    return where(a < b, a, b)
 
 
 def larger(a: Any, b: Any) -> Any:
     """Return the larger of two numbers."""
-    return chosen(a > b, a, b)
+    return where(a > b, a, b)
 
 
 def clipped(value: Any, low: Any, high: Any) -> Any:
     """Clip a number to the range [low, high]. NaN is returned unchanged."""
-    value = chosen(value < low, low, value)
-    return chosen(value > high, high, value)
+    value = where(value < low, low, value)
+    return where(value > high, high, value)
 
 
-def flag(condition: Any, compared: Any) -> Any:
+def indicator(condition: Any, compared: Any) -> Any:
     """Return 1 where a condition holds, else 0.
 
     Args:
         condition: The condition.
         compared: A number of the same kind as those that were compared. Of a program under
-            construction it is a value, whose program emits the choice, see `chosen`.
+            construction it is a value, whose program emits the choice, see `where`.
     """
     if isinstance(condition, bool | np.bool_ | np.ndarray):
-        return chosen(condition, 1.0, 0.0)
-    return compared.choices.chosen(condition, 1.0, 0.0)
+        return where(condition, 1.0, 0.0)
+    return compared.choices.where(condition, 1.0, 0.0)
 
 
 def magnitude(value: Any) -> Any:
     """Return a number without its sign."""
-    return chosen(value < 0.0, -value, value)
+    return where(value < 0.0, -value, value)
 
 
 def square_root(value: Any) -> Any:

@@ -376,7 +376,7 @@ class _ObserverPart(Part):
         is_first = code.builder.icmp_signed("==", code.count, code.integer(0))
         predicted = []
         for at_start, after_step in zip(start, advanced, strict=True):
-            predicted.append(code.chosen(is_first, at_start, after_step))
+            predicted.append(code.where(is_first, at_start, after_step))
         return array(predicted)
 
     def _stretch(self, code: BlockCode) -> Any:
@@ -429,7 +429,7 @@ class _PredictivePart(Part):
         calls_since = build.srem(code.count, code.integer(self.repeats))
         is_due = build.icmp_signed("==", calls_since, code.integer(0))
         row_of_path = 0.0
-        query = [*z, *positions, row_of_path, code.chosen(is_due, 1.0, 0.0)]
+        query = [*z, *positions, row_of_path, code.where(is_due, 1.0, 0.0)]
         for i, value in enumerate(query):
             code.store(value, code.argument["query"], i)
         instant = self.routines[-1]
@@ -477,7 +477,7 @@ class _ShaperPart(Part):
         stored_first = code.get_all(self._first)
         first = []
         for new, stored in zip(setpoint, stored_first, strict=True):
-            first.append(code.chosen(is_first_call, new, stored))
+            first.append(code.where(is_first_call, new, stored))
 
         def past(i: int, calls: int) -> Any:
             """Return the setpoint of drive i so many calls ago."""
@@ -486,7 +486,7 @@ class _ShaperPart(Part):
             row = build.srem(code.plus(count, self.repeats - calls), ring_rows)
             stored = code.element("line", code.plus(code.product(row, self._m), i))
             is_before_first = build.icmp_signed("<", count, code.integer(calls))
-            return code.chosen(is_before_first, first[i], stored)
+            return code.where(is_before_first, first[i], stored)
 
         def delayed(i: int, calls: int, share: float) -> Any:
             """Return the setpoint of drive i so many calls and a share of one ago."""

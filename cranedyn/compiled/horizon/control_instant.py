@@ -256,7 +256,7 @@ class PredictiveControl:
         """Store one of two arrays in each lane, as a condition holds there or not."""
         values = []
         for if_so, if_not in zip(yes, no, strict=True):
-            values.append(self.code.chosen(condition, if_so, if_not))
+            values.append(self.code.where(condition, if_so, if_not))
         self._store(name, values)
 
     def _plausible_reading(self, q: np.ndarray, v: np.ndarray) -> _Reading:
@@ -288,7 +288,7 @@ class PredictiveControl:
 
         reading = self._load("reading")
         n = self.layout.n
-        return _Reading(reading[:n], reading[n:], code.chosen(is_plausible, 1.0, 0.0))
+        return _Reading(reading[:n], reading[n:], code.where(is_plausible, 1.0, 0.0))
 
     def _estimated_state(
         self, reading: _Reading, reading_before: np.ndarray
@@ -364,7 +364,7 @@ class PredictiveControl:
         values = []
         for prediction, measurement in zip(expected, measured, strict=True):
             corrected = prediction + gain * (measurement - prediction)
-            values.append(self.code.chosen(has_begun, corrected, measurement))
+            values.append(self.code.where(has_begun, corrected, measurement))
         return array(values)
 
     def _efforts(
@@ -404,7 +404,7 @@ class PredictiveControl:
         hoist = self.layout.drive_of("hoist")
         if hoist is not None:
             limit = self._largest_hoist_effort(int(drives[hoist]), v)
-            efforts[hoist] = code.chosen(efforts[hoist] > limit, limit, efforts[hoist])
+            efforts[hoist] = code.where(efforts[hoist] > limit, limit, efforts[hoist])
 
         dynamics = programme.driven("effort").forward_dynamics(q, v, array(efforts), None)
         caused = dynamics.acceleration[drives]
@@ -445,5 +445,5 @@ class PredictiveControl:
         effort_if_faster = crane.forward_dynamics(q, v, faster, None).effort[hoist]
         over = effort - self._largest_hoist_effort(joint, v)
         reduced = acceleration[hoist] - over / (effort_if_faster - effort)
-        acceleration[hoist] = self.code.chosen(over > 0.0, reduced, acceleration[hoist])
+        acceleration[hoist] = self.code.where(over > 0.0, reduced, acceleration[hoist])
         return acceleration

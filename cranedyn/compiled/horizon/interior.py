@@ -84,7 +84,7 @@ class _Solve:
         self._solve_without_bounds()
         # Where that exceeds no bound, it is the optimum.
         is_bounded = work.reported("excess") > 0.0
-        work.put_report("solved", code.chosen(is_bounded, 0.0, 1.0))
+        work.put_report("solved", code.where(is_bounded, 0.0, 1.0))
         work.put_report("iterations", 0.0)
         with code.when(code.anywhere(is_bounded)):
             self._start_on_central_path(is_bounded)
@@ -109,16 +109,16 @@ class _Solve:
         code = self.code
         work = self.work
         is_unsolved = work.reported("solved") < 0.5
-        step = code.chosen(is_unsolved, self._prepare_step(gap.get()), 0.0)
+        step = code.where(is_unsolved, self._prepare_step(gap.get()), 0.0)
         gap.set(self._take_step(step))
         # The gradient is linear in values and multipliers: a share of the step removes that share
         # of its residual.
         residual.set(residual.get() * (1.0 - step))
-        iterations = work.reported("iterations") + code.chosen(is_unsolved, 1.0, 0.0)
+        iterations = work.reported("iterations") + code.where(is_unsolved, 1.0, 0.0)
         has_small_gap = gap.get() < _GAP_TOLERANCE * barrier
         has_small_residual = residual.get() < _RESIDUAL_TOLERANCE
         is_done = code.both(has_small_gap, has_small_residual)
-        solved = code.chosen(is_done, 1.0, work.reported("solved"))
+        solved = code.where(is_done, 1.0, work.reported("solved"))
         last_gap = gap.get()
         last_residual = residual.get()
         work.put_report("solved", solved)
@@ -158,12 +158,12 @@ class _Solve:
             further = further + rows.row("extra_shift", inputs, first=variables)
             rows.put_row("trial", [*node, *further])
         barrier = work.in_all_lanes(work.reported("barrier"))
-        begins = work.in_all_lanes(self.code.chosen(is_bounded, 1.0, 0.0)) > 0.5
+        begins = work.in_all_lanes(self.code.where(is_bounded, 1.0, 0.0)) > 0.5
         with work.each_vector() as vector:
             rows = vector.rows
             node = rows.get("trial")
             softness = barrier / vector.shared.get("price")
-            rows.put("iterate", wide.chosen(begins, node, rows.get("iterate")))
+            rows.put("iterate", wide.where(begins, node, rows.get("iterate")))
             for side in _SIGNS:
                 room = self._room(node, side, vector.shared)
                 root = wide.call("llvm.sqrt", room * room + 4.0 * (softness * softness))
@@ -354,7 +354,7 @@ class _Solve:
             iterate = rows.get("iterate")
             moved = iterate + share * (rows.get("trial") - iterate)
             # Without a step the iterate stays even where the trial point is not finite.
-            rows.put("iterate", wide.chosen(share > 0.0, moved, iterate))
+            rows.put("iterate", wide.where(share > 0.0, moved, iterate))
             for side in _SIGNS:
                 multiplier_step = share * rows.get(f"multiplier_step_{side}")
                 multiplier = rows.get(f"multiplier_{side}") + multiplier_step

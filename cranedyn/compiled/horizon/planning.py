@@ -103,7 +103,7 @@ class _Plan:
         is_first = self._previous_status("begun") < 0.5
         first_barrier = _BARRIER_GROWTH * work.reported("usual_barrier")
         work.put_report(
-            "barrier", code.chosen(is_first, first_barrier, self._previous_status("barrier"))
+            "barrier", code.where(is_first, first_barrier, self._previous_status("barrier"))
         )
         with code.when(code.anywhere(is_first)):
             self._plan_standstill(is_first, state)
@@ -112,9 +112,9 @@ class _Plan:
         # Without a plausible state nothing is optimised, and the shifted plan goes on.
         with code.when(code.anywhere(is_plausible)):
             self._solve()
-        solved = code.chosen(is_plausible, work.reported("solved"), 0.0)
-        iterations = code.chosen(is_plausible, work.reported("iterations"), 0.0)
-        excess = code.chosen(is_plausible, work.reported("excess"), 0.0)
+        solved = code.where(is_plausible, work.reported("solved"), 0.0)
+        iterations = code.where(is_plausible, work.reported("iterations"), 0.0)
+        excess = code.where(is_plausible, work.reported("excess"), 0.0)
         work.put_report("solved", solved)
         work.put_report("iterations", iterations)
         work.put_report("excess", excess)
@@ -160,7 +160,7 @@ class _Plan:
             for i in range(self.shape.variables):
                 offset = code.plus(code.product(k, self.row_size), i * code.lanes)
                 at_rest = state[i] if i < self.layout.n else 0.0
-                code.store(code.chosen(is_first, at_rest, code.load(plan, offset)), plan, offset)
+                code.store(code.where(is_first, at_rest, code.load(plan, offset)), plan, offset)
 
     def _shift_plan(self) -> None:
         """Set the nodes of linearisation to the last plan, shifted to the present time.
@@ -266,24 +266,24 @@ class _Plan:
         for number in last_stage.row("iterate", self.shape.variables):
             is_finite.append(abs(number) < _MAX_FINITE)
         is_solved = code.both(work.reported("solved") > 0.5, *is_finite)
-        takes_new_plan = work.in_all_lanes(code.chosen(is_solved, 1.0, 0.0)) > 0.5
+        takes_new_plan = work.in_all_lanes(code.where(is_solved, 1.0, 0.0)) > 0.5
         with work.each_vector() as vector:
             place = code.builder.add(code.product(vector.stage, self.row_size), vector.first)
             iterate = vector.rows.get("iterate")
             node = vector.rows.get("node")
-            wide.store(wide.chosen(takes_new_plan, iterate, node), plan, place)
+            wide.store(wide.where(takes_new_plan, iterate, node), plan, place)
 
         usual_barrier = work.reported("usual_barrier")
         barrier = work.reported("barrier")
-        begun = code.chosen(is_plausible, 1.0, self._previous_status("begun"))
-        failures = self._previous_status("failures") + code.chosen(is_solved, 0.0, 1.0)
-        solved = code.chosen(is_solved, 1.0, 0.0)
+        begun = code.where(is_plausible, 1.0, self._previous_status("begun"))
+        failures = self._previous_status("failures") + code.where(is_solved, 0.0, 1.0)
+        solved = code.where(is_solved, 1.0, 0.0)
         iterations = work.reported("iterations")
         excess = work.reported("excess")
         barrier_after_failure = smaller(
             _BARRIER_GROWTH * barrier, _MAX_BARRIER_GROWTH * usual_barrier
         )
-        next_barrier = code.chosen(is_solved, usual_barrier, barrier_after_failure)
+        next_barrier = code.where(is_solved, usual_barrier, barrier_after_failure)
         status = SolverStatus(begun, failures, solved, iterations, excess, next_barrier)
         for i, value in enumerate(status):
             offset = self.shape.stages * self.row_size + i * code.lanes

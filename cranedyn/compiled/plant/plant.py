@@ -24,7 +24,7 @@ from cranedyn.dynamics.bodies import Bodies, blank, bodies_of_crane, bodies_of_m
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import DrivenMotion, Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
-from cranedyn.dynamics.scalars import array, chosen, clipped, flag, solve_linear
+from cranedyn.dynamics.scalars import array, clipped, indicator, solve_linear, where
 from cranedyn.dynamics.validity import bounds
 from cranedyn.model.crane import Crane, once_per_crane
 from cranedyn.model.friction import DryFriction
@@ -299,11 +299,11 @@ class Plant:
                 return DynamicsResult(held.acceleration, held.effort, held.needed, pull)
             # A rope that is slack already, or goes slack at this instant, does not pull: any
             # negative number says so.
-            pull = chosen(q[stretch] < 0.0, -1.0, chosen(v[stretch] < 0.0, -1.0, pull))
+            pull = where(q[stretch] < 0.0, -1.0, where(v[stretch] < 0.0, -1.0, pull))
             taut = pull > 0.0
         masked_mass = mass.copy()
         masked_resisting = resisting.copy()
-        is_slack = 1.0 - flag(taut, resisting[stretch])
+        is_slack = 1.0 - indicator(taut, resisting[stretch])
         for i in range(len(q)):
             if i != stretch:
                 entry = mass[stretch, i] * is_slack

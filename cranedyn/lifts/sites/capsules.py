@@ -1,7 +1,7 @@
 """Where a capsule of a crane is, how far its joints shift it, and how far it is from another.
 
 Written once for floats and values of compiled code, see `cranedyn.dynamics.scalars`. That is why
-choices are made by `chosen` and `clipped`, and not by `if`.
+choices are made by `where` and `clipped`, and not by `if`.
 
 Compiled code reads vectors of numbers. Their layout is known to `_JointNumbers` and
 `_CapsuleNumbers`, which unpack them; `cranedyn.lifts.sites.placed_capsules` packs them in the order
@@ -17,14 +17,14 @@ import numpy as np
 
 from cranedyn.dynamics.scalars import (
     array,
-    chosen,
     clipped,
     cross_product,
-    flag,
+    indicator,
     larger,
     magnitude,
     smaller,
     square_root,
+    where,
 )
 
 FOOT_SIZE = 12
@@ -210,7 +210,7 @@ def place(
         is_moved = local.joint_count > float(k)
         rotation = _where(is_moved, link.rotation, rotation)
         origin = _where(is_moved, link.origin, origin)
-        moved = flag(is_moved, local.joint_count)
+        moved = indicator(is_moved, local.joint_count)
         turned = moved * joint.turns
         turns.append(turned)
         slides.append(link.axis * (moved - turned))
@@ -394,7 +394,7 @@ def separation(first: np.ndarray, second: np.ndarray, radii: Any) -> Separation:
     square = aa * bb
     determinant = square - ab * ab
     is_skew = determinant > _PARALLEL * square
-    divisor = chosen(is_skew, determinant, _PARALLEL * square)
+    divisor = where(is_skew, determinant, _PARALLEL * square)
     s = clipped((ab * b_offset - a_offset * bb) / divisor, 0.0, 1.0)
     t = clipped((ab * s + b_offset) / bb, 0.0, 1.0)
     s = clipped((ab * t - a_offset) / aa, 0.0, 1.0)
@@ -408,8 +408,8 @@ def separation(first: np.ndarray, second: np.ndarray, radii: Any) -> Separation:
 
 
 def _where(condition: Any, yes: np.ndarray, no: np.ndarray) -> np.ndarray:
-    """Return one of two arrays of the same shape, element by element, see `chosen`."""
-    numbers = [chosen(condition, a, b) for a, b in zip(yes.flat, no.flat, strict=True)]
+    """Return one of two arrays of the same shape, element by element, see `where`."""
+    numbers = [where(condition, a, b) for a, b in zip(yes.flat, no.flat, strict=True)]
     return array(numbers).reshape(yes.shape)
 
 

@@ -16,7 +16,7 @@ from llvmlite import ir
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.code import DOUBLE, INTEGER, Code
 from cranedyn.compiled.machine import translate
-from cranedyn.dynamics.scalars import array, flag, larger, smaller, square_root
+from cranedyn.dynamics.scalars import array, indicator, larger, smaller, square_root
 from cranedyn.lifts.sites import capsules
 from cranedyn.lifts.sites.capsules import CAPSULE_SIZE, FOOT_SIZE, JOINT_SIZE, Capsule
 from cranedyn.lifts.sites.placed_capsules import CraneBodies, PlacedCapsules
@@ -389,7 +389,7 @@ class _ProofEmitter:
             not_yet_halved: Any = 1.0
             for i, move in enumerate(moves):
                 crane, joint = divmod(i, self._layout.joints)
-                is_halved = not_yet_halved * flag(move >= largest, move)
+                is_halved = not_yet_halved * indicator(move >= largest, move)
                 not_yet_halved = not_yet_halved - is_halved
                 low, high = pair.boxes[crane, :, joint]
                 # The lower half ends in the middle, the upper half begins there.

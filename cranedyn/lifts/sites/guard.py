@@ -43,7 +43,15 @@ import numpy as np
 from cranedyn.checks import as_array, number, whole
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.rows import compile_rows
-from cranedyn.dynamics.scalars import array, chosen, flag, larger, magnitude, smaller, square_root
+from cranedyn.dynamics.scalars import (
+    array,
+    indicator,
+    larger,
+    magnitude,
+    smaller,
+    square_root,
+    where,
+)
 from cranedyn.errors import OutOfRange, quoted
 from cranedyn.interfaces import State
 from cranedyn.lifts.sites.brakes import CYCLE, Brakes, largest_rate, stopping_distance
@@ -776,12 +784,12 @@ def _crane_constants(station: Station, max_swing: float, wind: WorkingWind) -> _
 # does not know while code is traced. These make the choice a part of the code.
 _minimum = np.frompyfunc(smaller, 2, 1)
 _maximum = np.frompyfunc(larger, 2, 1)
-_select = np.frompyfunc(chosen, 3, 1)
+_select = np.frompyfunc(where, 3, 1)
 
 
 def _number_or_zero(value: Any) -> Any:
     """Return a number, or 0 where it is NaN or beyond `MAX_INPUT`."""
-    return chosen(magnitude(value) <= MAX_INPUT, value, 0.0)
+    return where(magnitude(value) <= MAX_INPUT, value, 0.0)
 
 
 _numbers_or_zeros = np.frompyfunc(_number_or_zero, 1, 1)
@@ -1217,7 +1225,7 @@ def _box_with_grant(
 def _is_at_least(a: Any, b: Any) -> Any:
     """Return 1 if a number is at least another, up to `ROUNDING`, else 0; 0 for NaN."""
     difference = a - b
-    return flag(difference > -ROUNDING, difference)
+    return indicator(difference > -ROUNDING, difference)
 
 
 def _withdrawing_command(
@@ -1231,7 +1239,7 @@ def _withdrawing_command(
     speed = _largest_speeds(distance, crane.reaction, decelerations)
     approach = []
     for drive_offset, drive_speed in zip(offset, speed, strict=True):
-        approach.append(chosen(drive_offset > 0.0, drive_speed, -drive_speed))
+        approach.append(where(drive_offset > 0.0, drive_speed, -drive_speed))
 
     # The target of a crane that does not withdraw is infinite in all drives.
     withdraws = abs(offset[0]) < MAX_TARGET_DISTANCE
