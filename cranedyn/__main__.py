@@ -176,6 +176,7 @@ def _write_recording_or_film(options: argparse.Namespace) -> Path:
     from cranedyn.data.trajectory import read
     from cranedyn.model.options import crane_of_run
     from cranedyn.recording.film import check_film, film
+    from experiments.harness.progress import reporting
 
     if options.film:
         check_film(options.film)
@@ -183,7 +184,9 @@ def _write_recording_or_film(options: argparse.Namespace) -> Path:
     crane = crane_of_run(options, trajectory, options.file)
     runs = [recording.Run(options.file.stem, crane, trajectory)]
     if options.film:
-        film(options.film, runs)
+        with reporting() as reporter:
+            show_time = reporter.run("film", float(trajectory.t[-1] - trajectory.t[0]))
+            film(options.film, runs, progress=show_time)
         return options.film
     file = Path("out/view", options.file.stem).with_suffix(".rrd")
     with lock_folder(file.parent):

@@ -29,7 +29,7 @@ middles the margin of a curve that is proven may be less, down to zero."""
 _MAX_STRETCHES = 20_000
 """Number of stretches after which the proof of a curve gives up."""
 
-_MAX_ACCELERATION = 32.0
+MAX_ACCELERATION = 32.0
 """Acceleration that is assumed of a point that hangs [m/s²], more than three times that of a fall.
 Between two rows a period h apart the point is off the straight line between them by a h²/8 at most,
 which is 0.1 mm for 5 ms. That no point accelerates more is not checked."""
@@ -124,7 +124,7 @@ def unproven_row(
     None if it is proven at all times. A row with a coordinate that is not finite is not proven.
 
     Between two rows no point moves farther than `Clearance.displacement` of their coordinates, but
-    for the bend of its way, see `_MAX_ACCELERATION`. Stretches of rows are halved until the margin
+    for the bend of its way, see `MAX_ACCELERATION`. Stretches of rows are halved until the margin
     in their middle row is more than that, down to a single step between two rows.
 
     Args:
@@ -142,7 +142,7 @@ def unproven_row(
     steps = clearance.displacement(q[:-1, :], q[1:, :]) + np.abs(np.diff(envelope))
     moved = np.concatenate([[0.0], np.cumsum(steps)])
     # The displacements are those of straight lines from row to row.
-    bend = _MAX_ACCELERATION * period**2 / 8.0
+    bend = MAX_ACCELERATION * period**2 / 8.0
     stretches = [(0, len(q) - 1)]
     while stretches:
         low, high = stretches.pop()

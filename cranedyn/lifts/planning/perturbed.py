@@ -24,6 +24,7 @@ from cranedyn.lifts.planning.certificate import AFTER, Certificate, controller_o
 from cranedyn.lifts.planning.clearance import Clearance, Joints
 from cranedyn.lifts.planning.curve import interpolate_columns
 from cranedyn.lifts.planning.lift import Lift
+from cranedyn.lifts.planning.motion_proof import MAX_ACCELERATION
 from cranedyn.model.crane import Crane
 
 CONFIDENCE = 0.95
@@ -31,10 +32,6 @@ CONFIDENCE = 0.95
 
 _RECORDING_INTERVAL = 0.1
 """Time between rows that are kept [s]."""
-
-_MAX_ACCELERATION = 32.0
-"""Largest acceleration of a point that hangs on a taut rope [m/s²], as
-`cranedyn.lifts.planning.motion_proof` takes it: more than thrice that of a fall."""
 
 MAX_SENSOR_DELAY = 1.0
 """Largest delay of the sensors [s]. No crane is controlled by readings as late as that."""
@@ -465,7 +462,7 @@ def _least_distances(
     # is off that line by a h²/8 at most, with its largest acceleration a and the time h between the
     # rows.
     way = clearance.displacement(batch.q[:, :-1, :], batch.q[:, 1:, :])
-    bend = _MAX_ACCELERATION * row_interval**2 / 8.0
+    bend = MAX_ACCELERATION * row_interval**2 / 8.0
     half_way = way / 2.0
     half_way_before = np.pad(half_way, ((0, 0), (1, 0)))
     half_way_after = np.pad(half_way, ((0, 0), (0, 1)))

@@ -205,7 +205,10 @@ def read_fields(
     text = read_text(path)
     content = parse_toml(text, path)
     lines = dict(field_lines(text))
-    return SiteTable(path, kind, content, lines.get(("", 0), {}), ["name", *fields]), lines
+    # A table of the file is a field of the whole, and begins at its header.
+    headers = {name: of_table[""] for (name, index), of_table in lines.items() if index == 0}
+    top_lines = headers | lines.get(("", 0), {})
+    return SiteTable(path, kind, content, top_lines, ["name", *fields]), lines
 
 
 _FIELDS = {

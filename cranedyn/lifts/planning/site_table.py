@@ -58,7 +58,8 @@ class SiteTable:
         self.lines = lines
         for key in values:
             if key not in fields:
-                self.fail(key, UnknownName("field", key, fields))
+                noun = "table" if _is_table(values[key]) else "field"
+                self.fail(key, UnknownName(noun, key, fields))
 
     def fail(self, key: str, reason: object) -> NoReturn:
         """Refuse a field, with the line where it is, or where its table begins.
@@ -209,6 +210,13 @@ def crane_values(name: str, table: Any) -> dict[str, float]:
     if not isinstance(table, dict):
         raise OutOfRange(name, quoted(table), "a table of numbers of the crane")
     return {argument: _number(argument, value, "") for argument, value in table.items()}
+
+
+def _is_table(value: object) -> bool:
+    """Return whether a value of a file is a table, or a list of tables."""
+    if isinstance(value, list):
+        return all(isinstance(entry, dict) for entry in value)
+    return isinstance(value, dict)
 
 
 def field_lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:

@@ -184,7 +184,7 @@ def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
         ("size = [1.0, 2.0, 3.0]\nyaw", "yaw", "line 14, [box] size: it is missing"),
         ('name = "b"', 'name = "a"', "line 15, [box] name: two obstacles are called a"),
         ("heading = 90.0", "heading = true", "line 3, [crane] heading: heading is"),
-        ("[[box]]", "[[bok]]", "[site] bok: There is no field 'bok'"),
+        ("[[box]]", "[[bok]]", "line 10, [site] bok: There is no table 'bok'"),
         ("heading = 90.0", "heading = ", "is not TOML: Invalid value (at line 3"),
         ("heading = 90.0", "values = {mass = 1e999}", "line 3, [crane] values: mass is inf"),
         ("from = [1.0, 2.0, 3.0]", "distance = -1.0", "line 9, [lift] distance: distance is -1.0"),
