@@ -24,6 +24,9 @@ CREEP_SHARE = 0.1
 _SECOND_HAND = "second hand"
 """Source of what a standard demands: other texts that quote it, not the standard itself."""
 
+_NOT_JUDGED = "not judged"
+"""What stands in place of a number that was not computed."""
+
 _LOADS_PAGE = "docs/concepts/lifting.md"
 """Page that derives the formulas of the loads."""
 
@@ -56,13 +59,45 @@ class Table(NamedTuple):
 def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
     """Return all tables of a lift, whose notes name the command that makes them again."""
     source_note = f" Again: {command}." if command else ""
-    result = [_lift(analysis), _assumptions(analysis), _loads(analysis, source_note)]
+    result = [_summary(analysis), _lift(analysis), _assumptions(analysis)]
+    result.append(_loads(analysis, source_note))
     result += [_clearances(analysis, source_note), _factors(analysis)]
     if analysis.wind is not None:
         result += [_wind(analysis.wind, source_note), _limits(analysis.wind)]
     if analysis.perturbed is not None:
         result.append(_robustness(analysis, analysis.perturbed, source_note))
     return result
+
+
+def _summary(analysis: LiftAnalysis) -> Table:
+    """Return the numbers that decide about the lift, each beside its limit."""
+    required = analysis.requirements
+    nearest = analysis.certificate.nearest
+    radius = float(analysis.loads["radius_m"].max())
+    utilisation = _NOT_JUDGED
+    if analysis.utilisation is not None:
+        utilisation = f"{100.0 * float(analysis.utilisation.max()):.1f} %"
+    gust = _NOT_JUDGED
+    if analysis.wind is not None:
+        gust = f"{analysis.wind.limit():g} m/s"
+    probability = _NOT_JUDGED
+    if analysis.perturbed is not None:
+        probability = f"at most {100.0 * analysis.perturbed.interval()[1]:.2f} %"
+    rows: list[Row] = [
+        ["largest radius", f"{radius:.1f} m", "-"],
+        ["utilisation of the chart", utilisation, f"{100.0 * WARNING:g} %"],
+        ["gust that the lift bears", gust, _or_dash(required.wind, 1.0, "m/s")],
+        ["least distance", f"{nearest.distance:.2f} m", f"{analysis.site.distance:g} m"],
+        ["perturbed lifts too near", probability, _or_dash(required.risk, 100.0, "%")],
+        ["time of the lift", f"{analysis.certificate.lift.timed.motion.arrival:.0f} s", "-"],
+    ]
+    note = "Where each of these is from stands in the tables below."
+    return Table("In numbers", [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+
+
+def _or_dash(value: float | None, scale: float, unit: str) -> str:
+    """Return a number in a unit, and a dash where nobody entered it."""
+    return "-" if value is None else f"{scale * value:g} {unit}"
 
 
 def _lift(analysis: LiftAnalysis) -> Table:
@@ -84,7 +119,6 @@ def _lift(analysis: LiftAnalysis) -> Table:
         *_chart_rows(analysis),
         ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
         ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
-        ["time of the lift", f"{lift.timed.motion.arrival:.0f} s", "the plan"],
         ["slew, at most", f"{slew_rate * 30.0 / math.pi:.2f} rpm", "the drives"],
         ["trolley, hoist, at most", f"{trolley_rate:.2f}, {hoist_rate:.2f} m/s", "the same"],
         ["required distance", f"{site.distance:g} m", "the site's file"],

@@ -328,7 +328,7 @@ def test_drives_that_are_planned_slower_than_entered_are_not_called_as_entered()
 def test_a_load_that_stands_is_not_said_to_hang_where_it_was_not_simulated() -> None:
     site = replace(small().site, goal=np.array([6.0, 12.0]))
     made = small(site=site, perturbed=None, wind=None)
-    (row,) = [r for r in tables(made)[0].rows if r[0] == "begins and ends"]
+    (row,) = [r for r in tables(made)[1].rows if r[0] == "begins and ends"]
     assert row[1] == "hanging, standing (set-down not simulated)"
     sentences = report_page.limits_of(made)
     assert "The load hangs where picking up would be; that is not in this lift." in sentences
@@ -691,3 +691,17 @@ def test_lift_off_and_set_down_are_part_of_the_report(tmp_path: Path) -> None:
 def test_the_shipped_chart_is_of_the_shipped_crane(values: dict[str, float], shipped: bool) -> None:
     assert is_shipped_crane(load_crane(values=values)) is shipped
     assert not is_shipped_crane(load_crane("urdf/overhead_crane.urdf.xacro"))
+
+
+def test_the_first_table_has_the_numbers_that_decide_and_says_what_was_not_judged() -> None:
+    made = small()
+    numbers = {row[0]: row[1:] for row in tables(made)[0].rows}
+    assert made.utilisation is not None
+    assert made.wind is not None
+    used = 100.0 * made.utilisation.max()
+    assert numbers["utilisation of the chart"] == [f"{used:.1f} %", "90 %"]
+    assert numbers["gust that the lift bears"][0] == f"{made.wind.limit():g} m/s"
+
+    unjudged = {row[0]: row[1] for row in tables(small(wind=None, perturbed=None))[0].rows}
+    assert unjudged["gust that the lift bears"] == "not judged"
+    assert unjudged["perturbed lifts too near"] == "not judged"
