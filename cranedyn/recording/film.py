@@ -36,6 +36,12 @@ _DOTS_PER_INCH = 100
 _MARGIN = 2.0
 """Distance of the cranes from the edges of the scene [m]."""
 
+_CLOSE_UP_REACH = 3.0
+"""How far the close-up of a load reaches to each side [m]; farther where the load swings farther."""
+
+_CLOSE_UP_SHARE = 0.25
+"""Largest reach of the close-up over the height of the scene, for small cranes."""
+
 _EXTENT_ROWS = 30
 """Number of rows of a run, about, that show how far a crane goes; to draw all would take long."""
 
@@ -52,8 +58,8 @@ class _Angles(NamedTuple):
     rise: float
 
 
-_SINGLE_CRANE = _Angles(math.radians(20.0), math.radians(8.0))
-"""From where a single crane is seen."""
+_SINGLE_CRANE = _Angles(math.radians(20.0), 0.0)
+"""From where a single crane is seen: level, since from above a level jib would seem to droop."""
 
 _SEVERAL_CRANES = _Angles(math.radians(50.0), math.radians(12.0))
 """From where several cranes are seen. They stand beside each other, and would hide each other from
@@ -144,9 +150,21 @@ class _Stage:
                 meshes=run.meshes,
             )
             self._runs.append((run, projection))
-        figure, (scene, swing) = panels(
-            1, 2, width=WIDTH / _DOTS_PER_INCH, height=HEIGHT / _DOTS_PER_INCH, width_ratios=[5, 4]
+        figure, axes = panels(
+            2,
+            2,
+            width=WIDTH / _DOTS_PER_INCH,
+            height=HEIGHT / _DOTS_PER_INCH / 2.0,
+            width_ratios=[5, 4],
         )
+        # The scene takes both rows on the left, the close-up is below the swing on the right.
+        grid = axes[0].get_gridspec()
+        assert grid is not None  # the panels stand on a grid
+        axes[0].remove()
+        axes[2].remove()
+        scene = figure.add_subplot(grid[:, 0])
+        swing = axes[1]
+        self._close_up = axes[3]
         figure.set_dpi(_DOTS_PER_INCH)
         self._scene = scene
         self._swing = swing
@@ -157,10 +175,16 @@ class _Stage:
         figure.legend(*swing.get_legend_handles_labels(), loc="outside lower right", ncols=2)
         scene.set(aspect="equal", xlabel="[m]", ylabel="[m]")
 
+        name = self._runs[0][0].name
+        title = "the load" if len(runs) == 1 else f"the load of {name}"
+        self._close_up.set(aspect="equal", xlabel="[m]")
+        self._close_up.set_title(f"{title}, from where it hangs at rest", fontsize=10.0)
+
         self._add_cranes()
         self._add_readings(first)
         self._canvas = FigureCanvasAgg(figure)
         self._set_scene_limits()
+        self._set_close_up_limits()
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(figure.bbox)
 
@@ -178,6 +202,9 @@ class _Stage:
             )
             self._ropes.append(rope)
         (self._marks,) = self._scene.plot([], [], "^", color=CONTACT, animated=True)
+        self._near_crane = PolyCollection([], animated=True)
+        self._close_up.add_collection(self._near_crane)
+        (self._near_rope,) = self._close_up.plot([], [], "-", c="#404040", animated=True)
 
     def _add_readings(self, first: float) -> None:
         """Add what moves in the plot: the coordinates as text, and a line at the present time.
@@ -236,6 +263,18 @@ class _Stage:
         right, top = np.max(corners, axis=0) + _MARGIN
         self._scene.set(xlim=(left, right), ylim=(bottom, top))
 
+    def _set_close_up_limits(self) -> None:
+        """Set the limits of the close-up so that the load stays in it."""
+        run, projection = self._runs[0]
+        every = max(1, len(run.trajectory) // _EXTENT_ROWS)
+        largest = 0.0
+        for q in run.trajectory.q[::every]:
+            offset = projection.rope(q)[-1] - projection.rope(_at_rest(run, q))[-1]
+            largest = max(largest, float(np.abs(offset).max()))
+        bottom, top = self._scene.get_ylim()
+        reach = min(max(_CLOSE_UP_REACH, 1.3 * largest), _CLOSE_UP_SHARE * (top - bottom))
+        self._close_up.set(xlim=(-reach, reach), ylim=(-reach, reach))
+
     def picture(self, t: float) -> np.ndarray:
         """Return the picture at a time [s], red, green, blue, shape (height, width, 3)."""
         outlines = []
@@ -243,13 +282,13 @@ class _Stage:
         # An empty array, so that there is something to concatenate where nothing touches.
         marks = [np.zeros((0, 2))]
         for (run, projection), rope in zip(self._runs, self._ropes, strict=True):
-            # The last row at or before the time, up to rounding.
-            row = max(0, int(np.searchsorted(run.trajectory.t, t + 1e-9)) - 1)
+            row = _row_at(run, t)
             q = run.trajectory.q[row]
             outlines += projection.outlines(q)
             rope.set_data(*projection.rope(q).T)
             marks.append(projection.points(touching_points(run.crane, run.trajectory, row)))
             lines.append(f"{run.name}:  " + "  ".join(_readings(run, q)))
+        self._set_close_up(t)
         # Cranes hide each other as they stand: the nearest outline is drawn last.
         outlines.sort(key=lambda outline: outline.depth)
         self._cranes.set_verts([outline.corners for outline in outlines])
@@ -260,9 +299,36 @@ class _Stage:
         self._canvas.restore_region(self._background)
         for artist in (self._cranes, *self._ropes, self._marks):
             self._scene.draw_artist(artist)
+        for artist in (self._near_crane, self._near_rope):
+            self._close_up.draw_artist(artist)
         for artist in (self._cursor, self._text):
             self._swing.draw_artist(artist)
         return np.ascontiguousarray(np.asarray(self._canvas.buffer_rgba())[..., :3])
+
+    def _set_close_up(self, t: float) -> None:
+        """Set the load of the first run and its rope about where it would hang with its drives
+        where they are.
+        """
+        run, projection = self._runs[0]
+        q = run.trajectory.q[_row_at(run, t)]
+        middle = projection.rope(_at_rest(run, q))[-1]
+        outlines = projection.outlines(q)
+        self._near_crane.set_verts([outline.corners - middle for outline in outlines])
+        self._near_crane.set(facecolor=[outline.colour for outline in outlines])
+        self._near_rope.set_data(*(projection.rope(q) - middle).T)
+
+
+def _at_rest(run: Run, q: np.ndarray) -> np.ndarray:
+    """Return coordinates with the swing joints where they hang at the start of the crane."""
+    at_rest = q.copy()
+    swings = run.crane.swings
+    at_rest[swings] = run.crane.start.q[swings]
+    return at_rest
+
+
+def _row_at(run: Run, t: float) -> int:
+    """Return the last row of a run at or before a time [s], up to rounding."""
+    return max(0, int(np.searchsorted(run.trajectory.t, t + 1e-9)) - 1)
 
 
 def _readings(run: Run, q: np.ndarray) -> list[str]:

@@ -20,6 +20,12 @@ from cranedyn.simulation.simulate import simulate
 reason = "the extra film is not installed: pip install 'cranedyn[film]'"
 
 
+def rows_of_red(picture: np.ndarray) -> np.ndarray:
+    """Return the rows of the pixels of the load, which is red."""
+    is_red = (picture[..., 0] > 200) & (picture[..., 1] < 80) & (picture[..., 2] < 80)
+    return np.argwhere(is_red)[:, 0]
+
+
 @pytest.mark.slow
 def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_load_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -37,12 +43,14 @@ def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_
         assert (stream.width, stream.height, stream.average_rate) == (1280, 720, 30)
         pictures = [p.to_ndarray(format="rgb24").astype(int) for p in container.decode(stream)]
     assert len(pictures) == 46  # of 1.5 s, the first and the last included
-    first, last = (
-        np.argwhere((p[..., 0] > 200) & (p[..., 1] < 80) & (p[..., 2] < 80))[:, 0].mean()
-        for p in (pictures[0], pictures[-1])
-    )
+    first = rows_of_red(pictures[0][:, :660]).mean()
+    last = rows_of_red(pictures[-1][:, :660]).mean()
     # Some 17 pixels are a metre, and their rows count downwards.
     assert 20 < first - last < 60
+    # The close-up follows the load, which is large in it and hardly moves.
+    near = [rows_of_red(pictures[i][:, 660:]) for i in (0, -1)]
+    assert len(near[0]) > 3 * len(rows_of_red(pictures[0][:, :660]))
+    assert abs(near[0].mean() - near[1].mean()) < 5
 
 
 def test_a_film_without_its_extra_is_one_sentence(
