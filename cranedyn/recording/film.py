@@ -37,7 +37,7 @@ _MARGIN = 2.0
 """Distance of the cranes from the edges of the scene [m]."""
 
 _CLOSE_UP_REACH = 3.0
-"""How far the close-up of a load reaches to each side [m]; farther where the load swings farther."""
+"""How far a close-up reaches to each side of the load [m]; farther where it swings farther."""
 
 _CLOSE_UP_SHARE = 0.25
 """Largest reach of the close-up over the height of the scene, for small cranes."""
