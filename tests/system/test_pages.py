@@ -11,6 +11,7 @@ import pytest
 
 import cranedyn as cd
 from cranedyn.__main__ import main
+from cranedyn.lifts.planning.site_file import read_site
 from tests.helpers import ROOT
 
 PAGES = sorted([*(ROOT / "docs").glob("**/*.md"), ROOT / "README.md"])
@@ -110,6 +111,15 @@ def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
         for _, *words in map(shlex.split, block.splitlines()):
             # a lift without the masses of its crane is no go, exit code 1
             assert main(words) == int("lift_report" in words)
+
+
+def test_the_site_file_of_the_how_to_about_a_crane_is_one(tmp_path: Path) -> None:
+    text = (ROOT / "docs/howto/my_tower_crane.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"^```toml\n(.*?)^```", text, re.S | re.M)
+    (tmp_path / "crane.toml").write_text(table, encoding="utf-8")
+    site = read_site(tmp_path / "crane.toml")
+    assert site.chart == "mct88"
+    assert site.crane["trolley_max"] == 29.9
 
 
 @pytest.mark.slow
