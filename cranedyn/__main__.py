@@ -171,12 +171,14 @@ def _run_view(parser: _Parser, options: argparse.Namespace) -> int:
 
 def _write_recording_or_film(options: argparse.Namespace) -> Path:
     """Write the recording or the film of a run, and return its file."""
+    from rich.console import Console
+    from rich.progress import Progress
+
     from cranedyn import recording
     from cranedyn.data.files import lock_folder
     from cranedyn.data.trajectory import read
     from cranedyn.model.options import crane_of_run
     from cranedyn.recording.film import check_film, film
-    from experiments.harness.progress import reporting
 
     if options.film:
         check_film(options.film)
@@ -184,9 +186,12 @@ def _write_recording_or_film(options: argparse.Namespace) -> Path:
     crane = crane_of_run(options, trajectory, options.file)
     runs = [recording.Run(options.file.stem, crane, trajectory)]
     if options.film:
-        with reporting() as reporter:
-            show_time = reporter.run("film", float(trajectory.t[-1] - trajectory.t[0]))
-            film(options.film, runs, progress=show_time)
+        duration = float(trajectory.t[-1] - trajectory.t[0])
+        console = Console(stderr=True)
+        # A bar that is drawn again and again is for a terminal only.
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+            task = bar.add_task("film", total=duration)
+            film(options.film, runs, progress=lambda t: bar.update(task, completed=t))
         return options.film
     file = Path("out/view", options.file.stem).with_suffix(".rrd")
     with lock_folder(file.parent):
