@@ -58,11 +58,16 @@ class Assumption:
 
 def check_entered(assumptions: Iterable[Assumption]) -> Check:
     """Return a check that no assumption is a default of this program; otherwise it is not judged,
-    since nobody answers for a value that nobody entered.
+    since nobody answers for a value that nobody entered. What is shipped is named to be checked.
     """
+    assumptions = list(assumptions)
     defaults = [a for a in assumptions if a.origin is Origin.DEFAULT]
     if not defaults:
-        return Check("Nothing that the result rests on is a default of this program.", True)
+        sentence = "Nothing that the result rests on is a default of this program."
+        shipped = " and ".join(a.name for a in assumptions if a.origin is Origin.SHIPPED)
+        if shipped:
+            sentence += f" Shipped with it, so check that it is yours: {shipped}."
+        return Check(sentence, True)
     listed = ", ".join(a.field or a.name for a in defaults)
     values = "value" if len(defaults) == 1 else "values"
     return Check(

@@ -152,7 +152,7 @@ EXPERIMENTS = {
     ),
     "lift": Entry(
         "A lift, planned",
-        "From a site to a motion that provably touches nothing.",
+        "From a site to a motion that is proven clear, and what wind does to it.",
         (),
         ("--site", "open_yard", "--lifts", "20"),
         {

@@ -1,4 +1,4 @@
-"""From a site with obstacles to a motion that provably touches nothing.
+"""From a site with obstacles to a planned motion that is proven to keep clear.
 
 Planned, certified, and simulated ten thousand times with perturbations.
 """

@@ -51,9 +51,11 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
     )
     chart = None if options.chart is None else read_chart(options.chart)
     site = read_site(options.site or "open_yard")
-    if options.load is not None:  # instead of the mass in the site's file
+    if options.load is not None:
+        # The mass of all that hangs, so that the rigging of the site's file is not added to it.
         load = number("load", options.load, "kg", "> 0")
-        site = replace(site, crane={**site.crane, "payload_mass": load}, rigging={})
+        crane_values = {**site.crane, "payload_mass": load}
+        site = replace(site, crane=crane_values, rigging={"hook": 0.0, "slings": 0.0})
     if chart is not None:
         chart.on(options.falls)
     return judge(
@@ -142,7 +144,7 @@ def _parser() -> Parser:
     text = "site as TOML, see docs/howto/plan_lift.md, or name of an example; open_yard"
     add("--site", metavar="FILE", help=text)
     add("--crane", metavar="FILE", help=CRANE)
-    add("--load", type=float, metavar="KG", help="mass that hangs, hook counted [kg]")
+    add("--load", type=float, metavar="KG", help="all that hangs, with hook and slings [kg]")
     text = "chart as TOML, see docs/howto/judge_lift.md; that of the site, or for our crane its own"
     add("--chart", metavar="FILE", help=text)
     add("--falls", type=int, metavar="N", help="falls of rope; those of the site")

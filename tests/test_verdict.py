@@ -67,3 +67,11 @@ def test_a_default_is_never_taken_for_an_entered_value() -> None:
     check = check_entered([entered, default])
     assert check.verdict is Verdict.NOT_JUDGED
     assert "Nobody entered 1 value that the result rests on: --wind." in check.sentence
+
+
+def test_what_is_shipped_is_named_to_be_checked() -> None:
+    crane = Assumption("crane", "the tower crane of this package", Origin.SHIPPED)
+    chart = Assumption("load chart", "22 m jib", Origin.SHIPPED)
+    check = check_entered([crane, chart])
+    assert check.verdict is Verdict.HOLDS
+    assert check.sentence.endswith("check that it is yours: crane and load chart.")

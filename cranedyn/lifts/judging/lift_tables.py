@@ -167,10 +167,14 @@ def _gross(analysis: LiftAnalysis) -> str:
     """Return the mass that hangs as the sum that it is."""
     gross = hanging_mass(analysis.crane) / 1e3
     rigging = analysis.site.rigging
+    if not {"hook", "slings"} & rigging.keys():
+        return f"{gross:.2f} t; no hook block and no slings were entered"
+    if not any(rigging.values()):
+        return f"{gross:.2f} t with hook block and slings"
     terms = {"load": gross - sum(rigging.values()) / 1e3}
     terms |= {name: mass / 1e3 for name, mass in rigging.items()}
     weighed = " + ".join(f"{name} {mass:.2f} t" for name, mass in terms.items())
-    return f"{gross:.2f} t" + (f" = {weighed}" if rigging else " with hook and slings")
+    return f"{gross:.2f} t = {weighed}"
 
 
 def _point(point: np.ndarray) -> str:

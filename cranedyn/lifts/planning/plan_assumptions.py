@@ -52,7 +52,7 @@ def _of_crane(crane: Crane) -> Iterator[Assumption]:
 
 
 def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
-    """Yield mass, size and attitude of the load."""
+    """Yield the masses of load and rigging, and size and attitude of the load."""
     entered = "payload_mass" in site.crane or "payload_mass" in crane.record.get("arguments", {})
     yield Assumption(
         "mass of the load with its rigging",
@@ -60,6 +60,16 @@ def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
         Origin.ENTERED if entered else Origin.DEFAULT,
         "[load] mass",
     )
+    # Without the hook block and the slings a load seems lighter than what hangs. So a site enters
+    # both, as 0 where the mass of the load contains them.
+    for part, name in (("hook", "mass of the hook block"), ("slings", "mass of the slings")):
+        is_entered = part in site.rigging
+        yield Assumption(
+            name,
+            f"{site.rigging.get(part, 0.0):g} kg",
+            Origin.ENTERED if is_entered else Origin.DEFAULT,
+            f"[rigging] {part}",
+        )
     if site.load is None:
         size = "the shapes of the crane's URDF"
         origin = Origin.DEFAULT

@@ -143,7 +143,9 @@ class Site(ShortRepr):
         limits: Limits of the drives; None if unknown.
         base: Base of the crane; None if unknown.
         arms: Jib and counter-jib as weights; empty if unknown.
-        rigging: Masses of hook and slings [kg], by name, part of the mass of the crane's load.
+        rigging: Masses of "hook" and "slings" [kg], part of the mass of the crane's load. One that
+            is left out is unknown, so that a judgement is not complete; it is 0 where the load's
+            mass contains it.
         gust: Gust that the lift must bear [m/s]; None if unknown.
         gust_swing: Largest angle of the rope from plumb in gusts [rad]; None if unknown.
         risk: Largest probability that a perturbed lift comes closer than required; None if unknown.

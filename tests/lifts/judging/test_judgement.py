@@ -536,6 +536,7 @@ def test_each_value_that_nobody_entered_is_a_default() -> None:
         entered=frozenset({"[lift] swing", "[lift] distance"}),
         limits=limits,
         crane={"payload_mass": 1000.0},
+        rigging={"hook": 0.0, "slings": 30.0},
     )
     crane = lift().crane
     unknown = resolve_inputs(bare, crane, limits, Requirements())
@@ -544,7 +545,7 @@ def test_each_value_that_nobody_entered_is_a_default() -> None:
         entered, crane, limits, Requirements(wind=12.0, swing=0.2, risk=0.03), falls=2
     )
     defaults = [a.name for a in unknown.assumptions if a.origin is Origin.DEFAULT]
-    assert len(unknown.assumptions) == 18
+    assert len(unknown.assumptions) == 20
     assert {a.name for a in unknown.assumptions} - {*defaults} == {
         *("size of the load", "load chart", "crane", "gravity", "attitude of the load")
     }
@@ -559,6 +560,28 @@ def test_each_value_that_nobody_entered_is_a_default() -> None:
         (12.0, 0.2, 0.03, 2),
     ]
     assert known.spread == Spread(0.1, 0.2, 3.0, 4.0, late=(0.0, 0.01, 0.02, 0.04))
+
+
+@pytest.mark.parametrize(
+    ("rigging", "missing", "gross"),
+    [
+        ({}, ["[rigging] hook", "[rigging] slings"], "1.00 t; no hook block and no slings were"),
+        ({"hook": 100.0}, ["[rigging] slings"], "1.00 t = load 0.90 t + hook 0.10 t"),
+        ({"hook": 0.0, "slings": 0.0}, [], "1.00 t with hook block and slings"),
+        ({"hook": 100.0, "slings": 30.0}, [], "1.00 t = load 0.87 t + hook 0.10 t + slings 0.03"),
+    ],
+)
+def test_a_lift_whose_hook_block_or_slings_nobody_weighed_is_not_complete(
+    rigging: dict[str, float], missing: list[str], gross: str
+) -> None:
+    """Forgetting the rigging is a common mistake of a lift plan, on the unsafe side."""
+    case = small()
+    site = replace(case.site, rigging=rigging)
+    inputs = resolve_inputs(site, case.crane, case.certificate.lift.limits, Requirements())
+    defaults = [a.field for a in inputs.assumptions if a.origin is Origin.DEFAULT]
+    assert [field for field in defaults if "slings" in field or "hook" in field] == missing
+    (row,) = [row for row in tables(small(site=site))[1].rows if row[0] == "gross load"]
+    assert str(row[1]).startswith(gross)
 
 
 # --- whole commands ------------------------------------------------------------------------------
