@@ -214,6 +214,25 @@ def test_pictures_of_the_views_are_not_blank_and_differ(driver: Any) -> None:
 
 
 @browser
+def test_a_page_that_begins_with_the_orbit_shows_the_whole_crane(driver: Any) -> None:
+    """As the page of a site does: the first view has no view before it to go round from."""
+    places = driver.execute_script(
+        "const {scene, look, state: {q}} = page, view = scene._view, orbit = {...scene._orbit};"
+        "scene._view = ''; scene.eye.fill(0); scene.target.fill(0);"
+        "scene.draw(q, {...look, view: 'orbit'});"
+        "const {middle, height, crane: {ground}} = scene;"
+        "const top = [middle[0], middle[1], ground + height];"
+        "const foot = [middle[0], middle[1], ground];"
+        "const seen = [top, foot, scene.load].map(point => scene.project(point));"
+        "const {clientWidth, clientHeight} = scene.canvas;"
+        "scene._view = view; scene._orbit = orbit; scene.draw(q, look);"
+        "return seen.map(([x, y]) => [x / clientWidth, y / clientHeight])"
+    )
+    for across, down in places:
+        assert 0.0 < across < 1.0 and 0.0 < down < 1.0, places
+
+
+@browser
 def test_a_click_on_the_ground_sets_the_goal_of_the_predictive_control(driver: Any) -> None:
     driver.execute_script("page.act('Backspace'); page.act('Digit5'); page.act('top')")
     wait(

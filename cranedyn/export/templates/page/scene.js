@@ -362,6 +362,8 @@ class Scene {
     const {eye, target, load, crane, middle, height, reach} = this;
     const aspect = this.canvas.width / this.canvas.height, [pivot] = this.rope;
     if (view !== this._view) {
+      // The orbit goes round from the view before; a page that begins with it has none yet.
+      if (view === "orbit" && !this._view) this._aim(q, "side", 0);
       if (view === "orbit") {
         const away = eye.map((x, k) => x - target[k]), distance = Math.hypot(...away) || 1;
         this._orbit = {yaw: Math.atan2(away[1], away[0]), pitch: Math.asin(away[2] / distance), distance};
