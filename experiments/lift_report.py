@@ -145,7 +145,10 @@ def _parser() -> Parser:
     add("--site", metavar="FILE", help=text)
     add("--crane", metavar="FILE", help=CRANE)
     add("--load", type=float, metavar="KG", help="all that hangs, with hook and slings [kg]")
-    text = "chart as TOML, see docs/howto/judge_lift.md; that of the site, or for our crane its own"
+    text = (
+        "chart as TOML, see docs/howto/judge_lift.md, or name of an example; that of the site, or "
+        "for our crane its own"
+    )
     add("--chart", metavar="FILE", help=text)
     add("--falls", type=int, metavar="N", help="falls of rope; those of the site")
     add("--hoisting", choices=get_args(HoistingClass), default="HC2", help="class of the hoist")

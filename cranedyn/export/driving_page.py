@@ -627,8 +627,27 @@ def _edge_directions(corners: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
     parser.add_argument("--site", metavar="FILE", help="obstacles about the crane, a .toml file")
-    parser.add_argument("--chart", metavar="FILE", help="its load chart, a .toml file")
+    text = "its load chart, a .toml file or the name of an example; that of the site"
+    parser.add_argument("--chart", metavar="FILE", help=text)
     parser.add_argument("--meshes", metavar="FOLDER", help="of its mesh files; else sticks")
+
+
+def _chart_of(options: argparse.Namespace, site: Site | None) -> RatedLoads | None:
+    """Return the rated loads of the crane: by the chart of the command line, or else by that of the
+    site, on the falls that the site enters.
+
+    Raises:
+        DataError: If the file is no chart.
+        UnknownName: If no chart has the name, or the chart lacks the falls of the site.
+    """
+    chart = options.chart
+    # The chart of a site is that of its own crane; another crane needs one of its own.
+    is_crane_of_site = options.urdf is None and options.machine is None
+    if chart is None and site is not None and is_crane_of_site:
+        chart = site.chart
+    if chart is None:
+        return None
+    return read_chart(chart).on(None if site is None else site.falls)
 
 
 def run(options: argparse.Namespace) -> Path:
@@ -640,7 +659,7 @@ def run(options: argparse.Namespace) -> Path:
         # Of two values of one argument the last one holds: that of the command line.
         values_of_site = [f"{name}:={value}" for name, value in site.crane.items()]
         options.values = [*values_of_site, *options.values]
-    chart = None if options.chart is None else read_chart(options.chart).on()
+    chart = _chart_of(options, site)
     crane = crane_from_options(options)
     name_default_rates(crane)
     if site is not None:

@@ -32,11 +32,12 @@ from cranedyn.errors import DataError
 from cranedyn.export import browser_crane, driving_page, exercises
 from cranedyn.identification.checked_record import load_record
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.lifts.judging.chart import CHARTS, read_chart
+from cranedyn.lifts.judging.chart import CHARTS, RatedLoads, read_chart
+from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.lifts.planning.solids import box, hull
 from cranedyn.model.crane import Crane
-from cranedyn.model.description import describe
+from cranedyn.model.description import XACRO, describe
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 from cranedyn.references.simple import hold
@@ -706,3 +707,35 @@ def test_the_page_that_one_drives_stays_alone_below_out(
     assert [file for file in tmp_path.rglob("*") if file.is_file()] == [
         tmp_path / "out/drive/crane.html"
     ]
+
+
+@pytest.mark.parametrize(
+    ("falls", "words", "chart"),
+    [
+        (4, [], "laboratory"),
+        (2, ["--chart", "mct88"], "mct88"),
+        (2, ["--urdf", str(XACRO)], None),
+    ],
+)
+def test_a_site_is_driven_by_its_own_chart_unless_another_or_another_crane_is_given(
+    falls: int, words: list[str], chart: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = f'[ground]\nheight = 0.0\n[crane]\nchart = "laboratory"\n[rigging]\nfalls = {falls}\n'
+    (tmp_path / "site.toml").write_text(text, encoding="utf-8")
+    charts: list[RatedLoads | None] = []
+
+    def page_data(
+        crane: Crane, site: Site | None, chart: RatedLoads | None, meshes: str | None
+    ) -> dict[str, Any]:
+        charts.append(chart)
+        return {}
+
+    monkeypatch.setattr(driving_page, "page_data", page_data)
+    page = str(tmp_path / "crane.html")
+    assert main(["export", "page", page, "--site", str(tmp_path / "site.toml"), *words]) == 0
+    (used,) = charts
+    if chart is None:
+        assert used is None
+    else:
+        assert used is not None
+        assert used.radii.tolist() == read_chart(chart).on(falls).radii.tolist()

@@ -19,12 +19,12 @@ from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import Misshapen, OutOfRange, UnknownName
 from cranedyn.lifts.judging.loads import Loads, loads
-from cranedyn.lifts.planning.site_file import read_fields
+from cranedyn.lifts.planning.site_file import CHART_EXAMPLES, example_path, read_fields
 from cranedyn.lifts.planning.site_table import SiteTable
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
 CHARTS = Path(__file__).parent / "charts"
-"""Example charts: laboratory (of this project's crane), mct88 (points of a maker's sheet)."""
+"""Folder of the example charts."""
 
 GRAVITY = (1e-3, 1e3)
 """Least and largest gravity that a utilisation is computed for [m/s²]: about that of a small moon
@@ -283,14 +283,18 @@ def assess_run(
 
 
 def read_chart(path: str | Path) -> Chart:
-    """Read a chart from a TOML file: `name`, `source`, and a table `[[falls]]` for each reeving
-    with `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].
+    """Read a chart from a TOML file, or the example chart of that name.
+
+    The file has `name`, `source`, and a table `[[falls]]` for each reeving with `count`,
+    `radii` [m], `loads` [kg] and, as an option, `least` [m].
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown or not
             possible in a chart; with line, table and field.
+        UnknownName: If there is no file and no example of that name.
     """
-    top, lines = read_fields(Path(path), ["source", "falls"], "chart")
+    path = example_path(path, CHARTS, CHART_EXAMPLES, "chart")
+    top, lines = read_fields(path, ["source", "falls"], "chart")
     for name in ("name", "source", "falls"):
         if name not in top.values:
             top.fail(name, "it is missing.")

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from cranedyn.assumptions import Assumption, Origin
 from cranedyn.lifts.judging.analysis import JudgedInputs, Requirements
-from cranedyn.lifts.judging.chart import CHARTS, Chart, read_chart
+from cranedyn.lifts.judging.chart import Chart, read_chart
 from cranedyn.lifts.planning.perturbed import Spread
 from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
 from cranedyn.lifts.planning.site import Site
@@ -29,7 +28,7 @@ DEFAULT_GUST_SWING = math.radians(5.0)
 DEFAULT_RISK = 0.01
 """Largest probability that a perturbed lift comes too close where nobody entered one."""
 
-SHIPPED_CHART = CHARTS / "laboratory.toml"
+SHIPPED_CHART = "laboratory"
 """The chart of the tower crane that comes with the package."""
 
 CHART_COVERS = frozenset(
@@ -196,8 +195,7 @@ def _chart(site: Site, crane: Crane, given: Chart | None) -> tuple[Chart | None,
     if given is not None:
         return given, Assumption("load chart", given.name, Origin.ENTERED, "--chart")
     if site.chart is not None:
-        file = site.chart if isinstance(site.chart, Path) else CHARTS / f"{site.chart}.toml"
-        chart = read_chart(file)
+        chart = read_chart(site.chart)
         return chart, Assumption("load chart", chart.name, Origin.ENTERED, "[crane] chart")
     if is_shipped_crane(crane):
         chart = read_chart(SHIPPED_CHART)

@@ -35,6 +35,9 @@ SITES = Path(__file__).parent / "sites"
 EXAMPLES = ("open_yard", "city_block", "tower", "neighbour")
 """Names of the example sites."""
 
+CHART_EXAMPLES = ("laboratory", "mct88")
+"""Names of the example charts: of this project's crane, and points of a maker's sheet."""
+
 UNBOUNDED = 1e4
 """Height of a zone that enters none [m]: higher than any crane."""
 
@@ -48,7 +51,7 @@ def read_site(path: str | Path) -> Site:
             obstacles have one name.
         UnknownName: If there is no file and no example of that name.
     """
-    path = site_path(path, SITES, EXAMPLES)
+    path = example_path(path, SITES, EXAMPLES, "site")
     top, lines = read_fields(path, [*_FIELDS, *SOLIDS])
     tables = _tables(top, lines)
     ground = tables["ground"].number("height")
@@ -80,7 +83,7 @@ def read_site(path: str | Path) -> Site:
         gust_swing=wind.angle("swing", allowed="0.1 to 45") if "swing" in wind.values else None,
         risk=_risk(lift),
         spread=_spread(tables["uncertainty"]),
-        chart=_chart(crane),
+        chart=chart_of(crane),
         falls=rigging.whole("falls") if "falls" in rigging.values else None,
         entered=_entered(tables),
     )
@@ -165,18 +168,37 @@ def _spread(uncertainty: SiteTable) -> dict[str, float]:
     return spread
 
 
-def _chart(crane: SiteTable) -> Path | str | None:
-    """Return the file of a chart, which must lie in the folder of the site, or the name of one that
-    is shipped.
+def chart_of(crane: SiteTable) -> Path | str | None:
+    """Return the name of an example chart, or the file of a chart, which must lie in the folder of
+    the site; None if there is no chart.
+
+    Raises:
+        DataError: If there is neither.
     """
     if "chart" not in crane.values:
         return None
     name = crane.text("chart")
-    return name if name.isidentifier() else crane.file("chart")
+    if name in CHART_EXAMPLES:
+        return name
+    file = crane.file("chart")
+    if name.isidentifier() and not file.exists():
+        known = " and ".join(CHART_EXAMPLES)
+        crane.fail(
+            "chart",
+            f"{quoted(name)} is neither a file beside the site nor an example chart; the examples "
+            f"are {known}.",
+        )
+    return file
 
 
-def site_path(path: str | Path, folder: Path, examples: Sequence[str]) -> Path:
-    """Return the path of a file, or of the example in a folder that has this name.
+def example_path(path: str | Path, folder: Path, examples: Sequence[str], kind: str) -> Path:
+    """Return the path of a TOML file, or of the example in a folder that has this name.
+
+    Args:
+        path: The path, or the name of an example.
+        folder: Folder of the examples.
+        examples: Their names.
+        kind: What errors call such a file.
 
     Raises:
         UnknownName: If it is a plain word, and neither.
@@ -185,7 +207,7 @@ def site_path(path: str | Path, folder: Path, examples: Sequence[str]) -> Path:
     if name in examples:
         return folder / f"{name}.toml"
     if name.isidentifier() and not os.path.exists(path):  # False for a name too long, too
-        raise UnknownName("site", name, examples)
+        raise UnknownName(kind, name, examples)
     return Path(path)
 
 

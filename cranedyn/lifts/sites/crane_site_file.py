@@ -14,7 +14,13 @@ import numpy as np
 from cranedyn.dynamics.converters import ROUNDING, Converters, converters
 from cranedyn.errors import CraneError, quoted
 from cranedyn.lifts.judging.chart import read_chart
-from cranedyn.lifts.planning.site_file import SOLIDS, read_fields, site_path, solids_of
+from cranedyn.lifts.planning.site_file import (
+    SOLIDS,
+    chart_of,
+    example_path,
+    read_fields,
+    solids_of,
+)
 from cranedyn.lifts.planning.site_table import SiteTable, crane_values
 from cranedyn.lifts.sites.brakes import REACTION, Brakes, brakes
 from cranedyn.lifts.sites.crane_site import DISTANCE, SWING, CraneSite, Station, check_names
@@ -71,7 +77,7 @@ def read_crane_site(path: str | Path) -> CraneSite:
             range, with its line. Also if two cranes or obstacles have one name, or towers overlap.
         UnknownName: If there is no file and no example of that name.
     """
-    path = site_path(path, SITES, EXAMPLES)
+    path = example_path(path, SITES, EXAMPLES, "site")
     top, lines = read_fields(path, ["ground", "distance", "swing", "wind", "crane", *SOLIDS])
     ground = top.number("ground", 0.0)
     solids = tuple(solids_of(top, lines, ground))
@@ -154,9 +160,10 @@ def _station(entry: SiteTable, ground: float) -> Station:
     with _blamed_on(entry, "brakes"):
         brake, drives = _brakes(entry, crane, drives)
     chart = None
-    if "chart" in entry.values:
+    chart_file = chart_of(entry)
+    if chart_file is not None:
         with _blamed_on(entry, "chart"):
-            chart = read_chart(entry.file("chart"))
+            chart = read_chart(chart_file)
     with _blamed_on(entry, "reaction"):
         station = Station(name, crane, foot, heading, drives, brake, chart, _entered(entry))
     with _blamed_on(entry, model_field):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName
 from cranedyn.lifts.judging.chart import (
     CHARTS,
     Chart,
@@ -35,6 +35,12 @@ def falls(draw: st.DrawFn) -> RatedLoads:
     steps = draw(st.lists(st.floats(0.1, 10.0), min_size=count, max_size=count))
     loads = draw(st.lists(st.floats(10.0, 2e4), min_size=count, max_size=count))
     return RatedLoads(2, np.cumsum(steps), np.sort(loads)[::-1].copy())
+
+
+def test_an_example_chart_is_read_by_its_name_and_another_name_is_refused() -> None:
+    assert read_chart("mct88").name == MCT88.name
+    with pytest.raises(UnknownName, match="mct88"):
+        read_chart("mct99")
 
 
 def test_between_its_points_the_moment_is_a_straight_line() -> None:

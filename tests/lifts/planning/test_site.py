@@ -187,6 +187,7 @@ def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
         ("[[box]]", "[[bok]]", "line 10, [site] bok: There is no table 'bok'"),
         ("heading = 90.0", "heading = ", "is not TOML: Invalid value (at line 3"),
         ("heading = 90.0", "values = {mass = 1e999}", "line 3, [crane] values: mass is inf"),
+        ("heading = 90.0", 'chart = "mct99"', "line 3, [crane] chart: mct99 is neither a file"),
         ("from = [1.0, 2.0, 3.0]", "distance = -1.0", "line 9, [lift] distance: distance is -1.0"),
     ],
 )
