@@ -311,15 +311,30 @@ def write_length_spring(crane: Crane, robot: ET.Element) -> list[str]:
     return notes
 
 
-def readme(name: str, notes: Sequence[str]) -> str:
-    """Return the README of an exported folder: its title, and what the export left out."""
+def readme(name: str, crane: Crane, notes: Sequence[str]) -> str:
+    """Return the README of an exported folder.
+
+    Args:
+        name: Its title.
+        crane: The crane. What was assumed or turned when it was loaded is listed, since the
+            exported joints count as those of the crane do, and not as those of its own file.
+        notes: What the export replaced or left out, a sentence each.
+    """
     listed = "".join(f"* {note}\n" for note in notes)
     if not notes:
         listed = "* Nothing was left out but meshes.\n"
-    return (
+    text = (
         f"# {name}\n\nA crane, written by cranedyn. What differs from the file of the crane, and "
         f"where it holds:\n\n{listed}"
     )
+    if crane.assumptions:
+        assumed = "".join(f"* {sentence}\n" for sentence in crane.assumptions)
+        text += (
+            "\n## Joints\n\nThe joints have the zeros, signs and ranges of the crane as it was "
+            "loaded. A joint that is named in these sentences is that of the file that was read:"
+            f"\n\n{assumed}"
+        )
+    return text
 
 
 def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:

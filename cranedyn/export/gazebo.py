@@ -244,8 +244,9 @@ def export(
         (draft / "models" / "crane").mkdir(parents=True)
         (draft / "models" / "crane" / "model.urdf").write_bytes(xml_bytes(model))
         (draft / "models" / "crane" / "model.config").write_bytes(xml_bytes(config))
-        if notes:
-            (draft / "README.md").write_text(readme("crane", notes), encoding="utf-8")
+        if notes or program.crane.assumptions:
+            text = readme("crane", program.crane, notes)
+            (draft / "README.md").write_text(text, encoding="utf-8")
         (draft / "world.sdf").write_bytes(xml_bytes(sdf))
         for name, rows in tables.items():
             lines = [",".join(repr(number) for number in row) + "\n" for row in rows.tolist()]

@@ -69,6 +69,12 @@ _SYSTEMS = {
 }
 """Plugins of a world of gz sim: physics, insertion of models, display."""
 
+_PLACEHOLDERS = (
+    "\n## Before you publish it\n\nEnter maintainer and licence in `package.xml`; both are "
+    "placeholders.\n"
+)
+"""Section of the README of a package."""
+
 
 def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: float = 5e-4) -> Path:
     """Write a description package.
@@ -136,7 +142,8 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
         (draft / "config" / "controllers.yaml").write_text(
             _controllers([joint.name for joint in moving if joint.driven])
         )
-        (draft / "README.md").write_text(readme(name, notes), encoding="utf-8")
+        text = readme(name, crane, notes) + _PLACEHOLDERS
+        (draft / "README.md").write_text(text, encoding="utf-8")
         trees = {
             "package.xml": _package(name, mesh_packages),
             "urdf/crane.urdf": robot,
@@ -215,8 +222,9 @@ def _package(name: str, mesh_packages: Sequence[str]) -> ET.Element:
     add(package, "version", "0.1.0")
     about = "A crane with driven and passive joints, written by cranedyn."
     add(package, "description", about)
+    # As `ros2 pkg create` writes it: the licence of a crane is not that of this project.
     add(package, "maintainer", "nobody", email="nobody@example.org")
-    add(package, "license", "MIT")
+    add(package, "license", "TODO: License declaration")
     add(package, "buildtool_depend", "ament_cmake")
     for dependency in DEPENDENCIES:
         add(package, "exec_depend", dependency)

@@ -26,6 +26,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from tests.helpers import ROOT, files, quickly
+from tests.model.test_foreign import RIGID
 from tests.model.test_sdf import BRIDGE
 from tests.oracles.sdf import build_probe, dynamics, read_with_libsdformat
 from tests.system.test_cross_engines import DT, PERIOD
@@ -482,6 +483,23 @@ def test_control_of_the_file_is_replaced_and_named(exporter: str, tmp_path: Path
     assert "The plugin gz_ros2_control::Theirs is left out." in readme
     assert "The transmission slew_gear is replaced." in readme
     assert "<turnGravityOff> true of hook_link is left out." in readme
+
+
+@pytest.mark.parametrize("exporter", ["ros2", "gazebo"])
+def test_a_folder_says_how_its_joints_count_where_they_count_otherwise_than_in_the_file(
+    exporter: str, tmp_path: Path
+) -> None:
+    (tmp_path / "rigid.urdf").write_text(RIGID, encoding="utf-8")
+    crane = load_crane(tmp_path / "rigid.urdf", swing=True)
+    folder = tmp_path / "out"
+    if exporter == "ros2":
+        ros2.export(folder, crane)
+    else:
+        gazebo.export(folder, gazebo.Program(crane, hold_controller(crane), None, crane.start, 1.0))
+    readme = (folder / "README.md").read_text()
+    assert "* gamma = 1.5708 rad - azimuth, the heading of the jib" in readme
+    for sentence in crane.assumptions:
+        assert f"* {sentence}\n" in readme
 
 
 def with_meshes(folder: Path, *names: str) -> Path:
