@@ -29,14 +29,20 @@ SEARCHED = {
     "howto/fmi": "simulink, fmi, fmu",
     "howto/controller_code": "plc, structured text, microcontroller",
     "howto/gazebo": "gazebo",
-    "howto/ros2": "ros 2, ros2_control",
+    "howto/ros2": "ros 2, ros2_control, gz sim, humble, rviz, colcon",
     "howto/mujoco": "mujoco",
-    "howto/mcap": "rosbag, foxglove",
+    "howto/mcap": "rosbag, foxglove, joint_states",
     "howto/crane": "xacro, double pendulum",
+    "howto/urdf": "urdf, xacro, outriggers, rep 103, armature",
+    "howto/my_tower_crane": "data sheet, potain, ballast, reeving",
+    "howto/plan_lift": "ifc, dwg, keep-out zone, building site",
+    "howto/several_cranes": "anti-collision, anemometer",
     "tutorial/own_crane": "urdf",
     "howto/reference": "input shaping, anti-sway, joystick",
     "howto/wind": "wind, gust",
-    "howto/judge_lift": "load chart",
+    "howto/judge_lift": "load chart, capacity chart, wind limit, outriggers, method statement",
+    "howto/compare_controllers": "anti-sway, swing damping",
+    "howto/commission": "plc, opc ua",
     "howto/view": "rerun",
     "howto/read_csv": "csv",
     "howto/sweep": "cluster, dask",
@@ -96,11 +102,21 @@ def test_search_finds_what_people_look_for(page: str, word: str, site: Path) -> 
     assert any(re.search(rf"\b{re.escape(word)}", section) for section in sections)
 
 
+def test_pages_for_readers_stand_before_the_reference_in_a_search(site: Path) -> None:
+    index = json.loads((site / "search" / "search_index.json").read_text(encoding="utf-8"))
+    for entry in index["docs"]:
+        is_reference = entry["location"].startswith(("api/", "README.ja"))
+        assert (entry.get("boost", 1.0) < 1.0) == is_reference, entry["location"]
+    # The name of a topic is found inside of "/joint_states".
+    assert re.split(index["config"]["separator"], "/joint_states")[-1] == "joint_states"
+
+
 def test_a_link_that_leads_nowhere_fails(tmp_path: Path) -> None:
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "index.md").write_text("[lost](nowhere.md)\n", encoding="utf-8")
     text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     text = text[: text.index("nav:")].replace("docs_dir: docs", f"docs_dir: {tmp_path / 'docs'}")
+    text = text.replace("docs/search_rank.py", str(ROOT / "docs" / "search_rank.py"))
     shutil.copy(ROOT / "mkdocs.yml", tmp_path / "mkdocs.yml")
     (tmp_path / "mkdocs.yml").write_text(text, encoding="utf-8")
     done = built(tmp_path / "site", "--config-file", str(tmp_path / "mkdocs.yml"))
