@@ -57,6 +57,14 @@ def test_every_csv_file_is_linked_from_a_page() -> None:
     assert files == set(re.findall(r"\]\((\w+\.csv)\)", text))
 
 
+def test_the_first_page_links_every_other_one() -> None:
+    """On the forge there is no menu of pages."""
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    linked = set(re.findall(r"\]\(([\w/.]+\.md)", text))
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in PAGES if page.parent != ROOT}
+    assert pages - linked == {"index.md", "README.ja.md"}
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to run a page in, beside the experiments, with no viewer and no browser."""
