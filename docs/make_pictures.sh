@@ -62,6 +62,41 @@ PYTHON
 "$python" -m experiments.snapshot "$work/lift/lift.rrd" -t 28 --view 3d -o "$work"
 mv "$work/lift-28s.png" docs/pictures/lift.png
 mv "$work/lift/site_tower.png" docs/pictures/lift_site.png
+"$python" - "$work" <<'PYTHON'
+import re
+import sys
+from pathlib import Path
+
+for page in ("tutorial/first_lift.md", "howto/my_tower_crane.md"):
+    path = Path("docs", page)
+    (table,) = re.findall(r"^```toml\n(.*?)^```", path.read_text(encoding="utf-8"), re.S | re.M)
+    Path(sys.argv[1], f"{path.stem}.toml").write_text(table, encoding="utf-8")
+PYTHON
+"$python" -m experiments.lift_report --site "$work/first_lift.toml" --lifts 50 --gusts 1 --out "$work/first_lift" || test $? = 1  # no go
+"$python" -m experiments.lift_report --site "$work/my_tower_crane.toml" --lifts 500 --gusts 2 --out "$work/my_tower_crane"
+"$python" - "$work" <<'PYTHON'
+import io
+import shutil
+import sys
+from pathlib import Path
+
+from PIL import Image
+from selenium import webdriver
+
+work = Path(sys.argv[1])
+yard = Image.open(work / "first_lift" / "site.png").convert("RGB")
+yard = yard.resize((yard.width * 4 // 5, yard.height * 4 // 5), Image.Resampling.LANCZOS)
+yard.quantize(64).save("docs/pictures/first_lift.png", optimize=True)
+options = webdriver.ChromeOptions()
+options.binary_location = shutil.which("chromium")
+for flag in ("headless", "no-sandbox", "hide-scrollbars", "window-size=1100,1250"):
+    options.add_argument(f"--{flag}")
+driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
+driver.get((work / "my_tower_crane" / "lift.html").resolve().as_uri())
+report = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+driver.quit()
+report.quantize(64).save("docs/pictures/lift_report.png", optimize=True)
+PYTHON
 "$python" - "$work/site.rrd" <<'PYTHON'
 import sys
 
