@@ -95,7 +95,7 @@ driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(shuti
 driver.get((work / "my_tower_crane" / "lift.html").resolve().as_uri())
 report = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
 driver.quit()
-report.quantize(256).save("docs/pictures/lift_report.png", optimize=True)
+report.quantize(128, method=Image.Quantize.MAXCOVERAGE).save("docs/pictures/lift_report.png", optimize=True)
 PYTHON
 "$python" - "$work/site.rrd" <<'PYTHON'
 import sys
