@@ -155,6 +155,13 @@ class LiftAnalysis:
         return self.crane if self.grounded is None else self.grounded.lift.crane
 
     @property
+    def duration(self) -> float:
+        """Time of the whole lift [s], lift-off and set-down included where these are in it."""
+        if self.grounded is not None:
+            return self.grounded.lift.motion.arrival
+        return self.certificate.lift.timed.motion.arrival
+
+    @property
     def hangs(self) -> slice:
         """The rows of that run in which the load hangs: those of the planned motion."""
         if self.grounded is None:

@@ -89,7 +89,7 @@ def _summary(analysis: LiftAnalysis) -> Table:
         ["gust that the lift bears", gust, _or_dash(required.wind, 1.0, "m/s")],
         ["least distance", f"{nearest.distance:.2f} m", f"{analysis.site.distance:g} m"],
         ["perturbed lifts too near", probability, _or_dash(required.risk, 100.0, "%")],
-        ["time of the lift", f"{analysis.certificate.lift.timed.motion.arrival:.0f} s", "-"],
+        ["time of the lift", f"{analysis.duration:.0f} s", "-"],
     ]
     note = "Where each of these is from stands in the tables below."
     return Table("In numbers", [("", ""), ("this lift", ""), ("limit", "")], rows, note)

@@ -700,6 +700,11 @@ def test_lift_off_and_set_down_are_part_of_the_report(tmp_path: Path) -> None:
     percent = float(re.findall(r"[\d.]+", used)[0])
     assert run["x_m"].max() < 20.0 and 40.0 < percent < 48.0
     assert table(tmp_path / "out", "The lift")["begins and ends"][0] == "lifted off, set down"
+    # The run ends with a rest after the set-down.
+    (duration,) = re.findall(
+        r"(\d+) s", table(tmp_path / "out", "In numbers")["time of the lift"][0]
+    )
+    assert run.t[-1] - 10.0 < float(duration) <= run.t[-1] + 0.5
 
 
 @pytest.mark.parametrize(
@@ -714,6 +719,16 @@ def test_lift_off_and_set_down_are_part_of_the_report(tmp_path: Path) -> None:
 def test_the_shipped_chart_is_of_the_shipped_crane(values: dict[str, float], shipped: bool) -> None:
     assert is_shipped_crane(load_crane(values=values)) is shipped
     assert not is_shipped_crane(load_crane("urdf/overhead_crane.urdf.xacro"))
+
+
+def test_the_time_of_a_lift_contains_lift_off_and_set_down() -> None:
+    made = small()
+    hanging = made.certificate.lift.timed.motion.arrival
+    lift_from_ground: Any = SimpleNamespace(
+        lift=SimpleNamespace(motion=SimpleNamespace(arrival=hanging + 30.0))
+    )
+    longer = replace(made, grounded=lift_from_ground)
+    assert (made.duration, longer.duration) == (hanging, hanging + 30.0)
 
 
 def test_the_first_table_has_the_numbers_that_decide_and_says_what_was_not_judged() -> None:
