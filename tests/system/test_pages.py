@@ -42,6 +42,15 @@ def name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
+def anchors_of(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page, as the documentation makes them."""
+    anchors = set()
+    for heading in re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.M):
+        words_only = re.sub(r"[^\w\s-]", "", heading.strip().lower())
+        anchors.add(re.sub(r"\s+", "-", words_only))
+    return anchors
+
+
 @pytest.mark.parametrize("page", of_kinds(*KINDS), ids=name)
 def test_a_page_begins_with_a_sentence_and_an_example(page: Path) -> None:
     title, first, *others = re.split(r"\n\n+", page.read_text(encoding="utf-8"))
@@ -49,6 +58,22 @@ def test_a_page_begins_with_a_sentence_and_an_example(page: Path) -> None:
     assert first.endswith((".", ":"))
     assert not first.startswith(("|", "!", "```"))
     assert any(part.startswith("```") for part in others[:3])
+
+
+def test_the_glossary_is_in_order_and_names_an_existing_heading_for_each_word() -> None:
+    """Each entry explains its words in a line that ends with links to the pages about them."""
+    glossary = ROOT / "docs/concepts/glossary.md"
+    entries = re.findall(r"^\* \*\*(.+?)\*\*(.+)$", glossary.read_text(encoding="utf-8"), re.M)
+    words = [re.sub(r"[^a-z0-9 ]", "", word.lower()) for word, _ in entries]
+    assert words == sorted(words)
+    assert len(words) > 100
+    for word, text in entries:
+        links = re.findall(r"\]\(([^)#]+)(?:#([^)]+))?\)", text)
+        assert links or "see *" in text, word
+        for target, anchor in links:
+            page = (glossary.parent / target).resolve()
+            assert page.is_file(), f"{word}: {target}"
+            assert not anchor or anchor in anchors_of(page), f"{word}: {target}#{anchor}"
 
 
 def test_every_csv_file_is_linked_from_a_page() -> None:
