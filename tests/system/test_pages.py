@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 import cranedyn as cd
 from cranedyn.__main__ import main
+from cranedyn.lifts.planning.perturbed import CONFIDENCE
 from cranedyn.lifts.planning.site_file import read_site
 from tests.helpers import ROOT
 
@@ -136,6 +138,14 @@ def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
         for _, *words in map(shlex.split, block.splitlines()):
             # a lift without the masses of its crane is no go, exit code 1
             assert main(words) == int("lift_report" in words)
+
+
+@pytest.mark.parametrize("page", ["tutorial/first_lift.md", "howto/judge_lift.md"])
+def test_a_page_asks_for_as_many_lifts_as_show_a_risk_below_one_per_cent(page: str) -> None:
+    """Clopper and Pearson's upper bound for no failure in n lifts is 1 - α^(1/n)."""
+    alpha = (1.0 - CONFIDENCE) / 2.0
+    lifts = math.ceil(math.log(alpha) / math.log(1.0 - 0.01))
+    assert f" {lifts} " in (ROOT / "docs" / page).read_text(encoding="utf-8")
 
 
 def test_the_site_file_of_the_how_to_about_a_crane_is_one(tmp_path: Path) -> None:
