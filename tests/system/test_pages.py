@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +18,7 @@ import cranedyn as cd
 from cranedyn.__main__ import main
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
 from cranedyn.lifts.planning.site_file import read_site
+from experiments.scenarios.strategies import STRATEGIES
 from tests.helpers import ROOT
 
 PAGES = sorted([*(ROOT / "docs").glob("**/*.md"), ROOT / "README.md"])
@@ -91,6 +96,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "experiments").symlink_to(ROOT / "experiments")
     monkeypatch.setattr(cd, "view", lambda run: None)
     monkeypatch.setattr("webbrowser.open", lambda address: None)
+    # a page adds a strategy of its own
+    monkeypatch.setattr("experiments.scenarios.strategies.STRATEGIES", dict(STRATEGIES))
     # tests/export/test_page.py plans them
     monkeypatch.setattr("cranedyn.export.driving_page.exercises", lambda *_: [])
     return tmp_path
@@ -138,6 +145,31 @@ def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
         for _, *words in map(shlex.split, block.splitlines()):
             # a lift without the masses of its crane is no go, exit code 1
             assert main(words) == int("lift_report" in words)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_comparison_makes_its_moves_by_the_strategy_that_a_script_of_the_page_adds(
+    tmp_path: Path,
+) -> None:
+    script = scripts(ROOT / "docs/howto/compare_controllers.md")[-1]
+    (tmp_path / "mine.py").write_text(script, encoding="utf-8")
+    words = ["mine.py", "--engine", "compiled", "--only", "mine", "--out", "out"]
+    done = subprocess.run(
+        [sys.executable, *words],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode in (0, 1), done.stderr
+    result = json.loads((tmp_path / "out/result.json").read_text(encoding="utf-8"))
+    moves = [table for table in result["tables"] if table["title"].startswith("Move")]
+    assert len(moves) == 4
+    for table in moves:
+        assert [row[0] for row in table["rows"]] == ["mine"], table["title"]
+        assert None not in table["rows"][0], table["title"]
 
 
 @pytest.mark.parametrize("page", ["tutorial/first_lift.md", "howto/judge_lift.md"])
