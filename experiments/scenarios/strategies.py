@@ -237,8 +237,9 @@ MPC = "flat + MPC"
 SOFTER = 30.0
 """Factor on the weight of efforts of slew and trolley in an LQR for drives with converters.
 
-With the usual weights a swing of 0.1 rad asks for 40 times the accelerations that converters are
-set to; their limited jerk then comes too late, and the load is swung up. The value is our choice.
+With the usual weights a radial swing of 0.1 rad asks the trolley for 16 m/s², 26 times what the
+ramp of its converter allows; the drive then comes too late, and the load is swung up. The value is
+our choice.
 """
 
 SOFTER_PLAN = 1e3
