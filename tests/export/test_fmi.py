@@ -754,8 +754,7 @@ def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(
 def test_an_option_of_the_crane_is_refused_beside_a_controller(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for option in (["--drive", "motion"], ["--dt", "1e-3"]):
-        words = [str(tmp_path / "c.fmu"), "--controller", "hold", *option]
-        assert main(["export", "fmu", *words]) == 2
-        assert f"{option[0]} has no effect with --controller" in capsys.readouterr().err
+    words = [str(tmp_path / "c.fmu"), "--controller", "hold", "--dt", "1e-3"]
+    assert main(["export", "fmu", *words]) == 2
+    assert "--dt has no effect with --controller" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
