@@ -440,9 +440,9 @@ def test_a_state_is_saved_restored_and_sent_to_another_instance(
 def test_altered_bytes_of_a_state_are_refused_before_a_table_is_read_with_them(
     tmp_path: Path,
 ) -> None:
-    drive, make = CONTROLLERS["observer"]
+    drive, make = CONTROLLERS["kalman"]
     path = fmi.export(
-        crane(), tmp_path / "observer.fmu", controller=make(crane(), PERIOD), drive=drive
+        crane(), tmp_path / "kalman.fmu", controller=make(crane(), PERIOD), drive=drive
     )
     unit = Unit(path, tmp_path / "unit", fmi.CONTROLLER_NAME).begin()
     states = []
