@@ -77,7 +77,7 @@ class SetpointRegulator(Tracking):
         return at_drives(self.crane, distances[None], no_rates)[0]
 
 
-def _at_rest(crane: Crane, period: float) -> Motion:
+def rest_at_start(crane: Crane, period: float) -> Motion:
     """Return the motion of a crane that stands at its start, of one row."""
     no_motion = np.zeros((1, crane.layout.n))
     q = crane.resting(crane.start.q)[None]
@@ -102,7 +102,7 @@ def _regulator(crane: Crane, period: float, effort_weight: np.ndarray | None) ->
         period: Control period [s].
         effort_weight: Weight of the efforts, shape (m, m); None for the usual one.
     """
-    tracking = lqr(crane, _at_rest(crane, period), effort_weight=effort_weight)
+    tracking = lqr(crane, rest_at_start(crane, period), effort_weight=effort_weight)
     return SetpointRegulator(
         tracking.period, tracking.feed_forward, tracking.gain, tracking.setpoint, crane
     )
@@ -117,14 +117,14 @@ def _integral(crane: Crane, period: float) -> HoistIntegral:
 
 def _observer(crane: Crane, period: float) -> Any:
     """Return the LQR behind an observer of the swing with constant gains."""
-    return with_observer(_lqr(crane, period), crane, _at_rest(crane, period), steady=True)
+    return with_observer(_lqr(crane, period), crane, rest_at_start(crane, period), steady=True)
 
 
 def _kalman(crane: Crane, period: float) -> Any:
     """Return the LQR behind an observer of the swing whose gains begin with what is expected of the
     start.
     """
-    return with_observer(_lqr(crane, period), crane, _at_rest(crane, period))
+    return with_observer(_lqr(crane, period), crane, rest_at_start(crane, period))
 
 
 def _yielding(crane: Crane, period: float) -> Any:

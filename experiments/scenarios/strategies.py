@@ -7,7 +7,7 @@ them by their names in tables. Each has one colour in every figure and recording
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache, partial
@@ -297,3 +297,15 @@ def strategy_colour(strategy: str) -> str:
     """
     name = _SHAPED.get(strategy, strategy)
     return run_colour(_ORDER.index(name) if name in _ORDER else len(_FIRST) - 1)
+
+
+def strategy_colours(names: Sequence[str]) -> dict[str, str]:
+    """Return the hex colours of strategies, and of controllers of one's own among them, by their
+    names.
+
+    Those of one's own take the colours of strategies that are not recorded beside them.
+    """
+    lent = ("operator", MPC, "spline alone", LQR)
+    own = [name for name in names if name not in STRATEGIES]
+    lender = {name: lent[i % len(lent)] for i, name in enumerate(own)}
+    return {name: strategy_colour(lender.get(name, name)) for name in names}
