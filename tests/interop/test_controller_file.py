@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from scipy.io import savemat
 
 from cranedyn.__main__ import main
+from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName
 from cranedyn.export.controller_options import controller_from_options
@@ -27,7 +29,8 @@ from cranedyn.interop.controller_file import (
 )
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import crane
+from tests.helpers import ROOT, crane
+from tests.system.test_pages import scripts
 
 pytest.importorskip("control", reason="extra control (python-control) is not installed")
 
@@ -301,3 +304,22 @@ def test_an_exporter_refuses_a_controller_of_other_drives_than_asked_for(tmp_pat
     options = argparse.Namespace(controller=own, drive="velocity")
     with pytest.raises(DataError, match="commands drives of the mode effort, and --drive asks"):
         controller_from_options(options, CRANE, PERIOD)
+
+
+def test_the_files_of_the_how_to_are_controllers(tmp_path: Path) -> None:
+    file = ROOT / "docs/howto/compare_controllers.md"
+    page = file.read_text(encoding="utf-8")
+    (matrices,) = re.findall(r"^```json\n(.*?)^```", page, re.S | re.M)
+    (tmp_path / "filtered.json").write_text(matrices, encoding="utf-8")
+    own = open_controller(str(tmp_path / "filtered.json"))
+    controller, drive = own.make(CRANE, rest_at_start(CRANE, PERIOD))
+    assert drive == "effort"
+    setpoint = Setpoint(CRANE.start.q[CRANE.layout.drives], np.zeros(3), np.zeros(3))
+    command = controller(0.0, CRANE.state(x=CRANE.start.q[1] + 0.1), setpoint)
+    holding = holding_effort(CRANE, CRANE.start.q)
+    np.testing.assert_allclose(command - holding, [0.0, -400.0, 0.0], atol=1e-9)
+
+    function = next(script for script in scripts(file) if "def softly" in script)
+    (tmp_path / "mine.py").write_text(function, encoding="utf-8")
+    made = open_controller(f"{tmp_path}/mine.py:softly").make(CRANE, rest_at_start(CRANE, PERIOD))
+    assert isinstance(made.controller, Tracking)
