@@ -64,7 +64,7 @@ def export(
         raise DataError(
             "Predictive control is an optimisation with loops, which is not written in Structured "
             "Text. Export it as C or as an FMU, for a controller that runs C; on a PLC take "
-            "lqr or yielding, whose calls have a few hundred operations."
+            "lqr or yielding, whose calls have about a hundred operations and fit a cycle of 5 ms."
         )
     block = controller_block(
         crane,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -23,7 +24,7 @@ from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.simulation.simulate import simulate
 from tests.export.c_tools import output, tool
 from tests.export.st_interpreter import InterpretedBlock
-from tests.helpers import crane
+from tests.helpers import ROOT, crane
 
 CRANE = crane()
 LIBRARY = Path(os.environ.get("MATIEC_LIB", "/usr/local/share/matiec/lib"))
@@ -251,6 +252,20 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
     with pytest.raises(DataError, match="it is there already"):
         st.export(CRANE, tmp_path / "b.st", CONTROLLERS["hold"][1](CRANE, 5e-3))
     assert [path.name for path in tmp_path.iterdir()] == ["b.xml"]
+
+
+@pytest.mark.slow
+def test_the_page_says_how_many_operations_a_call_of_each_block_has() -> None:
+    page = (ROOT / "docs/howto/controller_code.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| (\d+) \| (\d+) kB \|$", page, re.M)
+    assert {name for name, *_ in rows} == {*CONTROLLERS} - {"kalman", "predictive"}
+    for name, operations, kilobytes in rows:
+        controller, drive = usual_controller(name, CRANE, 5e-3)
+        text = structured_text(controller_block(CRANE, controller, drive=drive, name="block"))
+        # As the command of the page counts them.
+        assert len(re.findall(r" (?:[*+/-]|[<>]=?) ", text)) == int(operations), name
+        # Another gravity has other digits.
+        assert abs(len(text.encode()) / 1e3 - int(kilobytes)) < 1.0, name
 
 
 def test_names_that_are_no_identifiers_are_mapped_one_to_one() -> None:

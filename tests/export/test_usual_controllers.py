@@ -4,6 +4,7 @@ frequency converters.
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,9 @@ from cranedyn.export.usual_controllers import (
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references.shaped import Shaped
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import FAST, crane
+from tests.document_numbers import missing
+from tests.helpers import FAST, ROOT, crane
+from tests.system.test_pages import scripts
 
 CRANE = crane()
 DRIVES = CRANE.layout.drives
@@ -133,6 +136,34 @@ def test_a_controller_without_rates_says_why() -> None:
         usual_controller("yielding", CRANE, PERIOD, "effort")
     with pytest.raises(UnknownName, match="there are hold, lqr"):
         usual_controller("pid", CRANE, PERIOD)
+
+
+@pytest.mark.long
+def test_the_page_says_what_constant_gains_of_the_observer_cost(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    page = "docs/howto/controller_code.md"
+    (script,) = scripts(ROOT / page)
+    exec(compile(script, page, "exec", dont_inherit=True), {"__name__": "page"})
+    printed = capsys.readouterr().out
+
+    def number(pattern: str) -> float:
+        (found,) = re.findall(pattern, printed)
+        return float(found)
+
+    rows = []
+    for text, t in (("after 1 s", 1.0), ("after 2 s", 2.0), ("after 3 s", 3.0)):
+        errors = []
+        for name in ("kalman", "observer"):
+            error = number(rf"{name} wrong by up to ([\d.]+) mrad after {t} s")
+            errors.append(f"{error} mrad")
+        rows.append(f"| {text} | {' | '.join(errors)} |")
+    left = [number(rf"{name} leaves ([\d.]+) mrad") for name in ("kalman", "observer")]
+    rows.append(f"| swing left after 10 s | {left[0]} mrad | {left[1]} mrad |")
+    assert missing(rows, page) == []
+    # What the page concludes: worse at first, as good from three seconds on.
+    assert number(r"observer wrong by up to ([\d.]+) mrad after 1.0 s") > 5.0
+    assert number(r"observer wrong by up to ([\d.]+) mrad after 3.0 s") < 1.0
 
 
 @pytest.mark.slow
