@@ -16,6 +16,7 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import io
+import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -47,6 +48,11 @@ _NAMES_IN_MATLAB = {"inputs": "InputName", "outputs": "OutputName"}
 
 _UNUSED_IN_MATLAB = ("InputDelay", "OutputDelay", "InternalDelay")
 """Fields of an `ss` object that change what it computes, and which are not read."""
+
+
+_ON_ITS_WAY = re.compile(r"(.+_command)_([1-9]\d?)")
+"""Name of a command on its way to a converter, such as x_dot_command_2, that of two periods before.
+A converter delays by 64 periods at most."""
 
 
 class DrivenController(NamedTuple):
@@ -290,10 +296,9 @@ class StateSpace:
         measurable = np.delete(states, held_states(crane, first_state)).tolist()
         longest_delay = 0
         for name in self.inputs:
-            command, _, periods = name.rpartition("_")
-            is_on_its_way = command.endswith("_command") and command in commands
-            if is_on_its_way and periods.isdecimal():
-                longest_delay = max(longest_delay, int(periods))
+            on_its_way = _ON_ITS_WAY.fullmatch(name)
+            if on_its_way and on_its_way[1] in commands:
+                longest_delay = max(longest_delay, int(on_its_way[2]))
             elif name not in measurable:
                 raise UnknownName("input", name, measurable)
         for periods_ago in range(1, longest_delay + 1):
@@ -354,6 +359,10 @@ def read_state_space(file: str | Path) -> StateSpace:
         )
     d = _matrix(file, "D", matrices.pop("D"), len(outputs), len(inputs))
     if not matrices:
+        if content["dt"] is not None:
+            raise DataError(
+                f"{file} has dt beside a gain, which has no states and so no period; leave it out."
+            )
         no_states = np.zeros((0, 0))
         no_columns = np.zeros((len(outputs), 0))
         no_rows = np.zeros((0, len(inputs)))
@@ -456,7 +465,9 @@ def _matlab_content(file: str | Path) -> dict[str, Any]:
         raise DataError(f"{file} has a matrix E; make the system explicit by ss(…, 'explicit').")
     content: dict[str, Any] = {key: variables.get(key) for key in "ABCD"}
     period = _numbers(variables.get("Ts"))
-    content["dt"] = float(period.ravel()[0]) if period.size == 1 else None
+    # Every `ss` object has a period, also a gain, which needs none.
+    is_gain = not any(_has_elements(content[key]) for key in "ABC")
+    content["dt"] = float(period.ravel()[0]) if period.size == 1 and not is_gain else None
     for ours, matlabs in _NAMES_IN_MATLAB.items():
         content[ours] = variables.get(ours, variables.get(matlabs))
     return content

@@ -155,6 +155,7 @@ def changed(**values: Any) -> dict[str, Any]:
         (changed(D=[["1", "2", "x"]] * 3), "D in "),
         (changed(dt=None), "without a period; make it one"),
         (changed(dt=0), "in continuous time"),
+        (changed(A=None, B=None, C=None), "has dt beside a gain"),
         (changed(dt="fast"), "period in .* fast"),
         (changed(dt=-0.01), "period in .* -0.01"),
         (changed(inputs=None), "does not name its inputs"),
@@ -167,6 +168,31 @@ def test_a_wrong_file_is_told_in_one_sentence(
 ) -> None:
     with pytest.raises(DataError, match=message):
         open_controller(written(tmp_path, content))
+
+
+def test_a_gain_in_a_file_of_matlab_may_have_the_period_of_its_ss_object(tmp_path: Path) -> None:
+    file = tmp_path / "gain.mat"
+    names = {"InputName": cells(["x"]), "OutputName": cells(EFFORTS)}
+    savemat(file, {"D": np.array([[0.0], [-1e3], [0.0]]), "Ts": -1.0, **names})
+    gain = read_state_space(file)
+    assert gain.period is None and len(gain.a) == 0
+
+
+def test_a_gain_may_feed_back_commands_on_their_way_to_the_converters(tmp_path: Path) -> None:
+    rates = input_names(CRANE, "velocity")
+    gain = np.zeros((3, 2))
+    gain[1] = -0.5, 0.2
+    content = {"D": gain.tolist(), "inputs": ["x", "x_dot_command_2"], "outputs": rates}
+    own = open_controller(written(tmp_path, content))
+    controller, drive = own.make(CRANE, rest_at_start(CRANE, PERIOD))
+    assert drive == "velocity"
+    start = CRANE.state(x=CRANE.start.q[1] + 0.1)
+    setpoint = Setpoint(CRANE.start.q[CRANE.layout.drives], np.zeros(3), np.zeros(3))
+    commands = [controller(k * PERIOD, start, setpoint)[1] for k in range(4)]
+    np.testing.assert_allclose(commands, [-0.05, -0.05, -0.06, -0.06], rtol=1e-12)
+    absurd = {**content, "inputs": ["x", "x_dot_command_999999999"]}
+    with pytest.raises(UnknownName, match="no input"):
+        open_controller(written(tmp_path, absurd)).make(CRANE, rest_at_start(CRANE, PERIOD))
 
 
 def test_what_is_no_file_of_its_kind_is_refused(tmp_path: Path) -> None:
