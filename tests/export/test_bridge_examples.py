@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import threading
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +26,19 @@ from tests.system.test_pages import scripts
 EXAMPLES = ROOT / "examples" / "bridges"
 
 
-def main(name: str) -> Callable[..., Any]:
-    """The entry of an example."""
+def module(name: str) -> Any:
+    """An example as a module."""
     spec = importlib.util.spec_from_file_location(f"examples_{name}", EXAMPLES / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.main
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    return example
+
+
+def main(name: str) -> Callable[..., Any]:
+    """The entry of an example."""
+    return module(name).main  # type: ignore[no-any-return]
 
 
 def control_design(out: Path) -> None:
@@ -147,6 +153,55 @@ def test_a_block_that_does_not_fit_the_plant_is_refused(
     word_map.write_text("name,opc_ua_node\n", encoding="utf-8")
     with pytest.raises(SystemExit, match=message):
         main("block_on_plant")([str(block), str(word_map), "--modbus", "127.0.0.1:5020"])
+
+
+class ScriptedLink:
+    """A plant at rest that reports the same in each cycle, but for one reading from a cycle on."""
+
+    def __init__(self, name: str, value: int, cycle: int) -> None:
+        self._trouble = {name: value}
+        self._cycle = cycle
+        self.written: list[Mapping[str, int]] = []
+
+    def read(self) -> dict[str, int]:
+        """The readings of the next cycle."""
+        readings = {"fault": 0, "phi.angle": 0, "theta.angle": 0}
+        for drive, position in (("gamma", 0), ("x", 100_000), ("l", 150_000)):
+            readings[f"{drive}.encoder"] = position
+            readings[f"{drive}.actual_speed"] = 0
+        return readings | (self._trouble if len(self.written) >= self._cycle else {})
+
+    def write(self, commands: Mapping[str, int]) -> None:
+        """Keep the commands of a cycle."""
+        self.written.append(dict(commands))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "value"), [("fault", 1), ("phi.angle", -32768)])
+def test_the_program_around_a_block_disables_all_drives_at_a_fault_or_a_lost_sensor(
+    name: str, value: int, tmp_path: Path
+) -> None:
+    tool("cc", "gcc")
+    example = module("block_on_plant")
+    block = example.Block(c_block(tmp_path / "block", "lqr", "velocity", 0.02))
+    word = example.Word("", 0, "INT16", 1e-4, False)
+    words = defaultdict(lambda: word)
+    link = ScriptedLink(name, value, cycle=10)
+    example.move(link, words, block, {"x": 14.0}, 1.0, wait=lambda: None)
+    enabled = [
+        [written[f"{drive}.control"] for drive in example.DRIVES] for written in link.written
+    ]
+    # Enabled until then, disabled in the cycle of the fault, and once more at the end.
+    assert enabled == 10 * [[1, 1, 1]] + 2 * [[0, 0, 0]]
+
+
+def test_the_rate_of_the_swing_is_that_of_an_angle_that_rises_steadily() -> None:
+    example = module("block_on_plant")
+    rates = example.SwingRates()
+    # After twenty time constants nothing is left of the start.
+    for k in range(100):
+        found = rates.update({"phi": 0.05 * k * example.CYCLE})
+    assert found == pytest.approx({"phi_dot": 0.05}, rel=1e-6)
 
 
 @pytest.mark.long
