@@ -103,7 +103,11 @@ class OpcUaLink(Link):
 
         self._ua = ua
         self._client = Client(url)
-        self._client.connect()
+        try:
+            self._client.connect()
+        except OSError as error:
+            self._client.tloop.stop()
+            raise SystemExit(f"No OPC UA server at {url}; start cranedyn serve first.") from error
         self._words = words
         self._nodes = {name: self._client.get_node(word.node) for name, word in words.items()}
         self._readings = [name for name, word in words.items() if not word.is_command]

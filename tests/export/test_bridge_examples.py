@@ -195,6 +195,20 @@ def test_the_program_around_a_block_disables_all_drives_at_a_fault_or_a_lost_sen
     assert enabled == 10 * [[1, 1, 1]] + 2 * [[0, 0, 0]]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["modbus", "opcua"])
+def test_a_plant_that_is_not_served_is_told_in_one_sentence(protocol: str) -> None:
+    example = module("block_on_plant")
+    port = free_port()
+    with pytest.raises(SystemExit, match=r"server at .*; start cranedyn serve first"):
+        if protocol == "modbus":
+            pytest.importorskip("pymodbus", reason="extra serve (pymodbus) is not installed")
+            example.ModbusLink("127.0.0.1", port, {})
+        else:
+            pytest.importorskip("asyncua", reason="extra serve (asyncua) is not installed")
+            example.OpcUaLink(f"opc.tcp://127.0.0.1:{port}/", {})
+
+
 def test_the_rate_of_the_swing_is_that_of_an_angle_that_rises_steadily() -> None:
     example = module("block_on_plant")
     rates = example.SwingRates()
