@@ -30,7 +30,12 @@ LONG = {
     *("judge_lift.md", "lift_from_ground.md", "planning.md", "several_cranes.md"),
 }
 """Pages whose code takes longest."""
-MODULES = {"compiled": "llvmlite", "optimal": "casadi", "planning": "toppra"}
+MODULES = {
+    "compiled": "llvmlite",
+    "optimal": "casadi",
+    "planning": "toppra",
+    "serve": "asyncua",
+}
 """Module to look for by the name of its extra, where they differ."""
 
 
