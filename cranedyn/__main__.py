@@ -311,10 +311,27 @@ def _configure_exporter(name: str, parser: _Parser) -> None:
     def run(options: argparse.Namespace) -> int:
         # Before anything is computed, which may take long.
         check_free(options.target)
+        _open_own_controller(options)
         print(f"Written to {exporter.run(options)}.")
         return 0
 
     parser.set_defaults(run=run)
+
+
+def _open_own_controller(options: argparse.Namespace) -> None:
+    """Put a controller of one's own, which the options of an exporter name by its file, in the
+    place of this name.
+
+    Raises:
+        CraneError: If the file cannot be opened.
+    """
+    named = getattr(options, "controller", None)
+    if not isinstance(named, str):
+        return
+    from cranedyn.interop.controller_file import is_controller_file, open_controller
+
+    if is_controller_file(named):
+        options.controller = open_controller(named)
 
 
 def _drive(parser: _Parser) -> None:

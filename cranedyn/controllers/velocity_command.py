@@ -13,31 +13,65 @@ lag and the delay of commands.
 
 Feed-forward is commanded early by the delay, and compensated for the lag. All controllers of this
 list but the last two are affine in the state.
+
+Gains for efforts are too high for converters, whose limited jerk comes too late for them:
+`effort_weight_for_rates` is the weight of an LQR whose gains are not. `ShapedVelocityCommand` is
+input shaping of the setpoint itself, by the drives' rates.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import deque
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cranedyn.checks import ShortRepr, check_choice, number
-from cranedyn.clocks import Clocked, soon_enough
+from cranedyn.clocks import SAME_PERIOD, Clocked, soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.damping import DampingController
 from cranedyn.controllers.follow import Follow
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.lqr import effort_weight_of
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.equations_of_motion import acceleration, linearise
 from cranedyn.dynamics.linearisation import feedback_gain
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, DirectDrive, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import interpolate_many, locate_many, tabulated
 
 RECOVERY = 1.0
 """Share of a drive's distance from its reference that is corrected per second [1/s], ours."""
+
+SIDEWAYS_EFFORT_FACTOR = 30.0
+"""Factor on the weight of the efforts that move the load sideways, in an LQR for drives with
+converters.
+
+With the usual weights a swing of 0.1 rad asks for 40 times the accelerations that converters are
+set to; their limited jerk then comes too late, and the load is swung up. The value is our choice.
+"""
+
+
+def gentle_recovery(converters: Converters) -> np.ndarray:
+    """Return gains of position loops that never ask a drive to brake harder than its ramp does
+    [1/s], shape (m,).
+
+    A drive at the distance e from its goal that is commanded the rate v = K e brakes by K v, at
+    most by K times its largest rate. With K = A/v_max that is the acceleration A of its ramp. With
+    a larger K a drive that comes from afar runs past its goal, and may never come to rest there.
+    """
+    return converters.accelerations / converters.rates
+
+
+def effort_weight_for_rates(crane: Crane) -> np.ndarray:
+    """Return the weight R of efforts in an LQR whose gains suit drives with converters, shape
+    (m, m): that of `effort_weight_of`, times `SIDEWAYS_EFFORT_FACTOR` for all drives but the hoist.
+    """
+    is_hoist = crane.layout.along("l") > 0.0
+    return effort_weight_of(crane) * np.diag(np.where(is_hoist, 1.0, SIDEWAYS_EFFORT_FACTOR))
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +201,88 @@ class VelocityCommand(ShortRepr):
         return state.v[drives] + self.lead * output
 
 
+@dataclass(eq=False, repr=False)
+class ShapedVelocityCommand(ShortRepr):
+    """Input shaping of the setpoint of the loop, for drives that take rates.
+
+    Each drive is commanded the shaped rate of its setpoint, and a share of its distance from the
+    shaped position. It remembers past setpoints: make one for each run.
+
+    Attributes:
+        crane: The crane.
+        delays: Delay of each part of the setpoint [s], see `cranedyn.references.shaped.Shaped`.
+        amplitudes: Share of the setpoint that each part carries; they add up to 1.
+        period: Control period [s].
+        recovery: Share of the distance that each drive corrects per second [1/s], shape (m,).
+    """
+
+    crane: Crane
+    delays: np.ndarray
+    amplitudes: np.ndarray
+    period: float
+    recovery: np.ndarray
+    # Positions and rates of the setpoints of the last calls, the present one first.
+    _past: deque[np.ndarray] = field(init=False)
+    # Delay of each part as a number of calls, and the share of one more.
+    _calls: list[int] = field(init=False)
+    _shares: list[float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Begin without a past."""
+        calls, shares = whole_calls_and_share(self.delays, self.period)
+        self._calls = calls.tolist()
+        self._shares = shares.tolist()
+        # A share of a call is interpolated between two of them.
+        self._past = deque(maxlen=max(self._calls) + 2)
+
+    def begin_run(self, t: float, control_period: float) -> None:
+        """Forget the setpoints of the run before.
+
+        Raises:
+            OutOfRange: If the control period of the run [s] is another one.
+        """
+        if abs(control_period - self.period) > SAME_PERIOD * self.period:
+            allowed = f"that of the shaper, {self.period:g}"
+            raise OutOfRange("control period of the run", control_period, allowed, "s")
+        self._past.clear()
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return rates of the drives [rad/s or m/s], shape (m,)."""
+        self._past.appendleft(np.array([setpoint.position, setpoint.velocity], dtype=float))
+        position, rate = self._shaped_setpoint()
+        return rate + self.recovery * (position - state.q[self.crane.layout.drives])
+
+    def _shaped_setpoint(self) -> np.ndarray:
+        """Return positions and rates of the shaped setpoint, shape (2, m)."""
+        # Before the first call the drives are taken to have stood at its setpoint.
+        before_first = self._past[-1].copy()
+        before_first[1] = 0.0
+
+        def past(calls: int) -> np.ndarray:
+            return self._past[calls] if calls < len(self._past) else before_first
+
+        shaped = np.zeros_like(before_first)
+        for calls, share, amplitude in zip(
+            self._calls, self._shares, self.amplitudes.tolist(), strict=True
+        ):
+            # On the line between the setpoints of two calls.
+            delayed = past(calls) + share * (past(calls + 1) - past(calls))
+            shaped += amplitude * delayed
+        return shaped
+
+
+def whole_calls_and_share(delays: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return delays [s] as whole numbers of calls, and as the share of one more call that is left,
+    both of the shape of the delays.
+
+    A share within `SAME_PERIOD` of 0 or of 1 is the rounding of a clock, and counts as none.
+    """
+    calls = delays / period
+    whole_calls = np.floor(calls + SAME_PERIOD)
+    shares = calls - whole_calls
+    return whole_calls.astype(int), np.where(np.abs(shares) > SAME_PERIOD, shares, 0.0)
+
+
 def as_velocity_command(
     crane: Crane,
     controller: Controller,
@@ -262,5 +378,6 @@ def _rate_tracking(
 
     times = tracking.period * np.arange(len(rates)) + lead.ahead
     commands = lead.commands_for(rates_at(times), rates_at(times + lead.period))
-    rate_tracking = Tracking(tracking.period, commands, gains, tracking.setpoint)
+    # A subclass stays what it is, such as one whose setpoint is that of the loop.
+    rate_tracking = replace(tracking, feed_forward=commands, gain=gains)
     return rate_tracking, tau * by_effort[drives]

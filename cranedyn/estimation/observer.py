@@ -2,6 +2,11 @@
 
 The load pulls at trolley, jib and hoist. The model contains this pull, and the efforts of the
 drives are known; so the swing is observable from the drives alone.
+
+The gains of the filter begin with the deviations that are expected of the start, and converge.
+About a rest the converged ones can be used from the first instant on, see `steady` of
+`with_observer`. That is one table of gains instead of thousands, which is worth its slower first
+seconds where memory is small.
 """
 
 from __future__ import annotations
@@ -18,7 +23,7 @@ from cranedyn.checks import ShortRepr, whole
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.lqr import Linearised, linearised
 from cranedyn.dynamics.scalars import solve_linear
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation.sensor_model import noise_of, standard_deviations
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -160,6 +165,7 @@ class KalmanGains(ShortRepr):
         disturbance: Covariance added in each control period, shape (2 n, 2 n).
         noise: Covariance of the measurements, shape (2 m, 2 m).
         covariance: Covariance of the error at the start, shape (2 n, 2 n).
+        steady: The correction of all instants, see `steady_correction`; None where it varies.
     """
 
     model: Linearised
@@ -167,6 +173,7 @@ class KalmanGains(ShortRepr):
     disturbance: np.ndarray
     noise: np.ndarray
     covariance: np.ndarray
+    steady: Correction | None = None
     # The corrections that are computed so far, and whether they have settled, by the row of the
     # motion at which an observer begins.
     _corrections: dict[int, list[Correction]] = field(default_factory=dict)
@@ -176,6 +183,8 @@ class KalmanGains(ShortRepr):
         """Return correction k, counted from the one at the row `first` of the motion, computed when
         it is first needed. Behind the motion corrections settle, and the last one holds.
         """
+        if self.steady is not None:
+            return self.steady
         corrections = self._corrections.setdefault(first, [])
         while len(corrections) <= k and first not in self._settled:
             if not corrections:
@@ -205,6 +214,31 @@ class KalmanGains(ShortRepr):
         gain = kalman_gain(cross, cross[:, indices] + self.noise)
         by = np.eye(len(covariance))[indices]
         return Correction(gain, corrected_covariance(covariance, by, gain, self.noise))
+
+
+def steady_correction(gains: KalmanGains) -> Correction:
+    """Return the correction to which those of a filter about a rest converge.
+
+    Raises:
+        CraneError: If they do not converge: the measurements do not show all that moves.
+    """
+    from scipy.linalg import solve_discrete_are
+
+    a = gains.model.a[-1]
+    by = np.eye(len(a))[gains.measured]
+    # The covariance before a correction solves the Riccati equation of the dual regulator
+    # (Anderson & Moore, Optimal Filtering, 1979, §4.4).
+    try:
+        predicted = solve_discrete_are(a.T, by.T, gains.disturbance, gains.noise)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        reason = str(error).strip().partition("\n")[0].rstrip(".")
+        raise CraneError(
+            "The gains of this observer do not converge: its measurements do not show all that "
+            f"moves, or its numbers differ too much for double precision ({reason})."
+        ) from error
+    cross = by @ predicted
+    gain = kalman_gain(cross, cross @ by.T + gains.noise)
+    return Correction(gain, corrected_covariance(predicted, by, gain, gains.noise))
 
 
 class _Command(NamedTuple):
@@ -330,6 +364,7 @@ def with_observer(
     start: State | None = None,
     initial_std: Sequence[float] | np.ndarray | None = None,
     every: int = 10,
+    steady: bool = False,
 ) -> ObserverController:
     """Return a controller of the whole state that works with sensors on the drives alone; make one
     for each run.
@@ -349,10 +384,14 @@ def with_observer(
         initial_std: Standard deviations of the start in coordinates and rates, shape (2 n,); None
             for `initial_std_of`.
         every: Control instants between linearisations.
+        steady: Whether the gains are from the first instant on those to which they converge, for
+            which `initial_std` does not matter. The motion must be a rest, a `Motion` of one row.
 
     Raises:
+        CraneError: If the gains do not converge and `steady` asks for it.
         OutOfRange: If a standard deviation is negative or not finite, that of a measurement not
-            positive, their number another, or the delay not a whole number from 0 on.
+            positive, their number another, the delay not a whole number from 0 on, or the motion no
+            rest and `steady` asks for one.
     """
     delay = whole("delay of the observer", delay, 0, "control periods")
     crane.require_independent_joints("An observer")
@@ -368,6 +407,9 @@ def with_observer(
     disturbance = standard_deviations("disturbance of the observer", disturbance, n)
     noise = standard_deviations("noise of the observer", noise, len(measured), "> 0")
     initial_std = standard_deviations("initial deviation of the observer", initial_std, 2 * n)
+    if steady and len(motion.q) > 1:
+        allowed = "1, a rest: along a motion the gains of an observer vary"
+        raise OutOfRange("rows of the motion of a steady observer", len(motion.q), allowed)
     gains = KalmanGains(
         model=model,
         measured=measured,
@@ -375,5 +417,7 @@ def with_observer(
         noise=np.diag(noise) ** 2,
         covariance=np.diag(initial_std) ** 2,
     )
+    if steady:
+        gains.steady = steady_correction(gains)
     expected_start = None if start is None else np.concatenate(start)
     return ObserverController(controller, gains, crane.effort_limit, delay, expected_start)

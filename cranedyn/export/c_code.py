@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from cranedyn.compiled.crane_block import COMMUNICATION, crane_block
 from cranedyn.dynamics.converters import converters_of_run
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.export.controller_block import controller_block, reference_calls
+from cranedyn.export.controller_options import add_controller_options, controller_from_options
 from cranedyn.export.target import check_free, name_default_rates, new_folder
-from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
@@ -259,14 +259,11 @@ def _listed(variables: Sequence[Variable]) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the folder and the crane."""
-    # A controller says itself what its drives take.
-    either = parser.add_mutually_exclusive_group()
-    either.add_argument("--controller", choices=CONTROLLERS, help="controller beside the crane")
-    either.add_argument(
-        "--drive",
-        choices=get_args(Drive),
-        default="effort",
-        help="what the drives of a crane without controller take (default effort)",
+    add_controller_options(
+        parser,
+        "controller beside the crane",
+        "; of a crane without controller effort",
+        default=None,
     )
     parser.add_argument("--single", action="store_true", help="numbers in single precision")
     parser.add_argument(
@@ -282,13 +279,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its folder."""
     crane = crane_from_options(options)
-    controller = None
-    drive: Drive = options.drive
     if options.controller is not None:
-        drive, make = CONTROLLERS[options.controller]
-        controller = make(crane, options.period)
-    if drive != "effort" or options.controller == "predictive":
-        name_default_rates(crane)
+        controller, drive = controller_from_options(options, crane, options.period)
+    else:
+        controller = None
+        drive = options.drive or "effort"
+        if drive != "effort":
+            name_default_rates(crane)
     return export(
         crane,
         options.target,

@@ -39,6 +39,7 @@ from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.controllers.affine import Affine, AffineController, integrated_command
 from cranedyn.controllers.damping import DampingController
+from cranedyn.controllers.velocity_command import ShapedVelocityCommand, whole_calls_and_share
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.converters import converters as typical_converters
 from cranedyn.dynamics.equations_of_motion import holding_effort
@@ -448,56 +449,64 @@ class _ShaperPart(Part):
 
     about = "Input shaping: setpoints in parts, so that the swings they cause cancel."
 
-    def __init__(self, setting: ControlSetting, shaped: Shaped) -> None:
+    def __init__(self, setting: ControlSetting, shaper: Shaped | ShapedVelocityCommand) -> None:
         self._setting = setting
-        self._amplitudes = shaped.amplitudes.tolist()
-        self._m = setting.crane.layout.m
-
-        # A delay is a whole number of calls and a share of one more. A share within `SAME_PERIOD`
-        # of 0 or of 1 is round-off, and counts as none.
-        delays = shaped.delays / setting.period
-        whole_calls = np.floor(delays + SAME_PERIOD)
-        self._delay_calls = whole_calls.astype(int).tolist()
-        self._delay_shares = (delays - whole_calls).tolist()
+        self._amplitudes = shaper.amplitudes.tolist()
+        calls, shares = whole_calls_and_share(shaper.delays, setting.period)
+        self._delay_calls = calls.tolist()
+        self._delay_shares = shares.tolist()
 
         # The ring reaches from the present call back to the one before the longest delay: a share
         # of a call is interpolated between two of them.
-        self.repeats = int(whole_calls.max()) + 2
-        self.arrays = {"line": np.zeros(self.repeats * self._m)}
+        self.repeats = max(self._delay_calls) + 2
+        self._signals = self._shaped_signals()
+        self.arrays = {"line": np.zeros(self.repeats * len(self._signals))}
         self._first = [f"first_{name}" for name in setting.drive]
         self.memory = [Variable(name, "state") for name in self._first]
 
+    def _shaped_signals(self) -> list[str]:
+        """Return the inputs that are shaped: the positions of the setpoint first."""
+        return self._setting.setpoint
+
     def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        return self._emit_shaped(code)
+
+    def _emit_shaped(self, code: BlockCode) -> Emitted:
+        """Emit the shaped signals, shape (signals,), and the new values of memory by name."""
         build = code.builder
         count = code.count
         ring_rows = code.integer(self.repeats)
+        width = len(self._signals)
         is_first_call = build.icmp_signed("==", count, code.integer(0))
-        setpoint = code.get_all(self._setting.setpoint)
-        # Before the first call the setpoint is taken to have been that of the first call.
+        signal = code.get_all(self._signals)
+        # Before the first call the drives are taken to have stood at its setpoint: positions have
+        # been those of the first call, and rates 0.
         stored_first = code.get_all(self._first)
-        first = []
-        for new, stored in zip(setpoint, stored_first, strict=True):
-            first.append(code.where(is_first_call, new, stored))
+        before_first: list[Any] = []
+        for new, stored in zip(signal[: len(stored_first)], stored_first, strict=True):
+            before_first.append(code.where(is_first_call, new, stored))
+        memory = dict(zip(self._first, before_first, strict=True))
+        before_first += [0.0] * (width - len(before_first))
 
         def past(i: int, calls: int) -> Any:
-            """Return the setpoint of drive i so many calls ago."""
+            """Return signal i so many calls ago."""
             if calls == 0:
-                return setpoint[i]
+                return signal[i]
             row = build.srem(code.plus(count, self.repeats - calls), ring_rows)
-            stored = code.element("line", code.plus(code.product(row, self._m), i))
+            stored = code.element("line", code.plus(code.product(row, width), i))
             is_before_first = build.icmp_signed("<", count, code.integer(calls))
-            return code.where(is_before_first, first[i], stored)
+            return code.where(is_before_first, before_first[i], stored)
 
         def delayed(i: int, calls: int, share: float) -> Any:
-            """Return the setpoint of drive i so many calls and a share of one ago."""
+            """Return signal i so many calls and a share of one ago."""
             value = past(i, calls)
-            if abs(share) > SAME_PERIOD:
-                # On the line between the setpoints of two calls.
+            if share:
+                # On the line between the values of two calls.
                 value = value + share * (past(i, calls + 1) - value)
             return value
 
         outputs = []
-        for i in range(self._m):
+        for i in range(width):
             output: Any = 0.0
             for calls, share, amplitude in zip(
                 self._delay_calls, self._delay_shares, self._amplitudes, strict=True
@@ -506,15 +515,36 @@ class _ShaperPart(Part):
             outputs.append(output)
 
         row = build.srem(count, ring_rows)
-        for i, value in enumerate(setpoint):
-            code.put("line", code.plus(code.product(row, self._m), i), value)
-        return array(outputs), dict(zip(self._first, first, strict=True))
+        for i, value in enumerate(signal):
+            code.put("line", code.plus(code.product(row, width), i), value)
+        return array(outputs), memory
+
+
+class _ShapedVelocityPart(_ShaperPart):
+    """Rates of shaped setpoints, and a share of the distance from them."""
+
+    about = "Input shaping: rates of setpoints in parts, so that the swings they cause cancel."
+
+    def __init__(self, setting: ControlSetting, shaper: ShapedVelocityCommand) -> None:
+        _check_period(setting, shaper.period)
+        super().__init__(setting, shaper)
+        self._recovery = array(shaper.recovery.tolist())
+
+    def _shaped_signals(self) -> list[str]:
+        return [*self._setting.setpoint, *self._setting.rate]
+
+    def emit(self, code: BlockCode, z: np.ndarray) -> Emitted:
+        shaped, memory = self._emit_shaped(code)
+        positions, rates = np.split(shaped, 2)
+        drives = z[self._setting.crane.layout.drives]
+        return rates + self._recovery * (positions - drives), memory
 
 
 PARTS: tuple[tuple[type, Callable[..., Part]], ...] = (
     (DampingController, _YieldingPart),
     (ObserverController, _ObserverPart),
     (Shaped, _ShaperPart),
+    (ShapedVelocityCommand, _ShapedVelocityPart),
     (Receding, _PredictivePart),
     (AffineController, _AffinePart),
 )
@@ -853,6 +883,8 @@ def reference_calls(
         if isinstance(controller, DampingController):
             later = times + block.period
             rates = tabulated(controller.reference, later, layout.m).velocity
+        elif isinstance(controller, ShapedVelocityCommand):
+            rates = rng.uniform(-0.05, 0.05, (rows, layout.m))
         outputs = _commands(controller, block.period, z, positions, rates)
 
     limits = block.of_kind("output")

@@ -35,9 +35,9 @@ from cranedyn.data.files import with_ending
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, quoted
 from cranedyn.export.controller_block import controller_block
+from cranedyn.export.controller_options import add_controller_options, controller_from_options
 from cranedyn.export.crane_data import add, xml_bytes
 from cranedyn.export.target import check_free, new_file
-from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
@@ -621,16 +621,13 @@ def _platform() -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
-    parser.add_argument(
-        "--drive", choices=get_args(Drive), help="what a crane's drives take (default: effort)"
+    add_controller_options(
+        parser, "a controller instead of the crane", "; of a crane effort", default=None
     )
     parser.add_argument(
         "--dt", type=float, metavar="DT", help="physics step of a crane [s] (default: 0.0005)"
     )
     parser.add_argument("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")
-    parser.add_argument(
-        "--controller", choices=CONTROLLERS, help="a controller instead of the crane"
-    )
     parser.add_argument(
         "--platform",
         nargs="+",
@@ -653,12 +650,9 @@ def run(options: argparse.Namespace) -> Path:
             version=options.fmi,
             platforms=platforms,
         )
-    # A controller says itself what its drives take, and has no physics.
-    for name in ("drive", "dt"):
-        if getattr(options, name) is not None:
-            raise DataError(f"--{name} has no effect with --controller; leave it out.")
-    drive, make = CONTROLLERS[options.controller]
-    controller = make(crane, CONTROL_PERIOD)
+    if options.dt is not None:
+        raise DataError("--dt has no effect with --controller, which has no physics; leave it out.")
+    controller, drive = controller_from_options(options, crane, CONTROL_PERIOD)
     return export(
         crane,
         options.target,

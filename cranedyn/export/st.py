@@ -10,12 +10,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.structured_text import plcopen_xml, structured_text
 from cranedyn.data.files import with_ending
 from cranedyn.dynamics.converters import Converters
+from cranedyn.errors import DataError
 from cranedyn.export.controller_block import controller_block
-from cranedyn.export.target import check_free, name_default_rates, new_file
-from cranedyn.export.usual_controllers import CONTROLLERS
+from cranedyn.export.controller_options import add_controller_options, controller_from_options
+from cranedyn.export.target import check_free, new_file
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
@@ -51,13 +53,19 @@ def export(
     Raises:
         OutOfRange: If a number is out of range.
         DataError: If a file does not end so, exists or cannot be written, or the controller cannot
-            be exported.
-        ModelError: If the controller needs a function or loops that Structured Text lacks.
+            be exported, such as predictive control.
+        ModelError: If the controller needs a function that Structured Text lacks.
     """
     final = with_ending(path, ".st")
     beside = final.with_suffix(".xml")
     check_free(final)
     check_free(beside)
+    if isinstance(controller, Receding):
+        raise DataError(
+            "Predictive control is an optimisation with loops, which is not written in Structured "
+            "Text. Export it as C or as an FMU, for a controller that runs C; on a PLC take "
+            "lqr or yielding, whose calls have about a hundred operations and fit a cycle of 5 ms."
+        )
     block = controller_block(
         crane,
         controller,
@@ -76,9 +84,7 @@ def export(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments beside the file and the crane."""
-    parser.add_argument(
-        "--controller", choices=CONTROLLERS, default="lqr", help="the controller (default lqr)"
-    )
+    add_controller_options(parser, "the controller", "", default="lqr")
     parser.add_argument(
         "--period",
         type=float,
@@ -91,8 +97,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     crane = crane_from_options(options)
-    drive, make = CONTROLLERS[options.controller]
-    if drive != "effort":
-        name_default_rates(crane)
-    controller = make(crane, options.period)
+    controller, drive = controller_from_options(options, crane, options.period)
     return export(crane, options.target, controller, drive=drive, control_period=options.period)

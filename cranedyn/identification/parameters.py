@@ -14,7 +14,7 @@ from cranedyn.errors import UnknownName
 from cranedyn.identification.checked_record import MAX_OFFSET_SHARE, Record
 from cranedyn.identification.prior import Prior
 from cranedyn.model.crane import Crane
-from cranedyn.model.layout import Joint
+from cranedyn.model.layout import Joint, Layout
 
 Drives = Literal["motion", "effort", "hold"]
 """How the drives of a record are simulated: their motion is prescribed, their recorded efforts act,
@@ -237,12 +237,25 @@ def default_names(prior: Prior, records: Sequence[Record], drives: Drives) -> li
     dampings = ["damp_swing"]
     dampings += [f"damp_{symbol}" for symbol in layout.symbols if symbol in recorded]
     names += [name for name in dampings if name in prior.arguments]
-    if drives == "motion":
+    if drives == "motion" and _a_drive_moves(layout, records):
         names.append("delay")
     names += [f"{symbol}_bias" for symbol in layout.symbols if symbol in with_angle]
     for drive in range(layout.m):
         names += _default_drive_names(prior, records, drives, drive)
     return names
+
+
+def _a_drive_moves(layout: Layout, records: Sequence[Record]) -> bool:
+    """Return whether a drive moves in a record.
+
+    A free swing that is recorded late is the same free swing: only the motion of a drive shows when
+    the swing began.
+    """
+    for record in records:
+        for joint in layout.driven:
+            if any(record.moves(column) for column in (*joint.columns, joint.setpoint_column)):
+                return True
+    return False
 
 
 def _default_drive_names(

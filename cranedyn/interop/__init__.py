@@ -6,6 +6,7 @@ Public names:
   `task` says what is observed, commanded and rewarded.
 * `python_control.to_control`, `python_control.from_control`: linear models for python-control, and
   its feedback as a controller; `margins.margins` has stability margins.
+* `controller_file.open_controller`: one's own controller from a file of Python, JSON or MATLAB.
 * `bags.read_joint_states`: columns of a trajectory from a recording of ROS 1 or ROS 2.
 * `commissioning`: a crane as a plant with drive words, behind OPC UA and Modbus.
 

@@ -1,5 +1,5 @@
 """Compare: every strategy for a move beside every other, as planned and when load, cable, sensors
-and air are not as planned.
+and air are not as planned; and, by --controller, a controller of one's own among them.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 from cranedyn.dynamics.converters import converters
+from cranedyn.errors import CraneError
+from cranedyn.interop.controller_file import FORMS, controllers_by_name
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
 from experiments.compare import claims, figures, tables
@@ -26,7 +28,7 @@ from experiments.scenarios.strategies import (
     STRATEGIES,
     TIME,
     file_name,
-    strategy_colour,
+    strategy_colours,
 )
 from experiments.scenarios.tours import CONTROLS
 
@@ -50,6 +52,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         if run is not None:
             runs[strategy] = run
 
+    colours = strategy_colours(list(runs))
     result_tables = [tables.move_table(move, of_move[move.name], drive) for move in moves]
     for move in moves:
         result_tables.append(tables.drives_table(move, of_move[move.name], beyond=not is_ideal))
@@ -82,7 +85,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             "robustness": figures.robustness_figure(perturbed),
         },
         recording=[
-            Run(strategy, setup.crane, runs[strategy], colour=strategy_colour(strategy))
+            Run(strategy, setup.crane, runs[strategy], colour=colours[strategy])
             for strategy in recorded_strategies(list(runs))
         ],
     )
@@ -93,20 +96,26 @@ def _compute(
 ) -> tuple[dict[str, Results], dict[str, TourResult | str]]:
     """Compute everything in processes.
 
+    Raises:
+        CraneError: If a controller of one's own cannot be read, or is called like a strategy.
+
     Returns:
         The results of each move by its name; and the tours by their control, or why there is none,
         if drives are ideal.
     """
     drive = options.drive
     quiet = replace(setup, reporter=ProgressReporter())
-    names = options.only or STRATEGIES
+    names = [*(options.only or STRATEGIES)]
+    files = _own_controllers(options.controller)
+    names += files
     tasks = {}
     tours = {}
     with processes(options.jobs) as workers:
         # Submitting starts processes, which must not end at an interruption by themselves.
         with ignore_sigint():
             for name in names:
-                tasks[name] = workers.submit(strategy_results, quiet, moves, name, drive)
+                file = files.get(name, "")
+                tasks[name] = workers.submit(strategy_results, quiet, moves, name, drive, file)
             for control in CONTROLS if drive == IDEAL else ():
                 tours[control] = workers.submit(tour_results, quiet, control)
         everything: list[Future[Any]] = [*tasks.values(), *tours.values()]
@@ -118,11 +127,27 @@ def _compute(
     return of_move, {control: tour.result() for control, tour in tours.items()}
 
 
-def recorded_strategies(strategies: Sequence[str]) -> Sequence[str]:
-    """Return the strategies that are drawn into each other in the recording: those of `RECORDED`,
-    or as many of the others if none of these is there.
+def _own_controllers(sources: Sequence[str]) -> dict[str, str]:
+    """Return where controllers of one's own are, by their names.
+
+    Raises:
+        CraneError: If one cannot be read, or two have one name, or one that of a strategy.
     """
-    return [name for name in RECORDED if name in strategies] or strategies[: len(RECORDED)]
+    # Opened before anything is computed, so that a mistake is told at once.
+    opened = controllers_by_name(sources)
+    for name, own in opened.items():
+        if name in STRATEGIES:
+            raise CraneError(f"{own.source} has the name of a strategy, {name}; rename it.")
+    return {name: own.source for name, own in opened.items()}
+
+
+def recorded_strategies(strategies: Sequence[str]) -> Sequence[str]:
+    """Return the strategies that are drawn into each other in the recording: those of `RECORDED`
+    and the controllers of one's own, or as many of the others if none of these is there.
+    """
+    usual = [name for name in RECORDED if name in strategies]
+    own = [name for name in strategies if name not in STRATEGIES]
+    return [*usual, *own] or strategies[: len(RECORDED)]
 
 
 def _perturbed(results: Results) -> Results:
@@ -151,6 +176,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--drive", choices=(IDEAL, "velocity"), default=IDEAL, help=text)
     text = f"only these strategies, of: {', '.join(STRATEGIES)}"
     parser.add_argument("--only", nargs="+", choices=STRATEGIES, metavar="STRATEGY", help=text)
+    text = (
+        f"controllers of one's own beside them: {FORMS}. A function is called with (crane, motion) "
+        "and returns a controller; its file is run. The other files hold matrices"
+    )
+    parser.add_argument("--controller", nargs="+", default=[], metavar="FILE", help=text)
     text = "processes, by default one for each processor"
     parser.add_argument("--jobs", type=int, default=None, metavar="N", help=text)
     return harness.run_experiment(parser, experiment, argv)

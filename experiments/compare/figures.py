@@ -12,7 +12,7 @@ from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
 from experiments.compare.runs import Results, score_of
 from experiments.scenarios.moves import RestToRest
-from experiments.scenarios.strategies import strategy_colour
+from experiments.scenarios.strategies import strategy_colours
 
 MIN_HEIGHT = 2.2
 """Smallest height of the figure of swings [inch]."""
@@ -24,6 +24,7 @@ _MARKERS = "osv^D*PX>d"
 def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
     """Draw the swing of each strategy over time in one move, in strips of the same scale."""
     count = max(len(runs), 1)
+    colours = strategy_colours(list(runs))
     # A strip for each strategy. Few of them are higher, so that the labels have room.
     height = max(0.75, MIN_HEIGHT / count)
     figure, axes = panels(count, height=height, sharex=True, sharey=True)
@@ -31,7 +32,7 @@ def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
         ax.plot(
             run.t,
             np.degrees(np.linalg.norm(run.coordinates("phi", "theta"), axis=1)),
-            color=strategy_colour(strategy),
+            color=colours[strategy],
         )
         ax.axvline(move.duration, linestyle=":", color="#999999", linewidth=1.0)
         ax.text(1.0, 0.95, strategy, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)

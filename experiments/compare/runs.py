@@ -16,6 +16,7 @@ from cranedyn.command import interrupted
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.interop.controller_file import open_controller
 from experiments.harness import Setup
 from experiments.scenarios import perturbations as cases
 from experiments.scenarios import strategies
@@ -31,6 +32,7 @@ from experiments.scenarios.moves import (
     on_converters,
     residual,
 )
+from experiments.scenarios.own_controller import own_plan
 from experiments.scenarios.tours import CONTROLS
 
 NO_SWING_FEEDBACK = "it does not look at the swing"
@@ -86,9 +88,13 @@ class TourResult(NamedTuple):
 
 
 def strategy_results(
-    setup: Setup, moves: Sequence[RestToRest], strategy: str, drive: str = IDEAL
+    setup: Setup,
+    moves: Sequence[RestToRest],
+    strategy: str,
+    drive: str = IDEAL,
+    controller_file: str = "",
 ) -> dict[str, dict[str, StrategyResult]]:
-    """Make moves by one strategy.
+    """Make moves by one strategy, or by a controller of one's own.
 
     Each move is made as planned, and the combined one in every case besides. An error becomes the
     reason of a result.
@@ -98,6 +104,8 @@ def strategy_results(
         moves: The moves.
         strategy: Name of the strategy.
         drive: Kind of the drives, `IDEAL` or "velocity".
+        controller_file: Where the controller of one's own is, see
+            `cranedyn.interop.controller_file`; empty for a strategy of `STRATEGIES`.
 
     Returns:
         The results by the name of the move, then of the case.
@@ -107,12 +115,17 @@ def strategy_results(
         all_cases += cases.UNTOLD
     # Moves that differ in their starting swing only share a plan.
     plans = dict[tuple, MovePlan]()
+    # Opened here, since this runs in a process of its own.
+    own = open_controller(controller_file) if controller_file else None
     results: dict[str, dict[str, StrategyResult]] = {move.name: {} for move in moves}
     for move, by_case in zip(moves, results.values(), strict=True):
         ends = move.start, move.goal, move.duration
         try:
             if ends not in plans:
-                plan = strategies.STRATEGIES[strategy](setup, move)
+                if own is not None:
+                    plan = own_plan(setup, move, own, drive)
+                else:
+                    plan = strategies.STRATEGIES[strategy](setup, move)
                 plans[ends] = plan if drive == IDEAL else on_converters(setup, plan)
         except CraneError as error:
             by_case[cases.NOMINAL.name] = StrategyResult(None, str(error))

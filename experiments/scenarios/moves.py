@@ -246,6 +246,8 @@ def on_converters(setup: Setup, plan: MovePlan) -> MovePlan:
 
     The commands of its controller become rates, see `cranedyn.controllers.velocity_command`.
     """
+    if plan.drive == "velocity":
+        return plan
     if plan.rates:
         return plan._replace(controller=plan.rates, drive="velocity")
 

@@ -71,6 +71,9 @@ _observer = lru_cache(maxsize=1)(with_observer)
 UNOBSERVED = "The observer uses efforts, not rates of converters."
 """Why there is no such case on frequency converters."""
 
+UNOBSERVED_ACCELERATIONS = "The observer uses efforts, not accelerations of the drives."
+"""Why there is no such case for a controller that commands accelerations."""
+
 NOMINAL = Perturbation("as planned")
 
 PERTURBATIONS = (
@@ -185,6 +188,8 @@ def _observed(
         raise CraneError("An observer is linearised about a planned motion, and there is none.")
     if plan.drive == "velocity":
         raise CraneError(UNOBSERVED)
+    if plan.drive == "motion":
+        raise CraneError(UNOBSERVED_ACCELERATIONS)
     if observer == "state":
         of_state = _observer(None, setup.crane, plan.motion, dt=setup.dt)
         return replace(of_state, controller=controller)

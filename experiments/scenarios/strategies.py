@@ -7,7 +7,7 @@ them by their names in tables. Each has one colour in every figure and recording
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache, partial
@@ -18,11 +18,12 @@ from cranedyn.clocks import whole_periods
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.integral import HOIST_INTEGRAL, HoistIntegral
-from cranedyn.controllers.lqr import effort_weight_of, lqr
+from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.paper import paper_controller
+from cranedyn.controllers.velocity_command import effort_weight_for_rates
 from cranedyn.estimation.mpc import PredictiveController, mpc
 from cranedyn.interfaces import Controller, Drive
-from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.style import run_colour
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
@@ -114,22 +115,12 @@ def _tracked(motion_of: Callable[[Setup, RestToRest], Motion]) -> Planner:
     def plan(setup: Setup, move: RestToRest) -> MovePlan:
         motion = motion_of(setup, move)
         controller = with_integral(setup, motion)
-        softer = partial(with_integral, setup, motion, soft_weight(setup.crane))
+        softer = partial(with_integral, setup, motion, effort_weight_for_rates(setup.crane))
         # Runs begin with an integral that the ones before have not changed.
         fresh = partial(replace, controller, integral=0.0)
         return MovePlan(fresh, motion, "effort", motion.arrival, motion, softer=softer)
 
     return plan
-
-
-def soft_weight(crane: Crane) -> np.ndarray:
-    """Return the weight R of efforts in an LQR for drives with converters, shape (m, m).
-
-    Their jerk is limited: efforts that move the load sideways weigh `SOFTER` times as much as for
-    drives that take efforts.
-    """
-    is_hoist = crane.layout.along("l") > 0.0
-    return effort_weight_of(crane) * np.diag(np.where(is_hoist, 1.0, SOFTER))
 
 
 def with_integral(
@@ -172,7 +163,7 @@ def _mpc(setup: Setup, move: RestToRest) -> MovePlan:
 
     # Made once, when it is first needed. It never runs itself, so that its copies remember nothing.
     first = cache(controller)
-    softer = partial(controller, soft_weight(setup.crane))
+    softer = partial(controller, effort_weight_for_rates(setup.crane))
     return MovePlan(lambda: copy(first()), motion, "effort", motion.arrival, motion, softer=softer)
 
 
@@ -233,13 +224,6 @@ FLAT = "flat + LQR"
 
 MPC = "flat + MPC"
 """The same motion, tracked by predictive control."""
-
-SOFTER = 30.0
-"""Factor on the weight of efforts of slew and trolley in an LQR for drives with converters.
-
-With the usual weights a swing of 0.1 rad asks for 40 times the accelerations that converters are
-set to; their limited jerk then comes too late, and the load is swung up. The value is our choice.
-"""
 
 SOFTER_PLAN = 1e3
 """Factor on the weight of accelerations in predictive control for drives with converters, whose
@@ -313,3 +297,15 @@ def strategy_colour(strategy: str) -> str:
     """
     name = _SHAPED.get(strategy, strategy)
     return run_colour(_ORDER.index(name) if name in _ORDER else len(_FIRST) - 1)
+
+
+def strategy_colours(names: Sequence[str]) -> dict[str, str]:
+    """Return the hex colours of strategies, and of controllers of one's own among them, by their
+    names.
+
+    Those of one's own take the colours of strategies that are not recorded beside them.
+    """
+    lent = ("operator", MPC, "spline alone", LQR)
+    own = [name for name in names if name not in STRATEGIES]
+    lender = {name: lent[i % len(lent)] for i, name in enumerate(own)}
+    return {name: strategy_colour(lender.get(name, name)) for name in names}

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from cranedyn.controllers import hold_controller, lqr
@@ -20,6 +22,7 @@ from cranedyn.estimation.observer import (
     disturbance_of,
     initial_std_of,
     kalman_gain,
+    steady_correction,
 )
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
@@ -179,6 +182,46 @@ def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
     # after 20 s the slowest mode of the filter, 1/s, has left exp(-40); the algebraic solution is
     # good to about 1e-8 of its largest entry
     np.testing.assert_allclose(gain, steady, rtol=1e-5, atol=1e-7 * np.abs(steady).max())
+
+
+@pytest.mark.slow
+def test_a_steady_observer_corrects_from_the_first_instant_on_as_the_varying_one_does_at_last() -> (
+    None
+):
+    motion = at_rest(crane())
+    varying, steady = (
+        with_observer(lqr(crane(), motion), crane(), motion, steady=is_steady)
+        for is_steady in (False, True)
+    )
+    gain, covariance = varying.gains.correction(0, 4000)
+    for k in (0, 7, 4000):
+        constant = steady.gains.correction(0, k)
+        # As above: the algebraic solution is good to about 1e-8 of its largest entry.
+        assert_allclose(constant.gain, gain, rtol=1e-5, atol=1e-7 * np.abs(gain).max())
+        atol = 1e-7 * np.abs(covariance).max()
+        assert_allclose(constant.covariance, covariance, rtol=1e-5, atol=atol)
+
+
+@pytest.mark.slow
+def test_a_steady_observer_finds_a_swing_that_no_sensor_sees_in_three_seconds() -> None:
+    motion = at_rest(crane())
+    start = crane().state(**REST, phi=0.05, theta=0.03)
+    compared = Compared(with_observer(lqr(crane(), motion), crane(), motion, steady=True))
+    quickly(crane(), compared, motion, start=start, duration=20.0)
+    assert compared.swing(0.0) == pytest.approx(math.hypot(0.05, 0.03), rel=0.1)
+    # Its slowest mode decays with 1 s.
+    assert compared.swing(3.0) < 0.1 * math.hypot(0.05, 0.03)
+
+
+def test_a_steady_observer_along_a_motion_or_of_what_is_not_seen_is_refused() -> None:
+    motion = combined(crane())
+    with pytest.raises(OutOfRange, match="rows of the motion of a steady observer"):
+        with_observer(lqr(crane(), motion), crane(), motion, steady=True)
+    gains = with_observer(lqr(crane(), motion), crane(), at_rest(crane())).gains
+    unseen = replace(gains, disturbance=0.0 * gains.disturbance, measured=gains.measured[:0])
+    unseen = replace(unseen, noise=np.zeros((0, 0)))
+    with pytest.raises(CraneError, match="gains of this observer do not converge"):
+        steady_correction(unseen)
 
 
 @pytest.mark.slow

@@ -21,7 +21,8 @@ from cranedyn.controllers import follow, lqr
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import converters
 from cranedyn.export.controller_block import controller_block, reference_calls
-from cranedyn.export.usual_controllers import CONTROLLERS
+from cranedyn.export.usual_controllers import CONTROLLERS, usual_controller
+from cranedyn.interfaces import Drive
 from cranedyn.references.flat import flat
 from tests.export.c_tools import CompiledBlock, output, tool
 from tests.export.st_interpreter import InterpretedBlock
@@ -35,9 +36,12 @@ TYPICAL = converters(CRANE)
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
 
-def usual(name: str) -> Callable[[], FunctionBlock]:
-    drive, make = CONTROLLERS[name]
-    return lambda: controller_block(CRANE, make(CRANE, PERIOD), drive=drive)
+def usual(name: str, drive: Drive | None = None) -> Callable[[], FunctionBlock]:
+    def make() -> FunctionBlock:
+        controller, commands = usual_controller(name, CRANE, PERIOD, drive)
+        return controller_block(CRANE, controller, drive=commands)
+
+    return make
 
 
 def rates() -> FunctionBlock:
@@ -59,6 +63,9 @@ BLOCKS: dict[str, tuple[str, Callable[[], FunctionBlock]]] = {
     "yielding": ("motion", usual("yielding")),
     "follow": ("motion", following),
     "lqr, rates": ("velocity", rates),
+    "hold, rates": ("velocity", usual("hold", "velocity")),
+    "yielding, rates": ("velocity", usual("yielding", "velocity")),
+    "shaper, rates": ("velocity", usual("shaper", "velocity")),
 }
 """Kind of the outputs, and the block, by name."""
 

@@ -440,9 +440,9 @@ def test_a_state_is_saved_restored_and_sent_to_another_instance(
 def test_altered_bytes_of_a_state_are_refused_before_a_table_is_read_with_them(
     tmp_path: Path,
 ) -> None:
-    drive, make = CONTROLLERS["observer"]
+    drive, make = CONTROLLERS["kalman"]
     path = fmi.export(
-        crane(), tmp_path / "observer.fmu", controller=make(crane(), PERIOD), drive=drive
+        crane(), tmp_path / "kalman.fmu", controller=make(crane(), PERIOD), drive=drive
     )
     unit = Unit(path, tmp_path / "unit", fmi.CONTROLLER_NAME).begin()
     states = []
@@ -754,8 +754,7 @@ def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(
 def test_an_option_of_the_crane_is_refused_beside_a_controller(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for option in (["--drive", "motion"], ["--dt", "1e-3"]):
-        words = [str(tmp_path / "c.fmu"), "--controller", "hold", *option]
-        assert main(["export", "fmu", *words]) == 2
-        assert f"{option[0]} has no effect with --controller" in capsys.readouterr().err
+    words = [str(tmp_path / "c.fmu"), "--controller", "hold", "--dt", "1e-3"]
+    assert main(["export", "fmu", *words]) == 2
+    assert "--dt has no effect with --controller" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

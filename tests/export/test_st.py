@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -18,12 +19,12 @@ from cranedyn.compiled.structured_text import structured_text
 from cranedyn.errors import DataError
 from cranedyn.export import st
 from cranedyn.export.controller_block import controller_block, reference_calls
-from cranedyn.export.usual_controllers import CONTROLLERS
-from cranedyn.interfaces import Setpoint, State
+from cranedyn.export.usual_controllers import CONTROLLERS, RATE_CONTROLLERS, usual_controller
+from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.simulation.simulate import simulate
 from tests.export.c_tools import output, tool
 from tests.export.st_interpreter import InterpretedBlock
-from tests.helpers import crane
+from tests.helpers import ROOT, crane
 
 CRANE = crane()
 LIBRARY = Path(os.environ.get("MATIEC_LIB", "/usr/local/share/matiec/lib"))
@@ -111,8 +112,14 @@ class PythonPlc:
 @cache
 def block_of(name: str) -> FunctionBlock:
     """The block of a usual controller."""
-    drive, make = CONTROLLERS[name]
-    return controller_block(CRANE, make(CRANE, 5e-3), drive=drive)
+    controller, drive = usual(name)
+    return controller_block(CRANE, controller, drive=drive)
+
+
+def usual(name: str) -> tuple[Any, Drive]:
+    """A usual controller, with rates as commands if its name ends so, and what it commands."""
+    plain, _, rates = name.partition(", ")
+    return usual_controller(plain, CRANE, 5e-3, "velocity" if rates else None)
 
 
 MakePlc = Callable[[str, str], PythonPlc | SoftPlc]
@@ -137,6 +144,7 @@ def make_plc(tmp_path_factory: pytest.TempPathFactory) -> MakePlc:
 
 
 NAMES = [name for name in CONTROLLERS if name != "predictive"]
+NAMES += [f"{name}, rates" for name in RATE_CONTROLLERS if name != "predictive"]
 """Controllers without loops, which the straight code of Structured Text has not."""
 
 
@@ -146,10 +154,10 @@ NAMES = [name for name in CONTROLLERS if name != "predictive"]
 def test_a_controller_in_structured_text_commands_what_it_commands_in_python(
     name: str, plc_name: str, make_plc: MakePlc
 ) -> None:
-    _, make = CONTROLLERS[name]
+    controller, _ = usual(name)
     plc = make_plc(plc_name, name)
     # The shaper's line of 777 calls runs around twice.
-    inputs, expected = reference_calls(CRANE, make(CRANE, 5e-3), block_of(name), rows=2000)
+    inputs, expected = reference_calls(CRANE, controller, block_of(name), rows=2000)
     found = np.array([plc(row)[0] for row in inputs])
     plc.end()
     off = np.abs(found - expected).max(axis=0)
@@ -235,12 +243,29 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
 
     with pytest.raises(DataError, match="The controller function is neither affine in the state"):
         st.export(CRANE, tmp_path / "a.st", strange)
+    predictive, _ = usual_controller("predictive", CRANE, 5e-3)
+    with pytest.raises(DataError, match="loops, which is not written in Structured Text"):
+        st.export(CRANE, tmp_path / "a.st", predictive)
     with pytest.raises(DataError, match=r"the ending must be \.st"):
         st.export(CRANE, tmp_path / "a.txt", CONTROLLERS["hold"][1](CRANE, 5e-3))
     (tmp_path / "b.xml").write_text("mine")
     with pytest.raises(DataError, match="it is there already"):
         st.export(CRANE, tmp_path / "b.st", CONTROLLERS["hold"][1](CRANE, 5e-3))
     assert [path.name for path in tmp_path.iterdir()] == ["b.xml"]
+
+
+@pytest.mark.slow
+def test_the_page_says_how_many_operations_a_call_of_each_block_has() -> None:
+    page = (ROOT / "docs/howto/controller_code.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| (\d+) \| (\d+) kB \|$", page, re.M)
+    assert {name for name, *_ in rows} == {*CONTROLLERS} - {"kalman", "predictive"}
+    for name, operations, kilobytes in rows:
+        controller, drive = usual_controller(name, CRANE, 5e-3)
+        text = structured_text(controller_block(CRANE, controller, drive=drive, name="block"))
+        # As the command of the page counts them.
+        assert len(re.findall(r" (?:[*+/-]|[<>]=?) ", text)) == int(operations), name
+        # Another gravity has other digits.
+        assert abs(len(text.encode()) / 1e3 - int(kilobytes)) < 1.0, name
 
 
 def test_names_that_are_no_identifiers_are_mapped_one_to_one() -> None:

@@ -97,6 +97,9 @@ def test_columns_tell_which_parameters_can_be_found() -> None:
     damped = ["l_offset", "damp_swing"]
     biases = ["delay", "phi_bias", "theta_bias"]
     assert default_names(PRIOR, [swinging(**both, **moving)], "motion") == [*damped, *biases]
+    # A free swing does not tell when it began, and so not how late its sensor is.
+    still = swinging(**both, x_m=np.full_like(T, 10.0))
+    assert default_names(PRIOR, [still], "motion") == [*damped, "phi_bias", "theta_bias"]
     rate = swinging(phi_dot_rad_s=SIZE * np.sin(T), **moving)
     assert default_names(PRIOR, [rate], "motion") == [*damped, "delay"]
     forces = {"F_l_N": -1e4 + 100.0 * np.sin(T), "F_x_N": 300.0 * np.sin(T)}

@@ -285,8 +285,12 @@ def test_a_controller_with_an_observer_moves_the_crane_as_the_closed_linear_loop
     seen = ["gamma", "x", "phi", "theta", "l"]
     plant = to_control(c, rest, outputs=seen, **CLOCKS)
     gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
-    filter_gain, _, _ = ct.dlqe(plant.A, np.eye(10), plant.C, 1e-2 * np.eye(10), 1e-4 * np.eye(5))
-    filter_gain = plant.A @ filter_gain
+    filter_gain, _, poles = ct.dlqe(
+        plant.A, np.eye(10), plant.C, 1e-2 * np.eye(10), 1e-4 * np.eye(5)
+    )
+    # The gain of `dlqe` is that of the prediction of the next state, with A in it.
+    of_error = np.linalg.eigvals(plant.A - filter_gain @ plant.C)
+    np.testing.assert_allclose(np.sort(abs(of_error)), np.sort(abs(poles)), rtol=0, atol=1e-9)
     design = ct.ss(
         plant.A - plant.B @ gain - filter_gain @ plant.C,
         filter_gain,

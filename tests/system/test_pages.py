@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import math
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +16,9 @@ import pytest
 
 import cranedyn as cd
 from cranedyn.__main__ import main
+from cranedyn.lifts.planning.perturbed import CONFIDENCE
 from cranedyn.lifts.planning.site_file import read_site
+from experiments.scenarios.strategies import STRATEGIES
 from tests.helpers import ROOT
 
 PAGES = sorted([*(ROOT / "docs").glob("**/*.md"), ROOT / "README.md"])
@@ -19,11 +26,16 @@ KINDS = ("tutorial", "howto", "concepts", "results")
 ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 """Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
 LONG = {
-    *("control.md", "drive.md", "drives.md", "first_lift.md", "judge_lift.md"),
-    *("lift_from_ground.md", "planning.md", "several_cranes.md"),
+    *("control.md", "design_to_plc.md", "drive.md", "drives.md", "first_lift.md"),
+    *("judge_lift.md", "lift_from_ground.md", "planning.md", "several_cranes.md"),
 }
 """Pages whose code takes longest."""
-MODULES = {"compiled": "llvmlite", "optimal": "casadi", "planning": "toppra"}
+MODULES = {
+    "compiled": "llvmlite",
+    "optimal": "casadi",
+    "planning": "toppra",
+    "serve": "asyncua",
+}
 """Module to look for by the name of its extra, where they differ."""
 
 
@@ -42,6 +54,15 @@ def name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
+def anchors_of(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page, as the documentation makes them."""
+    anchors = set()
+    for heading in re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.M):
+        words_only = re.sub(r"[^\w\s-]", "", heading.strip().lower())
+        anchors.add(re.sub(r"\s+", "-", words_only))
+    return anchors
+
+
 @pytest.mark.parametrize("page", of_kinds(*KINDS), ids=name)
 def test_a_page_begins_with_a_sentence_and_an_example(page: Path) -> None:
     title, first, *others = re.split(r"\n\n+", page.read_text(encoding="utf-8"))
@@ -49,6 +70,22 @@ def test_a_page_begins_with_a_sentence_and_an_example(page: Path) -> None:
     assert first.endswith((".", ":"))
     assert not first.startswith(("|", "!", "```"))
     assert any(part.startswith("```") for part in others[:3])
+
+
+def test_the_glossary_is_in_order_and_names_an_existing_heading_for_each_word() -> None:
+    """Each entry explains its words in a line that ends with links to the pages about them."""
+    glossary = ROOT / "docs/concepts/glossary.md"
+    entries = re.findall(r"^\* \*\*(.+?)\*\*(.+)$", glossary.read_text(encoding="utf-8"), re.M)
+    words = [re.sub(r"[^a-z0-9 ]", "", word.lower()) for word, _ in entries]
+    assert words == sorted(words)
+    assert len(words) > 100
+    for word, text in entries:
+        links = re.findall(r"\]\(([^)#]+)(?:#([^)]+))?\)", text)
+        assert links or "see *" in text, word
+        for target, anchor in links:
+            page = (glossary.parent / target).resolve()
+            assert page.is_file(), f"{word}: {target}"
+            assert not anchor or anchor in anchors_of(page), f"{word}: {target}#{anchor}"
 
 
 def test_every_csv_file_is_linked_from_a_page() -> None:
@@ -72,6 +109,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "experiments").symlink_to(ROOT / "experiments")
     monkeypatch.setattr(cd, "view", lambda run: None)
     monkeypatch.setattr("webbrowser.open", lambda address: None)
+    # a page adds a strategy of its own
+    monkeypatch.setattr("experiments.scenarios.strategies.STRATEGIES", dict(STRATEGIES))
     # tests/export/test_page.py plans them
     monkeypatch.setattr("cranedyn.export.driving_page.exercises", lambda *_: [])
     return tmp_path
@@ -120,6 +159,39 @@ def test_every_line_of_a_tutorial_runs(page: Path, folder: Path) -> None:
             # the lift of the tutorial's own site is no go, exit code 1
             is_no_go = "lift_report" in words and "yard.toml" in words
             assert main(words) == int(is_no_go)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_comparison_makes_its_moves_by_the_strategy_that_a_script_of_the_page_adds(
+    tmp_path: Path,
+) -> None:
+    script = scripts(ROOT / "docs/howto/compare_controllers.md")[-1]
+    (tmp_path / "mine.py").write_text(script, encoding="utf-8")
+    words = ["mine.py", "--engine", "compiled", "--only", "mine", "--out", "out"]
+    done = subprocess.run(
+        [sys.executable, *words],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode in (0, 1), done.stderr
+    result = json.loads((tmp_path / "out/result.json").read_text(encoding="utf-8"))
+    moves = [table for table in result["tables"] if table["title"].startswith("Move")]
+    assert len(moves) == 4
+    for table in moves:
+        assert [row[0] for row in table["rows"]] == ["mine"], table["title"]
+        assert None not in table["rows"][0], table["title"]
+
+
+@pytest.mark.parametrize("page", ["tutorial/first_lift.md", "howto/judge_lift.md"])
+def test_a_page_asks_for_as_many_lifts_as_show_a_risk_below_one_per_cent(page: str) -> None:
+    """Clopper and Pearson's upper bound for no failure in n lifts is 1 - α^(1/n)."""
+    alpha = (1.0 - CONFIDENCE) / 2.0
+    lifts = math.ceil(math.log(alpha) / math.log(1.0 - 0.01))
+    assert f" {lifts} " in (ROOT / "docs" / page).read_text(encoding="utf-8")
 
 
 def test_the_site_file_of_the_how_to_about_a_crane_is_one(tmp_path: Path) -> None:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.controllers.lqr import effort_weight_of, lqr
+from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.disturbances.wind import AIR_DENSITY, steady, wind
 from cranedyn.dynamics.converters import STEPS, converters
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import OutOfRange, RunError
+from cranedyn.interfaces import State
 from cranedyn.interop.commissioning import words as w
 from cranedyn.interop.commissioning.served_crane import (
     DRAG_AREA,
@@ -20,6 +25,7 @@ from cranedyn.interop.commissioning.served_crane import (
     ServedCrane,
 )
 from cranedyn.model.load import load_crane
+from cranedyn.references import hanging_reference, hold
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import long_after
 
@@ -208,6 +214,42 @@ def test_a_run_is_that_of_simulate_under_the_same_rates_and_carries_its_events()
         disturbance=wind(CRANE, steady(0.0), direction=0.0, payload_area=DRAG_AREA),
     )
     assert_allclose(run.q, same.q, rtol=0.0, atol=1e-9)  # rates from differences of positions
+
+
+@pytest.mark.parametrize("period", [pytest.param(PERIOD, marks=pytest.mark.long), 4 * PERIOD])
+def test_a_regulator_of_speeds_removes_a_swing_that_it_reads_from_the_words(period: float) -> None:
+    """Rates of the rope angles, which have no word, are differences of two cycles."""
+    rest = hanging_reference(CRANE, hold(CRANE), duration=period, period=period)
+    weight = effort_weight_of(CRANE) * np.diag([30.0, 30.0, 1.0])
+    law = as_velocity_command(
+        CRANE, lqr(CRANE, rest, effort_weight=weight), drive="effort", control_period=period
+    )
+    plant = ServedCrane(CRANE, start=CRANE.state(phi=0.1, theta=0.05), duration=60.0)
+    scale_of = {word.name: word.scale for word in plant.image.words}
+
+    def read(suffix: str, symbols: Sequence[str]) -> list[float]:
+        names = [f"{symbol}.{suffix}" for symbol in symbols]
+        return [scale_of[name] * plant.image.readings[name] for name in names]
+
+    drives = ("gamma", "x", "l")
+    angles = np.array(read("angle", ("phi", "theta")))
+    for _ in range(round(12.0 / period)):
+        last_angles = angles
+        angles = np.array(read("angle", ("phi", "theta")))
+        position, speed = read("encoder", drives), read("actual_speed", drives)
+        q = np.concatenate([position[:2], angles, position[2:]])
+        v = np.concatenate([speed[:2], (angles - last_angles) / period, speed[2:]])
+        commands = {}
+        for drive, rate in zip(drives, law(plant.t, State(q, v), rest(0.0)), strict=True):
+            commands[f"{drive}.control"] = 1
+            counts = round(rate / scale_of[f"{drive}.speed"])
+            commands[f"{drive}.speed"] = max(-STEPS, min(STEPS, counts))
+        go(plant, period, **commands)
+    assert plant.fault == 0
+    amplitude = swing_amplitude(
+        plant.state.q[None, 2:4], plant.state.v[None, 2:4], plant.state.q[4:], CRANE.gravity
+    )
+    assert amplitude < 0.015
 
 
 def test_other_cranes_have_words_too_and_a_moving_start_is_refused() -> None:

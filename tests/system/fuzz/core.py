@@ -21,6 +21,8 @@ from random import Random
 from types import FrameType
 from typing import Any, NamedTuple
 
+from llvmlite.binding import ExecutionEngine
+
 from cranedyn.errors import CraneError
 
 BUDGET = 2.0
@@ -146,18 +148,23 @@ def check_line(code: int, err: str) -> None:
 def _limited() -> Iterator[None]:
     """Interrupt as Ctrl-C does at the end of the budget; raise `TooLong` if nothing answers.
 
-    What a callback of the garbage collector raises, Hypothesis has one, Python drops; so they are
-    left alone.
+    What a callback of the garbage collector raises (Hypothesis has one), or one that LLVM calls
+    for the object files that tests share, Python drops; so these are left alone.
     """
     fired = False
     ended = False
+    shared_objects = {
+        ExecutionEngine._raw_object_cache_notify.__code__,
+        ExecutionEngine._raw_object_cache_getbuffer.__code__,
+    }
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal fired
         if ended:
             return
-        codes = {getattr(callback, "__code__", None) for callback in gc.callbacks}
-        if not codes.isdisjoint(f.f_code for f, _ in traceback.walk_stack(frame)):
+        collectors = {getattr(callback, "__code__", None) for callback in gc.callbacks}
+        dropping = collectors | shared_objects
+        if not dropping.isdisjoint(f.f_code for f, _ in traceback.walk_stack(frame)):
             interrupt_after(0.01)
             return
         if fired:

@@ -1,0 +1,525 @@
+"""A controller of one's own from a file, for comparisons and exporters.
+
+`open_controller` takes one of these:
+
+* ``FILE.py:FUNCTION``. The file is run. ``FUNCTION(crane, motion)`` returns a controller that
+  commands efforts, or a pair of a controller and what its commands are, such as
+  ``return controller, "velocity"``. It gets the crane that is planned for, and the motion that the
+  crane is to make: a `Motion` of one row, the rest at the start, where there is none. It is called
+  anew for each run, so that controllers may remember.
+* ``FILE.json`` or ``FILE.mat``: matrices of a gain or of a discrete state-space system, see
+  `read_state_space`. Nothing is run.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import io
+import re
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, cast, get_args
+
+import numpy as np
+
+from cranedyn.checks import finite, number
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.data.files import open_file, parse_json, read_bytes, read_text
+from cranedyn.dynamics.linearisation import held_states
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, format_error, quoted
+from cranedyn.export.crane_data import input_names, state_names
+from cranedyn.export.usual_controllers import SetpointRegulator
+from cranedyn.interfaces import Controller, Drive, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.motion import Motion
+
+FORMS = "FILE.py:FUNCTION, FILE.json or FILE.mat"
+"""Forms in which a controller of one's own is named."""
+
+_JSON_KEYS = ("A", "B", "C", "D", "dt", "inputs", "outputs")
+"""What a file in JSON may hold."""
+
+_NAMES_IN_MATLAB = {"inputs": "InputName", "outputs": "OutputName"}
+"""Names of the signals in a file of MATLAB that holds the fields of an `ss` object."""
+
+_UNUSED_IN_MATLAB = ("InputDelay", "OutputDelay", "InternalDelay")
+"""Fields of an `ss` object that change what it computes, and which are not read."""
+
+
+_ON_ITS_WAY = re.compile(r"(.+_command)_([1-9]\d?)")
+"""Name of a command on its way to a converter, such as x_dot_command_2, that of two periods before.
+A converter delays by 64 periods at most."""
+
+
+class DrivenController(NamedTuple):
+    """A controller, and what its commands are.
+
+    Attributes:
+        controller: The controller.
+        drive: What its commands are.
+    """
+
+    controller: Controller
+    drive: Drive
+
+
+class ControllerFile(ABC):
+    """A controller of one's own.
+
+    Attributes:
+        name: Its name in tables: that of the function, or of the file without its ending.
+        source: How it was named.
+    """
+
+    name: str
+    source: str
+
+    @abstractmethod
+    def make(self, crane: Crane, motion: Motion, dt: float = 5e-4) -> DrivenController:
+        """Return the controller, a new one for each run.
+
+        Args:
+            crane: The crane that is planned for.
+            motion: The motion that it is to make, of one row for a rest.
+            dt: Physics step of the run [s]; the period of a motion is a multiple of it.
+
+        Raises:
+            CraneError: If it cannot be made.
+        """
+
+
+def is_controller_file(source: str) -> bool:
+    """Return whether a text names a controller of one's own, and not one of cranedyn."""
+    file, is_function, _ = source.rpartition(":")
+    if is_function and file.endswith(".py"):
+        return True
+    return source.endswith((".py", ".json", ".mat"))
+
+
+def open_controller(source: str) -> ControllerFile:
+    """Return the controller that a text names, see `FORMS`; a file in Python is run.
+
+    Raises:
+        DataError: If the file cannot be read or run, or the text has none of these forms.
+        UnknownName: If the file has no such function.
+    """
+    file, _, function = source.rpartition(":")
+    if file.endswith(".py"):
+        return _FunctionFile(source, Path(file), function)
+    if source.endswith((".json", ".mat")):
+        return _StateSpaceFile(source)
+    raise DataError(f"{quoted(source)} names no controller; allowed is {FORMS}.")
+
+
+# --- functions ------------------------------------------------------------------------------------
+
+
+class _FunctionFile(ControllerFile):
+    """A function in a file of Python that makes the controller."""
+
+    def __init__(self, source: str, file: Path, function: str) -> None:
+        self.name = function
+        self.source = source
+        self._function = _load_function(file, function)
+
+    def make(self, crane: Crane, motion: Motion, dt: float = 5e-4) -> DrivenController:
+        try:
+            made = self._function(crane, motion)
+        except CraneError:
+            raise
+        except Exception as error:
+            raise CraneError(f"{self.source} failed: {format_error(error)}") from error
+        controller = made
+        drive: Any = "effort"
+        if isinstance(made, tuple) and len(made) == 2:
+            controller, drive = made
+        if drive not in get_args(Drive) or not callable(controller):
+            kinds = ", ".join(get_args(Drive))
+            allowed = f"a controller, or a pair of a controller and one of {kinds}"
+            raise OutOfRange(f"result of {self.source}", type(made).__name__, allowed)
+        return DrivenController(cast(Controller, controller), drive)
+
+
+def _load_function(file: Path, name: str) -> Callable[[Crane, Motion], Any]:
+    """Run a file of Python and return a function of it.
+
+    Raises:
+        DataError: If the file cannot be read or run, or the function takes other arguments.
+        UnknownName: If there is no such function.
+    """
+    open_file(file).close()
+    module_name = f"cranedyn_controller_of_{file.stem}"
+    spec = importlib.util.spec_from_file_location(module_name, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look for their module among those that are imported.
+    sys.modules[module_name] = module
+    # Modules beside the file can be imported, as if it were a program; those that are installed go
+    # first.
+    folder = str(file.resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
+    try:
+        spec.loader.exec_module(module)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # other people's code, which may also call sys.exit
+        del sys.modules[module_name]
+        reason = f"{type(error).__name__}: {error}"
+        raise DataError(f"{file} cannot be run: {reason}.") from error
+
+    function = getattr(module, name, None)
+    if not callable(function):
+        defined = []
+        for key, value in vars(module).items():
+            if callable(value) and getattr(value, "__module__", "") == module_name:
+                defined.append(key)
+        raise UnknownName(f"function in {file}", name, defined)
+    try:
+        inspect.signature(function).bind("crane", "motion")
+    except TypeError as error:
+        raise DataError(
+            f"{name} in {file} cannot be called with (crane, motion), from which it has to make a "
+            f"controller: {error}."
+        ) from error
+    return function
+
+
+# --- state-space systems --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpace:
+    """A discrete state-space system x ← a x + b y, u = c x + d y, with named signals.
+
+    Its inputs y are deviations of states of the crane from a rest or a motion, its outputs u
+    deviations of the commands from those there. A feedback that pulls back has negative numbers in
+    d.
+
+    Attributes:
+        a: Shape (k, k); without states k is 0.
+        b: Shape (k, inputs).
+        c: Shape (outputs, k).
+        d: Shape (outputs, inputs).
+        period: Control period [s]; None without states.
+        inputs: Names of states of the crane, such as "phi" or "x_dot".
+        outputs: Names of the commands: "T_gamma", "F_x", "F_l" for efforts, "x_ddot" and the like
+            for accelerations, "x_dot_command" and the like for rates.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+    period: float | None
+    inputs: list[str]
+    outputs: list[str]
+
+    def drive(self, crane: Crane) -> Drive:
+        """Return what its outputs are, by their names.
+
+        Raises:
+            UnknownName: If one is no command of the crane.
+            CraneError: If they are commands of different kinds.
+        """
+        known = []
+        for drive in get_args(Drive):
+            commands = input_names(crane, drive)
+            if set(self.outputs) <= set(commands):
+                return drive
+            known += commands
+        for name in self.outputs:
+            if name not in known:
+                raise UnknownName("command", name, known)
+        raise CraneError(
+            f"The outputs {', '.join(self.outputs)} are commands of different kinds; allowed are "
+            "efforts, accelerations or rates alone."
+        )
+
+    def controller(self, crane: Crane, about: State | Motion, dt: float) -> Controller:
+        """Return the controller about a rest or a motion, whose commands are fed forward.
+
+        Args:
+            crane: The crane.
+            about: The rest or the motion.
+            dt: Physics step of the run [s].
+
+        Raises:
+            UnknownName: If an input is no state of the crane, or an output no command.
+            CraneError: If a drive has no command, or python-control is not installed.
+        """
+        from cranedyn.interop.python_control import ct, from_control
+
+        drive = self.drive(crane)
+        commands = input_names(crane, drive)
+        # A file names only what the controller measures; `from_control` wants all of it.
+        absent = self._absent_inputs(crane, about, commands)
+        no_effect_on_states = np.zeros((len(self.a), len(absent)))
+        no_effect_on_commands = np.zeros((len(self.outputs), len(absent)))
+        b = np.hstack([self.b, no_effect_on_states])
+        d = np.hstack([self.d, no_effect_on_commands])
+        # Rows in the order of the drives.
+        outputs = [name for name in commands if name in self.outputs]
+        rows = [self.outputs.index(name) for name in outputs]
+        feedback = ct.ss(
+            self.a,
+            b,
+            self.c[rows],
+            d[rows],
+            dt=self.period,
+            inputs=[*self.inputs, *absent],
+            outputs=outputs,
+        )
+        return from_control(crane, feedback, about, drive=drive, dt=dt)
+
+    def _absent_inputs(
+        self, crane: Crane, about: State | Motion, commands: Sequence[str]
+    ) -> list[str]:
+        """Return the names of what a controller could measure and this one does not: states of the
+        crane, and commands on their way to the converters if this one has such inputs.
+
+        Args:
+            crane: The crane.
+            about: Rest or motion of the controller.
+            commands: Names of the commands.
+
+        Raises:
+            UnknownName: If an input is neither.
+        """
+        states = state_names(crane)
+        first_state = State(about.q[0], about.v[0]) if isinstance(about, Motion) else about
+        # States that are held, such as the stretch of a rigid rope, cannot be measured.
+        measurable = np.delete(states, held_states(crane, first_state)).tolist()
+        longest_delay = 0
+        for name in self.inputs:
+            on_its_way = _ON_ITS_WAY.fullmatch(name)
+            if on_its_way and on_its_way[1] in commands:
+                longest_delay = max(longest_delay, int(on_its_way[2]))
+            elif name not in measurable:
+                raise UnknownName("input", name, measurable)
+        for periods_ago in range(1, longest_delay + 1):
+            measurable += [f"{command}_{periods_ago}" for command in commands]
+        return [name for name in measurable if name not in self.inputs]
+
+
+class _StateSpaceFile(ControllerFile):
+    """A state-space system from a file."""
+
+    def __init__(self, source: str) -> None:
+        self.name = Path(source).stem
+        self.source = source
+        self._system = read_state_space(source)
+
+    def make(self, crane: Crane, motion: Motion, dt: float = 5e-4) -> DrivenController:
+        drive = self._system.drive(crane)
+        if len(motion.q) > 1:
+            return DrivenController(self._system.controller(crane, motion, dt), drive)
+        controller = self._system.controller(crane, State(motion.q[0], motion.v[0]), dt)
+        if isinstance(controller, Tracking):
+            # About a rest the drives go where the setpoint of the loop is.
+            controller = SetpointRegulator(
+                controller.period,
+                controller.feed_forward,
+                controller.gain,
+                controller.setpoint,
+                crane,
+            )
+        return DrivenController(controller, drive)
+
+
+def read_state_space(file: str | Path) -> StateSpace:
+    """Read a state-space system from a file that ends in .json or .mat.
+
+    A file in JSON is an object with the matrices "A", "B", "C", "D" as lists of rows, the control
+    period "dt" [s], and the lists "inputs" and "outputs" of names. A gain has "D" and the names
+    alone.
+
+    A file of MATLAB, up to version 7.2, has the variables A, B, C, D and Ts, and the cell arrays
+    inputs and outputs; or the fields of an `ss` object, as ``s = get(K); save('k.mat', '-struct',
+    's')`` writes them, with the names in InputName and OutputName.
+
+    Raises:
+        DataError: If it cannot be read, or something in it is missing or has another form.
+    """
+    if str(file).endswith(".mat"):
+        content = _matlab_content(file)
+    else:
+        content = _json_content(file)
+    inputs = _signal_names(file, "inputs", content["inputs"])
+    outputs = _signal_names(file, "outputs", content["outputs"])
+    matrices = {key: content[key] for key in "ABCD" if _has_elements(content[key])}
+    if "D" not in matrices:
+        raise DataError(
+            f"{file} has no matrix D, with a row for each output and a column for each input; it "
+            "is zero where the inputs act through the states alone."
+        )
+    d = _matrix(file, "D", matrices.pop("D"), len(outputs), len(inputs))
+    if not matrices:
+        if content["dt"] is not None:
+            raise DataError(
+                f"{file} has dt beside a gain, which has no states and so no period; leave it out."
+            )
+        no_states = np.zeros((0, 0))
+        no_columns = np.zeros((len(outputs), 0))
+        no_rows = np.zeros((0, len(inputs)))
+        return StateSpace(no_states, no_rows, no_columns, d, None, inputs, outputs)
+    missing = [key for key in "ABC" if key not in matrices]
+    if missing:
+        raise DataError(f"{file} has no {', '.join(missing)}, but others of A, B and C.")
+    states = len(_matrix(file, "A", matrices["A"], "k", "k"))
+    return StateSpace(
+        a=_matrix(file, "A", matrices["A"], states, states),
+        b=_matrix(file, "B", matrices["B"], states, len(inputs)),
+        c=_matrix(file, "C", matrices["C"], len(outputs), states),
+        d=d,
+        period=_period(file, content["dt"]),
+        inputs=inputs,
+        outputs=outputs,
+    )
+
+
+def _matrix(file: str | Path, key: str, value: Any, rows: int | str, columns: int | str) -> Any:
+    """Return a matrix of a file, checked, shape (rows, columns).
+
+    Raises:
+        DataError: If it is none, has another shape or is not finite.
+    """
+    try:
+        return finite(f"{key} in {file}", value, (rows, columns))
+    except CraneError as error:
+        raise DataError(str(error)) from error
+
+
+def _period(file: str | Path, value: Any) -> float:
+    """Return the period of a system with states [s]; MATLAB has 0 for continuous time, and -1 for a
+    period that is not given.
+
+    Raises:
+        DataError: If there is none.
+    """
+    if value is None or value in (0, -1):
+        raise DataError(
+            f"{file} has states in continuous time or without a period; make it one of the control "
+            "period, by c2d in MATLAB or control.sample_system, and give the period as Ts in "
+            "MATLAB or dt in JSON."
+        )
+    try:
+        return number(f"period in {file}", value, "s", "> 0")
+    except OutOfRange as error:
+        raise DataError(str(error)) from error
+
+
+def _has_elements(matrix: Any) -> bool:
+    """Return whether a matrix is given and has elements."""
+    return matrix is not None and np.size(np.asarray(matrix, dtype=object)) > 0
+
+
+def _json_content(file: str | Path) -> dict[str, Any]:
+    """Return what a file in JSON holds, by the keys of `_JSON_KEYS`.
+
+    Raises:
+        DataError: If it cannot be read, is no JSON object, or holds something else.
+    """
+    try:
+        content = parse_json(read_text(file))
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"Cannot read {file}: it is no JSON ({error}).") from error
+    if not isinstance(content, dict):
+        raise DataError(f"{file} is no JSON object with the keys {', '.join(_JSON_KEYS)}.")
+    foreign = [key for key in content if key not in _JSON_KEYS]
+    if foreign:
+        raise DataError(
+            f"{file} has the key {quoted(foreign[0])}; allowed are {', '.join(_JSON_KEYS)}."
+        )
+    return {key: content.get(key) for key in _JSON_KEYS}
+
+
+def _matlab_content(file: str | Path) -> dict[str, Any]:
+    """Return what a file of MATLAB holds, by the keys of `_JSON_KEYS`.
+
+    Raises:
+        DataError: If it cannot be read, or the system has delays or a matrix E.
+    """
+    from scipy.io import loadmat
+
+    wanted = ["A", "B", "C", "D", "E", "Ts", *_NAMES_IN_MATLAB, *_NAMES_IN_MATLAB.values()]
+    wanted += _UNUSED_IN_MATLAB
+    try:
+        variables = loadmat(io.BytesIO(read_bytes(file)), variable_names=wanted)
+    except CraneError:
+        raise
+    except NotImplementedError as error:
+        raise DataError(
+            f"Cannot read {file}: it is of MATLAB 7.3; write one by save(…, '-v7')."
+        ) from error
+    except Exception as error:  # whatever a damaged file makes SciPy raise
+        raise DataError(f"Cannot read {file}: it is no file of MATLAB ({error}).") from error
+    for name in _UNUSED_IN_MATLAB:
+        if np.any(_numbers(variables.get(name))):
+            raise DataError(f"{file} has {name}, which is not read; absorb it by absorbDelay.")
+    if _numbers(variables.get("E")).size:
+        raise DataError(f"{file} has a matrix E; make the system explicit by ss(…, 'explicit').")
+    content: dict[str, Any] = {key: variables.get(key) for key in "ABCD"}
+    period = _numbers(variables.get("Ts"))
+    # Every `ss` object has a period, also a gain, which needs none.
+    is_gain = not any(_has_elements(content[key]) for key in "ABC")
+    content["dt"] = float(period.ravel()[0]) if period.size == 1 and not is_gain else None
+    for ours, matlabs in _NAMES_IN_MATLAB.items():
+        content[ours] = variables.get(ours, variables.get(matlabs))
+    return content
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """Return a variable of MATLAB as real numbers, an empty array if it is none."""
+    array = np.asarray(value)
+    return array.astype(float) if array.dtype.kind in "biuf" else np.zeros(0)
+
+
+def _signal_names(file: str | Path, kind: str, value: Any) -> list[str]:
+    """Return the names of the inputs or outputs of a system: a list, or a cell array of MATLAB.
+
+    Raises:
+        DataError: If they are none.
+    """
+    names = []
+    for entry in _entries(value):
+        # An entry of a cell array is an array that holds a text.
+        text = entry.item() if isinstance(entry, np.ndarray) and entry.size == 1 else entry
+        names.append(text.strip() if isinstance(text, str) else "")
+    if not names or "" in names:
+        example = '["phi", "x_dot"]' if kind == "inputs" else '["T_gamma", "F_x", "F_l"]'
+        where = f" or {_NAMES_IN_MATLAB[kind]}" if str(file).endswith(".mat") else ""
+        raise DataError(f"{file} does not name its {kind}; {kind}{where} is a list like {example}.")
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise DataError(f"{file} has {name} twice among its {kind}.")
+    return names
+
+
+def _entries(value: Any) -> list[Any]:
+    """Return the entries of a list, or of an array of MATLAB; none of anything else."""
+    if isinstance(value, np.ndarray):
+        return list(value.ravel())
+    return value if isinstance(value, list) else []
+
+
+def controllers_by_name(sources: Sequence[str]) -> dict[str, ControllerFile]:
+    """Return controllers of one's own by their names.
+
+    Raises:
+        DataError: If two of them have the same name, or as `open_controller`.
+    """
+    opened: dict[str, ControllerFile] = {}
+    for source in sources:
+        controller = open_controller(source)
+        if controller.name in opened:
+            raise DataError(
+                f"{opened[controller.name].source} and {source} are both called "
+                f"{controller.name}; rename one of them."
+            )
+        opened[controller.name] = controller
+    return opened
