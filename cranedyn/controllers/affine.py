@@ -1,5 +1,8 @@
 """The affine form of controllers that are affine in the state, so that a closed loop can be
 compiled.
+
+A controller may have states of its own, such as those of a filter, an observer or an integrator
+that is given as matrices: then its form has `ControllerStates`.
 """
 
 from __future__ import annotations
@@ -10,15 +13,94 @@ from typing import Any, Protocol, cast, runtime_checkable
 import numpy as np
 
 from cranedyn.checks import as_array, read_only
-from cranedyn.dynamics.scalars import magnitude, where
+from cranedyn.dynamics.scalars import array, clipped, magnitude, where
 from cranedyn.errors import Misshapen
 from cranedyn.model.crane import Crane
 
 
 @dataclass(frozen=True, eq=False)
+class ControllerStates:
+    """States x of a dynamic controller in discrete time, which add c x to its command u.
+
+        x[k + 1] = a x[k] + b (z[k] - setpoint[k]) + anti_windup (applied[k] - u[k])
+
+    Here u is the whole command and `applied` what the limits of the drives leave of it. Without
+    saturation both are equal, so that the last term acts at a limit only: this is anti-windup by
+    back-calculation.
+
+    Attributes:
+        a: Shape (k, k).
+        b: Shape (k, 2 n).
+        c: Shape (m, k).
+        anti_windup: Gain of what saturation takes away from the command, shape (k, m); zero for no
+            anti-windup.
+        limit: Largest command that a drive takes, shape (m,); inf for none.
+        initial: States at the first row of the form, shape (k,).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    anti_windup: np.ndarray
+    limit: np.ndarray
+    initial: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of states, k."""
+        return len(self.initial)
+
+    def checked(self, owner: str, drives: int, width: int) -> ControllerStates:
+        """Return the same states with the shapes of all fields checked, see `Affine.checked`.
+
+        Raises:
+            Misshapen: If a field has another shape, or a limit is no number.
+        """
+
+        def field(name: str, *shape: int | str) -> np.ndarray:
+            """Return a field with its shape checked."""
+            return as_array(f"{name} of the states of {owner}", getattr(self, name), shape)
+
+        initial = field("initial", "k")
+        count = len(initial)
+        limit = field("limit", drives)
+        if np.isnan(limit).any():
+            name = f"limit of the states of {owner}"
+            raise Misshapen(name, "an array that holds nan", "numbers, inf for none")
+        return ControllerStates(
+            a=field("a", count, count),
+            b=field("b", count, width),
+            c=field("c", drives, count),
+            anti_windup=field("anti_windup", count, drives),
+            limit=limit,
+            initial=initial,
+        )
+
+
+def next_states(
+    states: ControllerStates, x: np.ndarray, deviation: np.ndarray, command: np.ndarray
+) -> np.ndarray:
+    """Return the states of a controller at the next control instant, shape (k,), in any kind of
+    number, see `ControllerStates`.
+
+    Args:
+        states: Its matrices.
+        x: States at this instant, shape (k,).
+        deviation: Deviation from the setpoint, shape (2 n,).
+        command: Whole command before it is limited, shape (m,).
+    """
+    removed: list[Any] = []
+    for value, limit in zip(command, states.limit, strict=True):
+        # No language of an exported block has a literal for infinity.
+        is_unlimited = isinstance(limit, float) and not limit < np.inf
+        removed.append(0.0 if is_unlimited else clipped(value, -limit, limit) - value)
+    saturation = array(removed) if command.dtype == object else np.array(removed)
+    return states.a @ x + states.b @ deviation + states.anti_windup @ saturation
+
+
+@dataclass(frozen=True, eq=False)
 class Affine:
-    """command = feed_forward[k] - gain[k] (z - setpoint[k]) + integral_gain ∫ (target - position),
-    with z = (coordinates, rates).
+    """command = feed_forward[k] - gain[k] (z - setpoint[k]) + c x + integral_gain
+    ∫ (target - position), with z = (coordinates, rates) and the states x of `ControllerStates`.
 
     Row k is for control instant k; beyond the end of an array its last row holds. The error at a
     control instant counts for one control period of the run. At the limit of a drive its integral
@@ -34,6 +116,7 @@ class Affine:
         integral_gain: Gains of the integrals, per second, shape (m,).
         limit: Largest command with which the integrals grow, shape (m,).
         integral: Integrals at the first row, shape (m,).
+        states: Further states of the controller; None for a controller without.
     """
 
     feed_forward: np.ndarray
@@ -43,6 +126,7 @@ class Affine:
     integral_gain: np.ndarray
     limit: np.ndarray
     integral: np.ndarray
+    states: ControllerStates | None = None
 
     def not_finite_field(self) -> str:
         """Return the name of the first field with a number that is not finite, or an empty text; a
@@ -51,6 +135,10 @@ class Affine:
         for name in ("feed_forward", "gain", "setpoint", "target", "integral_gain", "integral"):
             if not np.isfinite(getattr(self, name)).all():
                 return name
+        if self.states is not None:
+            for name in ("a", "b", "c", "anti_windup", "initial"):
+                if not np.isfinite(getattr(self.states, name)).all():
+                    return f"states.{name}"
         return ""
 
     def checked(self, owner: str, instants: int, drives: int, width: int) -> Affine:
@@ -88,6 +176,7 @@ class Affine:
             integral_gain=field("integral_gain", drives),
             limit=limit,
             integral=field("integral", drives),
+            states=None if self.states is None else self.states.checked(owner, drives, width),
         )
 
 
@@ -109,6 +198,14 @@ class Stateful(Protocol):
 
     def resume(self, t: float, integral: np.ndarray) -> None:
         """Continue from an integral, shape (m,), that includes a control instant [s]."""
+
+
+@runtime_checkable
+class Dynamic(Protocol):
+    """An affine controller with states of its own, which can continue from given ones."""
+
+    def resume_states(self, t: float, states: np.ndarray) -> None:
+        """Continue after a control instant [s] with states, shape (k,), that include it."""
 
 
 def affine_form(

@@ -45,9 +45,10 @@ from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.estimation.observer import ObserverController
-from cranedyn.export.crane_data import finite_form, input_names, state_names
+from cranedyn.export.crane_data import finite_form
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references.motion import Motion
 from cranedyn.references.shaped import Shaped
 from cranedyn.references.tabulated import tabulated

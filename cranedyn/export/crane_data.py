@@ -4,7 +4,6 @@ and its URDF as XML.
 
 from __future__ import annotations
 
-import copy
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.clocks import Clocked
+from cranedyn.clocks import at_begin_of_run
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.equations_of_motion import holding_effort, over_all_joints
 from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
@@ -62,24 +61,6 @@ _ARMATURE_ARGUMENTS = {
 joint."""
 
 
-def state_names(crane: Crane) -> list[str]:
-    """Return the names of the coordinates, such as x, and then of their rates, such as x_dot."""
-    return [*crane.layout.symbols, *(f"{name}_dot" for name in crane.layout.symbols)]
-
-
-def input_names(crane: Crane, drive: str) -> list[str]:
-    """Return the names of the commands of the drives in a drive mode.
-
-    With "effort" they are torques T and forces F, such as F_x, with "motion" accelerations, such as
-    x_ddot, and with "velocity" rates, such as x_dot_command.
-    """
-    driven = crane.layout.driven
-    if drive == "effort":
-        return [joint.effort_name for joint in driven]
-    ending = "ddot" if drive == "motion" else "dot_command"
-    return [f"{joint.symbol}_{ending}" for joint in driven]
-
-
 def finite_form(
     controller: Controller,
     times: np.ndarray,
@@ -103,10 +84,7 @@ def finite_form(
         OutOfRange: If the form holds a number that is not finite, or the controller is for another
             control period.
     """
-    if isinstance(controller, Clocked):
-        # A copy, since the caller may run the controller itself later.
-        controller = copy.copy(controller)
-        controller.begin_run(0.0, period)
+    controller = at_begin_of_run(controller, 0.0, period)
     form = affine_form(controller, times, positions, width)
     if form is None:
         raise DataError(

@@ -16,11 +16,11 @@ from cranedyn.data.files import with_ending
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.linearisation import Linear, Sampled, linear
 from cranedyn.errors import UnknownName
-from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.export.target import new_file
 from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
+from cranedyn.model.signals import input_names, state_names
 
 TARGET = "FILE"
 """What the command line calls the target of the export."""

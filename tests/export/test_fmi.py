@@ -23,11 +23,11 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.export import fmi
-from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
 from experiments.scenarios.crane_variants import BRIDGE, HOOK, CraneVariant
