@@ -145,8 +145,8 @@ class _Blocks:
         if hasattr(self._controller, "resume"):
             integral = moving.memory[moving.places["integral"]].copy()
             self._controller.resume(float(times[-1]), integral)
-        if tables.form.states is not None and isinstance(self._controller, Dynamic):
-            self._controller.resume_states(float(times[-1]), states)
+        if tables.form.states is not None:
+            cast(Dynamic, self._controller).resume_states(float(times[-1]), states)
         # The forces of the last row, if the loop goes on instant by instant from here.
         moving.force[1] = moving.memory[moving.places["previous_force"]]
         moving.read_state()

@@ -176,8 +176,15 @@ class Affine:
             integral_gain=field("integral_gain", drives),
             limit=limit,
             integral=field("integral", drives),
-            states=None if self.states is None else self.states.checked(owner, drives, width),
+            states=self._checked_states(owner, drives, width),
         )
+
+    def _checked_states(self, owner: str, drives: int, width: int) -> ControllerStates | None:
+        """Return the states with the shapes of their fields checked; None for no states."""
+        if self.states is None:
+            return None
+        states = self.states.checked(owner, drives, width)
+        return states if len(states) else None
 
 
 @runtime_checkable
@@ -212,7 +219,8 @@ def affine_form(
     controller: object, times: np.ndarray, positions: np.ndarray, width: int
 ) -> Affine | None:
     """Return the affine form of a controller, see `AffineController.affine`; None if it has none,
-    or if a subclass overrides `__call__` alone.
+    if a subclass overrides `__call__` alone, or if the form has states and the controller is not
+    `Dynamic`.
 
     Args:
         controller: The controller.
@@ -237,7 +245,13 @@ def affine_form(
     if form is not None and not isinstance(form, Affine):
         allowed = "an Affine, or None where it is not affine"
         raise Misshapen(f"the common form of {owner}", type(form).__name__, allowed)
-    return None if form is None else form.checked(owner, len(times), positions.shape[1], width)
+    if form is None:
+        return None
+    form = form.checked(owner, len(times), positions.shape[1], width)
+    if form.states is not None and not hasattr(controller, "resume_states"):
+        # Such as a wrapper around a controller with states, which could not go on from them.
+        return None
+    return form
 
 
 def integrated_command(

@@ -20,7 +20,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -37,7 +37,13 @@ from cranedyn.compiled.block import (
 )
 from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 from cranedyn.compiled.horizon.receding import Receding
-from cranedyn.controllers.affine import Affine, AffineController, integrated_command
+from cranedyn.controllers.affine import (
+    Affine,
+    AffineController,
+    ControllerStates,
+    integrated_command,
+    next_states,
+)
 from cranedyn.controllers.damping import DampingController
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.converters import converters as typical_converters
@@ -140,7 +146,8 @@ class Part(ABC):
 
 
 class _AffinePart(Part):
-    """A controller that is affine in the state (`Affine`), with tables of its gains.
+    """A controller that is affine in the state (`Affine`), with tables of its gains. Its integrals
+    and its states are memory of the block.
 
     The tables hold the form for drives whose setpoint is 0. The positions of the setpoint are
     inputs of the block, which shift the setpoint and the target of the form, see `shifted`.
@@ -184,6 +191,13 @@ class _AffinePart(Part):
                 name = _integral_name(setting.drive[i])
                 start = float(form.integral[i])
                 self.memory.append(Variable(name, "state", f"{joint.unit}.s", start))
+        self._state_names = []
+        if form.states is not None:
+            self.about = f"{type(controller).__name__}: a linear controller with states of its own."
+            for number_of_state, start in enumerate(form.states.initial.tolist(), 1):
+                name = f"controller_state_{number_of_state}"
+                self._state_names.append(name)
+                self.memory.append(Variable(name, "state", "", start))
 
     def shifted(self, positions: np.ndarray, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much the form moves for positions of the setpoint, for floats and in code.
@@ -216,7 +230,8 @@ class _AffinePart(Part):
         setpoint_shift = shifts[0].astype(float)
         target_shift = shifts[1].astype(float)
         is_shifted = (
-            np.array_equal(at_zero.gain, form.gain)
+            _equal_states(at_zero.states, form.states)
+            and np.array_equal(at_zero.gain, form.gain)
             and np.array_equal(at_zero.feed_forward, form.feed_forward)
             and np.allclose(form.setpoint - at_zero.setpoint, setpoint_shift, rtol=1e-9, atol=1e-9)
             and np.allclose(form.target - at_zero.target, target_shift, rtol=1e-9, atol=1e-9)
@@ -234,8 +249,13 @@ class _AffinePart(Part):
         setpoint_shift, target_shift = self.shifted(positions, layout.drives)
         gain = self._tables.row(code, "gain").reshape(layout.m, -1)
         setpoint = self._tables.row(code, "setpoint") + setpoint_shift
-        command = self._tables.row(code, "feed_forward") - gain @ (z - setpoint)
+        deviation = z - setpoint
+        command = self._tables.row(code, "feed_forward") - gain @ deviation
         target = self._tables.row(code, "target") + target_shift
+        states = self._form.states
+        x = code.get_all(self._state_names)
+        if states is not None:
+            command = command + states.c @ x
 
         memory = {}
         for i, drive in enumerate(layout.drives):
@@ -249,7 +269,22 @@ class _AffinePart(Part):
             command[i], memory[name] = integrated_command(
                 command[i], error, integral, integral_gain, limit, setting.period
             )
+        if states is not None:
+            # The whole command enters, since the limits of the drives act on it.
+            memory |= dict(
+                zip(self._state_names, next_states(states, x, deviation, command), strict=True)
+            )
         return command, memory
+
+
+def _equal_states(first: ControllerStates | None, second: ControllerStates | None) -> bool:
+    """Return whether two forms of a controller have the same states."""
+    if first is None or second is None:
+        return first is second
+    return all(
+        np.array_equal(getattr(first, entry.name), getattr(second, entry.name))
+        for entry in fields(ControllerStates)
+    )
 
 
 def _integral_name(drive: str) -> str:

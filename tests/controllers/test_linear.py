@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller, linear_controller
-from cranedyn.controllers.affine import affine_form
+from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.controllers.linear import LinearController, observer_gain
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import Converters, converters
@@ -21,58 +21,17 @@ from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import CraneError, RunError
 from cranedyn.estimation.misread import Misread
 from cranedyn.interfaces import Drive, Setpoint, State
-from cranedyn.model.signals import input_names, state_names
+from cranedyn.model.signals import input_names
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, alike_in_both_engines, crane
+from tests.linear_laws import CRANE, INTEGRATOR, PERIOD, REST, filtered
 
 compiled = pytest.mark.skipif(FAST != "compiled", reason="extra compiled is not installed")
 
-PERIOD = 1e-2
 CLOCKS: dict[str, Any] = {"dt": 2e-3, "control_period": PERIOD}
-CRANE = crane()
-REST = CRANE.state(x=12.0, l=15.0)
 OFF = CRANE.state(x=12.3, l=14.8, gamma=0.02, phi=0.05, theta=-0.04)
-
-INTEGRATOR: dict[str, Any] = {
-    "a": [[1.0]],
-    "b": [[-PERIOD]],
-    "c": [[4e3]],
-    "d": [[-3e4]],
-    "inputs": ["x"],
-    "outputs": ["F_x"],
-    "period": PERIOD,
-}
-"""A trolley with proportional and integral control."""
-
-
-def filtered(drive: Drive = "effort", **how: Any) -> LinearController:
-    """Gains that hold each drive, behind a low-pass of its position and a resonator of the swing:
-    five states, of which each drive sees some.
-    """
-    scale = {"effort": np.diag(CRANE.mass_matrix(REST.q))[CRANE.layout.drives]}.get(
-        drive, np.ones(3)
-    )
-    stiffness, damping = (1.0, 0.0) if drive == "velocity" else (4.0, 4.0)
-    inputs = state_names(CRANE)
-    drives = CRANE.layout.drives
-    a = np.zeros((5, 5))
-    b = np.zeros((5, 10))
-    c = np.zeros((3, 5))
-    d = np.zeros((3, 10))
-    turn = 0.8 * PERIOD
-    a[3:, 3:] = 0.995 * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    b[3, CRANE.layout.index("phi")] = PERIOD
-    c[1, 3] = 0.3 * scale[1]
-    for i, joint in enumerate(drives):
-        a[i, i] = 0.9
-        b[i, joint] = 0.1
-        c[i, i] = -0.5 * stiffness * scale[i]
-        d[i, joint] = -0.5 * stiffness * scale[i]
-        d[i, 5 + joint] = -damping * scale[i]
-    how = {"about": REST, "inputs": inputs, "period": PERIOD, "drive": drive} | how
-    return linear_controller(CRANE, a, b, c, d, **how)
 
 
 class Plain:
@@ -188,6 +147,36 @@ def test_a_run_with_another_control_period_is_refused(how: str) -> None:
         CraneError, match=r"control period of the run is 0\.02 s; allowed is .* 0\.01"
     ):
         run(CRANE, filtered(), duration=1.0, dt=2e-3, control_period=2e-2)
+
+
+class Wrapped:
+    """A controller that hands on the affine form of another one, but not its states."""
+
+    def __init__(self, law: LinearController) -> None:
+        self._law = law
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return the command."""
+        return self._law(t, state, setpoint)
+
+    def begin_run(self, t: float, control_period: float) -> None:
+        """Begin a run."""
+        self._law.begin_run(t, control_period)
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+        """Return the affine form."""
+        return self._law.affine(times, positions)
+
+
+@compiled
+def test_a_wrapper_that_cannot_go_on_from_states_runs_in_python_and_is_refused_a_batch() -> None:
+    from cranedyn.compiled.batch import simulate_batch
+
+    how: Any = {"start": OFF, "duration": 1.0} | CLOCKS
+    runs = [simulate(CRANE, law, engine=FAST, **how) for law in (filtered(), Wrapped(filtered()))]
+    assert_allclose(runs[1].q, runs[0].q, atol=1e-12)  # round-off
+    with pytest.raises(CraneError, match="Wrapped is not affine in the state"):
+        simulate_batch(CRANE, Wrapped(filtered()), **how)
 
 
 def test_asked_again_for_the_same_time_it_answers_the_same() -> None:

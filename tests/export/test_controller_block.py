@@ -26,6 +26,7 @@ from cranedyn.references.flat import flat
 from tests.export.c_tools import CompiledBlock, output, tool
 from tests.export.st_interpreter import InterpretedBlock
 from tests.helpers import crane
+from tests.linear_laws import filtered
 
 CRANE = crane()
 PERIOD = 5e-3
@@ -49,6 +50,10 @@ def following() -> FunctionBlock:
     return controller_block(CRANE, follow(CRANE, MOTION), drive="motion")
 
 
+def with_states() -> FunctionBlock:
+    return controller_block(CRANE, filtered(setpoint="run", period=PERIOD))
+
+
 BLOCKS: dict[str, tuple[str, Callable[[], FunctionBlock]]] = {
     "hold": ("effort", usual("hold")),
     "lqr": ("effort", usual("lqr")),
@@ -59,6 +64,7 @@ BLOCKS: dict[str, tuple[str, Callable[[], FunctionBlock]]] = {
     "yielding": ("motion", usual("yielding")),
     "follow": ("motion", following),
     "lqr, rates": ("velocity", rates),
+    "states": ("effort", with_states),
 }
 """Kind of the outputs, and the block, by name."""
 
