@@ -33,7 +33,7 @@ INTEGRATOR: dict[str, Any] = {
 
 def integrating(gain: float = 4e3, **how: Any) -> LinearController:
     """A trolley with proportional and integral control; gain of the integral in N/(m s)."""
-    return linear_controller(CRANE, about=REST, **INTEGRATOR | {"c": [[gain]]} | how)
+    return linear_controller(CRANE, **{"about": REST} | INTEGRATOR | {"c": [[gain]]} | how)
 
 
 def filtered(drive: Drive = "effort", **how: Any) -> LinearController:

@@ -70,7 +70,7 @@ MADE: dict[str, tuple[Any, Callable[[], Any]]] = {
     "states": ("effort", lambda: filtered(setpoint="run")),
     "states, rates": ("velocity", lambda: filtered("velocity")),
     # Stiff enough that noise of 0.05 m takes the trolley from one limit to the other.
-    "states at the limit": ("effort", lambda: integrating(1e7, about=CRANE.start, d=[[-1e7]])),
+    "states at the limit": ("effort", lambda: integrating(4e7, about=CRANE.start, d=[[-4e7]])),
     "predictive, efforts": ("effort", lambda: predictive("effort")),
     "predictive, rates": ("velocity", lambda: predictive("velocity")),
 }
