@@ -53,7 +53,7 @@ def filtered(drive: Drive = "effort", **how: Any) -> LinearController:
     turn = 0.8 * PERIOD
     a[3:, 3:] = 0.995 * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     b[3, CRANE.layout.index("phi")] = PERIOD
-    c[1, 3] = 0.3 * scale[1]
+    c[1, 3] = -0.3 * scale[1]  # yields to the swing
     for i, joint in enumerate(drives):
         a[i, i] = 0.9
         b[i, joint] = 0.1
