@@ -1,4 +1,6 @@
-"""MATLAB: the linear crane about its start as matrices with names and units, for its `ss`."""
+"""MATLAB: the linear crane about its start, or a linear controller, as matrices with names and
+units, for its `ss`.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +13,16 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from scipy.io import savemat
 
-from cranedyn.checks import check_choice
+from cranedyn.checks import check_choice, number
+from cranedyn.clocks import intervals
+from cranedyn.controllers.affine import Affine, ControllerStates
 from cranedyn.data.files import with_ending
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.linearisation import Linear, Sampled, linear
-from cranedyn.errors import UnknownName
+from cranedyn.errors import DataError, UnknownName
+from cranedyn.export.crane_data import finite_form
 from cranedyn.export.target import new_file
-from cranedyn.interfaces import Drive, State
+from cranedyn.interfaces import Controller, Drive, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
 from cranedyn.model.signals import input_names, state_names
@@ -201,6 +206,149 @@ def to_matlab(
     with new_file(file) as draft, draft.open("wb") as stream:
         savemat(stream, content)
     return file
+
+
+def controller_to_matlab(
+    file: str | Path,
+    crane: Crane,
+    controller: Controller,
+    *,
+    drive: Drive = "effort",
+    control_period: float = 5e-3,
+    duration: float = 30.0,
+) -> Path:
+    """Write a linear controller to a file that MATLAB's `load` opens.
+
+    It holds the matrices A, B, C and D of a system in discrete time with the period Ts [s], and the
+    names and units of its inputs and outputs. The inputs are the coordinates and rates of the
+    crane, as deviations from z0, and then the positions of the setpoint of the drives, as
+    deviations from those in z0; the outputs are the commands, as deviations from u0. A drive that
+    is held at a rest of the controller has a zero column for its setpoint. The states begin at x0.
+    Where a command u is limited to u_limits, the next states get anti_windup times what that
+    changes in u.
+
+    Args:
+        file: New file, ending in .mat.
+        crane: The crane.
+        controller: A controller with an affine form, see `cranedyn.controllers.affine`.
+        drive: What its commands are: efforts, accelerations or rates.
+        control_period: Control period [s].
+        duration: Time over which it must stay the same [s].
+
+    Raises:
+        DataError: If the ending is not .mat, the file exists or cannot be written, or the
+            controller is not linear and the same at all times.
+        OutOfRange: If a time is out of range, or the controller is for another control period.
+    """
+    file = with_ending(file, ".mat")
+    check_choice("drive", drive, Drive)
+    period = float(number("control_period", control_period, "s", "> 0"))
+    law = _linear_law(crane, controller, period, duration)
+    states = law.form.states
+    if states is None:
+        # A gain: a system without states.
+        m, width = law.form.gain[0].shape
+        none = np.zeros((0, 0))
+        states = ControllerStates(
+            a=none,
+            b=np.zeros((0, width)),
+            c=np.zeros((m, 0)),
+            anti_windup=np.zeros((0, m)),
+            limit=np.full(m, np.inf),
+            initial=np.zeros(0),
+        )
+    gain = law.form.gain[0]
+    inputs = [*state_names(crane), *(f"{joint.symbol}_set" for joint in crane.layout.driven)]
+    outputs = input_names(crane, drive)
+    units = _units(crane, drive, outputs)
+    for joint in crane.layout.driven:
+        units[f"{joint.symbol}_set"] = joint.unit
+    content = {
+        "A": states.a,
+        "B": np.hstack([states.b, -states.b @ law.shift]),
+        "C": states.c,
+        "D": np.hstack([-gain, gain @ law.shift]),
+        "Ts": period,
+        "z0": law.form.setpoint[0][:, None],
+        "u0": law.form.feed_forward[0][:, None],
+        "x0": states.initial[:, None],
+        "anti_windup": states.anti_windup,
+        "u_limits": states.limit[:, None],
+    }
+    for kind, names in (("input", inputs), ("output", outputs)):
+        content[f"{kind}s"] = np.array(names, dtype=object)
+        content[f"{kind}_units"] = np.array([units[name] for name in names], dtype=object)
+    with new_file(file) as draft, draft.open("wb") as stream:
+        savemat(stream, content)
+    return file
+
+
+class _LinearLaw(NamedTuple):
+    """A controller that is linear and the same at all times.
+
+    Attributes:
+        form: Its affine form, of one row, for the setpoint of the drives about which it is linear.
+        shift: Derivative of the setpoint of its state by that of the drives, shape (2 n, m).
+    """
+
+    form: Affine
+    shift: np.ndarray
+
+
+def _linear_law(crane: Crane, controller: Controller, period: float, duration: float) -> _LinearLaw:
+    """Return a controller as a linear law.
+
+    Args:
+        crane: The crane.
+        controller: The controller.
+        period: Control period [s].
+        duration: Time over which it must stay the same [s].
+
+    Raises:
+        DataError: If it is not linear and the same at all times.
+        OutOfRange: If the duration is out of range, or the controller is for another period.
+    """
+    layout = crane.layout
+    times = period * np.arange(intervals("duration", duration, period) + 1)
+    name = type(controller).__name__
+
+    def form_at(positions: np.ndarray) -> Affine:
+        """Return the form for a setpoint of the drives that stays at these positions."""
+        rows = np.tile(positions, (len(times), 1))
+        return finite_form(controller, times, rows, 2 * layout.n, period, "MATLAB")
+
+    start = crane.start.q[layout.drives]
+    form = form_at(start)
+    if form.integral_gain.any():
+        raise DataError(
+            f"{name} has integrals that stop at the limits of the drives, which no matrices say; "
+            "linear_controller makes an integrator with anti-windup of matrices."
+        )
+    for field in ("feed_forward", "gain", "setpoint"):
+        rows = getattr(form, field)
+        if (rows != rows[0]).any():
+            raise DataError(
+                f"{name} changes over time, such as one along a motion; matrices for MATLAB are "
+                "those of a controller about a rest."
+            )
+    change = form_at(start + 1.0).setpoint[0] - form.setpoint[0]
+    shift = np.zeros((2 * layout.n, layout.m))
+    shift[layout.drives, np.arange(layout.m)] = change[layout.drives]
+    # At positions that all differ, a form in which one drive depends on the position of another is
+    # another one than this shift says.
+    positions = np.random.default_rng(0).uniform(1.0, 2.0, layout.m)
+    elsewhere = form_at(start + positions)
+    is_shifted = (
+        np.array_equal(elsewhere.gain, form.gain)
+        and np.array_equal(elsewhere.feed_forward, form.feed_forward)
+        and np.allclose(elsewhere.setpoint[0] - form.setpoint[0], shift @ positions, atol=1e-9)
+    )
+    if not is_shifted:
+        raise DataError(
+            f"{name} depends on the setpoint of the drives otherwise than by its distance, which "
+            "no matrices say."
+        )
+    return _LinearLaw(form, shift)
 
 
 def _units(crane: Crane, drive: Drive, inputs: Sequence[str]) -> dict[str, str]:
