@@ -20,7 +20,7 @@ ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 """Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
 LONG = {
     *("control.md", "drive.md", "drives.md", "first_lift.md", "judge_lift.md"),
-    *("lift_from_ground.md", "planning.md", "several_cranes.md"),
+    *("lift_from_ground.md", "own_design.md", "planning.md", "several_cranes.md"),
 }
 """Pages whose code takes longest."""
 MODULES = {"compiled": "llvmlite", "optimal": "casadi", "planning": "toppra"}
