@@ -301,3 +301,15 @@ def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndar
     setpoint[:, layout.drives] = positions
     setpoint[:, layout.n + layout.drives] = rates
     return setpoint
+
+
+def at_rest_shifted(crane: Crane, shifts: np.ndarray) -> np.ndarray:
+    """Return by how much coordinates and rates at rest change, shape (rows, 2 n), where the drives
+    stand elsewhere by the given shifts, shape (rows, m).
+
+    The swings of a luffing crane, which are measured from its jib, hang at another angle where the
+    jib stands at another one.
+    """
+    change = at_drives(crane, shifts, np.zeros_like(shifts))
+    change[:, crane.swings] += shifts @ crane.rest.slope.T
+    return change

@@ -24,7 +24,7 @@ import scipy
 
 from cranedyn.checks import ShortRepr, check_choice, finite, number
 from cranedyn.clocks import SAME_PERIOD
-from cranedyn.controllers.affine import Affine, ControllerStates, at_drives, next_states
+from cranedyn.controllers.affine import Affine, ControllerStates, at_rest_shifted, next_states
 from cranedyn.controllers.hold import FREQUENCY, hold_controller
 from cranedyn.controllers.lqr import linearised
 from cranedyn.controllers.tracking import Tracking
@@ -122,9 +122,8 @@ class LinearController(ShortRepr):
         if self.setpoint == "run":
             # The crane about the setpoint of the run stands as one that is shifted stands about the
             # rest.
-            q = state.q.copy()
-            q[self.crane.layout.drives] -= self._shifts(setpoint.position)
-            state = State(q, state.v)
+            shift = self._shifts(setpoint.position[None])[0]
+            state = State(state.q - shift[: len(state.q)], state.v)
         command = self.tracking(t, state, setpoint)
         if not len(self.states):
             return command
@@ -139,11 +138,7 @@ class LinearController(ShortRepr):
         """Return the affine form, see `cranedyn.controllers.affine`."""
         form = self.tracking.affine(times, positions)
         if self.setpoint == "run":
-            shifts = self._shifts(positions)
-            form = replace(
-                form,
-                setpoint=form.setpoint + at_drives(self.crane, shifts, np.zeros_like(shifts)),
-            )
+            form = replace(form, setpoint=form.setpoint + self._shifts(positions))
         if len(self.states):
             x = self._x if times[0] == self._t else self._next_x
             form = replace(form, states=replace(self.states, initial=x))
@@ -155,8 +150,11 @@ class LinearController(ShortRepr):
         self._next_x = states
 
     def _shifts(self, positions: np.ndarray) -> np.ndarray:
-        """Return positions of the drives less those of the rest, shape (..., m)."""
-        return positions - self.tracking.setpoint[0, self.crane.layout.drives]
+        """Return by how much the state at rest differs from that of its own rest, shape (rows, 2 n),
+        where the drives are at the given positions, shape (rows, m).
+        """
+        at_rest = self.tracking.setpoint[0, self.crane.layout.drives]
+        return at_rest_shifted(self.crane, positions - at_rest)
 
 
 def linear_controller(

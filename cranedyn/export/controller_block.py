@@ -156,21 +156,20 @@ class _AffinePart(Part):
     def __init__(self, setting: ControlSetting, controller: Any) -> None:
         layout = setting.crane.layout
 
-        def form_at(positions: np.ndarray) -> Affine:
+        def form_at(positions: np.ndarray, instants: int = len(setting.times)) -> Affine:
             """Return the form for a setpoint of the drives that stays at these positions."""
-            rows = np.tile(positions, (len(setting.times), 1))
-            return finite_form(
-                controller, setting.times, rows, 2 * layout.n, setting.period, "a block"
-            )
+            times = setting.times[:instants]
+            rows = np.tile(positions, (instants, 1))
+            return finite_form(controller, times, rows, 2 * layout.n, setting.period, "a block")
 
         form = form_at(np.zeros(layout.m))
-        form_at_ones = form_at(np.ones(layout.m))
         self._setting = setting
         self._form = form
-        # How far the setpoint and the target of the form move for each drive if the position of its
-        # setpoint moves by one unit.
-        self._setpoint_shift = (form_at_ones.setpoint - form.setpoint)[0, layout.drives]
-        self._target_shift = (form_at_ones.target - form.target)[0]
+        # How far the setpoint and the target of the form move if the position of the setpoint of a
+        # drive moves by one unit, one column for each drive.
+        moved = [form_at(position, instants=1) for position in np.eye(layout.m)]
+        self._setpoint_shift = np.array([one.setpoint[0] - form.setpoint[0] for one in moved]).T
+        self._target_shift = (form_at(np.ones(layout.m), instants=1).target - form.target)[0]
         # At positions that all differ, a form in which one drive depends on the position of another
         # is another one than these shifts say.
         positions = np.random.default_rng(0).uniform(1, 2, layout.m)
@@ -199,18 +198,16 @@ class _AffinePart(Part):
                 self._state_names.append(name)
                 self.memory.append(Variable(name, "state", "", start))
 
-    def shifted(self, positions: np.ndarray, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def shifted(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much the form moves for positions of the setpoint, for floats and in code.
 
         Args:
             positions: Positions of the setpoint [rad or m], shape (m,).
-            drives: Indices of the drives among the coordinates, shape (m,).
 
         Returns:
             Shift of its setpoint, shape (2 n,), and of its target, shape (m,).
         """
-        setpoint_shift = array([0.0] * (2 * self._setting.crane.layout.n))
-        setpoint_shift[drives] = array(self._setpoint_shift.tolist()) * positions
+        setpoint_shift = self._setpoint_shift.astype(object) @ positions
         target_shift = array(self._target_shift.tolist()) * positions
         return setpoint_shift, target_shift
 
@@ -226,7 +223,7 @@ class _AffinePart(Part):
             DataError: If it does.
         """
         at_zero = self._form
-        shifts = self.shifted(positions, self._setting.crane.layout.drives)
+        shifts = self.shifted(positions)
         setpoint_shift = shifts[0].astype(float)
         target_shift = shifts[1].astype(float)
         is_shifted = (
@@ -246,7 +243,7 @@ class _AffinePart(Part):
         setting = self._setting
         layout = setting.crane.layout
         positions = code.get_all(setting.setpoint)
-        setpoint_shift, target_shift = self.shifted(positions, layout.drives)
+        setpoint_shift, target_shift = self.shifted(positions)
         gain = self._tables.row(code, "gain").reshape(layout.m, -1)
         setpoint = self._tables.row(code, "setpoint") + setpoint_shift
         deviation = z - setpoint

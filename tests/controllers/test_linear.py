@@ -21,11 +21,12 @@ from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import CraneError, RunError
 from cranedyn.estimation.misread import Misread
 from cranedyn.interfaces import Drive, Setpoint, State
+from cranedyn.model.load import load_crane
 from cranedyn.model.signals import input_names
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import FAST, alike_in_both_engines, crane
+from tests.helpers import FAST, ROOT, alike_in_both_engines, crane
 from tests.linear_laws import CRANE, INTEGRATOR, PERIOD, REST, filtered
 
 compiled = pytest.mark.skipif(FAST != "compiled", reason="extra compiled is not installed")
@@ -357,6 +358,25 @@ def test_a_form_whose_states_have_another_shape_is_refused_by_name(field: str) -
     words = f"{field} of the states of LinearController is an array of shape"
     with pytest.raises(CraneError, match=words):
         affine_form(law, np.zeros(1), np.zeros((1, 3)), 10)
+
+
+@compiled
+def test_about_the_setpoint_of_the_run_the_load_of_a_luffing_crane_hangs_plumb() -> None:
+    luffing = load_crane(urdf=ROOT / "urdf" / "luffing_crane.urdf.xacro")
+    law = linear_controller(
+        luffing, [[0.9]], [[0.1]], [[0.2]], [[0.1]], about=luffing.start, inputs=["swing_radial"],
+        outputs=["luff_ddot"], drive="motion", setpoint="run", period=PERIOD,
+    )  # fmt: skip
+    q = luffing.start.q.copy()
+    q[luffing.layout.index("luff")] += 0.1
+    at_rest = luffing.state(**dict(zip(luffing.layout.symbols, luffing.resting(q), strict=True)))
+    setpoint = hold(luffing, at_rest)
+    # The swing, which is measured from the jib, is none at rest, wherever the jib stands.
+    assert_allclose(law(0.0, at_rest, setpoint(0.0)), 0.0, atol=1e-12)
+    start = at_rest._replace(q=at_rest.q + 0.02 * (np.arange(5) == 2))
+    alike_in_both_engines(
+        luffing, law, reference=setpoint, start=start, duration=2.0, drive="motion", **CLOCKS
+    )
 
 
 def test_about_a_motion_the_commands_of_the_motion_are_fed_forward() -> None:
