@@ -150,8 +150,8 @@ class LinearController(ShortRepr):
         self._next_x = states
 
     def _shifts(self, positions: np.ndarray) -> np.ndarray:
-        """Return by how much the state at rest differs from that of its own rest, shape (rows, 2 n),
-        where the drives are at the given positions, shape (rows, m).
+        """Return the state at rest, less that of its own rest, shape (rows, 2 n), where the drives
+        are at the given positions, shape (rows, m).
         """
         at_rest = self.tracking.setpoint[0, self.crane.layout.drives]
         return at_rest_shifted(self.crane, positions - at_rest)

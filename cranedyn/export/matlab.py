@@ -14,13 +14,11 @@ import numpy as np
 from scipy.io import savemat
 
 from cranedyn.checks import check_choice, number
-from cranedyn.clocks import intervals
-from cranedyn.controllers.affine import Affine, ControllerStates
 from cranedyn.data.files import with_ending
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.linearisation import Linear, Sampled, linear
-from cranedyn.errors import DataError, UnknownName
-from cranedyn.export.crane_data import finite_form
+from cranedyn.errors import UnknownName
+from cranedyn.export.crane_data import linear_law
 from cranedyn.export.target import new_file
 from cranedyn.interfaces import Controller, Drive, State
 from cranedyn.model.crane import Crane
@@ -243,21 +241,9 @@ def controller_to_matlab(
     file = with_ending(file, ".mat")
     check_choice("drive", drive, Drive)
     period = float(number("control_period", control_period, "s", "> 0"))
-    law = _linear_law(crane, controller, period, duration)
-    states = law.form.states
-    if states is None:
-        # A gain: a system without states.
-        m, width = law.form.gain[0].shape
-        none = np.zeros((0, 0))
-        states = ControllerStates(
-            a=none,
-            b=np.zeros((0, width)),
-            c=np.zeros((m, 0)),
-            anti_windup=np.zeros((0, m)),
-            limit=np.full(m, np.inf),
-            initial=np.zeros(0),
-        )
-    gain = law.form.gain[0]
+    law = linear_law(crane, controller, period, duration, "MATLAB")
+    states = law.states
+    gain = law.gain
     inputs = [*state_names(crane), *(f"{joint.symbol}_set" for joint in crane.layout.driven)]
     outputs = input_names(crane, drive)
     units = _units(crane, drive, outputs)
@@ -269,8 +255,8 @@ def controller_to_matlab(
         "C": states.c,
         "D": np.hstack([-gain, gain @ law.shift]),
         "Ts": period,
-        "z0": law.form.setpoint[0][:, None],
-        "u0": law.form.feed_forward[0][:, None],
+        "z0": law.setpoint[:, None],
+        "u0": law.feed_forward[:, None],
         "x0": states.initial[:, None],
         "anti_windup": states.anti_windup,
         "u_limits": states.limit[:, None],
@@ -281,74 +267,6 @@ def controller_to_matlab(
     with new_file(file) as draft, draft.open("wb") as stream:
         savemat(stream, content)
     return file
-
-
-class _LinearLaw(NamedTuple):
-    """A controller that is linear and the same at all times.
-
-    Attributes:
-        form: Its affine form, of one row, for the setpoint of the drives about which it is linear.
-        shift: Derivative of the setpoint of its state by that of the drives, shape (2 n, m).
-    """
-
-    form: Affine
-    shift: np.ndarray
-
-
-def _linear_law(crane: Crane, controller: Controller, period: float, duration: float) -> _LinearLaw:
-    """Return a controller as a linear law.
-
-    Args:
-        crane: The crane.
-        controller: The controller.
-        period: Control period [s].
-        duration: Time over which it must stay the same [s].
-
-    Raises:
-        DataError: If it is not linear and the same at all times.
-        OutOfRange: If the duration is out of range, or the controller is for another period.
-    """
-    layout = crane.layout
-    times = period * np.arange(intervals("duration", duration, period) + 1)
-    name = type(controller).__name__
-
-    def form_at(positions: np.ndarray) -> Affine:
-        """Return the form for a setpoint of the drives that stays at these positions."""
-        rows = np.tile(positions, (len(times), 1))
-        return finite_form(controller, times, rows, 2 * layout.n, period, "MATLAB")
-
-    start = crane.start.q[layout.drives]
-    form = form_at(start)
-    if form.integral_gain.any():
-        raise DataError(
-            f"{name} has integrals that stop at the limits of the drives, which no matrices say; "
-            "linear_controller makes an integrator with anti-windup of matrices."
-        )
-    for field in ("feed_forward", "gain", "setpoint"):
-        rows = getattr(form, field)
-        if (rows != rows[0]).any():
-            raise DataError(
-                f"{name} changes over time, such as one along a motion; matrices for MATLAB are "
-                "those of a controller about a rest."
-            )
-    change = form_at(start + 1.0).setpoint[0] - form.setpoint[0]
-    shift = np.zeros((2 * layout.n, layout.m))
-    shift[layout.drives, np.arange(layout.m)] = change[layout.drives]
-    # At positions that all differ, a form in which one drive depends on the position of another is
-    # another one than this shift says.
-    positions = np.random.default_rng(0).uniform(1.0, 2.0, layout.m)
-    elsewhere = form_at(start + positions)
-    is_shifted = (
-        np.array_equal(elsewhere.gain, form.gain)
-        and np.array_equal(elsewhere.feed_forward, form.feed_forward)
-        and np.allclose(elsewhere.setpoint[0] - form.setpoint[0], shift @ positions, atol=1e-9)
-    )
-    if not is_shifted:
-        raise DataError(
-            f"{name} depends on the setpoint of the drives otherwise than by its distance, which "
-            "no matrices say."
-        )
-    return _LinearLaw(form, shift)
 
 
 def _units(crane: Crane, drive: Drive, inputs: Sequence[str]) -> dict[str, str]:
