@@ -16,6 +16,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation import with_observer, with_sensor_model
+from cranedyn.estimation.load_estimate import with_load_estimate
 from cranedyn.estimation.observer import (
     ObserverController,
     disturbance_of,
@@ -132,7 +133,7 @@ def test_noise_is_drawn_by_a_generator_and_not_by_a_seed() -> None:
         with_sensor_model(crane(), hold_controller(crane()), rng=5)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("behind", ["sensors", "observer"])
+@pytest.mark.parametrize("behind", ["sensors", "observer", "load estimate"])
 def test_behind_new_sensors_or_a_new_observer_a_controller_begins_anew(behind: str) -> None:
     law = filtered()
     c = linear_laws.CRANE
@@ -142,8 +143,10 @@ def test_behind_new_sensors_or_a_new_observer_a_controller_begins_anew(behind: s
     for _ in range(2):
         if behind == "sensors":
             controller: Any = with_sensor_model(c, law, rng=np.random.default_rng(0))
-        else:
+        elif behind == "observer":
             controller = with_observer(law, c, motion, dt=2e-3)
+        else:
+            controller = with_load_estimate(law, c, motion)
         run = simulate(
             c, controller, start=c.state(x=12.3, l=15.0), duration=1.0, dt=2e-3,
             control_period=linear_laws.PERIOD,
