@@ -389,17 +389,19 @@ def observer_gain(a: np.ndarray, c: np.ndarray) -> np.ndarray:
         CraneError: If no gain makes a - l c stable.
     """
     try:
-        covariance = scipy.linalg.solve_discrete_are(a.T, c.T, np.eye(len(a)), np.eye(len(c)))
-        of_command = c @ covariance @ c.T + np.eye(len(c))
-        gain = np.linalg.solve(of_command, c @ covariance @ a.T).T
-        radius = float(np.abs(np.linalg.eigvals(a - gain @ c)).max())
-    except np.linalg.LinAlgError:
+        # Numbers that overflow give no gain, which is refused below.
+        with np.errstate(all="ignore"):
+            covariance = scipy.linalg.solve_discrete_are(a.T, c.T, np.eye(len(a)), np.eye(len(c)))
+            of_command = c @ covariance @ c.T + np.eye(len(c))
+            gain = np.linalg.solve(of_command, c @ covariance @ a.T).T
+            radius = float(np.abs(np.linalg.eigvals(a - gain @ c)).max())
+    except (np.linalg.LinAlgError, ValueError):
         radius = np.inf
     if not radius < 1.0:
         raise CraneError(
             "The controller has states that do not decay and cannot be observed in its commands, "
-            'so that there is no anti-windup "observer"; give it anti_windup=None or a matrix, or '
-            "leave these states out."
+            "or numbers too large for a Riccati equation, so that there is no anti-windup "
+            '"observer"; give it anti_windup=None or a matrix, or leave these states out.'
         )
     return gain
 

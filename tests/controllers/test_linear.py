@@ -332,6 +332,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"inputs": ["x", "x"], "b": [[1, 2]], "d": [[1, 2]]}, "The input x is given twice"),
     ({"anti_windup": np.zeros((3, 1))}, "anti_windup is an array of shape (3, 1); allowed is one"),
     ({"anti_windup": "clamp"}, "anti_windup is clamp; allowed is observer"),
+    ({"c": [[1e300]]}, "or numbers too large for a Riccati equation"),
     (HIDDEN, 'so that there is no anti-windup "observer"; give it anti_windup=None'),
     ({"setpoint": "goal"}, "setpoint is goal; allowed is rest or run"),
     ({"about": CRANE.state(x_dot=1.0)}, "rates of the rest"),
