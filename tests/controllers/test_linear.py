@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller, linear_controller
@@ -22,7 +24,7 @@ from cranedyn.errors import CraneError, RunError
 from cranedyn.estimation.misread import Misread
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.load import load_crane
-from cranedyn.model.signals import input_names
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
@@ -218,6 +220,62 @@ def test_a_controller_with_one_output_commands_one_drive_and_leaves_the_others_h
     at_goal = follows(0.0, standing, there)
     rest_command = holding_effort(CRANE, REST.q) if drive == "effort" else np.zeros(3)
     assert_allclose(at_goal, rest_command, atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(["effort", "motion", "velocity"]), st.booleans(), st.integers(0, 2**32 - 1))
+def test_whatever_its_inputs_and_outputs_are_it_commands_what_its_matrices_say_by_name(
+    drive: Drive, limited: bool, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    names = state_names(CRANE)
+    commands = input_names(CRANE, drive)
+    on_their_way = [f"{name}_{i}" for i in (1, 2) for name in commands if drive == "velocity"]
+    signals = [*names, *on_their_way]
+    inputs = [str(name) for name in rng.permutation(signals)[: rng.integers(1, len(signals) + 1)]]
+    outputs = [str(name) for name in rng.permutation(commands)[: rng.integers(1, 4)]]
+    k = int(rng.integers(0, 5))
+    a, b, c, d, back = (
+        rng.normal(size=shape)
+        for shape in (
+            (k, k), (k, len(inputs)), (len(outputs), k), (len(outputs), len(inputs)),
+            (k, len(outputs)),
+        )
+    )  # fmt: skip
+    # So that efforts reach their limits, and rates theirs.
+    scale = 1e6 if drive == "effort" else 1.0
+    initial = rng.normal(size=k)
+    delays = [int(name[-1]) for name in inputs if name in on_their_way]
+    typical = converters(CRANE, delay=PERIOD * max(delays, default=1))
+    law = linear_controller(
+        CRANE, a, b, scale * c, scale * d, about=REST, inputs=inputs, outputs=outputs,
+        period=PERIOD, initial=initial, anti_windup=back / scale if limited else None, drive=drive,
+        converters=typical if drive == "velocity" else None,
+    )  # fmt: skip
+    law.begin_run(0.0, PERIOD)
+    at_rest = holding_effort(CRANE, REST.q) if drive == "effort" else np.zeros(3)
+    limits = {
+        "effort": CRANE.effort_limit, "motion": np.full(3, np.inf), "velocity": typical.rates,
+    }[drive]  # fmt: skip
+    places = [commands.index(name) for name in outputs]
+    setpoint = hold(CRANE, REST)(0.0)
+    x = initial
+    past = [np.zeros(3), np.zeros(3)]
+    for call in range(5):
+        z = 0.1 * rng.normal(size=10)
+        value = dict(zip(names, z, strict=True))
+        for i in (1, 2):
+            value |= {f"{name}_{i}": past[-i][j] for j, name in enumerate(commands)}
+        y = np.array([value[name] for name in inputs])
+        u = scale * (c @ x + d @ y)
+        found = law(call * PERIOD, State(REST.q + z[:5], REST.v + z[5:]), setpoint)
+        tolerance = 1e-12 * max(1.0, np.abs(u).max(), np.abs(at_rest).max())  # round-off
+        assert_allclose(found[places], at_rest[places] + u, rtol=1e-9, atol=tolerance)
+        applied = np.clip(found, -limits, limits)
+        x = a @ x + b @ y
+        if limited:
+            x = x + back / scale @ (applied - found)[places]
+        past.append(applied if limited else found)
 
 
 def saturating(anti_windup: Any) -> tuple[LinearController, Plain]:
