@@ -22,12 +22,12 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError
 from cranedyn.export import c_code, fmi, gazebo, mcap, mjcf_file, ros2
-from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import State
 from cranedyn.interop import bags
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references import hold
 from experiments import gazebo as recordings
 from experiments import harness

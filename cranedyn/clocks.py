@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from cranedyn.checks import number, within
 from cranedyn.errors import OutOfRange
@@ -62,6 +63,21 @@ class Clocked(Protocol):
         Raises:
             OutOfRange: If the controller was made for a shorter control period.
         """
+
+
+def at_begin_of_run(controller: Any, t: float, control_period: float) -> Any:
+    """Return a controller as it is at the first control instant [s] of a run: one that is `Clocked`
+    as a copy that has begun such a run, so that it itself stays as it is.
+
+    Raises:
+        OutOfRange: If the controller was made for another control period.
+    """
+    # To ask for the protocol `Clocked` would take ten times as long.
+    if not hasattr(controller, "begin_run"):
+        return controller
+    controller = copy.copy(controller)
+    controller.begin_run(t, control_period)
+    return controller
 
 
 def clocks(duration: float, dt: float, control_period: float) -> Clocks:

@@ -169,7 +169,8 @@ def margin_maps(setup: Setup, points: int) -> dict[str, MarginMap]:
         for i, length in enumerate(cables.tolist()):
             for j, radius in enumerate(radii.tolist()):
                 loop = margins_at(setup, strategy, setup.crane.state(x=radius, l=length))
-                values[:, i, j] = loop.damping, *loop.least
+                least = loop.least
+                values[:, i, j] = loop.damping, least.upper_gain, least.lower_gain, least.delay
             done += 1
             update(done)
         damping, stronger, weaker, late = values

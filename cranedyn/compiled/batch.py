@@ -249,6 +249,7 @@ def simulate_batch(
         delayed=reading_count > 0,
         threads=on_gpu,
         contacts=models.contacts,
+        controller_states=control.states.shape[1],
     )
     compiled = _compile(models, options, cranes)
     # The varied numbers of the cranes stand in rows and, arranged in lanes, for the code.
@@ -256,7 +257,7 @@ def simulate_batch(
     inputs.check_fits_memory("number of cranes", str(cranes), needed)
 
     # Memory of each crane.
-    memory = _allocate(models, compiled, state, control.integrals, log_rows)
+    memory = _allocate(models, compiled, state, control, log_rows)
     if reading_count:
         memory.delay = group_lanes([delays[:, None]], lanes, np.int64)
         memory.readings = np.zeros((memory.groups, reading_count * sizes.z, lanes))
@@ -454,7 +455,7 @@ def _allocate(
     models: _Models,
     compiled: _CompiledCranes,
     start: State,
-    integrals: np.ndarray,
+    control: inputs.ControlTables,
     log_rows: int,
 ) -> _Memory:
     """Return the memory of a loop before the first control instant.
@@ -463,7 +464,7 @@ def _allocate(
         models: The cranes.
         compiled: Their code.
         start: Coordinates and rates at the start, shape (cranes, n) each.
-        integrals: Integrals of the controllers at the start, shape (cranes, m).
+        control: Integrals and states of the controllers at the start.
         log_rows: Rows to record of each crane.
     """
     sizes = models.sizes
@@ -473,10 +474,11 @@ def _allocate(
     # The sections of `BufferLayout.state`, in their order.
     last_command_and_work = np.broadcast_to(0.0, (cranes, sizes.m + 2))
     drives = models.distinct[0].layout.drives
-    first_state = [start.q, start.v, integrals, last_command_and_work]
+    first_state = [start.q, start.v, control.integrals, last_command_and_work]
     if models.contacts is not None:
         first_state.append(_anchors(models, models.contacts, start))
     first_state += inputs.converter_memory(sizes, start.v[:, drives])
+    first_state.append(control.states)
 
     # The sections of `BufferLayout.summary`: squares of swings, the first invalid row, efforts.
     first_summary = np.array([0.0, 0.0, math.inf, *[0.0] * sizes.m])

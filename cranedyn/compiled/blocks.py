@@ -18,7 +18,7 @@ from cranedyn.checks import equal_rows, finite, read_only
 from cranedyn.compiled.loop_tables import gain_table, setpoint_table, without_gains
 from cranedyn.compiled.memory_layout import slices
 from cranedyn.compiled.moving_crane import CompiledCrane
-from cranedyn.controllers.affine import Affine, affine_form
+from cranedyn.controllers.affine import Affine, Dynamic, affine_form
 from cranedyn.disturbances.wind import Wind
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference
@@ -137,13 +137,16 @@ class _Blocks:
             horizon = self._predictive.resume_memory(float(times[0]))
         if tables is None:
             return _BlockOutcome.NOT_TABULATED
-        if not self._run(tables, rows, end, horizon):
+        states = self._run(tables, rows, end, horizon)
+        if states is None:
             return _BlockOutcome.DIVERGED
         if self._predictive is not None:
             self._predictive.advance_to(float(times[-1]))
         if hasattr(self._controller, "resume"):
             integral = moving.memory[moving.places["integral"]].copy()
             self._controller.resume(float(times[-1]), integral)
+        if tables.form.states is not None:
+            cast(Dynamic, self._controller).resume_states(float(times[-1]), states)
         # The forces of the last row, if the loop goes on instant by instant from here.
         moving.force[1] = moving.memory[moving.places["previous_force"]]
         moving.read_state()
@@ -188,9 +191,13 @@ class _Blocks:
         air = np.multiply.outer(speeds, along)
         return finite("wind", air, air.shape)
 
-    def _run(self, tables: _Tables, rows: np.ndarray, end: int, horizon: np.ndarray | None) -> bool:
-        """Write a block of rows; return False and restore the crane and the predictive controller
-        if a number is not finite or a joint moves too fast.
+    def _run(
+        self, tables: _Tables, rows: np.ndarray, end: int, horizon: np.ndarray | None
+    ) -> np.ndarray | None:
+        """Write a block of rows and return the states of the controller after it, shape (k,).
+
+        If a number is not finite or a joint moves too fast, return None and restore the crane and
+        the predictive controller.
         """
         moving = self._moving
         form = tables.form
@@ -202,24 +209,31 @@ class _Blocks:
             # The code logs the target as the setpoint. Without integrals nothing else reads it.
             form = replace(form, target=tables.setpoint)
         moving.memory[moving.places["integral"]] = form.integral
+        # The states of the controller stand behind the memory of the crane.
+        states_before = np.zeros(0) if form.states is None else form.states.initial
+        sizes = replace(moving.sizes, controller_states=len(states_before))
+        memory = moving.memory
+        if len(states_before):
+            memory = np.concatenate([moving.memory, states_before])
         programme = None if self._predictive is None else self._predictive.programme
-        code = moving.code(programme, tables.areas, integral=integral)
-        arrays = (
-            gain_table(moving.sizes, form),
-            setpoint_table(moving.sizes, form, len(rows)),
-            tables.air,
+        code = moving.code(
+            programme, tables.areas, integral=integral, controller_states=len(states_before)
         )
-        moving.loop(code, arrays, rows, end=end, horizon=horizon).run_groups([0])
+        arrays = (gain_table(sizes, form), setpoint_table(sizes, form, len(rows)), tables.air)
+        loop = moving.loop(code, arrays, rows, end=end, horizon=horizon, memory=memory)
+        loop.run_groups([0])
+        crane_memory, states_after = np.split(memory, [len(moving.memory)])
+        moving.memory[:] = crane_memory
         if integral:
             # The code has logged where the integrals take the drives.
             rows[:, : moving.sizes.m] = tables.setpoint
 
         if moving.memory[moving.places["diverged"]] == 0.0:
-            return True
+            return states_after
         moving.memory[:] = memory_before
         if horizon is not None:
             horizon[:] = horizon_before
-        return False
+        return None
 
 
 class _Tables(NamedTuple):

@@ -9,18 +9,20 @@ the way the memory is reckoned up, so that what would not fit is refused before 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cranedyn.checks import finite, whole, within
-from cranedyn.clocks import Clocks
+from cranedyn.clocks import Clocks, at_begin_of_run
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.loop_tables import (
     RowTable,
     TableStack,
     drop_repeated_rows,
     gain_table,
+    padded_states,
     setpoint_table,
     without_gains,
 )
@@ -65,6 +67,8 @@ class ControlTables(NamedTuple):
         setpoint_table: Rows of the setpoints, see `BufferLayout.setpoint_table`.
         integrals: Integrals at the start, shape (cranes, m).
         integrates: Whether any controller integrates.
+        states: States of the controllers at the start, shape (cranes, k); controllers with fewer
+            states than another have further ones, which stay zero.
         predictive: The predictive controller of all cranes; None for those that are affine.
     """
 
@@ -72,6 +76,7 @@ class ControlTables(NamedTuple):
     setpoint_table: RowTable
     integrals: np.ndarray
     integrates: bool
+    states: np.ndarray
     predictive: Receding | None
 
 
@@ -160,6 +165,11 @@ def control_tables(
         return _hold_tables(controller, sizes, start.q[:, crane.layout.drives], used)
     reference_of, references = _references(crane, reference, start, used)
     controller_of, controllers = distinct_objects(controller, cranes)
+    # Several references may share a controller: each begins its run once, here.
+    controllers = [_at_start(one, times) for one in controllers]
+    most_states = _most_states(controllers, references[0], times, sizes)
+    sizes = replace(sizes, controller_states=most_states)
+    used += _COPIES * cranes * most_states
 
     # A pair is a controller with a reference; each pair that occurs has a setpoint table.
     pair_numbers = controller_of * len(references) + reference_of
@@ -169,6 +179,8 @@ def control_tables(
     setpoints = TableStack()
     gain_index_of_pair = []
     integrals = []
+    states = []
+    no_states = np.zeros(0)
     integrates = False
     last_gain_index: dict[int, int] = {}
     for pair in pairs.tolist():
@@ -177,6 +189,7 @@ def control_tables(
         form = _pair_form(controllers[controller_index], sizes, times, position)
         integrals.append(form.integral)
         integrates = integrates or bool(form.integral_gain.any())
+        states.append(padded_states(form.states, sizes).initial if most_states else no_states)
         setpoints.add(drop_repeated_rows(setpoint_table(sizes, form, len(times))))
 
         # The gains of most controllers do not depend on the reference. A gain table that equals the
@@ -196,8 +209,42 @@ def control_tables(
         setpoint_table=setpoints.stacked(pair_of),
         integrals=np.array(integrals)[pair_of],
         integrates=integrates,
+        states=np.array(states)[pair_of],
         predictive=_predictive(controllers),
     )
+
+
+def _at_start(controller: Any, times: np.ndarray) -> Any:
+    """Return a controller as it is at the first of all control instants [s], see `at_begin_of_run`.
+
+    A predictive controller begins a run of its own, see `cranedyn.compiled.batch`.
+    """
+    if isinstance(controller, Receding):
+        return controller
+    with owned("controller"):
+        return at_begin_of_run(controller, float(times[0]), float(times[1] - times[0]))
+
+
+def _most_states(
+    controllers: Sequence[Any], reference: Reference, times: np.ndarray, sizes: BufferLayout
+) -> int:
+    """Return the largest number of states of a controller; 0 if none has states.
+
+    Args:
+        controllers: The controllers.
+        reference: A reference of theirs.
+        times: Control instants [s].
+        sizes: Layout of the buffers.
+    """
+    most = 0
+    dynamic = [one for one in controllers if hasattr(one, "resume_states")]
+    if dynamic:
+        first = times[:1]
+        position = tabulated(reference, first, sizes.m).position
+        for controller in dynamic:
+            states = _form(controller, first, position, sizes.z).states
+            most = max(most, 0 if states is None else len(states))
+    return most
 
 
 def _pair_form(
@@ -245,6 +292,7 @@ def _hold_tables(
         setpoint_table=RowTable(setpoint_rows, 1, np.arange(cranes) % len(places)),
         integrals=np.broadcast_to(form.integral, (cranes, sizes.m)),
         integrates=False,
+        states=np.zeros((cranes, 0)),
         predictive=None,
     )
 

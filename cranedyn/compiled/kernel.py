@@ -41,7 +41,7 @@ from cranedyn.compiled.plant.plant import SI, Plant, Topology, Units, make_plant
 from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.compiled.step import Step, StepState
 from cranedyn.compiled.threads import ACCELERATE_THREAD, RUN_THREAD, emit_lane_loop
-from cranedyn.controllers.affine import integrated_command
+from cranedyn.controllers.affine import ControllerStates, integrated_command, next_states
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.scalars import array
@@ -61,6 +61,7 @@ class KernelOptions:
         integrator: The stepping rule.
         buffers: Whether buffers act at the ends of the ranges of the drives.
         integral: Whether the controller integrates.
+        controller_states: Number of states of the controller, see `ControllerStates`.
         offset: Whether the sensors add an offset.
         forces: Whether external forces act.
         shared: Whether all lanes share a table, for each of `TABLES` that the code reads.
@@ -99,6 +100,7 @@ class KernelOptions:
     contacts: Contacts | None = None
     ledger: bool = False
     areas: tuple[float, ...] = ()
+    controller_states: int = 0
 
 
 class KernelSource(NamedTuple):
@@ -120,7 +122,7 @@ class KernelSource(NamedTuple):
         """Layout of the buffers."""
         options = self.options
         sizes = BufferLayout.of(self.topology.layout, options.delay_steps, options.contacts)
-        return replace(sizes, ledger=options.ledger)
+        return replace(sizes, ledger=options.ledger, controller_states=options.controller_states)
 
     @property
     def varied(self) -> int:
@@ -748,11 +750,47 @@ class _Loop:
             z = self._delay_reading(instant, z)
         if self.options.programme is not None:
             return self._predictive_command(self.options.programme, z, setpoints)
-        # command = feed-forward - gain (state - setpoint), and integrals of the drives
+        # command = feed-forward - gain (state - setpoint), and what states of the controller and
+        # integrals of the drives add
         gain = gains.section("gain").reshape(sizes.m, sizes.z)
-        command = gains.section("feed_forward") - gain @ (z - setpoints.section("setpoint"))
-        if not self.options.integral:
-            return command
+        deviation = z - setpoints.section("setpoint")
+        command = gains.section("feed_forward") - gain @ deviation
+        states = None
+        if sizes.controller_states:
+            states = self._controller_states(gains)
+            command = command + states.c @ states.initial
+        if self.options.integral:
+            self._add_integrals(command, z, gains, setpoints)
+        if states is not None:
+            # The whole command enters, since the limits of the drives act on it.
+            self._set("controller", next_states(states, states.initial, deviation, command))
+        return command
+
+    def _controller_states(self, gains: _TableRow) -> ControllerStates:
+        """Return the states of the controller at this instant as the initial ones, with their
+        matrices.
+        """
+        k = self.sizes.controller_states
+        return ControllerStates(
+            a=gains.section("states.a").reshape(k, k),
+            b=gains.section("states.b").reshape(k, self.sizes.z),
+            c=gains.section("states.c").reshape(self.sizes.m, k),
+            anti_windup=gains.section("states.anti_windup").reshape(k, self.sizes.m),
+            limit=gains.section("states.limit"),
+            initial=self._get("controller"),
+        )
+
+    def _add_integrals(
+        self, command: np.ndarray, z: np.ndarray, gains: _TableRow, setpoints: _TableRow
+    ) -> None:
+        """Add the integrals of the drives to their commands, shape (m,), and move them on.
+
+        Args:
+            command: Commands without integrals, which change in place.
+            z: Coordinates and rates that the controller reads, shape (2 n,).
+            gains: Row of the gain table.
+            setpoints: Row of the setpoint table.
+        """
         integrals = self._get("integral")
         position = setpoints.section("position")
         integral_gain = gains.section("integral_gain")
@@ -763,7 +801,6 @@ class _Loop:
                 command[i], error, integrals[i], integral_gain[i], limit[i], self.period
             )
         self._set("integral", integrals)
-        return command
 
     def _predictive_command(
         self, programme: Programme, z: np.ndarray, setpoints: _TableRow

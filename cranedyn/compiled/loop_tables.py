@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cranedyn.compiled.memory_layout import BufferLayout, size, slices
-from cranedyn.controllers.affine import Affine, without_integral
+from cranedyn.controllers.affine import Affine, ControllerStates, without_integral
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +77,51 @@ class TableStack:
 
 
 def gain_table(sizes: BufferLayout, form: Affine) -> np.ndarray:
-    """Return the rows of a controller, shape (n, columns), see `BufferLayout.gain_table`."""
+    """Return the rows of a controller, shape (n, columns), see `BufferLayout.gain_table`.
+
+    A controller with fewer states than the layout has room for gets further ones that stay zero.
+    """
     count = len(form.feed_forward)
     rows = np.empty((count, size(sizes.gain_table)))
+    states = padded_states(form.states, sizes) if sizes.controller_states else None
     for name, columns in slices(sizes.gain_table).items():
-        values = getattr(form, name)
-        if name == "gain":
-            values = values.reshape(count, -1)  # a matrix, row by row
+        of_states = name.removeprefix("states.")
+        if of_states != name:
+            values = getattr(states, of_states).ravel()  # the same in all rows
+        elif name == "gain":
+            values = form.gain.reshape(count, -1)  # a matrix, row by row
+        else:
+            values = getattr(form, name)
         rows[:, columns] = values
     return rows
+
+
+def padded_states(states: ControllerStates | None, sizes: BufferLayout) -> ControllerStates:
+    """Return the states of a controller and as many more, which stay zero, as a layout has room
+    for.
+
+    Args:
+        states: The states; None for a controller without.
+        sizes: Layout of the buffers.
+    """
+    k = sizes.controller_states
+    padded = ControllerStates(
+        a=np.zeros((k, k)),
+        b=np.zeros((k, sizes.z)),
+        c=np.zeros((sizes.m, k)),
+        anti_windup=np.zeros((k, sizes.m)),
+        limit=np.full(sizes.m, np.inf),
+        initial=np.zeros(k),
+    )
+    if states is not None:
+        count = len(states)
+        padded.a[:count, :count] = states.a
+        padded.b[:count] = states.b
+        padded.c[:, :count] = states.c
+        padded.anti_windup[:count] = states.anti_windup
+        padded.limit[:] = states.limit
+        padded.initial[:count] = states.initial
+    return padded
 
 
 def setpoint_table(sizes: BufferLayout, form: Affine, n: int) -> np.ndarray:

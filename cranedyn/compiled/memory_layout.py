@@ -32,6 +32,8 @@ class BufferLayout:
             without converters.
         touching: Number of points of the load that may touch the ground; 0 without ground.
         ledger: Whether rows of the log are those of `simulate`, with its energy ledger.
+        controller_states: Number of states of the controller, see
+            `cranedyn.controllers.affine.ControllerStates`.
     """
 
     n: int
@@ -40,12 +42,15 @@ class BufferLayout:
     delay_steps: int | None = None
     touching: int = 0
     ledger: bool = False
+    controller_states: int = 0
 
     @classmethod
     def of(
         cls, layout: Layout, delay_steps: int | None = None, contacts: Contacts | None = None
     ) -> BufferLayout:
-        """Return the layout of the buffers of a crane, without an energy ledger."""
+        """Return the layout of the buffers of a crane, without an energy ledger and without states
+        of a controller.
+        """
         touching = 0 if contacts is None else len(contacts.points)
         return cls(layout.n, layout.m, len(layout.points), delay_steps, touching)
 
@@ -72,7 +77,9 @@ class BufferLayout:
 
         The first sections are those of every crane, and the others follow where they apply. A fleet
         writes the sections of the converters up to the end of the state when it places a crane:
-        only those of the ledger, which a fleet does not have, may come after them.
+        only those of the ledger and of the controller, which a fleet does not have, may come after
+        them. The states of the controller are the last section, so that a crane is in the same
+        place whatever controls it.
         """
         sections = {
             "q": self.n,  # coordinates
@@ -98,13 +105,26 @@ class BufferLayout:
                 "diverged": 1,
                 "previous_force": 3 * self.points,  # external forces from that row on
             }
+        if self.controller_states:
+            sections["controller"] = self.controller_states
         return sections
 
     @cached_property
     def gain_table(self) -> Sections:
         """Row of the gain table of a controller that is affine in the state."""
         m = self.m
-        return {"feed_forward": m, "gain": m * self.z, "integral_gain": m, "limit": m}
+        sections = {"feed_forward": m, "gain": m * self.z, "integral_gain": m, "limit": m}
+        k = self.controller_states
+        if k:
+            # The fields of `ControllerStates` but for the initial states, matrices row by row.
+            sections |= {
+                "states.a": k * k,
+                "states.b": k * self.z,
+                "states.c": m * k,
+                "states.anti_windup": k * m,
+                "states.limit": m,
+            }
+        return sections
 
     @cached_property
     def setpoint_table(self) -> Sections:

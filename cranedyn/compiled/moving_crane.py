@@ -153,7 +153,12 @@ class CompiledCrane:
         return self._calls
 
     def code(
-        self, programme: Programme | None = None, areas: tuple = (), *, integral: bool = False
+        self,
+        programme: Programme | None = None,
+        areas: tuple = (),
+        *,
+        integral: bool = False,
+        controller_states: int = 0,
     ) -> Kernel:
         """Return the code, compiled and verified at the first use.
 
@@ -162,6 +167,7 @@ class CompiledCrane:
             areas: Drag areas of the points [m²] where the code computes the wind; empty where it is
                 given forces.
             integral: Whether the controller has integrals.
+            controller_states: Number of states of the controller.
         """
         spec = self.spec
         options = KernelOptions(
@@ -177,6 +183,7 @@ class CompiledCrane:
             contacts=spec.contacts,
             ledger=True,
             areas=areas,
+            controller_states=controller_states,
         )
         response = None
         if spec.converters is not None:
@@ -194,6 +201,7 @@ class CompiledCrane:
         end: int,
         first: int = 0,
         horizon: np.ndarray | None = None,
+        memory: np.ndarray | None = None,
     ) -> BoundKernel:
         """Return code bound to the memory of this crane.
 
@@ -204,7 +212,11 @@ class CompiledCrane:
             end: Instant that no steps follow.
             first: First control instant.
             horizon: Memory of a predictive controller that the code computes; None for none.
+            memory: Memory of the crane and of the states of its controller behind it; None for that
+                of this crane alone, under a controller without states.
         """
+        if memory is None:
+            memory = self.memory
         # Code computes groups of lanes: here one group of one crane.
         return BoundKernel(
             code,
@@ -213,7 +225,7 @@ class CompiledCrane:
             first=first,
             last=len(rows),
             end=end,
-            state=self.memory.reshape(1, -1, 1),
+            state=memory.reshape(1, -1, 1),
             log=rows.reshape(1, -1, 1),
             horizon=horizon,
         )

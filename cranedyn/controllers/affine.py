@@ -1,5 +1,8 @@
 """The affine form of controllers that are affine in the state, so that a closed loop can be
 compiled.
+
+A controller may have states of its own, such as those of a filter, an observer or an integrator
+that is given as matrices: then its form has `ControllerStates`.
 """
 
 from __future__ import annotations
@@ -10,15 +13,94 @@ from typing import Any, Protocol, cast, runtime_checkable
 import numpy as np
 
 from cranedyn.checks import as_array, read_only
-from cranedyn.dynamics.scalars import magnitude, where
+from cranedyn.dynamics.scalars import array, clipped, magnitude, where
 from cranedyn.errors import Misshapen
 from cranedyn.model.crane import Crane
 
 
 @dataclass(frozen=True, eq=False)
+class ControllerStates:
+    """States x of a dynamic controller in discrete time, which add c x to its command u.
+
+        x[k + 1] = a x[k] + b (z[k] - setpoint[k]) + anti_windup (applied[k] - u[k])
+
+    Here u is the whole command and `applied` what the limits of the drives leave of it. Without
+    saturation both are equal, so that the last term acts at a limit only: this is anti-windup by
+    back-calculation.
+
+    Attributes:
+        a: Shape (k, k).
+        b: Shape (k, 2 n).
+        c: Shape (m, k).
+        anti_windup: Gain of what saturation takes away from the command, shape (k, m); zero for no
+            anti-windup.
+        limit: Largest command that a drive takes, shape (m,); inf for none.
+        initial: States at the first row of the form, shape (k,).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    anti_windup: np.ndarray
+    limit: np.ndarray
+    initial: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of states, k."""
+        return len(self.initial)
+
+    def checked(self, owner: str, drives: int, width: int) -> ControllerStates:
+        """Return the same states with the shapes of all fields checked, see `Affine.checked`.
+
+        Raises:
+            Misshapen: If a field has another shape, or a limit is no number.
+        """
+
+        def field(name: str, *shape: int | str) -> np.ndarray:
+            """Return a field with its shape checked."""
+            return as_array(f"{name} of the states of {owner}", getattr(self, name), shape)
+
+        initial = field("initial", "k")
+        count = len(initial)
+        limit = field("limit", drives)
+        if np.isnan(limit).any():
+            name = f"limit of the states of {owner}"
+            raise Misshapen(name, "an array that holds nan", "numbers, inf for none")
+        return ControllerStates(
+            a=field("a", count, count),
+            b=field("b", count, width),
+            c=field("c", drives, count),
+            anti_windup=field("anti_windup", count, drives),
+            limit=limit,
+            initial=initial,
+        )
+
+
+def next_states(
+    states: ControllerStates, x: np.ndarray, deviation: np.ndarray, command: np.ndarray
+) -> np.ndarray:
+    """Return the states of a controller at the next control instant, shape (k,), in any kind of
+    number, see `ControllerStates`.
+
+    Args:
+        states: Its matrices.
+        x: States at this instant, shape (k,).
+        deviation: Deviation from the setpoint, shape (2 n,).
+        command: Whole command before it is limited, shape (m,).
+    """
+    removed: list[Any] = []
+    for value, limit in zip(command, states.limit, strict=True):
+        # No language of an exported block has a literal for infinity.
+        is_unlimited = isinstance(limit, float) and not limit < np.inf
+        removed.append(0.0 if is_unlimited else clipped(value, -limit, limit) - value)
+    saturation = array(removed) if command.dtype == object else np.array(removed)
+    return states.a @ x + states.b @ deviation + states.anti_windup @ saturation
+
+
+@dataclass(frozen=True, eq=False)
 class Affine:
-    """command = feed_forward[k] - gain[k] (z - setpoint[k]) + integral_gain ∫ (target - position),
-    with z = (coordinates, rates).
+    """command = feed_forward[k] - gain[k] (z - setpoint[k]) + c x + integral_gain
+    ∫ (target - position), with z = (coordinates, rates) and the states x of `ControllerStates`.
 
     Row k is for control instant k; beyond the end of an array its last row holds. The error at a
     control instant counts for one control period of the run. At the limit of a drive its integral
@@ -34,6 +116,7 @@ class Affine:
         integral_gain: Gains of the integrals, per second, shape (m,).
         limit: Largest command with which the integrals grow, shape (m,).
         integral: Integrals at the first row, shape (m,).
+        states: Further states of the controller; None for a controller without.
     """
 
     feed_forward: np.ndarray
@@ -43,6 +126,7 @@ class Affine:
     integral_gain: np.ndarray
     limit: np.ndarray
     integral: np.ndarray
+    states: ControllerStates | None = None
 
     def not_finite_field(self) -> str:
         """Return the name of the first field with a number that is not finite, or an empty text; a
@@ -51,6 +135,10 @@ class Affine:
         for name in ("feed_forward", "gain", "setpoint", "target", "integral_gain", "integral"):
             if not np.isfinite(getattr(self, name)).all():
                 return name
+        if self.states is not None:
+            for name in ("a", "b", "c", "anti_windup", "initial"):
+                if not np.isfinite(getattr(self.states, name)).all():
+                    return f"states.{name}"
         return ""
 
     def checked(self, owner: str, instants: int, drives: int, width: int) -> Affine:
@@ -88,7 +176,15 @@ class Affine:
             integral_gain=field("integral_gain", drives),
             limit=limit,
             integral=field("integral", drives),
+            states=self._checked_states(owner, drives, width),
         )
+
+    def _checked_states(self, owner: str, drives: int, width: int) -> ControllerStates | None:
+        """Return the states with the shapes of their fields checked; None for no states."""
+        if self.states is None:
+            return None
+        states = self.states.checked(owner, drives, width)
+        return states if len(states) else None
 
 
 @runtime_checkable
@@ -111,11 +207,20 @@ class Stateful(Protocol):
         """Continue from an integral, shape (m,), that includes a control instant [s]."""
 
 
+@runtime_checkable
+class Dynamic(Protocol):
+    """An affine controller with states of its own, which can continue from given ones."""
+
+    def resume_states(self, t: float, states: np.ndarray) -> None:
+        """Continue after a control instant [s] with states, shape (k,), that include it."""
+
+
 def affine_form(
     controller: object, times: np.ndarray, positions: np.ndarray, width: int
 ) -> Affine | None:
     """Return the affine form of a controller, see `AffineController.affine`; None if it has none,
-    or if a subclass overrides `__call__` alone.
+    if a subclass overrides `__call__` alone, or if the form has states and the controller is not
+    `Dynamic`.
 
     Args:
         controller: The controller.
@@ -140,7 +245,13 @@ def affine_form(
     if form is not None and not isinstance(form, Affine):
         allowed = "an Affine, or None where it is not affine"
         raise Misshapen(f"the common form of {owner}", type(form).__name__, allowed)
-    return None if form is None else form.checked(owner, len(times), positions.shape[1], width)
+    if form is None:
+        return None
+    form = form.checked(owner, len(times), positions.shape[1], width)
+    if form.states is not None and not hasattr(controller, "resume_states"):
+        # Such as a wrapper around a controller with states, which could not go on from them.
+        return None
+    return form
 
 
 def integrated_command(
@@ -190,3 +301,15 @@ def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndar
     setpoint[:, layout.drives] = positions
     setpoint[:, layout.n + layout.drives] = rates
     return setpoint
+
+
+def at_rest_shifted(crane: Crane, shifts: np.ndarray) -> np.ndarray:
+    """Return by how much coordinates and rates at rest change, shape (rows, 2 n), where the drives
+    stand elsewhere by the given shifts, shape (rows, m).
+
+    The swings of a luffing crane, which are measured from its jib, hang at another angle where the
+    jib stands at another one.
+    """
+    change = at_drives(crane, shifts, np.zeros_like(shifts))
+    change[:, crane.swings] += shifts @ crane.rest.slope.T
+    return change

@@ -76,7 +76,7 @@ DELAY = 0.02
 """Delay from a command to the response [s]: a cycle of the bus and one of the
 converter. Own choice."""
 
-_MAX_DELAY_STEPS = 64
+MAX_DELAY_STEPS = 64
 """Number of control periods of the longest delay."""
 
 _ROUND_OFF = 1e-9
@@ -356,8 +356,8 @@ class Converters:
         """
         within("shortest lag of the converters", float(self.lags.min()), dt, math.inf, "s")
         steps = math.ceil(self.delay / control_period - _ROUND_OFF)
-        if steps > _MAX_DELAY_STEPS:
-            longest = _MAX_DELAY_STEPS * control_period
+        if steps > MAX_DELAY_STEPS:
+            longest = MAX_DELAY_STEPS * control_period
             raise OutOfRange(
                 "delay of converters", self.delay, f"{longest:g} or less: 64 control periods", "s"
             )

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.checks import ShortRepr, check_choice, number, whole
+from cranedyn.clocks import Clocked
 from cranedyn.dynamics.equations_of_motion import inverse_dynamics
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
@@ -152,6 +153,11 @@ class LoadEstimateController(ShortRepr):
     _t: float = field(default=0.0, init=False)
     # Efforts since the time of the last measurement.
     _commands: deque[np.ndarray] = field(default_factory=deque, init=False)
+
+    def begin_run(self, t: float, control_period: float) -> None:
+        """Begin the run of the controller, see `cranedyn.clocks.Clocked`."""
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(t, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return commands of the drives [N m or N], shape (m,); only the measured part of the state

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cranedyn.clocks import Clocked
-from cranedyn.controllers.affine import Affine, Stateful, affine_form
+from cranedyn.controllers.affine import Affine, Dynamic, Stateful, affine_form
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 
@@ -59,6 +59,10 @@ class Misread:
         scale[layout.index("l") :: layout.n] += self.share
         added[layout.index("l")] = self.offset
         of_drives = scale[layout.drives]
+        states = form.states
+        if states is not None:
+            # The states of the controller are driven by the same deviation.
+            states = replace(states, b=states.b / scale)
         return replace(
             form,
             gain=form.gain / scale,
@@ -66,6 +70,7 @@ class Misread:
             target=of_drives * form.target + added[layout.drives],
             integral_gain=form.integral_gain / of_drives,
             integral=of_drives * form.integral,
+            states=states,
         )
 
     def resume(self, t: float, integral: np.ndarray) -> None:
@@ -73,3 +78,8 @@ class Misread:
         if isinstance(self.controller, Stateful):
             scale = 1.0 + self.share * self.crane.layout.along("l")
             self.controller.resume(t, integral / scale)
+
+    def resume_states(self, t: float, states: np.ndarray) -> None:
+        """Resume a run, see `cranedyn.controllers.affine.Dynamic`."""
+        if isinstance(self.controller, Dynamic):
+            self.controller.resume_states(t, states)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.checks import ShortRepr, whole
-from cranedyn.clocks import SAME_PERIOD
+from cranedyn.clocks import SAME_PERIOD, Clocked
 from cranedyn.controllers.lqr import Linearised, linearised
 from cranedyn.dynamics.scalars import solve_linear
 from cranedyn.errors import CraneError, OutOfRange
@@ -290,6 +290,11 @@ class ObserverController(ShortRepr):
         # The import takes tenths of a second, which no control period has: so it is done here.
         import_module("scipy.linalg.lapack")
         self._deviation = np.zeros(len(self.gains.covariance))
+
+    def begin_run(self, t: float, control_period: float) -> None:
+        """Begin the run of the controller, see `cranedyn.clocks.Clocked`."""
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(t, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command of the controller, shape (m,); of the state only the drives are used.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.checks import ShortRepr, number, short_repr, whole
+from cranedyn.clocks import Clocked
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -81,6 +82,11 @@ class SensorModelController(ShortRepr):
     rng: np.random.Generator
     readings: deque[State]
     _t: float = field(default=-math.inf)
+
+    def begin_run(self, t: float, control_period: float) -> None:
+        """Begin the run of the controller, see `cranedyn.clocks.Clocked`."""
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(t, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the command of the controller, shape (m,).

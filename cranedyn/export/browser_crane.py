@@ -23,6 +23,9 @@ from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import HEADROOM, Converters
 from cranedyn.dynamics.equations_of_motion import natural_frequencies
 from cranedyn.dynamics.integrators import semi_implicit_euler
+from cranedyn.errors import DataError
+from cranedyn.export.crane_data import linear_law
+from cranedyn.interfaces import Controller
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
 from cranedyn.references.limits import Limits
@@ -36,6 +39,10 @@ PERIOD = 5e-3
 
 DT = 5e-4
 """Physics step [s], that of `simulate`."""
+
+_LAW_DURATION = 30.0
+"""Time over which a controller of the user's own must not change [s]: that of tables in exported
+blocks."""
 
 YIELDING_DAMPING_RATIO = 0.2
 """Damping ratio that drives which yield to the load give its swing."""
@@ -133,14 +140,22 @@ _ASSISTANCES = {
     "yielding": ("Yielding", "Slew and trolley give way to the load, which damps its swing."),
     "lqr": ("LQR", "Feedback of the whole state holds the load on the motion of the sticks."),
     "predictive": ("Predictive", "An optimisation drives the load to the goal that is clicked."),
+    "own": (
+        "Own",
+        "The controller that this page was written with, about the motion of the sticks.",
+    ),
 }
 
 
-def assistances(crane: Crane) -> list[dict[str, str]]:
-    """Return the assistances that a crane can have."""
+def assistances(crane: Crane, *, has_own: bool = False) -> list[dict[str, str]]:
+    """Return the assistances that a crane can have, among them a controller of the user's own if
+    there is one.
+    """
     possible = set(_ASSISTANCES)
+    if not has_own:
+        possible -= {"own"}
     if not len(crane.swings):
-        possible &= {"none"}
+        possible &= {"none", "own"}
     if not is_tower(crane):
         possible -= {"yielding"}
     if crane.springs.any:
@@ -158,7 +173,7 @@ def is_tower(crane: Crane) -> bool:
 
 
 def assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
-    """Return what the assistances need to know of a crane, for JSON."""
+    """Return what our assistances need to know of a crane, for JSON; see also `own_data`."""
     layout = crane.layout
     limits = usual_limits(drives)
     # Time from a command until the drive has the acceleration of its ramp: the lag, the delay, and
@@ -196,6 +211,43 @@ def assist_data(crane: Crane, drives: Converters) -> dict[str, Any]:
     if len(crane.swings):
         data["lqr"] = _lqr_data(crane, drives, lengths)
     return data
+
+
+def own_data(crane: Crane, drives: Converters, controller: Controller) -> dict[str, Any]:
+    """Return a linear controller of the user's own, which acts about the motion that the sticks ask
+    for, for JSON. Matrices are written row by row.
+
+    Raises:
+        DataError: If it is not linear and the same at all times, acts about a rest of its own, or
+            commands no rates.
+        OutOfRange: If it is for another control period than that of a page.
+    """
+    law = linear_law(crane, controller, PERIOD, _LAW_DURATION, "a page")
+    name = type(controller).__name__
+    if not law.shift.any():
+        raise DataError(
+            f"{name} holds the crane at a rest of its own, so that the sticks have no effect; a "
+            'page takes one that acts about the setpoint of the run: linear_controller(setpoint="'
+            'run").'
+        )
+    if len(law.states) and not np.array_equal(law.states.limit, drives.rates):
+        raise DataError(
+            f"{name} has other limits than the rates of the usual converters of this crane; a page "
+            'takes a controller that commands rates: linear_controller(drive="velocity").'
+        )
+    return {
+        "feedForward": law.feed_forward.tolist(),
+        "gain": law.gain.tolist(),
+        "setpoint": law.setpoint.tolist(),
+        "shift": law.shift.tolist(),
+        "start": crane.start.q[crane.layout.drives].tolist(),
+        "a": law.states.a.tolist(),
+        "b": law.states.b.tolist(),
+        "c": law.states.c.tolist(),
+        "antiWindup": law.states.anti_windup.tolist(),
+        "limits": drives.rates.tolist(),
+        "initial": law.states.initial.tolist(),
+    }
 
 
 def _grid(crane: Crane, role: str, count: int) -> list[float]:

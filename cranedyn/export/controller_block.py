@@ -20,7 +20,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -37,7 +37,13 @@ from cranedyn.compiled.block import (
 )
 from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
 from cranedyn.compiled.horizon.receding import Receding
-from cranedyn.controllers.affine import Affine, AffineController, integrated_command
+from cranedyn.controllers.affine import (
+    Affine,
+    AffineController,
+    ControllerStates,
+    integrated_command,
+    next_states,
+)
 from cranedyn.controllers.damping import DampingController
 from cranedyn.controllers.velocity_command import ShapedVelocityCommand, whole_calls_and_share
 from cranedyn.dynamics.converters import Converters, converters_of_run
@@ -46,9 +52,10 @@ from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.estimation.observer import ObserverController
-from cranedyn.export.crane_data import finite_form, input_names, state_names
+from cranedyn.export.crane_data import finite_form
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references.motion import Motion
 from cranedyn.references.shaped import Shaped
 from cranedyn.references.tabulated import tabulated
@@ -140,7 +147,8 @@ class Part(ABC):
 
 
 class _AffinePart(Part):
-    """A controller that is affine in the state (`Affine`), with tables of its gains.
+    """A controller that is affine in the state (`Affine`), with tables of its gains. Its integrals
+    and its states are memory of the block.
 
     The tables hold the form for drives whose setpoint is 0. The positions of the setpoint are
     inputs of the block, which shift the setpoint and the target of the form, see `shifted`.
@@ -149,21 +157,20 @@ class _AffinePart(Part):
     def __init__(self, setting: ControlSetting, controller: Any) -> None:
         layout = setting.crane.layout
 
-        def form_at(positions: np.ndarray) -> Affine:
+        def form_at(positions: np.ndarray, instants: int = len(setting.times)) -> Affine:
             """Return the form for a setpoint of the drives that stays at these positions."""
-            rows = np.tile(positions, (len(setting.times), 1))
-            return finite_form(
-                controller, setting.times, rows, 2 * layout.n, setting.period, "a block"
-            )
+            times = setting.times[:instants]
+            rows = np.tile(positions, (instants, 1))
+            return finite_form(controller, times, rows, 2 * layout.n, setting.period, "a block")
 
         form = form_at(np.zeros(layout.m))
-        form_at_ones = form_at(np.ones(layout.m))
         self._setting = setting
         self._form = form
-        # How far the setpoint and the target of the form move for each drive if the position of its
-        # setpoint moves by one unit.
-        self._setpoint_shift = (form_at_ones.setpoint - form.setpoint)[0, layout.drives]
-        self._target_shift = (form_at_ones.target - form.target)[0]
+        # How far the setpoint and the target of the form move if the position of the setpoint of a
+        # drive moves by one unit, one column for each drive.
+        moved = [form_at(position, instants=1) for position in np.eye(layout.m)]
+        self._setpoint_shift = np.array([one.setpoint[0] - form.setpoint[0] for one in moved]).T
+        self._target_shift = (form_at(np.ones(layout.m), instants=1).target - form.target)[0]
         # At positions that all differ, a form in which one drive depends on the position of another
         # is another one than these shifts say.
         positions = np.random.default_rng(0).uniform(1, 2, layout.m)
@@ -184,19 +191,24 @@ class _AffinePart(Part):
                 name = _integral_name(setting.drive[i])
                 start = float(form.integral[i])
                 self.memory.append(Variable(name, "state", f"{joint.unit}.s", start))
+        self._state_names = []
+        if form.states is not None:
+            self.about = f"{type(controller).__name__}: a linear controller with states of its own."
+            for number_of_state, start in enumerate(form.states.initial.tolist(), 1):
+                name = f"controller_state_{number_of_state}"
+                self._state_names.append(name)
+                self.memory.append(Variable(name, "state", "", start))
 
-    def shifted(self, positions: np.ndarray, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def shifted(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much the form moves for positions of the setpoint, for floats and in code.
 
         Args:
             positions: Positions of the setpoint [rad or m], shape (m,).
-            drives: Indices of the drives among the coordinates, shape (m,).
 
         Returns:
             Shift of its setpoint, shape (2 n,), and of its target, shape (m,).
         """
-        setpoint_shift = array([0.0] * (2 * self._setting.crane.layout.n))
-        setpoint_shift[drives] = array(self._setpoint_shift.tolist()) * positions
+        setpoint_shift = self._setpoint_shift.astype(object) @ positions
         target_shift = array(self._target_shift.tolist()) * positions
         return setpoint_shift, target_shift
 
@@ -212,11 +224,12 @@ class _AffinePart(Part):
             DataError: If it does.
         """
         at_zero = self._form
-        shifts = self.shifted(positions, self._setting.crane.layout.drives)
+        shifts = self.shifted(positions)
         setpoint_shift = shifts[0].astype(float)
         target_shift = shifts[1].astype(float)
         is_shifted = (
-            np.array_equal(at_zero.gain, form.gain)
+            _equal_states(at_zero.states, form.states)
+            and np.array_equal(at_zero.gain, form.gain)
             and np.array_equal(at_zero.feed_forward, form.feed_forward)
             and np.allclose(form.setpoint - at_zero.setpoint, setpoint_shift, rtol=1e-9, atol=1e-9)
             and np.allclose(form.target - at_zero.target, target_shift, rtol=1e-9, atol=1e-9)
@@ -231,11 +244,16 @@ class _AffinePart(Part):
         setting = self._setting
         layout = setting.crane.layout
         positions = code.get_all(setting.setpoint)
-        setpoint_shift, target_shift = self.shifted(positions, layout.drives)
+        setpoint_shift, target_shift = self.shifted(positions)
         gain = self._tables.row(code, "gain").reshape(layout.m, -1)
         setpoint = self._tables.row(code, "setpoint") + setpoint_shift
-        command = self._tables.row(code, "feed_forward") - gain @ (z - setpoint)
+        deviation = z - setpoint
+        command = self._tables.row(code, "feed_forward") - gain @ deviation
         target = self._tables.row(code, "target") + target_shift
+        states = self._form.states
+        x = code.get_all(self._state_names)
+        if states is not None:
+            command = command + states.c @ x
 
         memory = {}
         for i, drive in enumerate(layout.drives):
@@ -249,7 +267,22 @@ class _AffinePart(Part):
             command[i], memory[name] = integrated_command(
                 command[i], error, integral, integral_gain, limit, setting.period
             )
+        if states is not None:
+            # The whole command enters, since the limits of the drives act on it.
+            memory |= dict(
+                zip(self._state_names, next_states(states, x, deviation, command), strict=True)
+            )
         return command, memory
+
+
+def _equal_states(first: ControllerStates | None, second: ControllerStates | None) -> bool:
+    """Return whether two forms of a controller have the same states."""
+    if first is None or second is None:
+        return first is second
+    return all(
+        np.array_equal(getattr(first, entry.name), getattr(second, entry.name))
+        for entry in fields(ControllerStates)
+    )
 
 
 def _integral_name(drive: str) -> str:

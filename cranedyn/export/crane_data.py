@@ -4,7 +4,6 @@ and its URDF as XML.
 
 from __future__ import annotations
 
-import copy
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -14,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.clocks import Clocked
-from cranedyn.controllers.affine import Affine, affine_form
+from cranedyn.clocks import at_begin_of_run, intervals
+from cranedyn.controllers.affine import Affine, ControllerStates, affine_form
 from cranedyn.dynamics.equations_of_motion import holding_effort, over_all_joints
 from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
 from cranedyn.interfaces import Controller
@@ -62,24 +61,6 @@ _ARMATURE_ARGUMENTS = {
 joint."""
 
 
-def state_names(crane: Crane) -> list[str]:
-    """Return the names of the coordinates, such as x, and then of their rates, such as x_dot."""
-    return [*crane.layout.symbols, *(f"{name}_dot" for name in crane.layout.symbols)]
-
-
-def input_names(crane: Crane, drive: str) -> list[str]:
-    """Return the names of the commands of the drives in a drive mode.
-
-    With "effort" they are torques T and forces F, such as F_x, with "motion" accelerations, such as
-    x_ddot, and with "velocity" rates, such as x_dot_command.
-    """
-    driven = crane.layout.driven
-    if drive == "effort":
-        return [joint.effort_name for joint in driven]
-    ending = "ddot" if drive == "motion" else "dot_command"
-    return [f"{joint.symbol}_{ending}" for joint in driven]
-
-
 def finite_form(
     controller: Controller,
     times: np.ndarray,
@@ -103,10 +84,7 @@ def finite_form(
         OutOfRange: If the form holds a number that is not finite, or the controller is for another
             control period.
     """
-    if isinstance(controller, Clocked):
-        # A copy, since the caller may run the controller itself later.
-        controller = copy.copy(controller)
-        controller.begin_run(0.0, period)
+    controller = at_begin_of_run(controller, 0.0, period)
     form = affine_form(controller, times, positions, width)
     if form is None:
         raise DataError(
@@ -118,6 +96,98 @@ def finite_form(
         name = f"{lacking} of the controller"
         raise OutOfRange(name, "not finite in some row", "finite numbers")
     return form
+
+
+@dataclass(frozen=True, eq=False)
+class LinearLaw:
+    """A controller that is linear and the same at all times: with the deviation y of the state from
+    the setpoint, command = feed_forward - gain y + c x, see `ControllerStates`.
+
+    Attributes:
+        feed_forward: Command at the setpoint, shape (m,).
+        gain: Shape (m, 2 n).
+        setpoint: The setpoint where the drives are to be where they are at the start of the crane,
+            shape (2 n,).
+        shift: Derivative of the setpoint by the positions where the drives are to be, shape
+            (2 n, m); zero for a controller about a rest of its own.
+        states: Its states; none of them for a gain.
+    """
+
+    feed_forward: np.ndarray
+    gain: np.ndarray
+    setpoint: np.ndarray
+    shift: np.ndarray
+    states: ControllerStates
+
+
+def linear_law(
+    crane: Crane, controller: Controller, period: float, duration: float, program: str
+) -> LinearLaw:
+    """Return a controller as a linear law, for another program.
+
+    Args:
+        crane: The crane.
+        controller: The controller; it stays as it is.
+        period: Control period with which the program runs it [s].
+        duration: Time over which it must stay the same [s].
+        program: The program, for the error message.
+
+    Raises:
+        DataError: If it is not linear and the same at all times.
+        OutOfRange: If the duration is out of range, or the controller is for another period.
+    """
+    layout = crane.layout
+    times = period * np.arange(intervals("duration", duration, period) + 1)
+    name = type(controller).__name__
+
+    def form_at(positions: np.ndarray, instants: int = len(times)) -> Affine:
+        """Return the form for a setpoint of the drives that stays at these positions."""
+        rows = np.tile(positions, (instants, 1))
+        return finite_form(controller, times[:instants], rows, 2 * layout.n, period, program)
+
+    start = crane.start.q[layout.drives]
+    form = form_at(start)
+    if form.integral_gain.any():
+        raise DataError(
+            f"{name} has integrals that stop at the limits of the drives, which no matrices say; "
+            "linear_controller makes an integrator with anti-windup of matrices."
+        )
+    for field in ("feed_forward", "gain", "setpoint"):
+        rows = getattr(form, field)
+        if (rows != rows[0]).any():
+            raise DataError(
+                f"{name} changes over time, such as one along a motion; {program} takes a "
+                "controller about a rest."
+            )
+    columns = []
+    for move in np.eye(layout.m):
+        columns.append(form_at(start + move, instants=1).setpoint[0] - form.setpoint[0])
+    shift = np.array(columns).T
+    # At positions that all differ, a form that is not linear in them is another one than the shift
+    # says.
+    positions = np.random.default_rng(0).uniform(1.0, 2.0, layout.m)
+    elsewhere = form_at(start + positions, instants=1)
+    is_shifted = (
+        np.array_equal(elsewhere.gain[0], form.gain[0])
+        and np.array_equal(elsewhere.feed_forward[0], form.feed_forward[0])
+        and np.allclose(elsewhere.setpoint[0] - form.setpoint[0], shift @ positions, atol=1e-9)
+    )
+    if not is_shifted:
+        raise DataError(
+            f"{name} depends on the setpoint of the drives otherwise than by its distance, which "
+            "no matrices say."
+        )
+    states = form.states
+    if states is None:
+        states = ControllerStates(
+            a=np.zeros((0, 0)),
+            b=np.zeros((0, 2 * layout.n)),
+            c=np.zeros((layout.m, 0)),
+            anti_windup=np.zeros((0, layout.m)),
+            limit=np.full(layout.m, np.inf),
+            initial=np.zeros(0),
+        )
+    return LinearLaw(form.feed_forward[0], form.gain[0], form.setpoint[0], shift, states)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,12 +41,14 @@ from cranedyn.export.browser_crane import (
     assistances,
     is_tower,
     kernel_data,
+    own_data,
     swing_period,
     usual_limits,
     variations,
 )
 from cranedyn.export.exercises import SWING, Exercise, exercises, lift_exercise
 from cranedyn.export.target import check_free, name_default_rates, new_file
+from cranedyn.interfaces import Controller
 from cranedyn.lifts.judging.chart import RatedLoads, read_chart
 from cranedyn.lifts.planning.lift import refuse_contradictions
 from cranedyn.lifts.planning.site import Site
@@ -111,6 +113,7 @@ def export(
     site: Site | None = None,
     chart: RatedLoads | None = None,
     meshes: str | Path | None = None,
+    controller: Controller | None = None,
 ) -> Path:
     """Write a page in which one drives a crane by keyboard, gamepad or mouse.
 
@@ -120,16 +123,20 @@ def export(
         site: Obstacles about the crane; None for none.
         chart: Rated loads of a tower crane; None for none.
         meshes: Folder of the mesh files of the crane; None draws sticks in their places.
+        controller: A linear controller of your own, which the operator can choose as the
+            assistance *Own*; None for none. It commands rates (``drive="velocity"``) with the
+            control period of the page, about the setpoint of the run, which are positions to which
+            the sticks lead.
 
     Raises:
-        DataError: If the ending is not .html, the file exists or cannot be written, or a mesh
-            cannot be read.
+        DataError: If the ending is not .html, the file exists or cannot be written, a mesh cannot
+            be read, or a page cannot run the controller.
         MissingRole: If there is a chart, and the crane does not slew.
         ModelError: If the code would not do what Pinocchio does.
     """
     file = with_ending(file, ".html")
     check_free(file)
-    text = page_html(crane, site, chart, meshes)
+    text = page_html(crane, site, chart, meshes, controller)
     with new_file(file) as draft:
         draft.write_text(text, "utf-8")
     return file
@@ -140,9 +147,10 @@ def page_html(
     site: Site | None = None,
     chart: RatedLoads | None = None,
     meshes: str | Path | None = None,
+    controller: Controller | None = None,
 ) -> str:
     """Return the page as HTML, see `page_data` for the arguments and errors."""
-    content = page_data(crane, site, chart, meshes)
+    content = page_data(crane, site, chart, meshes, controller)
     data = json.dumps(content, separators=(",", ":"), allow_nan=False)
     # A script element ends at the first "</script", also where that stands in a text of the JSON.
     return render(
@@ -164,6 +172,7 @@ def page_data(
     site: Site | None = None,
     chart: RatedLoads | None = None,
     meshes: str | Path | None = None,
+    controller: Controller | None = None,
 ) -> dict[str, Any]:
     """Return all that the page needs of a crane and its site, for JSON.
 
@@ -172,6 +181,7 @@ def page_data(
         site: Obstacles about it; None for none.
         chart: Rated loads; None for none.
         meshes: Folder of its mesh files; None for sticks.
+        controller: A linear controller of the user's own, see `export`; None for none.
 
     Raises:
         MissingRole, DataError, ModelError: As `export`.
@@ -180,6 +190,7 @@ def page_data(
     drives = converters(crane)
     if chart is not None:
         layout.role("slew", "A load chart")
+    own = None if controller is None else own_data(crane, drives, controller)
     variants = variations(crane, drives)
     # Both take many seconds. LLVM releases the lock of the interpreter while it compiles, so the
     # exercises are planned meanwhile.
@@ -213,8 +224,8 @@ def page_data(
     return {
         "title": crane.model.name.replace("_", " ") if site is None else site.name,
         "crane": crane_data,
-        "assist": assist_data(crane, drives),
-        "assistances": assistances(crane),
+        "assist": assist_data(crane, drives) | ({} if own is None else {"own": own}),
+        "assistances": assistances(crane, has_own=own is not None),
         "kernel": kernel.result() | {"state": np.concatenate(crane.start).tolist()},
         "sliders": [asdict(slider) for slider in sliders],
         "chart": chart_data,

@@ -99,7 +99,7 @@ class Program:
         """Return the controller as tables.
 
         Raises:
-            DataError: If the controller is not affine.
+            DataError: If the controller is not affine, or has states of its own.
             OutOfRange: If the drives follow prescribed motion, or the affine form holds a number
                 that is not finite.
         """
@@ -111,7 +111,14 @@ class Program:
         times = clock.period * np.arange(clock.periods + 1)
         reference = hold(self.crane, self.start) if self.reference is None else self.reference
         positions = tabulated(reference, times, layout.m).position
-        return finite_form(self.controller, times, positions, 2 * layout.n, clock.period, "Gazebo")
+        form = finite_form(self.controller, times, positions, 2 * layout.n, clock.period, "Gazebo")
+        if form.states is not None:
+            raise DataError(
+                f"The controller {type(self.controller).__name__} has {len(form.states)} states of "
+                "its own, and the plugin for Gazebo runs gains and integrals of the drives alone; "
+                "export it as C instead."
+            )
+        return form
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

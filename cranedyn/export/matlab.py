@@ -1,4 +1,6 @@
-"""MATLAB: the linear crane about its start as matrices with names and units, for its `ss`."""
+"""MATLAB: the linear crane about its start, or a linear controller, as matrices with names and
+units, for its `ss`.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +13,17 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from scipy.io import savemat
 
-from cranedyn.checks import check_choice
+from cranedyn.checks import check_choice, number
 from cranedyn.data.files import with_ending
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.linearisation import Linear, Sampled, linear
 from cranedyn.errors import UnknownName
-from cranedyn.export.crane_data import input_names, state_names
+from cranedyn.export.crane_data import linear_law
 from cranedyn.export.target import new_file
-from cranedyn.interfaces import Drive, State
+from cranedyn.interfaces import Controller, Drive, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
+from cranedyn.model.signals import input_names, state_names
 
 TARGET = "FILE"
 """What the command line calls the target of the export."""
@@ -198,6 +201,69 @@ def to_matlab(
         units_of_kind = [_unit_of(name, units) for name in names_of_kind]
         content[f"{kind}s"] = np.array(names_of_kind, dtype=object)
         content[f"{kind}_units"] = np.array(units_of_kind, dtype=object)
+    with new_file(file) as draft, draft.open("wb") as stream:
+        savemat(stream, content)
+    return file
+
+
+def controller_to_matlab(
+    file: str | Path,
+    crane: Crane,
+    controller: Controller,
+    *,
+    drive: Drive = "effort",
+    control_period: float = 5e-3,
+    duration: float = 30.0,
+) -> Path:
+    """Write a linear controller to a file that MATLAB's `load` opens.
+
+    It holds the matrices A, B, C and D of a system in discrete time with the period Ts [s], and the
+    names and units of its inputs and outputs. The inputs are the coordinates and rates of the
+    crane, as deviations from z0, and then the positions of the setpoint of the drives, as
+    deviations from those in z0; the outputs are the commands, as deviations from u0. A drive that
+    is held at a rest of the controller has a zero column for its setpoint. The states begin at x0.
+    Where a command u is limited to u_limits, the next states get anti_windup times what that
+    changes in u.
+
+    Args:
+        file: New file, ending in .mat.
+        crane: The crane.
+        controller: A controller with an affine form, see `cranedyn.controllers.affine`.
+        drive: What its commands are: efforts, accelerations or rates.
+        control_period: Control period [s].
+        duration: Time over which it must stay the same [s].
+
+    Raises:
+        DataError: If the ending is not .mat, the file exists or cannot be written, or the
+            controller is not linear and the same at all times.
+        OutOfRange: If a time is out of range, or the controller is for another control period.
+    """
+    file = with_ending(file, ".mat")
+    check_choice("drive", drive, Drive)
+    period = float(number("control_period", control_period, "s", "> 0"))
+    law = linear_law(crane, controller, period, duration, "MATLAB")
+    states = law.states
+    gain = law.gain
+    inputs = [*state_names(crane), *(f"{joint.symbol}_set" for joint in crane.layout.driven)]
+    outputs = input_names(crane, drive)
+    units = _units(crane, drive, outputs)
+    for joint in crane.layout.driven:
+        units[f"{joint.symbol}_set"] = joint.unit
+    content = {
+        "A": states.a,
+        "B": np.hstack([states.b, -states.b @ law.shift]),
+        "C": states.c,
+        "D": np.hstack([-gain, gain @ law.shift]),
+        "Ts": period,
+        "z0": law.setpoint[:, None],
+        "u0": law.feed_forward[:, None],
+        "x0": states.initial[:, None],
+        "anti_windup": states.anti_windup,
+        "u_limits": states.limit[:, None],
+    }
+    for kind, names in (("input", inputs), ("output", outputs)):
+        content[f"{kind}s"] = np.array(names, dtype=object)
+        content[f"{kind}_units"] = np.array([units[name] for name in names], dtype=object)
     with new_file(file) as draft, draft.open("wb") as stream:
         savemat(stream, content)
     return file

@@ -15,7 +15,7 @@ import numpy as np
 
 from cranedyn.clocks import whole_periods
 from cranedyn.compiled.horizon.receding import receding
-from cranedyn.controllers.affine import Affine, at_drives
+from cranedyn.controllers.affine import Affine, at_rest_shifted
 from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.hold import Hold, hold_controller
 from cranedyn.controllers.integral import HoistIntegral
@@ -73,8 +73,7 @@ class SetpointRegulator(Tracking):
         """
         drives = self.crane.layout.drives
         distances = position - self.setpoint[0, drives]
-        no_rates = np.zeros((1, len(drives)))
-        return at_drives(self.crane, distances[None], no_rates)[0]
+        return at_rest_shifted(self.crane, distances[None])[0]
 
 
 def rest_at_start(crane: Crane, period: float) -> Motion:

@@ -1,5 +1,8 @@
-"""Stability margins of a closed loop: damping of its modes, and gain and delay margins of each
-drive.
+"""Stability margins of a closed loop: damping of its modes, and gain, phase and delay margins of
+each drive.
+
+`loop_margins` has them for a controller of a crane. `regulator` is the controller as a linear
+system, `sampled_plant` the crane with drives of any kind, and `margins` joins the two.
 """
 
 from __future__ import annotations
@@ -9,15 +12,23 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import schur
+from scipy.linalg import block_diag, schur
 from scipy.optimize import brentq
 
 from cranedyn.checks import finite
+from cranedyn.clocks import at_begin_of_run
 from cranedyn.controllers.affine import affine_form
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.linearisation import Sampled
 from cranedyn.errors import CraneError
-from cranedyn.interfaces import Controller, State
+from cranedyn.export.matlab import linear_system
+from cranedyn.interfaces import Controller, Drive, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.signals import state_names
+
+_VANISHING = 1e-9
+"""Largest eigenvalue of the loop over a period that counts as zero. A mode of it would be gone to
+1e-9 after one period; of a state that vanishes at once, round-off leaves less."""
 
 _FREQUENCY_COUNT = 1200
 """Number of frequencies, from the lowest to half of the sampling rate."""
@@ -52,16 +63,19 @@ class Margin(NamedTuple):
     """Margins of a drive, the others unchanged.
 
     Attributes:
-        upper_gain: Gain margin: the smallest factor above one on the drive's effort at which the
+        upper_gain: Gain margin: the smallest factor above one on the drive's command at which the
             loop becomes unstable; inf if there is none.
         lower_gain: The largest factor below one at which it becomes unstable; 0 if there is none.
         delay: Delay margin: the delay of its commands at which the loop becomes unstable [s]; inf
             if there is none.
+        phase: Phase margin: the smallest phase shift of its commands, lag or lead, at which the
+            loop becomes unstable [rad]; inf if there is none.
     """
 
     upper_gain: float
     lower_gain: float
     delay: float
+    phase: float
 
 
 class Margins(NamedTuple):
@@ -82,25 +96,29 @@ class Margins(NamedTuple):
     def least(self) -> Margin:
         """Worst margins over all drives."""
         if not self.drives:
-            return Margin(1.0, 1.0, 0.0)
+            return Margin(1.0, 1.0, 0.0, 0.0)
         return Margin(
             min(d.upper_gain for d in self.drives),
             max(d.lower_gain for d in self.drives),
             min(d.delay for d in self.drives),
+            min(d.phase for d in self.drives),
         )
 
 
 def regulator(
     crane: Crane, controller: Controller, rest: State, *, t: float = 0.0, period: float
 ) -> Regulator:
-    """Return the linear form of an affine controller about a rest at a time [s]; its integrals are
-    states.
+    """Return the linear form of an affine controller about a rest at a time [s]. Its states are the
+    integrals of the drives, and then those of `ControllerStates`. Limits of drives, and with them
+    anti-windup, are no part of it.
 
     Raises:
         CraneError: If it has no affine form, see `cranedyn.controllers.affine`.
+        OutOfRange: If it is for another control period [s].
     """
     layout = crane.layout
     rest = layout.as_state("rest", rest)
+    controller = at_begin_of_run(controller, t, period)
     affine = affine_form(controller, np.array([t]), rest.q[layout.drives][None], 2 * layout.n)
     if affine is None:
         raise CraneError(
@@ -117,7 +135,93 @@ def regulator(
     integral_gain[integrating, np.arange(count)] = affine.integral_gain[integrating]
     # The error of an instant is in the integral that the command of this instant takes.
     gain = affine.gain[-1] + integral_gain @ added
-    return Regulator(a=np.eye(count), b=added, c=integral_gain, d=gain)
+    law = Regulator(a=np.eye(count), b=added, c=integral_gain, d=gain)
+    states = affine.states
+    if states is None:
+        return law
+    return Regulator(
+        a=block_diag(law.a, states.a),
+        b=np.vstack([law.b, states.b]),
+        c=np.hstack([law.c, -states.c]),
+        d=law.d,
+    )
+
+
+def sampled_plant(
+    crane: Crane,
+    rest: State,
+    *,
+    drive: Drive = "effort",
+    dt: float = 5e-4,
+    control_period: float = 5e-3,
+    converters: Converters | None = None,
+) -> Sampled:
+    """Linearise a crane with drives of any kind about a rest, and step it as `simulate` does.
+
+    Its states are coordinates and rates, and with "velocity" the commands on their way to the
+    converters. For "effort" it is `cranedyn.dynamics.linearisation.sampled`.
+
+    Args:
+        crane: The crane.
+        rest: State to linearise about.
+        drive: What the commands are, see `cranedyn.export.matlab.linear_system`.
+        dt: Physics step [s].
+        control_period: Time for which a command is held [s].
+        converters: Frequency converters of "velocity"; None for typical ones.
+
+    Raises:
+        OutOfRange: If a time is out of range, or `drive` is no kind of drives.
+    """
+    system = linear_system(
+        crane, rest, drive=drive, control_period=control_period, dt=dt, converters=converters
+    )
+    # A linear system leaves out states that are held; here they stay, at zero.
+    names = state_names(crane)
+    names += [name for name in system.states if name not in names]
+    places = [names.index(name) for name in system.states]
+    a = np.zeros((len(names), len(names)))
+    a[np.ix_(places, places)] = system.a
+    b = np.zeros((len(names), crane.layout.m))
+    b[places] = system.b
+    return Sampled(a, b, control_period)
+
+
+def loop_margins(
+    crane: Crane,
+    controller: Controller,
+    rest: State,
+    *,
+    drive: Drive = "effort",
+    dt: float = 5e-4,
+    control_period: float = 5e-3,
+    converters: Converters | None = None,
+) -> Margins:
+    """Return the margins of a controller about a rest, see `margins`.
+
+    Args:
+        crane: The crane.
+        controller: A controller with an affine form, see `cranedyn.controllers.affine`.
+        rest: The rest.
+        drive: What the commands are: efforts, accelerations or rates.
+        dt: Physics step [s].
+        control_period: Time between control instants [s].
+        converters: Frequency converters of "velocity"; None for typical ones. Their lags and their
+            delay count, their ramps do not.
+
+    Raises:
+        CraneError: If the controller has no affine form.
+        OutOfRange: If a time is out of range, or the controller is for another control period.
+    """
+    plant = sampled_plant(
+        crane, rest, drive=drive, dt=dt, control_period=control_period, converters=converters
+    )
+    law = regulator(crane, controller, rest, period=control_period)
+    # Commands on their way are not measured; a controller that feeds them back remembers them.
+    further = len(plant.a) - 2 * crane.layout.n
+    law = law._replace(
+        b=np.pad(law.b, ((0, 0), (0, further))), d=np.pad(law.d, ((0, 0), (0, further)))
+    )
+    return margins(plant, law)
 
 
 def behind_observer(
@@ -158,10 +262,10 @@ def behind_observer(
 
 def margins(plant: Sampled, law: Regulator) -> Margins:
     """Return the margins of a crane under a linear controller, each drive's loop opened at its
-    effort while the others stay closed.
+    command while the others stay closed.
 
     Args:
-        plant: The crane over a control period, see `cranedyn.dynamics.linearisation.sampled`.
+        plant: The crane over a control period, see `sampled_plant`.
         law: Controller.
 
     Raises:
@@ -176,13 +280,15 @@ def margins(plant: Sampled, law: Regulator) -> Margins:
 
     # An eigenvalue z of the loop over a period T is the mode exp(s t) with s = ln(z)/T.
     eigenvalues = np.linalg.eigvals(_closed(plant, law, range(m)))
-    modes = np.log(eigenvalues.astype(complex))
+    # What vanishes within a period, such as a command on its way, is no mode.
+    lasting = eigenvalues[np.abs(eigenvalues) > _VANISHING]
+    modes = np.log(lasting.astype(complex))
     modes = modes / plant.period
     sizes = np.abs(modes)
     # A mode s = 0 has no damping ratio; it counts as 0.
     ratios = np.divide(-modes.real, sizes, out=np.zeros(len(modes)), where=sizes > 0.0)
-    damping = float(ratios.min())
-    growth_rate = float(modes.real.max())
+    damping = float(ratios.min(initial=1.0))
+    growth_rate = float(modes.real.max(initial=-math.inf))
     if not growth_rate < 0.0:
         return Margins(damping, growth_rate, ())
     return Margins(damping, growth_rate, tuple(_margin(plant, law, i) for i in range(m)))
@@ -195,11 +301,11 @@ def _closed(plant: Sampled, law: Regulator, drives: range | list[int]) -> np.nda
 
 
 def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
-    """Return the margins of a drive whose loop is opened at its effort.
+    """Return the margins of a drive whose loop is opened at its command.
 
-    With the open loop L a factor k on the effort is at the limit of stability where 1 + k L = 0:
-    where L is real and negative, with k = -1/L. A delay τ is there where |L| = 1 and the angle
-    ω τ closes the distance to -1.
+    With the open loop L a factor k on the command is at the limit of stability where 1 + k L = 0:
+    where L is real and negative, with k = -1/L. A phase shift is there where |L| = 1 and it closes
+    the angle to -1, and a delay τ where ω τ does.
     """
     other_drives = [i for i in range(plant.b.shape[1]) if i != drive]
     a = _closed(plant, law, other_drives)
@@ -239,7 +345,8 @@ def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
     negative = on_grid.real[:-1] <= 0.0
     gains = 1.0 / np.abs(response(zeros(lambda values: np.angle(-values), negative)))
     crossings = zeros(lambda values: np.abs(values) - 1.0)
-    delay = np.mod(np.angle(-response(crossings)), 2.0 * math.pi) / crossings
+    phase = np.angle(-response(crossings))
+    delay = np.mod(phase, 2.0 * math.pi) / crossings
     # At both ends of the frequencies, zero (z = 1) and half of the sampling rate (z = -1), L is
     # real, so it may be on the negative axis there without a change of sign between.
     gains = np.append(gains, _gains_at_ends(a, plant.period, transfer_function))
@@ -247,6 +354,7 @@ def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
         float(min(gains[gains > 1.0], default=math.inf)),
         float(max(gains[gains < 1.0], default=0.0)),
         float(min(delay, default=math.inf)),
+        float(min(np.abs(phase), default=math.inf)),
     )
 
 
@@ -286,8 +394,7 @@ def _frequency_grid(a: np.ndarray, period: float) -> np.ndarray:
         period: Period of the loop [s].
     """
     highest = 0.999 * math.pi / period
-    modes = np.log(np.linalg.eigvals(a).astype(complex))
-    natural = np.abs(modes.imag) / period
+    natural = np.abs(np.angle(np.linalg.eigvals(a))) / period
     resonances = natural[natural > _LOWEST_FREQUENCY]
     around_resonances = (resonances[:, None] * (1.0 + _RESONANCE_OFFSETS)).ravel()
     regular = np.geomspace(_LOWEST_FREQUENCY, highest, _FREQUENCY_COUNT)

@@ -5,25 +5,26 @@ controller.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cranedyn.checks import check_choice, finite, short_repr
-from cranedyn.clocks import SAME_PERIOD
-from cranedyn.controllers.lqr import linearised
+from cranedyn.controllers.linear import (
+    AntiWindup,
+    LinearController,
+    SetpointSource,
+    linear_controller,
+)
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.dynamics.converters import Converters, converters_of_run
-from cranedyn.dynamics.equations_of_motion import holding_effort
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.linearisation import held_states
 from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.export.matlab import linear_system
-from cranedyn.interfaces import Drive, Setpoint, State
+from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references.motion import Motion
-from cranedyn.references.tabulated import interpolate, locate
 
 try:
     import control as ct
@@ -87,86 +88,22 @@ def to_control(
     )
 
 
-@dataclass(eq=False)
-class StateSpaceController:
-    """Controller with states x: u = tracking + c x, after which x becomes a x + b (z - setpoint).
-
-    It starts each run at x = 0.
-
-    Attributes:
-        a: Matrix of its states in their next values, shape (k, k).
-        b: Matrix of the deviation from the setpoint in these, shape (k, 2 n).
-        c: Matrix of its states in the command, shape (m, k).
-        tracking: The rest of the command, and the setpoint.
-        period: Its control period [s]; None for one without a period of its own, which remembers
-            its last commands alone.
-        delay: Number of commands on their way to the converters that it feeds back, in control
-            periods.
-        converters: Converters whose delay that must be; None where `delay` is 0.
-    """
-
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    tracking: Tracking
-    period: float | None
-    delay: int = 0
-    converters: Converters | None = None
-    _x: np.ndarray = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        """Begin at x = 0, also where no run is begun."""
-        self._x = np.zeros(len(self.a))
-
-    def begin_run(self, t: float, control_period: float) -> None:
-        """Return to x = 0.
-
-        Raises:
-            OutOfRange: If the control period of the run [s] is another one, or the delay of the
-                converters is another number of its control periods than that of the feedback.
-        """
-        if self.period is not None:
-            difference = abs(control_period - self.period)
-            if difference > SAME_PERIOD * self.period:
-                allowed = f"that of the controller, {self.period:g}"
-                raise OutOfRange("control period of the run", control_period, allowed, "s")
-        if self.converters is not None:
-            steps = self.converters.delay_steps(0.0, control_period)
-            if steps != self.delay:
-                raise OutOfRange(
-                    f"delay of {self.converters.delay:g} s in control periods of "
-                    f"{control_period:g} s",
-                    steps,
-                    f"{self.delay}, the commands on their way that the feedback has gains for; run "
-                    "it with the control period that it was designed with",
-                )
-        self._x = np.zeros(len(self.a))
-
-    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Return the command of a control instant, shape (m,), and go on to the next one."""
-        table = self.tracking.setpoint
-        place = locate(t, self.tracking.period, len(table))
-        deviation = np.concatenate(state) - interpolate(table, *place)
-        x = self._x
-        self._x = self.a @ x + self.b @ deviation
-        return self.tracking(t, state, setpoint) + self.c @ x
-
-
 def from_control(
     crane: Crane,
     feedback: object,
     about: State | Motion,
     *,
     drive: Drive = "effort",
+    setpoint: SetpointSource = "rest",
+    anti_windup: AntiWindup = None,
     dt: float = 5e-4,
     converters: Converters | None = None,
-) -> Tracking | StateSpaceController:
+) -> Tracking | LinearController:
     """Return a feedback designed with python-control as a controller.
 
-    A feedback without states of its own becomes a `Tracking`, which `simulate` and `simulate_batch`
-    run compiled, any other one a `StateSpaceController`. Commands on their way to the converters,
-    which are states of a sampled plant with ``drive="velocity"``, cannot be measured: a feedback of
-    them remembers its own last commands, also one beyond the rate of its drive as it was given.
+    A feedback without states of its own becomes a `Tracking`, any other one a `LinearController`.
+    Commands on their way to the converters, which are states of a sampled plant with
+    ``drive="velocity"``, cannot be measured: a feedback of them remembers its own last commands.
 
     Args:
         crane: The crane.
@@ -174,10 +111,16 @@ def from_control(
             `to_control`, as `control.lqr` and `control.dlqr` give it; a state-space system from
             the states of the crane to the commands, whose inputs may be some of the states only if
             it has states of its own; or the controller of `control.create_statefbk_iosystem`.
+            Outputs with the names of some commands command these drives, and the others are held,
+            see `linear_controller`.
         about: The rest, or the motion, from which z and u are deviations. The commands there are
             fed forward.
         drive: Outputs of the feedback: "effort", with "motion" the accelerations of the drives, or
             with "velocity" their rates.
+        setpoint: Positions of the drives about which it acts, see `linear_controller`.
+        anti_windup: What the states of the feedback know about the limits of the drives, see
+            `linear_controller`; None for nothing. Without it a command on its way is remembered as
+            it was given, also beyond the rate of its drive.
         dt: Physics step of the run [s]; a motion's period is a multiple of it.
         converters: Frequency converters of "velocity", those of the plant; None for typical ones.
 
@@ -188,72 +131,39 @@ def from_control(
             state back.
     """
     check_choice("drive", drive, Drive)
-    converters = converters_of_run(crane, drive, converters)
     names = state_names(crane)
-    inputs = input_names(crane, drive)
+    commands = input_names(crane, drive)
     if isinstance(about, Motion):
         first_state = State(about.q[0], about.v[0])
     else:
         first_state = crane.layout.as_state("rest", about)
     # The states of `to_control`: all but those that are held, such as the stretch of a rigid rope.
-    moving = np.setdiff1d(np.arange(len(names)), held_states(crane, first_state))
-    delay = _commands_on_their_way(feedback, len(moving), inputs, drive)
-    feedback_names = [names[i] for i in moving]
+    held = held_states(crane, first_state)
+    feedback_names = [name for i, name in enumerate(names) if i not in held]
+    delay = _commands_on_their_way(feedback, feedback_names, commands, drive)
     # The oldest command first, which is the order of `linear_system`.
     for periods in range(delay, 0, -1):
-        feedback_names += [f"{name}_{periods}" for name in inputs]
-    law = _matrices(feedback, feedback_names, inputs)
-    selection = np.eye(len(names))[moving]
-    gain = law.gain[:, : len(moving)] @ selection
-    memory = _with_memory(law, len(moving), delay, selection)
-    if isinstance(about, Motion):
-        tracking = _along(crane, about, gain, drive, dt)
-    else:
-        tracking = _at_rest(crane, first_state, gain, drive)
-    if not len(memory.a):
-        return tracking
-    elements = [memory.a.ravel(), memory.b.ravel(), memory.c.ravel()]
-    finite("matrices of the feedback", np.concatenate(elements), ("k",))
-    # A memory of commands alone takes any control period whose delay fits.
-    period = float(feedback.dt) if len(law.a) else None  # type: ignore[attr-defined]
-    return StateSpaceController(
-        memory.a,
-        memory.b,
-        memory.c,
-        tracking,
-        period,
-        delay,
-        converters if delay else None,
+        feedback_names += [f"{name}_{periods}" for name in commands]
+    law = _matrices(feedback, feedback_names, commands)
+    controller = linear_controller(
+        crane,
+        law.a,
+        law.b,
+        law.c,
+        -law.gain,
+        about=about,
+        inputs=feedback_names,
+        outputs=law.outputs,
+        period=float(feedback.dt) if len(law.a) else None,  # type: ignore[attr-defined]
+        anti_windup=anti_windup,
+        setpoint=setpoint,
+        drive=drive,
+        dt=dt,
+        converters=converters,
     )
-
-
-def _along(crane: Crane, motion: Motion, gain: np.ndarray, drive: Drive, dt: float) -> Tracking:
-    """Return the feedback of a gain about a motion, whose commands are fed forward."""
-    table = linearised(crane, motion, dt=dt, every=len(motion.q))
-    if drive == "effort":
-        commands = table.efforts
-    elif drive == "motion":
-        commands = motion.a[:, motion.drives]
-    else:
-        commands = motion.v[:, motion.drives]
-    gains = np.broadcast_to(gain, (len(commands), *gain.shape))
-    return Tracking(motion.period, commands, gains, table.setpoint)
-
-
-def _at_rest(crane: Crane, rest: State, gain: np.ndarray, drive: Drive) -> Tracking:
-    """Return the feedback of a gain about a rest, whose command is fed forward.
-
-    Raises:
-        OutOfRange: If something moves there.
-    """
-    if rest.v.any():
-        allowed = "0; a motion is given as a Motion"
-        raise OutOfRange("rates of the rest", rest.v.tolist(), allowed, "/s")
-    command = np.zeros(crane.layout.m)
-    if drive == "effort":
-        command = holding_effort(crane, rest.q)
-    any_period = 1.0  # of a table of one row
-    return Tracking(any_period, command[None], gain[None], np.concatenate(rest)[None])
+    if len(controller.states) or setpoint == "run":
+        return controller
+    return controller.tracking
 
 
 class _Law(NamedTuple):
@@ -262,80 +172,44 @@ class _Law(NamedTuple):
     Attributes:
         a: Shape (k, k).
         b: Shape (k, z).
-        c: Shape (m, k).
-        gain: Shape (m, z).
+        c: Shape (outputs, k).
+        gain: Shape (outputs, z).
+        outputs: Names of the commands u, shape (outputs,).
     """
 
     a: np.ndarray
     b: np.ndarray
     c: np.ndarray
     gain: np.ndarray
+    outputs: Sequence[str]
 
 
-class _Memory(NamedTuple):
-    """What a feedback remembers, x: it adds c x to the command, and x becomes a x + b z.
-
-    Attributes:
-        a: Shape (k, k).
-        b: Shape (k, 2 n).
-        c: Shape (m, k).
-    """
-
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-
-
-def _commands_on_their_way(feedback: Any, states: int, inputs: Sequence[str], drive: Drive) -> int:
+def _commands_on_their_way(
+    feedback: Any, states: Sequence[str], commands: Sequence[str], drive: Drive
+) -> int:
     """Return for how many commands of each drive on their way a feedback has gains.
 
     Args:
         feedback: The gain or the system.
-        states: Number of the states of the crane that it may feed back.
-        inputs: Names of the commands.
+        states: Names of the states of the crane that it may feed back.
+        commands: Names of the commands.
         drive: What the commands are; only rates take time on their way.
     """
     if drive != "velocity":
         return 0
-    if isinstance(feedback, ct.InputOutputSystem):
+    if isinstance(feedback, ct.InputOutputSystem) and set(feedback.input_labels) & set(states):
         # By name; create_statefbk_iosystem has them beside others.
         delay = 0
-        while f"{inputs[0]}_{delay + 1}" in feedback.input_labels:
+        while any(f"{name}_{delay + 1}" in feedback.input_labels for name in commands):
             delay += 1
         return delay
-    shape = np.shape(feedback)
-    further = shape[1] - states if len(shape) == 2 else 0
-    return further // len(inputs) if further > 0 and further % len(inputs) == 0 else 0
-
-
-def _with_memory(law: _Law, states: int, delay: int, selection: np.ndarray) -> _Memory:
-    """Return the memory of a feedback that remembers its last commands, as far as it feeds them
-    back.
-
-    With the commands p on their way, the oldest first, and the last columns of b and of the gain
-    for them, u = c x - K z - K_p p. Then x becomes a x + b z + b_p p, and p moves on by one with u
-    at its end.
-
-    Args:
-        law: The feedback, of the states and the commands on their way.
-        states: Number of the states among its columns.
-        delay: Number of control periods for which a command is on its way.
-        selection: The states among coordinates and rates, shape (states, 2 n).
-    """
-    if not delay:
-        return _Memory(law.a, law.b @ selection, law.c)
-    m = law.gain.shape[0]
-    k = len(law.a)
-    from_states = law.b[:, :states]
-    from_memory = law.b[:, states:]
-    gain_of_states = law.gain[:, :states]
-    gain_of_memory = law.gain[:, states:]
-    moved_on = np.eye(m * delay, k=m)
-    newest = np.zeros((m * delay, m))
-    newest[-m:] = np.eye(m)
-    a = np.block([[law.a, from_memory], [newest @ law.c, moved_on - newest @ gain_of_memory]])
-    b = np.vstack([from_states, -newest @ gain_of_states]) @ selection
-    return _Memory(a, b, np.hstack([law.c.reshape(m, k), -gain_of_memory]))
+    if isinstance(feedback, ct.InputOutputSystem):
+        columns = feedback.ninputs
+    else:
+        shape = np.shape(feedback)
+        columns = shape[1] if len(shape) == 2 else 0
+    further = columns - len(states)
+    return further // len(commands) if further > 0 and further % len(commands) == 0 else 0
 
 
 def _matrices(feedback: Any, names: Sequence[str], commands: Sequence[str]) -> _Law:
@@ -357,22 +231,28 @@ def _matrices(feedback: Any, names: Sequence[str], commands: Sequence[str]) -> _
             f"The feedback is a {type(feedback).__name__}; allowed is a StateSpace from states of "
             "the crane to the commands of its drives, such as control.ss makes of it."
         )
-    m = len(commands)
-    if feedback.noutputs != m:
-        raise CraneError(
-            f"The feedback has {feedback.noutputs} outputs ({', '.join(feedback.output_labels)}); "
-            f"it needs one for each drive: {', '.join(commands)}. A filter of one signal, such as "
-            "a notch, is put in series with a gain of all drives first."
-        )
+    # By name where all outputs are named after commands, else in the order of the drives.
+    outputs = list(feedback.output_labels)
+    if not set(outputs) <= set(commands):
+        if len(outputs) != len(commands):
+            raise CraneError(
+                f"The feedback has {len(outputs)} outputs ({', '.join(outputs)}); it needs one for "
+                f"each drive: {', '.join(commands)}. A filter of one signal, such as a notch, is "
+                "put in series with a gain first; outputs with the names of some of these commands "
+                "leave the other drives held."
+            )
+        outputs = list(commands)
     k = feedback.nstates
     if k and (feedback.dt is True or not feedback.dt):
         raise CraneError(
             f"The feedback has {k} states in continuous time or without a period; "
             "control.sample_system makes it one of the control period."
         )
-    by_state = _by_state(feedback, names)
-    gain = finite("gain of the feedback", -by_state[k:], (m, len(names)))
-    return _Law(feedback.A, by_state[:k], feedback.C.reshape(m, k), gain)
+    by_state = _by_state(feedback, names, in_full=len(outputs) == len(commands))
+    gain = finite("gain of the feedback", -by_state[k:], (len(outputs), len(names)))
+    matrices = [feedback.A.ravel(), by_state[:k].ravel(), feedback.C.ravel()]
+    finite("matrices of the feedback", np.concatenate(matrices), ("k",))
+    return _Law(feedback.A, by_state[:k], feedback.C.reshape(len(outputs), k), gain, outputs)
 
 
 def _gain_matrices(gain: Any, names: Sequence[str], commands: Sequence[str]) -> _Law:
@@ -389,12 +269,12 @@ def _gain_matrices(gain: Any, names: Sequence[str], commands: Sequence[str]) -> 
         f"column for each state ({', '.join(names)})"
     )
     gain = finite("gain of the feedback", gain, (m, states), meaning=columns_meaning)
-    return _Law(np.zeros((0, 0)), np.zeros((0, states)), np.zeros((m, 0)), gain)
+    return _Law(np.zeros((0, 0)), np.zeros((0, states)), np.zeros((m, 0)), gain, commands)
 
 
-def _by_state(feedback: Any, names: Sequence[str]) -> np.ndarray:
+def _by_state(feedback: Any, names: Sequence[str], *, in_full: bool) -> np.ndarray:
     """Return the matrix from the states of the crane to the next states of a system and then its
-    commands, shape (k + m, states).
+    commands, shape (k + outputs, states).
 
     Inputs without any of these names are taken in their order. Further inputs must be those of
     `control.create_statefbk_iosystem`: the desired states and commands, from which the states are
@@ -403,6 +283,7 @@ def _by_state(feedback: Any, names: Sequence[str]) -> np.ndarray:
     Args:
         feedback: The system, of k states.
         names: Names of the states of the crane.
+        in_full: Whether it commands all drives; a gain of all drives has all states as inputs.
 
     Raises:
         CraneError: If a gain lacks a state, or there are other inputs.
@@ -414,7 +295,7 @@ def _by_state(feedback: Any, names: Sequence[str]) -> np.ndarray:
     is_positional = len(labels) == len(names) and not set(labels) & set(names)
     columns = {name: i for i, name in enumerate(names if is_positional else labels)}
     lacking = [name for name in names if name not in columns]
-    if lacking and not k:
+    if lacking and not k and in_full:
         raise CraneError(
             f"The feedback has no input {lacking[0]}; its inputs are to be {', '.join(names)}."
         )

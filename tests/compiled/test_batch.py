@@ -25,6 +25,7 @@ from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
+from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import validity as validity
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
@@ -448,6 +449,16 @@ NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
 class _Louder(Hold):
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         return 1.1 * super().__call__(t, state, setpoint)
+
+
+def test_a_control_period_longer_than_that_of_the_controller_is_refused_as_in_a_single_run() -> (
+    None
+):
+    law = as_velocity_command(crane(), follow(crane(), hold(crane())), drive="motion")
+    words = r"control period of the run is 0\.1 s; allowed is .* 0\.005 s, or less"
+    for run in (simulate, simulate_batch):
+        with pytest.raises(OutOfRange, match=words):
+            run(crane(), law, duration=1.0, drive="velocity", control_period=0.1)
 
 
 def test_controllers_that_have_no_common_form_are_refused_by_name() -> None:

@@ -30,9 +30,11 @@ from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.references.limits import Limits
+from tests import linear_laws
 from tests.compiled import gpu_stand_in
 from tests.compiled.test_batch import _controllers, _cranes, _references, _starts
 from tests.helpers import crane
+from tests.linear_laws import filtered, integrating
 
 HOOK = {"hook_mass": 300.0, "sling_length": 4.0}
 """The tower crane with a double pendulum."""
@@ -101,6 +103,18 @@ def _on_converters() -> dict[str, Any]:
     }
 
 
+def _with_states() -> dict[str, Any]:
+    """Controllers with five states, with one that takes a drive to its limit, and with none."""
+    laws = [filtered(), integrating(4e7, d=[[-4e7]]), hold_controller(linear_laws.CRANE)]
+    starts = [linear_laws.CRANE.state(x=11.8 + 0.05 * i, l=15.0, phi=0.02) for i in range(9)]
+    return {
+        "crane": linear_laws.CRANE,
+        "controller": [laws[i % 3] for i in range(9)],
+        "reference": hold(linear_laws.CRANE, linear_laws.REST),
+        "start": starts,
+    }
+
+
 def _another_crane() -> dict[str, Any]:
     c = load_crane(**HOOK)
     starts = [c.state(phi=0.1 * i) for i in range(3)]
@@ -113,6 +127,7 @@ STUDIES = {
     "buffers and RK4": _at_buffers,
     "motion": _moved,
     "converters": _on_converters,
+    "controllers with states": _with_states,
     "two pendulums": _another_crane,
 }
 

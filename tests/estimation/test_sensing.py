@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation import with_observer, with_sensor_model
+from cranedyn.estimation.load_estimate import with_load_estimate
 from cranedyn.estimation.observer import (
     ObserverController,
     disturbance_of,
@@ -28,8 +30,11 @@ from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import Motion, hanging_reference, spline
+from cranedyn.simulation.simulate import simulate
+from tests import linear_laws
 from tests.estimation.motions import PERIOD, REST, STILL, at_rest, combined, residual, tracked
 from tests.helpers import crane, python, quickly
+from tests.linear_laws import filtered
 
 MEASURED = crane().layout.measured
 NOISE = noise_of(crane())
@@ -129,6 +134,28 @@ def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says(
 def test_noise_is_drawn_by_a_generator_and_not_by_a_seed() -> None:
     with pytest.raises(OutOfRange, match="rng is 5; allowed is a generator, such as"):
         with_sensor_model(crane(), hold_controller(crane()), rng=5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("behind", ["sensors", "observer", "load estimate"])
+def test_behind_new_sensors_or_a_new_observer_a_controller_begins_anew(behind: str) -> None:
+    law = filtered()
+    c = linear_laws.CRANE
+    still = np.zeros((1, 5))
+    motion = Motion(linear_laws.PERIOD, linear_laws.REST.q[None], still, still, c.layout.drives)
+    ends = []
+    for _ in range(2):
+        if behind == "sensors":
+            controller: Any = with_sensor_model(c, law, rng=np.random.default_rng(0))
+        elif behind == "observer":
+            controller = with_observer(law, c, motion, dt=2e-3)
+        else:
+            controller = with_load_estimate(law, c, motion)
+        run = simulate(
+            c, controller, start=c.state(x=12.3, l=15.0), duration=1.0, dt=2e-3,
+            control_period=linear_laws.PERIOD,
+        )  # fmt: skip
+        ends.append(run.q[-1].tolist())
+    assert ends[0] == ends[1]
 
 
 def test_sensors_of_one_run_are_refused_in_another() -> None:

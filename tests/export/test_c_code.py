@@ -35,6 +35,7 @@ from cranedyn.simulation.simulate import simulate
 from experiments.scenarios.crane_variants import BRIDGE, HOOK
 from tests.export.c_tools import STRICT, CompiledBlock, output, tool
 from tests.helpers import crane, long_after
+from tests.linear_laws import PERIOD, filtered, integrating
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
@@ -66,6 +67,10 @@ MADE: dict[str, tuple[Any, Callable[[], Any]]] = {
     ),
     "observer": ("effort", lambda: with_observer(lqr(CRANE, MOTION), CRANE, MOTION)),
     "shaper": ("effort", lambda: shaped(hold(CRANE), zvd(0.02), [0.71, 0.2])),
+    "states": ("effort", lambda: filtered(setpoint="run")),
+    "states, rates": ("velocity", lambda: filtered("velocity")),
+    # Stiff enough that noise of 0.05 m takes the trolley from one limit to the other.
+    "states at the limit": ("effort", lambda: integrating(4e7, about=CRANE.start, d=[[-4e7]])),
     "predictive, efforts": ("effort", lambda: predictive("effort")),
     "predictive, rates": ("velocity", lambda: predictive("velocity")),
 }
@@ -79,14 +84,17 @@ def predictive(drive: Any, **settings: Any) -> Any:
 @pytest.mark.parametrize(
     "name",
     [
-        # Predictive control of efforts, and rates of other controllers, are in the default run.
-        pytest.param(name, marks=[pytest.mark.long] * (name == "predictive, rates"))
+        # Each with efforts, and rates of other controllers, are in the default run.
+        pytest.param(
+            name, marks=[pytest.mark.long] * (name in {"predictive, rates", "states, rates"})
+        )
         for name in MADE
     ],
 )
 def test_a_controller_in_c_commands_what_it_commands_in_python(name: str, tmp_path: Path) -> None:
     drive, make = MADE[name]
-    block = controller_block(CRANE, make(), drive=drive, duration=20.0)
+    period = PERIOD if "states" in name else 5e-3
+    block = controller_block(CRANE, make(), drive=drive, control_period=period, duration=20.0)
     compiled = CompiledBlock(block, tmp_path)
     inputs, expected = reference_calls(
         CRANE, make(), block, rows=200 if "predictive" in name else 900

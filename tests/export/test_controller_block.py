@@ -23,10 +23,12 @@ from cranedyn.dynamics.converters import converters
 from cranedyn.export.controller_block import controller_block, reference_calls
 from cranedyn.export.usual_controllers import CONTROLLERS, usual_controller
 from cranedyn.interfaces import Drive
+from cranedyn.model.load import load_crane
 from cranedyn.references.flat import flat
 from tests.export.c_tools import CompiledBlock, output, tool
 from tests.export.st_interpreter import InterpretedBlock
-from tests.helpers import crane
+from tests.helpers import ROOT, crane
+from tests.linear_laws import filtered
 
 CRANE = crane()
 PERIOD = 5e-3
@@ -53,6 +55,10 @@ def following() -> FunctionBlock:
     return controller_block(CRANE, follow(CRANE, MOTION), drive="motion")
 
 
+def with_states() -> FunctionBlock:
+    return controller_block(CRANE, filtered(setpoint="run", period=PERIOD))
+
+
 BLOCKS: dict[str, tuple[str, Callable[[], FunctionBlock]]] = {
     "hold": ("effort", usual("hold")),
     "lqr": ("effort", usual("lqr")),
@@ -66,6 +72,7 @@ BLOCKS: dict[str, tuple[str, Callable[[], FunctionBlock]]] = {
     "hold, rates": ("velocity", usual("hold", "velocity")),
     "yielding, rates": ("velocity", usual("yielding", "velocity")),
     "shaper, rates": ("velocity", usual("shaper", "velocity")),
+    "states": ("effort", with_states),
 }
 """Kind of the outputs, and the block, by name."""
 
@@ -244,6 +251,26 @@ def test_a_drive_is_not_braked_for_longer_than_from_its_largest_rate() -> None:
     limit = float(CRANE.rate_limit[1])
     braking = sum(float(YIELDING(row, False)[0][1]) * PERIOD for _ in range(5000))
     assert braking == pytest.approx(-limit, rel=1e-9)
+
+
+def test_wherever_the_jib_stands_an_exported_lqr_expects_the_load_to_hang_plumb() -> None:
+    luffing = load_crane(urdf=ROOT / "urdf" / "luffing_crane.urdf.xacro")
+    make = CONTROLLERS["lqr"][1]
+    block = controller_block(luffing, make(luffing, PERIOD))
+    call = in_structured_text(block)
+    inputs, expected = reference_calls(luffing, make(luffing, PERIOD), block, rows=20)
+    found = np.array([call(row, False)[0] for row in inputs])
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+    # Where the jib stands 0.1 rad higher, at its setpoint and with the load at rest, no effort
+    # beyond those of the start is needed: the swing is measured from the jib.
+    row = {variable.name: variable.start for variable in block.of_kind("input")}
+    at_start, _ = call(np.array([*row.values()]), True)
+    q = luffing.start.q.copy()
+    q[luffing.layout.index("luff")] += 0.1
+    row |= dict(zip(luffing.layout.symbols, luffing.resting(q).tolist(), strict=True))
+    row["luff_set"] += 0.1
+    elsewhere, _ = call(np.array([*row.values()]), True)
+    np.testing.assert_allclose(elsewhere, at_start, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.slow

@@ -19,15 +19,16 @@ from numpy.testing import assert_allclose
 
 from cranedyn.__main__ import main
 from cranedyn.compiled.crane_block import force_names
+from cranedyn.controllers.linear import LinearController, linear_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.export import fmi
-from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.export.usual_controllers import CONTROLLERS
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
 from experiments.scenarios.crane_variants import BRIDGE, HOOK, CraneVariant
@@ -282,11 +283,29 @@ def test_model_exchange_goes_where_cosimulation_goes(version: Any, tmp_path: Pat
     assert abs(runs[0]["phi"][-1] - 0.1) > 1e-2
 
 
+def own_design(c: Crane, period: float) -> LinearController:
+    """Proportional and integral control of the trolley about the setpoint of the run, with its rate
+    behind a low-pass.
+    """
+    a = np.array([[1.0, 0.0], [0.0, 0.9]])
+    b = np.array([[-period, 0.0], [0.0, 0.1]])
+    by_state = np.array([[1e3, -1e4]])
+    direct = np.array([[-5e3, 0.0]])
+    return linear_controller(
+        c, a, b, by_state, direct, about=c.state(x=11.0), inputs=["x", "x_dot"], outputs=["F_x"],
+        setpoint="run", period=period,
+    )  # fmt: skip
+
+
 @pytest.mark.slow
-def test_units_of_a_crane_and_a_controller_together_are_simulate(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "make", [CONTROLLERS["integral"][1], pytest.param(own_design, marks=pytest.mark.long)]
+)
+def test_units_of_a_crane_and_a_controller_together_are_simulate(
+    make: Callable[[Crane, float], Any], tmp_path: Path
+) -> None:
     c = damped()
     steps = 600
-    make = CONTROLLERS["integral"][1]
     units = []
     for name, controller in (("crane", None), ("controller", make(c, PERIOD))):
         path = fmi.export(c, tmp_path / f"{name}.fmu", controller=controller)

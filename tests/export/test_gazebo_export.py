@@ -26,7 +26,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory, read_columns
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, DataError
 from cranedyn.export import gazebo, ros2
 from cranedyn.export.gazebo import Program
 from cranedyn.model.load import load_crane
@@ -38,6 +38,7 @@ from experiments.scenarios.crane_variants import OVERHEAD
 from experiments.scenarios.moves import residual
 from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD
 from tests.helpers import FAST, ROOT
+from tests.linear_laws import CRANE, PERIOD, REST, filtered
 
 SETUP = harness.Setup(engine=FAST)
 
@@ -196,6 +197,13 @@ def test_an_export_that_breaks_off_leaves_nothing(
     with pytest.raises(CraneError, match=r"Cannot write .*: No space left on device"):
         gazebo.export(tmp_path / "out", programs.program("a3", SETUP))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_controller_with_states_is_refused(tmp_path: Path) -> None:
+    program = Program(CRANE, filtered(), None, REST, 1.0, dt=2e-3, control_period=PERIOD)
+    with pytest.raises(DataError, match="LinearController has 5 states of its own"):
+        gazebo.export(tmp_path / "out", program)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_controller_that_is_python_is_refused(tmp_path: Path) -> None:

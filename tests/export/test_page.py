@@ -23,12 +23,13 @@ from scipy.interpolate import RegularGridInterpolator
 import cranedyn as cd
 from cranedyn.__main__ import main
 from cranedyn.compiled import webassembly
+from cranedyn.controllers import LinearController, linear_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.data.trajectory import read as read_trajectory
 from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.equations_of_motion import payload_position
-from cranedyn.errors import DataError
+from cranedyn.errors import CraneError, DataError
 from cranedyn.export import browser_crane, driving_page, exercises
 from cranedyn.identification.checked_record import load_record
 from cranedyn.interfaces import Controller, Setpoint, State
@@ -142,6 +143,8 @@ class Operator:
         self.past = list[np.ndarray]()
         self.rate = np.zeros(len(self.drives))
         self.position = crane.start.q[self.drives]
+        self.law = own_law(crane) if name == "own" else None
+        self.calls = 0
         self.accelerations = np.array(self.assist["accelerations"])
         if table := self.assist.get("lqr"):
             rows = len(table["radii"]), len(table["lengths"]), len(self.drives), -1
@@ -193,6 +196,15 @@ class Operator:
         _, x, phi, theta, length = state.q
         gain = 2.0 * browser_crane.YIELDING_DAMPING_RATIO * math.sqrt(self.crane.gravity * length)
         return self.stoppable(asked - gain * np.array([theta / x, phi, 0.0]), state.q)
+
+    def own(self, asked: np.ndarray, state: State) -> np.ndarray:
+        """The law of `own_law`."""
+        self.ramp(asked)
+        self.position = self.position + self.rate * PERIOD
+        still = np.zeros(len(self.drives))
+        self.calls += 1
+        setpoint = Setpoint(self.position, still, still)
+        return self.stoppable(self.law(self.calls * PERIOD, state, setpoint), state.q)
 
     def lqr(self, asked: np.ndarray, state: State) -> np.ndarray:
         """Feedback of the whole state."""
@@ -267,6 +279,55 @@ def check_itinerary(drive: Callable[..., list[dict[str, Any]]], *instants: int) 
 @pytest.mark.slow
 def test_every_assistance_moves_the_crane_as_simulate_does() -> None:
     check_itinerary(in_node, 1000, 7000)
+
+
+def own_law(crane: Crane, **how: Any) -> LinearController:
+    """Proportional and integral control of the trolley, which follows the load behind a low-pass;
+    slew and hoist are held. It begins with an integral beyond the rate of the trolley.
+    """
+    a = np.diag([1.0, 0.95])
+    b = np.array([[-PERIOD, 0.0], [0.0, 0.05]])
+    by_state = np.array([[0.2, -4.0]])
+    direct = np.array([[-2.0, 0.0]])
+    given: Any = {"drive": "velocity", "setpoint": "run", "period": PERIOD, "initial": [12.0, 0.0]}
+    given |= how
+    name = "F_x" if given["drive"] == "effort" else "x_dot_command"
+    return linear_controller(
+        crane, a, b, by_state, direct, about=crane.start, inputs=["x", "phi"], outputs=[name],
+        **given,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_controller_of_ones_own_moves_the_crane_of_a_page_as_simulate_does() -> None:
+    crane = crane_of("tower")
+    own = browser_crane.own_data(crane, converters(crane), own_law(crane))
+    data = data_of("tower")
+    data = data | {
+        "assist": data["assist"] | {"own": own},
+        "assistances": browser_crane.assistances(crane, has_own=True),
+    }
+    (done,) = in_node(data, request("own", 3000))
+    run = in_python("tower", "own", 3000)
+    check_same(done, run, 1e-9)
+    assert np.abs(run.v[:, 1]).max() > 0.3
+
+
+@pytest.mark.parametrize(
+    ("how", "sentence"),
+    [
+        ({"setpoint": "rest"}, "so that the sticks have no effect"),
+        ({"drive": "effort"}, "has other limits than the rates of the usual converters"),
+        ({"period": 1e-2}, "allowed is that of the controller, 0.01"),
+    ],
+)
+def test_a_controller_that_a_page_cannot_run_is_refused_before_anything_is_compiled(
+    how: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    crane = crane_of("tower")
+    with pytest.raises(CraneError, match=sentence):
+        driving_page.export(tmp_path / "own.html", crane, controller=own_law(crane, **how))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.long

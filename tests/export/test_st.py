@@ -25,6 +25,7 @@ from cranedyn.simulation.simulate import simulate
 from tests.export.c_tools import output, tool
 from tests.export.st_interpreter import InterpretedBlock
 from tests.helpers import ROOT, crane
+from tests.linear_laws import PERIOD, filtered
 
 CRANE = crane()
 LIBRARY = Path(os.environ.get("MATIEC_LIB", "/usr/local/share/matiec/lib"))
@@ -164,6 +165,27 @@ def test_a_controller_in_structured_text_commands_what_it_commands_in_python(
     # Round-off of sums in another order, of the largest command.
     assert (off <= 1e-12 * np.maximum(np.abs(expected).max(axis=0), 1.0)).all()
     assert np.ptp(expected) > 0.0
+
+
+@pytest.mark.parametrize("plc_name", ["Python", pytest.param("MATIEC", marks=pytest.mark.long)])
+@pytest.mark.parametrize("setpoint", ["rest", "run"])
+def test_a_linear_controller_with_states_commands_in_structured_text_what_it_commands_in_python(
+    setpoint: Any, plc_name: str, tmp_path: Path
+) -> None:
+    block = controller_block(CRANE, filtered(setpoint=setpoint), control_period=PERIOD)
+    inputs, expected = reference_calls(CRANE, filtered(setpoint=setpoint), block, rows=300)
+    # Setpoints are inputs only where the controller acts about them.
+    names = [variable.name for variable in block.of_kind("input")]
+    assert [name for name in names if name.endswith("_set")] == [
+        f"{name}_set" for name in ("gamma", "x", "l") if setpoint == "run"
+    ]
+    plc = PythonPlc(block) if plc_name == "Python" else SoftPlc(build_plc(block, tmp_path))
+    # Twice: a reset brings the initial states back.
+    for _ in range(2):
+        found = np.array([plc(row, reset=k == 0)[0] for k, row in enumerate(inputs)])
+        # Round-off of sums in another order, of the largest command.
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+    plc.end()
 
 
 @pytest.mark.slow

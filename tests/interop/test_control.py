@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.controllers.tracking import Tracking
@@ -17,9 +18,9 @@ from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.linearisation import held_states, sampled
 from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
@@ -137,6 +138,30 @@ def test_what_python_control_calls_a_state_feedback_is_the_same_controller() -> 
     ]
     for system in systems:
         assert (from_control(c, system, rest).gain[0] == gain).all()
+
+
+def test_outputs_with_the_names_of_commands_go_to_these_drives_in_whatever_order() -> None:
+    c = crane()
+    names = state_names(c)
+    gain = np.random.default_rng(0).normal(size=(3, 10))
+    turned = input_names(c, "effort")[::-1]
+    system = ct.ss([], [], [], -gain[::-1], inputs=names, outputs=turned, dt=PERIOD)
+    assert (from_control(c, system, c.start).gain[0] == gain).all()
+    # One output commands one drive; the others are held.
+    alone = ct.ss([], [], [], [[-7e3]], inputs=["x"], outputs=["F_x"], dt=PERIOD)
+    law = from_control(c, alone, c.start)
+    hold_gain = hold_controller(c).affine(np.zeros(1), np.zeros((1, 3))).gain[0]
+    assert (law.gain[0][1] == 7e3 * np.eye(10)[1]).all()
+    assert (law.gain[0][[0, 2]] == hold_gain[[0, 2]]).all()
+
+
+def test_a_system_without_names_has_the_states_of_the_plant_in_their_order() -> None:
+    c = crane()
+    gain = np.random.default_rng(0).normal(size=(3, 13))
+    plain = ct.ss([], [], [], -gain, dt=PERIOD)
+    laws = [from_control(c, one, c.start, drive="velocity") for one in (gain, plain)]
+    for name in ("a", "b", "c"):
+        assert (getattr(laws[1].states, name) == getattr(laws[0].states, name)).all()
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
@@ -301,7 +326,8 @@ def test_a_controller_with_an_observer_moves_the_crane_as_the_closed_linear_loop
         dt=PERIOD,
     )
     controller = from_control(c, design, rest)
-    assert affine_form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is None
+    # What runs without Python.
+    assert affine_form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is not None
     loop = np.block([[plant.A, -plant.B @ gain], [filter_gain @ plant.C, design.A]])
 
     def off(size: float) -> float:

@@ -4,19 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cranedyn.controllers import hold_controller, lqr, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.linear import LinearController
 from cranedyn.dynamics.linearisation import Sampled, sampled
+from cranedyn.errors import CraneError
 from cranedyn.estimation import with_observer
-from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.interop.margins import Margins, Regulator, behind_observer, margins, regulator
+from cranedyn.interfaces import Controller, Drive, Setpoint, State
+from cranedyn.interop.margins import (
+    Margins,
+    Regulator,
+    behind_observer,
+    loop_margins,
+    margins,
+    regulator,
+    sampled_plant,
+)
 from cranedyn.model.load import load_crane
 from cranedyn.references import Motion
+from tests import linear_laws
 from tests.helpers import ROOT, crane
+from tests.linear_laws import filtered
 
 PERIOD = 5e-3
 REST = crane().state(x=10.0, l=15.0)
@@ -138,6 +152,113 @@ def test_margins_of_one_pole_are_those_of_the_closed_form() -> None:
     turning = 2.0 * math.asin(0.05)
     late = (math.pi / 2.0 - turning / 2.0) / turning * PERIOD
     assert found.drives[0].delay == pytest.approx(late, rel=1e-3)
+
+
+def test_the_phase_margin_of_one_pole_is_that_of_the_closed_form() -> None:
+    # |L| = 1 at the frequency of the closed form above, where arg L is -π/2 - ωT/2.
+    turning = 2.0 * math.asin(0.05)
+    found = of_one(1.0, 0.1).drives[0].phase
+    assert found == pytest.approx(math.pi / 2.0 - turning / 2.0, rel=1e-9)
+
+
+def joined(plant: Sampled, law: LinearController) -> np.ndarray:
+    """The loop of a plant with a controller, from the matrices of the controller."""
+    states = law.states
+    further = len(plant.a) - 10
+    gain = np.pad(law.tracking.gain[0], ((0, 0), (0, further)))
+    by_state = np.pad(states.b, ((0, 0), (0, further)))
+    return np.block([[plant.a - plant.b @ gain, plant.b @ states.c], [by_state, states.a]])
+
+
+def slowest(loop: np.ndarray) -> float:
+    """Largest eigenvalue of a loop."""
+    return float(np.abs(np.linalg.eigvals(loop)).max())
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion", "velocity"])
+def test_the_growth_of_a_controller_with_states_is_that_of_the_joined_matrices(
+    drive: Drive,
+) -> None:
+    law = filtered(drive)
+    clock: Any = {"dt": 2e-3, "control_period": linear_laws.PERIOD}
+    found = loop_margins(crane(), law, linear_laws.REST, drive=drive, **clock)
+    plant = sampled_plant(crane(), linear_laws.REST, drive=drive, **clock)
+    expected = math.log(slowest(joined(plant, law))) / linear_laws.PERIOD
+    assert found.growth_rate == pytest.approx(expected, rel=1e-9)
+    assert found.growth_rate < 0.0 < found.damping
+
+
+@pytest.mark.parametrize("drive", ["effort", "velocity"])
+def test_margins_of_a_controller_with_states_are_those_of_python_control(drive: Drive) -> None:
+    ct = pytest.importorskip("control")
+    law = filtered(drive)
+    clock: Any = {"dt": 2e-3, "control_period": linear_laws.PERIOD}
+    plant = sampled_plant(crane(), linear_laws.REST, drive=drive, **clock)
+    found = loop_margins(crane(), law, linear_laws.REST, drive=drive, **clock)
+    for i, margin in enumerate(found.drives):
+        # The command of one drive does not reach the crane; the loop goes from there to itself.
+        others = replace(plant, b=plant.b * (np.arange(3) != i))
+        into = np.append(plant.b[:, i], np.zeros(5))[:, None]
+        width = len(plant.a) - 10
+        out = np.concatenate([law.tracking.gain[0][i], np.zeros(width), -law.states.c[i]])[None]
+        loop = ct.ss(joined(others, law), into, out, 0, dt=linear_laws.PERIOD)
+        grid = np.geomspace(1e-3, 0.999 * math.pi / linear_laws.PERIOD, 2000)
+        gains, phases, _, _, crossings, _ = ct.stability_margins(
+            ct.frequency_response(loop, grid), returnall=True
+        )
+        # python-control leaves out half of the sampling rate, where L is real, too.
+        gains = np.append(gains, -1.0 / loop(-1.0).real)
+        upper = min(gains[gains > 1.0], default=math.inf)
+        assert margin.upper_gain == pytest.approx(upper, rel=1e-6)
+        shifts = np.abs(np.radians(phases))
+        assert margin.phase == pytest.approx(min(shifts, default=math.inf), rel=1e-6)
+        lags = np.mod(np.radians(phases), 2.0 * math.pi) / crossings
+        assert margin.delay == pytest.approx(min(lags, default=math.inf), rel=1e-6)
+
+
+@pytest.mark.parametrize("drive", ["effort", "velocity"])
+def test_a_controller_with_states_is_unstable_just_beyond_its_margins(drive: Drive) -> None:
+    law = filtered(drive)
+    clock: Any = {"dt": 2e-3, "control_period": linear_laws.PERIOD}
+    plant = sampled_plant(crane(), linear_laws.REST, drive=drive, **clock)
+    found = loop_margins(crane(), law, linear_laws.REST, drive=drive, **clock)
+    tried = 0
+    for i, margin in enumerate(found.drives):
+        for limit in (margin.upper_gain, margin.lower_gain):
+            if not 0.0 < limit < 100.0:
+                continue
+            within = 0.99 * limit if limit > 1.0 else 1.01 * limit
+            beyond = limit * limit / within
+            radii = []
+            for factor in (within, beyond):
+                factors = np.ones(3)
+                factors[i] = factor
+                radii.append(slowest(joined(replace(plant, b=plant.b * factors), law)))
+            assert radii[0] < 1.0 < radii[1]
+            tried += 1
+    assert tried > 0
+
+
+@pytest.mark.parametrize("of", ["sampled", "loop_margins"])
+def test_margins_of_a_taut_rope_that_does_not_stretch_are_those_of_a_rigid_one(of: str) -> None:
+    found = []
+    for c in (crane(), crane(rope_stiffness=math.inf, drum_inertia=1e-6)):
+        controller = hold_controller(c)
+        if of == "loop_margins":
+            found.append(loop_margins(c, controller, c.start))
+        else:
+            law = regulator(c, controller, c.start, period=PERIOD)
+            found.append(margins(sampled(c, c.start), law))
+    # The tiny inertia of the drum.
+    assert found[1].damping == pytest.approx(found[0].damping, rel=1e-6)
+    assert found[1].growth_rate == pytest.approx(found[0].growth_rate, rel=1e-6)
+    for one, other in zip(found[0].drives, found[1].drives, strict=True):
+        assert other == pytest.approx(one, rel=1e-4)
+
+
+def test_a_controller_of_another_period_has_no_margins() -> None:
+    with pytest.raises(CraneError, match=r"control period of the run is 0\.005 s; allowed is"):
+        loop_margins(crane(), filtered(), linear_laws.REST)
 
 
 def test_an_unstable_plant_has_a_lower_gain_margin_also_where_it_does_not_oscillate() -> None:

@@ -85,6 +85,8 @@ CALLS = {
         follow(crane, still)
         hold_controller(crane, gravity=9.81, stiffness=(5e5, 3e5, 3e4), damping=(1e6, 5e4, 2e4))
         lqr(crane, short)
+        linear_controller(crane, half, half, half, half, about=start, period=5e-3, **named)
+        linear_controller(crane, half, half, half, half, about=short, period=5e-3, **named)
         paper_controller(crane, short)
         with_damping(crane, still, limits=limits)
         HoistIntegral(crane, tracking, 1.0, 1.0)
@@ -147,6 +149,7 @@ CALLS = {
         controller_block(crane, still_shaped, drive='effort', duration=1.0)
         crane_block(crane, drive='motion', dt=1e-3)
         linear_system(crane, start, drive='velocity', control_period=5e-3, dt=5e-4)
+        loop_margins(crane, law, start, dt=5e-4, control_period=5e-3)
         ServedCrane(crane, start=start, duration=0.5).cycle()
         word_map(crane, converters(crane))
         address('127.0.0.1:4840')
@@ -260,6 +263,10 @@ VALUES = {
     "[box+[[-1e300],[1e300]] for box in reserved]",
     "push": "(lambda*a:np.zeros(2)) (lambda*a:np.full(3,nan)) (lambda*a:np.full(3,1e300)) law",
     "points": "points[:1] points*nan points[0] points+1e300",
+    "half": "np.eye(2) [[inf]] [[nan]] 0.5 [[1e300]] np.zeros((1,0)) [[1j]]",
+    "named": "{} dict(inputs=['x','x'],outputs=['F_x']) dict(inputs=['w'],outputs=['F_x']) "
+    "dict(inputs=['x'],outputs=['w']) dict(inputs=['x'],outputs=['F_x'],anti_windup=half) "
+    "dict(inputs=['x'],outputs=['F_x'],setpoint='run')",
     "commands": "commands[:1] commands*nan commands[:,:1] commands+1e300 commands.astype(complex)",
     "trajectory": "trajectory.before(-1.0) trajectory.before(0.006)",
 }
@@ -310,6 +317,8 @@ def namespace() -> dict[str, Any]:
         "ten": "np.full(10, 1e-3)",
         "points": "np.zeros((2, 3))",
         "commands": "np.zeros((3, 2))",
+        "half": "[[0.5]]",
+        "named": "{'inputs': ['x'], 'outputs': ['F_x']}",
         "yard": "read_crane_site('two_towers')",
         "reserved": "[Guard(station, 0.1).box for station in yard.stations]",
         "push": "lambda t, states: 0.01 * three",

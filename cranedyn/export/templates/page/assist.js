@@ -13,6 +13,10 @@
  *   and trolley, damping ratio that they give the swing, and gravity [m/s²].
  * @property {{x: number, l: number, radii: number[], lengths: number[], gains: number[][],
  *   rest: number[]}} [lqr] Gains by radius and cable length, radius first; -1 for no such joint.
+ * @property {{feedForward: number[], gain: number[][], setpoint: number[], shift: number[][],
+ *   start: number[], a: number[][], b: number[][], c: number[][], antiWindup: number[][],
+ *   limits: number[], initial: number[]}} [own] Linear controller of a user, see `LinearLaw` in
+ *   crane_data.py; `start` has the positions of the drives at which the setpoint is `setpoint`.
  */
 
 /** Where a number lies in a table: the index of the row before it, and the share of the way to the
@@ -28,6 +32,10 @@ function locate(rows, x) {
 /** A number limited to [-limit, limit]. @param {number} x @param {number} limit */
 const clip = (x, limit) => Math.min(Math.max(x, -limit), limit);
 
+/** The product of a matrix, row by row, with a vector.
+ * @param {number[][]} rows @param {number[]} x @returns {number[]} */
+const product = (rows, x) => rows.map(row => row.reduce((sum, number, i) => sum + number * x[i], 0));
+
 /** From the sticks of the operator to the commanded rates of the drives, with an assistance. */
 class Assistant {
   /**
@@ -41,8 +49,10 @@ class Assistant {
     this.past = [];
     /** @type {number[]} Rates that the ramps of the drives allow now. */
     this.rate = [];
-    /** @type {number[]} Positions to which these rates have led, about which the LQR acts. */
+    /** @type {number[]} Positions to which these rates have led, about which feedback acts. */
     this.position = [];
+    /** @type {number[]} States of a user's own controller. */
+    this.states = [];
     /** Acceleration of the drives over its usual value. */
     this.ramps = 1;
     // The shaper looks back by half of a swing period.
@@ -54,6 +64,7 @@ class Assistant {
     this.past = [];
     this.rate = this.data.joints.map(joint => v[joint]);
     this.position = this.data.joints.map(joint => q[joint]);
+    this.states = [...this.data.own?.initial ?? []];
   }
 
   /**
@@ -103,6 +114,7 @@ class Assistant {
     if (name === "shaped") return this.limited(this.shaped(asked, q), q);
     if (name === "yielding") return this.limited(this.yielding(asked, q), q);
     if (name === "lqr") return this.limited(this.lqr(asked, q, v), q);
+    if (name === "own") return this.limited(this.own(asked, q, v), q);
     return asked;
   }
 
@@ -185,6 +197,29 @@ class Assistant {
         rates[k] -= weight * sum;
       });
     }
+    return rates;
+  }
+
+  /**
+   * A user's own linear controller, about drives that stand where the sticks have led.
+   * @param {number[]} asked @param {ArrayLike<number>} q @param {ArrayLike<number>} v
+   */
+  own(asked, q, v) {
+    const given = this.data.own;
+    if (!given) return asked;
+    this.ramp(asked);
+    this.position = this.position.map((x, i) => x + this.rate[i] * this.period);
+    const moved = product(given.shift, this.position.map((x, i) => x - given.start[i]));
+    const deviation = [...Array.from(q), ...Array.from(v)]
+      .map((z, i) => z - given.setpoint[i] - moved[i]);
+    const byGain = product(given.gain, deviation);
+    const byStates = product(given.c, this.states);
+    const rates = given.feedForward.map((rate, i) => rate - byGain[i] + byStates[i]);
+    // What the limits take away changes the states, so that they do not wind up.
+    const removed = rates.map((rate, i) => clip(rate, given.limits[i]) - rate);
+    const [next, byInput, back] = [product(given.a, this.states), product(given.b, deviation),
+      product(given.antiWindup, removed)];
+    this.states = next.map((x, i) => x + byInput[i] + back[i]);
     return rates;
   }
 }
