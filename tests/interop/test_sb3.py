@@ -74,5 +74,5 @@ def test_the_cranes_of_the_how_to_are_taken_beyond_the_end_of_an_episode() -> No
 
 
 def test_other_environments_are_refused_at_construction() -> None:
-    with pytest.raises(CraneError, match="vec_env adapts a TowerCraneVectorEnv, and this is Sync"):
+    with pytest.raises(CraneError, match="vec_env adapts a CraneVectorEnv, and this is Sync"):
         vec_env(gym.make_vec("CartPole-v1", num_envs=2, vectorization_mode="sync"))
