@@ -291,13 +291,15 @@ class SwingTask:
                 drive, the cranes stand in different gravities or have no range of a drive in
                 common, a crane oscillates too fast for the physics step, or as `Fleet`.
         """
-        for crane in [cranes] if isinstance(cranes, Crane | str) else cranes:
+        self.rules = rules
+        choice = [cranes] if isinstance(cranes, Crane | str) else list(cranes)
+        for crane in choice:
             if not isinstance(crane, Crane):
                 allowed = "a crane, or several, as cranedyn.load_crane returns them"
                 raise OutOfRange("crane", short_repr(crane), allowed)
-        self.rules = rules
+            self._check_crane(crane, dt)
         self.fleet = Fleet(
-            cranes,
+            choice,
             count,
             drive=self.drive,
             forces=rules.wind > 0.0,
@@ -307,7 +309,6 @@ class SwingTask:
             threads=threads,
         )
         self.layout = self.fleet.layout
-        self._check_cranes(dt)
         self._gravity = _common_gravity(self.fleet.cranes)
         self._set_limits()
         if rules.action == "effort":
@@ -324,17 +325,16 @@ class SwingTask:
         """Return the crane where none is given: the overhead crane of this project."""
         return load_crane(OVERHEAD)
 
-    def _check_cranes(self, dt: float) -> None:
-        """Check that the task is made for such cranes, and physics steps of `dt` [s] are short
-        enough for them.
+    def _check_crane(self, crane: Crane, dt: float) -> None:
+        """Check that the task is made for a crane, and physics steps of `dt` [s] are short enough
+        for it.
 
         Raises:
-            ModelError: If the load of one does not hang from driven joints.
-            OutOfRange: If one oscillates too fast.
+            ModelError: If its load does not hang from driven joints.
+            OutOfRange: If it oscillates too fast.
         """
-        for crane in self.fleet.cranes:
-            pivot_joint(crane)
-            _check_step(crane, "effort" if self.rules.action == "effort" else "motion", dt)
+        pivot_joint(crane)
+        _check_step(crane, "effort" if self.rules.action == "effort" else "motion", dt)
 
     def _default_limits(self, crane: Crane) -> Limits:
         """Return the limits of the drives where the rules state none."""

@@ -64,13 +64,13 @@ class TowerSwingTask(SwingTask):
         """Return the crane where none is given: the tower crane of this project."""
         return load_crane()
 
-    def _check_cranes(self, dt: float) -> None:
-        """Check that the cranes are tower cranes of five joints.
+    def _check_crane(self, crane: Crane, dt: float) -> None:
+        """Check that a crane is a tower crane of five joints.
 
         Raises:
-            MissingRole, ModelError: If they are not.
+            MissingRole, ModelError: If it is not.
         """
-        self.layout.tower(_PURPOSE)
+        crane.layout.tower(_PURPOSE)
 
     def _default_limits(self, crane: Crane) -> Limits:
         """Return the limits of a large tower crane."""

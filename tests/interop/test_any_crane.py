@@ -211,7 +211,8 @@ def test_gymnasium_finds_no_fault_with_any_crane(name: str, tmp_path: Path) -> N
         made = gym.make(
             f"cranedyn.interop.gymnasium:{ID}", crane=crane_named(name), folder=tmp_path
         )
-        check_env(made.unwrapped)
+        # Drawing is checked with the tower crane.
+        check_env(made.unwrapped, skip_render_check=True)
     assert made.spec.max_episode_steps == 400
 
 
@@ -290,7 +291,7 @@ def load_place(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CRANES)
-@pytest.mark.parametrize("action", ["acceleration", "effort"])
+@pytest.mark.parametrize("action", ["acceleration", pytest.param("effort", marks=pytest.mark.long)])
 def test_a_regulator_brings_the_load_to_its_place_and_a_random_policy_does_not(
     name: str, action: str
 ) -> None:
@@ -348,6 +349,16 @@ def test_observations_of_an_overhead_crane_are_shares_of_limits_and_ranges() -> 
     assert named["x"] == pytest.approx(0.0, abs=1e-6)  # the middle of the span
 
 
+@pytest.mark.slow
+def test_a_load_that_hangs_still_shows_no_swing_whatever_the_angle_of_the_boom() -> None:
+    crane = crane_named("luffing")
+    env = CraneVectorEnv(1, crane=crane)
+    for luff in (1.0, 1.2, 1.35):
+        seen, _ = env.reset(options={"start": crane.state(luff=luff)})
+        named = dict(zip(env.task.observed, seen[0].tolist(), strict=True))
+        assert abs(named["swing_radial"]) < 1e-6 and abs(named["theta"]) < 1e-6
+
+
 def test_the_reward_is_that_of_the_distance_of_the_load() -> None:
     env = CraneVectorEnv(1, crane=crane_named("overhead"), action="acceleration")
     env.reset(options={"goal": (20.0, 10.0, 8.0), "start": crane_named("overhead").state(x=13.0)})
@@ -375,8 +386,11 @@ def test_a_drive_of_efforts_that_is_driven_beyond_its_rate_ends_the_episode() ->
         _, reward, terminated, truncated, _ = env.step(np.array([[0.0, 1.0, 0.0]]))
         ended = bool(terminated[0] or truncated[0])
     assert terminated[0] and reward[0] == PENALTY
-    rates = np.abs(env.task.fleet.z[env.task.layout.n + env.task.layout.drives, 0])
-    assert rates[1] > env.task.drive_limits[1].rate
+    trolley = env.task.layout.index("x")
+    position = env.task.fleet.z[trolley, 0]
+    rate = env.task.fleet.z[env.task.layout.n + trolley, 0]
+    limits = env.task.drive_limits[1]
+    assert limits.lower < position < limits.upper and rate > limits.rate
 
 
 @pytest.mark.slow
@@ -396,7 +410,7 @@ def test_drives_with_converters_stop_before_the_ends_of_their_ranges() -> None:
 
 @pytest.mark.slow
 def test_cranes_that_differ_in_load_and_length_share_one_environment() -> None:
-    cranes = cranes_between(3, urdf=OVERHEAD, payload_mass=(1e3, 9e3), height=(11.5, 14.0))
+    cranes = cranes_between(2, urdf=OVERHEAD, payload_mass=(1e3, 9e3), height=(11.5, 14.0))
     env = CraneVectorEnv(40, crane=cranes, swing=0.0)
     _, infos = env.reset(seed=2)
     task = env.task
@@ -406,13 +420,19 @@ def test_cranes_that_differ_in_load_and_length_share_one_environment() -> None:
         at_goal = load_place(crane, crane.hanging(_with_drives(crane, task.goal[:, i])))
         expected = np.linalg.norm(load_place(crane, task.fleet.z[:n, i]) - at_goal)
         assert infos["distance"][i] == pytest.approx(expected, rel=1e-9)
-    assert len(set(task.crane_index.tolist())) == 3
+    assert len(set(task.crane_index.tolist())) == 2
     machines = cranes_between(2, machine="inteco_3dcrane", payload_mass=(0.5, 1.0))
     assert all(crane.trolley_mass == 1.155 for crane in machines)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drive", ["velocity", "effort", "converters"])
+@pytest.mark.parametrize(
+    "drive",
+    [
+        "converters",
+        *(pytest.param(kind, marks=pytest.mark.long) for kind in ("velocity", "effort")),
+    ],
+)
 def test_the_recording_of_an_episode_repeats_it(drive: str, tmp_path: Path) -> None:
     crane = crane_named("overhead")
     how: dict[str, Any] = {"action": drive}
