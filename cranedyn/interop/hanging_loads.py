@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice, product
 from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.dynamics.bodies import point_paths
+from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane, once_per_crane
 from cranedyn.model.springs import rest_stiffness
 
 _SAMPLES = 8
 """Number of drive positions at which the linear rest is compared with the rest."""
+
+_MAX_CORNERS = 64
+"""Largest number of corners of the ranges of the drives at which cranes are checked: all corners of
+six drives."""
 
 _ROUND_OFF = 1e-9
 """Largest deviation of the linear rest from the rest that counts as round-off [rad or m]."""
@@ -54,13 +60,37 @@ def rest_places(cranes: Sequence[Crane], kinds: np.ndarray, drives: np.ndarray) 
     return places
 
 
+def check_hangs(cranes: Sequence[Crane], lower: np.ndarray, upper: np.ndarray) -> None:
+    """Check that cranes hang at rest at the corners of ranges of their drives, where passive joints
+    are farthest from their middle.
+
+    Args:
+        cranes: The cranes.
+        lower: Lower ends of the ranges of the drives [rad or m], shape (m,).
+        upper: Upper ends.
+
+    Raises:
+        ModelError: If a crane does not.
+    """
+    ends = zip(lower.tolist(), upper.tolist(), strict=True)
+    corners = np.array(list(islice(product(*ends), _MAX_CORNERS))).T
+    for kind in range(len(cranes)):
+        hanging_coordinates(cranes, np.full(corners.shape[1], kind), corners)
+
+
 def _hanging(crane: Crane, drives: np.ndarray) -> np.ndarray:
     """Return the coordinates of one crane that hangs at many drive positions, shape (n, k)."""
     linear = _linear_rest(crane)
     q = linear.at(crane, drives)
-    if not linear.is_exact:
-        for column in range(q.shape[1]):
-            q[:, column] = crane.hanging(q[:, column])
+    to_solve = np.ones(q.shape[1], dtype=bool)
+    if linear.is_exact:
+        # Of a joint beyond its range, `hanging` says which and where.
+        passive = crane.layout.passive
+        is_low = q[passive] < crane.lower[passive][:, None]
+        is_high = q[passive] > crane.upper[passive][:, None]
+        to_solve = (is_low | is_high).any(axis=0)
+    for column in np.flatnonzero(to_solve):
+        q[:, column] = crane.hanging(q[:, column])
     return q
 
 
@@ -104,6 +134,11 @@ def _linear_rest(crane: Crane) -> _LinearRest:
     ends = crane.lower[layout.drives, None], crane.upper[layout.drives, None]
     samples = np.random.default_rng(0).uniform(*ends, (layout.m, _SAMPLES))
     for q in linear.at(crane, samples).T:
-        if np.abs(crane.hanging(q) - q).max() > _ROUND_OFF:
+        try:
+            deviation = np.abs(crane.hanging(q) - q).max()
+        except ModelError:
+            # It does not hang everywhere; `check_hangs` says where it must.
+            return linear._replace(is_exact=False)
+        if deviation > _ROUND_OFF:
             return linear._replace(is_exact=False)
     return linear

@@ -28,8 +28,8 @@ MAX_SWING_RATE = 20.0
 """Bound of swing rates [rad/s]: more than a load on a cable of 10 cm reaches in a fall from 90°."""
 
 _RATE_MARGIN = 1.01
-"""Bound of the rates of drives over their limits, which round-off may exceed, also that of single
-precision."""
+"""Bound of the observed rates of drives, as a share of their limits, which round-off may exceed,
+also that of single precision."""
 
 _MIN_PENDULUM = 1e-3
 """Shortest pendulum that counts as a hanging load [m]."""

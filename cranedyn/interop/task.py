@@ -29,7 +29,7 @@ from cranedyn.dynamics.linearisation import linear
 from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.interop.drive_commands import DriveLimits, acceleration_code, rate_code
-from cranedyn.interop.hanging_loads import hanging_coordinates
+from cranedyn.interop.hanging_loads import check_hangs, hanging_coordinates
 from cranedyn.interop.load_view import DriveRanges, LoadView, View, pivot_joint
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
@@ -286,7 +286,8 @@ class SwingTask:
             threads: Number of threads; None for one on each processor.
 
         Raises:
-            ModelError: If the load of a crane does not hang from driven joints.
+            ModelError: If the load of a crane does not hang from driven joints, or not at rest with
+                its drives anywhere in the ranges of starts and goals.
             OutOfRange: If something else than a crane is given, a rule has not one number for each
                 drive, the cranes stand in different gravities or have no range of a drive in
                 common, a crane oscillates too fast for the physics step, or as `Fleet`.
@@ -358,7 +359,12 @@ class SwingTask:
         return np.array([_WORKING_RANGE[joint.kind] for joint in self.layout.driven])
 
     def _make_view(self) -> View:
-        """Return what is observed of the cranes."""
+        """Return what is observed of the cranes.
+
+        Raises:
+            ModelError: If a load does not hang at rest everywhere in the ranges of the drives.
+        """
+        check_hangs(self.fleet.cranes, self._drawn_lower[:, 0], self._drawn_upper[:, 0])
         ranges = DriveRanges(
             lowest=self._lowest,
             highest=self._highest,
@@ -368,6 +374,15 @@ class SwingTask:
             rates=self._rates,
         )
         return LoadView(self.fleet.cranes, ranges, self.rules.swing_limit, self._gravity)
+
+    def _rest_coordinates(self, drives: np.ndarray, kinds: np.ndarray) -> np.ndarray:
+        """Return coordinates about which loads swing at the start, shape (coordinates, k).
+
+        Args:
+            drives: Positions of the drives [rad or m], shape (m, k).
+            kinds: Which of the cranes each column is, shape (k,).
+        """
+        return hanging_coordinates(self.fleet.cranes, kinds, drives)
 
     # --- the drives -------------------------------------------------------------------------------
 
@@ -617,7 +632,7 @@ class SwingTask:
         """Return states with drives at rest at some positions, shape (m, k), and swings about where
         the load hangs, shape (coordinates, k) each.
         """
-        q = hanging_coordinates(self.fleet.cranes, kinds, drives)
+        q = self._rest_coordinates(drives, kinds)
         v = np.zeros_like(q)
         frequency = np.sqrt(self._gravity / self.view.pendulum_lengths(q, kinds))
         q[self.view.swings] += swing.angle

@@ -88,6 +88,12 @@ class TowerSwingTask(SwingTask):
         """Return that drives are drawn anywhere in their ranges, shape (3,)."""
         return np.full(self.layout.m, np.inf)
 
+    def _rest_coordinates(self, drives: np.ndarray, kinds: np.ndarray) -> np.ndarray:
+        """Return the coordinates with both swings at zero, shape (5, k)."""
+        q = np.zeros((self.layout.n, drives.shape[1]))
+        q[self.layout.drives] = drives
+        return q
+
     def _make_view(self) -> View:
         """Return what is observed of the cranes."""
         return TowerView(self.fleet.cranes[0], self._rates, self._gravity)

@@ -465,6 +465,19 @@ def test_a_crane_whose_load_does_not_swing_is_told_what_the_task_needs(tmp_path:
     assert "\n" not in str(said.value)
 
 
+def test_a_crane_whose_load_does_not_hang_everywhere_is_refused_before_it_is_learned_on(
+    tmp_path: Path,
+) -> None:
+    # A crab that tilts by 1.5 rad, where the swing joint below it would have to make up for that.
+    text = gantry().replace('"cross" type="prismatic"', '"cross" type="revolute"')
+    text = text.replace('lower="-9" upper="9"', 'lower="-1.5" upper="1.5"')
+    path = tmp_path / "tilting.urdf"
+    path.write_text(text)
+    crane = load_crane(path, driven=["travel", "cross", "rope"])
+    with pytest.raises(ModelError, match=r"along would be at 1\.47 rad, its range is -1\.2 to"):
+        CraneVectorEnv(1, crane=crane)
+
+
 @pytest.mark.parametrize(
     ("how", "sentence"),
     [
