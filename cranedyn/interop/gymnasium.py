@@ -54,8 +54,14 @@ STEPS = 400
 _FRAME_PERIOD = 0.02
 """Time between rows of a recording [s]."""
 
+_PICTURE_MARGIN = 0.05
+"""Distance of a crane from the edges of a picture, as a share of its larger side."""
+
 _ROUND_OFF = 1e-6
 """Round-off of a time divided by the control period."""
+
+Interval = tuple[float, float]
+"""Lower and upper end of an axis."""
 
 VectorStep = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 """What a step of many environments returns by the rules of Gymnasium: observations, rewards,
@@ -445,14 +451,29 @@ class CraneEnv(gym.Env):
 
         crane = self.task.crane_of(0)
         figure = sketch(crane, self._state())
-        # All pictures have one scale, so that they can be shown one after the other: the axes of
-        # the start, where the jib is seen in its whole length, as wide on the other side.
-        side = sketch(crane).axes[0]
-        reach = max(abs(end) for end in side.get_xlim())
-        figure.axes[0].set(xlim=(-reach, reach), ylim=side.get_ylim())
+        # All pictures have one scale, so that they can be shown one after the other.
+        across, up = self._picture_limits(crane)
+        figure.axes[0].set(xlim=across, ylim=up)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3]
+
+    def _picture_limits(self, crane: Crane) -> tuple[Interval, Interval]:
+        """Return the ends of both axes of a picture [m]: the crane is seen wherever its drives move
+        in the episodes.
+        """
+        from cranedyn.recording.sketch import Projection
+
+        projection = Projection(crane)
+        points = []
+        for q in (crane.start.q, *self.task.farthest_coordinates(0).T):
+            points += [outline.corners for outline in projection.outlines(q)]
+            points.append(projection.rope(q))
+        seen = np.concatenate(points)
+        margin = _PICTURE_MARGIN * np.ptp(seen, axis=0).max()
+        low = (seen.min(axis=0) - margin).tolist()
+        high = (seen.max(axis=0) + margin).tolist()
+        return (low[0], high[0]), (low[1], high[1])
 
     def _simulated(self) -> Any:
         """Return the episode up to now as a trajectory.
@@ -542,6 +563,16 @@ class TowerCraneEnv(CraneEnv):
     """
 
     task_type = TowerSwingTask
+
+    def _picture_limits(self, crane: Crane) -> tuple[Interval, Interval]:
+        """Return the ends of both axes of a picture [m]: those of the start, where the jib is seen
+        in its whole length, as wide on the other side.
+        """
+        from cranedyn.recording.sketch import sketch
+
+        side = sketch(crane).axes[0]
+        reach = max(abs(end) for end in side.get_xlim())
+        return (-reach, reach), side.get_ylim()
 
 
 def register() -> None:

@@ -17,8 +17,7 @@ _SAMPLES = 8
 """Number of drive positions at which the linear rest is compared with the rest."""
 
 _MAX_CORNERS = 64
-"""Largest number of corners of the ranges of the drives at which cranes are checked: all corners of
-six drives."""
+"""Largest number of corners of the ranges of the drives: those of six drives."""
 
 _ROUND_OFF = 1e-9
 """Largest deviation of the linear rest from the rest that counts as round-off [rad or m]."""
@@ -60,6 +59,18 @@ def rest_places(cranes: Sequence[Crane], kinds: np.ndarray, drives: np.ndarray) 
     return places
 
 
+def range_corners(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Return drive positions at the corners of ranges [rad or m], shape (m, k): all corners of up
+    to six drives.
+
+    Args:
+        lower: Lower ends of the ranges of the drives [rad or m], shape (m,).
+        upper: Upper ends.
+    """
+    ends = zip(lower.tolist(), upper.tolist(), strict=True)
+    return np.array(list(islice(product(*ends), _MAX_CORNERS))).T
+
+
 def check_hangs(cranes: Sequence[Crane], lower: np.ndarray, upper: np.ndarray) -> None:
     """Check that cranes hang at rest at the corners of ranges of their drives, where passive joints
     are farthest from their middle.
@@ -72,8 +83,7 @@ def check_hangs(cranes: Sequence[Crane], lower: np.ndarray, upper: np.ndarray) -
     Raises:
         ModelError: If a crane does not.
     """
-    ends = zip(lower.tolist(), upper.tolist(), strict=True)
-    corners = np.array(list(islice(product(*ends), _MAX_CORNERS))).T
+    corners = range_corners(lower, upper)
     for kind in range(len(cranes)):
         hanging_coordinates(cranes, np.full(corners.shape[1], kind), corners)
 

@@ -29,7 +29,7 @@ from cranedyn.dynamics.linearisation import linear
 from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.interop.drive_commands import DriveLimits, acceleration_code, rate_code
-from cranedyn.interop.hanging_loads import check_hangs, hanging_coordinates
+from cranedyn.interop.hanging_loads import check_hangs, hanging_coordinates, range_corners
 from cranedyn.interop.load_view import DriveRanges, LoadView, View, pivot_joint
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
@@ -651,6 +651,14 @@ class SwingTask:
     def crane_of(self, index: int) -> Crane:
         """Return which crane the present episode of a column has."""
         return self.fleet.cranes[self.crane_index[index]]
+
+    def farthest_coordinates(self, index: int) -> np.ndarray:
+        """Return coordinates of the crane of a column that hangs at rest with its drives at the
+        corners of the ranges of starts and goals, shape (coordinates, corners).
+        """
+        corners = range_corners(self._drawn_lower[:, 0], self._drawn_upper[:, 0])
+        kinds = np.full(corners.shape[1], self.crane_index[index])
+        return hanging_coordinates(self.fleet.cranes, kinds, corners)
 
     def force_on(self, index: int) -> list[float]:
         """Return the force of the wind on the payload of a column in the present episode [N]: three

@@ -28,6 +28,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
+from cranedyn.recording.sketch import Projection
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from cranedyn.theory import amplitude_factor
@@ -446,6 +447,20 @@ def test_the_recording_of_an_episode_repeats_it(drive: str, tmp_path: Path) -> N
     again = env._simulated()
     assert_allclose(np.concatenate([again.q[-1], again.v[-1]]), env.task.fleet.z[:, 0], atol=1e-9)
     assert Path(str(env.render())).stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["overhead", pytest.param("gantry", marks=pytest.mark.long)])
+def test_a_picture_shows_the_load_wherever_the_drives_go(name: str) -> None:
+    crane = crane_named(name)
+    env = CraneEnv(crane=crane, render_mode="rgb_array")
+    (left, right), (bottom, top) = env._picture_limits(crane)
+    projection = Projection(crane)
+    for seed in range(20):
+        env.reset(seed=seed)
+        across, up = projection.rope(env.task.fleet.z[: crane.layout.n, 0]).T
+        assert left < across.min() and across.max() < right
+        assert bottom < up.min() and up.max() < top
 
 
 # --- what is refused ------------------------------------------------------------------------------
