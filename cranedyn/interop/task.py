@@ -293,7 +293,7 @@ class SwingTask:
                 common, a crane oscillates too fast for the physics step, or as `Fleet`.
         """
         self.rules = rules
-        choice = [cranes] if isinstance(cranes, Crane | str) else list(cranes)
+        choice = [cranes] if isinstance(cranes, Crane | str | Path) else list(cranes)
         for crane in choice:
             if not isinstance(crane, Crane):
                 allowed = "a crane, or several, as cranedyn.load_crane returns them"
@@ -418,19 +418,19 @@ class SwingTask:
                 but end at once.
         """
         holding = []
-        spare = []
-        fastest = []
+        left_by_limits = []
+        to_rate_limit = []
         for crane in self.fleet.cranes:
             own = holding_effort(crane, crane.start.q)
             by_effort = linear(crane, _rest_state(crane)).b[self.layout.n + self.layout.drives]
             holding.append(own)
-            spare.append(crane.effort_limit - np.abs(own))
-            fastest.append(self._rates / (np.abs(np.diag(by_effort)) * period))
+            left_by_limits.append(crane.effort_limit - np.abs(own))
+            to_rate_limit.append(self._rates / (np.abs(np.diag(by_effort)) * period))
         self._holding = np.array(holding)
-        self.efforts = np.minimum(
-            np.min(spare, axis=0), _DEFAULT_EFFORT_SHARE * np.min(fastest, axis=0)
-        )
-        for joint, effort in zip(self.layout.driven, np.min(spare, axis=0).tolist(), strict=True):
+        # One number for each drive must do for all cranes.
+        spare = np.min(left_by_limits, axis=0)
+        fastest = np.min(to_rate_limit, axis=0)
+        for joint, effort in zip(self.layout.driven, spare.tolist(), strict=True):
             if effort <= 0.0:
                 raise ModelError(
                     f"The drive of {joint.name} cannot hold this crane at its start, where "
@@ -438,10 +438,11 @@ class SwingTask:
                     "give it a larger limit, or the crane a smaller load."
                 )
         if self.rules.efforts is None:
+            self.efforts = np.minimum(spare, _DEFAULT_EFFORT_SHARE * fastest)
             return
         self.efforts = self.layout.for_drives("effort", self.rules.efforts, None, "> 0")
         for i, joint in enumerate(self.layout.driven):
-            largest = min(np.min(spare, axis=0)[i], np.min(fastest, axis=0)[i])
+            largest = min(spare[i], fastest[i])
             if self.efforts[i] > largest:
                 raise OutOfRange(
                     f"effort of {joint.symbol}",

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from copy import deepcopy
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -424,6 +425,23 @@ def test_cranes_that_differ_in_load_and_length_share_one_environment() -> None:
     assert len(set(task.crane_index.tolist())) == 2
     machines = cranes_between(2, machine="inteco_3dcrane", payload_mass=(0.5, 1.0))
     assert all(crane.trolley_mass == 1.155 for crane in machines)
+
+
+@pytest.mark.slow
+def test_neither_threads_nor_copies_change_what_is_observed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cranes = [crane_named("overhead"), load_crane(OVERHEAD, payload_mass=2000.0, height=13.0)]
+    observed = []
+    for at_once in (0, 10_000):
+        monkeypatch.setattr("cranedyn.interop.task._MAX_UNDIVIDED_COUNT", at_once)
+        env = CraneVectorEnv(600, crane=cranes, threads=2, wind=5.0)
+        env.reset(seed=3)
+        copied = deepcopy(env)
+        action = np.random.default_rng(0).uniform(-1.0, 1.0, (600, 3))
+        observed += [one.step(action)[0] for one in (env, copied)]
+    for other in observed[1:]:
+        np.testing.assert_array_equal(observed[0], other)
 
 
 @pytest.mark.slow
