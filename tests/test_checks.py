@@ -255,7 +255,7 @@ batch(residual_from=0.6) => residual_from is 0.6 s; allowed is 0 to 0.5.
 batch(t_start=inf) => time at the start is inf s; allowed is -1e9 to 1e9.
 batch(dt=3e-3) => control_period is 0.005 s; allowed is a multiple of dt = 0.003 s.
 batch(integrator=Integrator('mine', lambda *_: None, 0.0)) => integrator of compiled code is mine; a
-envs(action='torque') => action is torque; allowed is velocity or acceleration.
+envs(action='torque') => action is torque; allowed is velocity, acceleration or effort.
 envs(reach=(1.0, 2.0)) => reach is (1.0, 2.0); allowed is three numbers: slew, trolley, hoist.
 envs(swing_limit=2.0) => swing_limit is 2.0 rad; allowed is 0.001 to 0.785398.
 envs(wind=-1.0) => wind is -1.0 m/s; allowed is 0 to 1000.
