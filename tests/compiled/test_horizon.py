@@ -404,14 +404,6 @@ SOFT_ROPE = {"rope_stiffness": 1e6, "rope_damping": 500.0}
 """A rope whose load bounces with about 1.3 Hz at 15 m, and is 0.15 m lower than the drum has paid
 out."""
 
-ROPES = {
-    "soft": SOFT_ROPE,
-    "undamped": {"rope_stiffness": 1e7},
-    "slack": {"rope_stiffness": math.inf},
-    "falls": {"fall_spacing": 1.0, "payload_inertia": 200.0, "damp_yaw": 20.0},
-}
-"""Arguments of cranes by their ropes."""
-
 
 @pytest.mark.long
 def test_a_crane_on_a_soft_rope_is_commanded_as_if_its_rope_were_rigid() -> None:
@@ -426,28 +418,6 @@ def test_a_crane_on_a_soft_rope_is_commanded_as_if_its_rope_were_rigid() -> None
     command = made(0.0, State(q, v), setpoint)
     expected = receding(rigid.crane, LIMITS)(0.0, State(q[kept], v[kept]), setpoint)
     assert command.tolist() == expected.tolist()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("drive", ["effort", "velocity"])
-@pytest.mark.parametrize("rope", list(ROPES))
-def test_a_load_on_any_rope_settles_as_fast_as_on_a_rigid_one(rope: str, drive: Drive) -> None:
-    full = load_crane(**ROPES[rope])
-    start = full.state(x=10.0, l=15.0)
-    start = start._replace(q=full.hanging(start.q))
-    goal = full.state(gamma=0.6, x=20.0, l=10.0)
-    goal = goal._replace(q=full.hanging(goal.q))
-    made = receding(full, LIMITS, drive=drive)
-    run = to(goal, start, made, 25.0, full, drive=drive)
-    rigid_goal = at((0.6, 20.0, 10.0))
-    rigid = to(
-        rigid_goal, at((0.0, 10.0, 15.0)), receding(crane(), LIMITS, drive=drive), drive=drive
-    )
-    # The pendulum of the soft rope is 1 % longer, that of the others is as long.
-    expected = settled(rigid, rigid_goal, crane())
-    assert settled(run, goal, full) == pytest.approx(expected, abs=0.1)
-    assert made.status.failures == 0
-    assert np.abs(run.q[-200:, full.swings]).max() < 1e-4
 
 
 @pytest.mark.long
