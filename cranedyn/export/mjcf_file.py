@@ -66,7 +66,7 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
     against the yaw, both with the stiffness of the length at the start; the text ``validity`` in
     the file says where that holds, and the number ``stiffness_times_length`` is what to divide by
     the present length for the stiffness there. A rope that goes slack and does not stretch is a
-    limit of its stretch at 0.
+    tendon of limited length.
 
     Links without mass between two joints become one body with both joints; those with a visual are
     light bodies. A hook block that is a point becomes a solid ball of steel. The text ``notes``
@@ -143,7 +143,7 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
             add(actuators, "motor", name=name, joint=joint.name, ctrlrange=limits)
     rope = crane.springs.rope
     if rope is not None and rope.inextensible:
-        _add_stop_of_stretch(root, crane.layout.joints[rope.stretch].name, dt)
+        _add_inextensible_rope(root, crane.layout.joints[rope.stretch].name, dt)
     else:
         _add_length_spring(root, frozen_spring(crane, "MuJoCo"))
     _add_rate_limits(root, crane)
@@ -188,8 +188,9 @@ def _add_length_spring(root: ET.Element, spring: LengthSpring | None) -> None:
     add(tendon, "joint", joint=spring.joint, coef="1")
 
 
-def _add_stop_of_stretch(root: ET.Element, stretch: str, dt: float) -> None:
-    """Limit the stretch of an inextensible rope at 0, and append how exactly MuJoCo keeps that.
+def _add_inextensible_rope(root: ET.Element, stretch: str, dt: float) -> None:
+    """Append an inextensible rope to a model: a tendon whose length, the stretch, is limited at 0;
+    and how exactly MuJoCo keeps that.
 
     Args:
         root: The model.
@@ -199,10 +200,15 @@ def _add_stop_of_stretch(root: ET.Element, stretch: str, dt: float) -> None:
     # MuJoCo keeps a limit as a damped spring of its own, with a time constant of two steps at
     # least. Critically damped, its discrete steps throw a falling load back.
     time_constant = 2.0 * dt
-    joint = _joint_element(root, stretch)
-    joint.set("range", f"{-SLACK_LENGTH!r} 0")
-    joint.set("solreflimit", f"{time_constant!r} {STOP_DAMPING_RATIO!r}")
-    joint.set("solimplimit", f"{STOP_IMPEDANCE!r} {STOP_IMPEDANCE!r} 0.001 0.5 2")
+    tendon = add(
+        add(root, "tendon"),
+        "fixed",
+        name="rope",
+        range=f"{-SLACK_LENGTH!r} 0",
+        solreflimit=f"{time_constant!r} {STOP_DAMPING_RATIO!r}",
+        solimplimit=f"{STOP_IMPEDANCE!r} {STOP_IMPEDANCE!r} 0.001 0.5 2",
+    )
+    add(tendon, "joint", joint=stretch, coef="1")
     # At the depth r the limit accelerates the load by -d² k r + (1 - d) g, with the impedance d and
     # k = 1/(d T ζ)² (MuJoCo, Computation, Constraint model): at rest r = (1 - d) T² ζ² g, as far
     # as MuJoCo's estimate of the inertia there is right.

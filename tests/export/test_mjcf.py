@@ -426,6 +426,10 @@ def test_an_inextensible_rope_hangs_goes_slack_and_catches_its_load_as_here(
     assert np.abs(there - here)[:, c.layout.index("l")].max() < 2.4 * DT
     assert there[-1, stretch] < 1e-8
 
+    # Nobody reads it back as a load that falls freely within the range of a joint.
+    with pytest.raises(ModelError, match="the tendon rope exerts forces"):
+        load_crane(tmp_path / "crane.xml")
+
 
 @pytest.mark.slow
 def test_a_hook_block_that_is_a_point_is_a_ball_of_steel_and_says_so(tmp_path: Path) -> None:
