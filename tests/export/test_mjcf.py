@@ -362,7 +362,7 @@ def test_at_another_length_an_elastic_rope_stretches_too_much_by_the_ratio_of_th
         # 3e-4: what the load still swings, which pulls at the rope with φ² of its weight
         assert ratio == pytest.approx(1.0 if divide else 15.0 / 8.0, rel=3e-4)
         off[divide] = np.abs(there - here)[:, c.swings].max()
-    # docs/howto/mujoco.md: the swing of 0.1 rad is right within 0.6 mrad with the fixed stiffness,
+    # The swing of 0.1 rad is right within 0.6 mrad with the fixed stiffness,
     # and within 0.03 mrad with the stiffness of the present length.
     assert off[False] < 0.6e-3
     assert off[True] < 0.03e-3
@@ -429,6 +429,44 @@ def test_an_inextensible_rope_hangs_goes_slack_and_catches_its_load_as_here(
     # Nobody reads it back as a load that falls freely within the range of a joint.
     with pytest.raises(ModelError, match="the tendon rope exerts forces"):
         load_crane(tmp_path / "crane.xml")
+
+
+DAMPED_FALLS = {"fall_spacing": 1.0, "payload_inertia": 200.0, "damp_yaw": 20.0}
+
+MOVES: list[tuple[dict[str, float], bool, float, float, float]] = [
+    ({"hook_mass": 200.0}, False, 0.02, 0.0, 0.0),
+    ({"rope_stiffness": math.inf}, False, 1e-4, 2e-3, 0.0),
+    ({"rope_stiffness": 1e7, "rope_damping": 5000.0}, False, 0.1, 5.0, 0.0),
+    ({"rope_stiffness": 1e7, "rope_damping": 5000.0}, True, 0.006, 2e-3, 0.0),
+    (DAMPED_FALLS, False, 0.02, 0.0, 30.0),
+    (DAMPED_FALLS, True, 1e-4, 0.0, 0.1),
+]
+"""Arguments of a crane, whether its loop divides by the present length, and the largest errors of
+the swings [mrad], the stretch [mm] and the yaw [mrad], as docs/howto/mujoco.md states them."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("values", "divide", "swing", "stretch", "yaw"), MOVES)
+def test_a_combined_move_differs_from_that_here_by_no_more_than_the_page_says(
+    values: dict[str, float],
+    divide: bool,
+    swing: float,
+    stretch: float,
+    yaw: float,
+    tmp_path: Path,
+) -> None:
+    c = load_crane(**values)  # type: ignore[arg-type]
+    start = c.state(phi=0.1, theta=-0.05)
+    reference = ramp(c, hold(c, start), "gamma", 0.5, rate=0.1, at=1.0)
+    reference = ramp(c, reference, "x", 4.0, rate=0.5, at=2.0)
+    reference = ramp(c, reference, "l", -5.0, rate=0.4, at=3.0)
+    there, here = moved_there_and_here(tmp_path, c, reference, start, 20.0, divide_by_length=divide)
+    off = 1e3 * np.abs(there - here)[:, : c.layout.n].max(axis=0)
+    assert off[c.swings].max() <= swing
+    if c.springs.rope is not None:
+        assert off[c.springs.rope.stretch] <= stretch
+    if c.springs.bifilar is not None:
+        assert off[c.springs.bifilar.yaw] <= yaw
 
 
 @pytest.mark.slow
