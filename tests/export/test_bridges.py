@@ -8,6 +8,8 @@ import csv
 import math
 import re
 import shlex
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,8 +17,9 @@ import pytest
 from benchmarks import bridges
 from cranedyn import plugins
 from cranedyn.__main__ import main
-from cranedyn.errors import CraneError
-from cranedyn.export import mjcf_file, ros2
+from cranedyn.controllers import hold_controller
+from cranedyn.errors import CraneError, ModelError
+from cranedyn.export import gazebo, mjcf_file, ros2
 from cranedyn.export.target import new_file, new_folder
 from cranedyn.model.load import load_crane
 from experiments import a3, harness
@@ -169,6 +172,46 @@ def test_a_target_that_exists_stays_as_it_is(
     there = f"error: Cannot write {target}: it is there already; name another, or remove it.\n"
     assert capsys.readouterr().err == there
     assert target.read_text() == "mine"
+
+
+TAKEN_CRANES: dict[str, dict[str, float]] = {
+    "hook block, with or without inertia": {"hook_mass": 200.0},
+    "load slung at lugs (`lug_height`) without a hook": {"lug_height": 1.0},
+    "elastic rope": {"rope_stiffness": 1e7},
+    "rope that goes slack and does not stretch": {"rope_stiffness": math.inf},
+    "two falls": {"fall_spacing": 1.0},
+    "tower that twists": {"tower_twist_stiffness": 1e8},
+    "tower or jib that bends": {"tower_bend_stiffness": 1e8, "jib_bend_stiffness": 1e8},
+    "load that is a point": {"payload_inertia": 0.0},
+}
+"""Arguments of the cranes in the table of docs/howto/export.md, by their names there."""
+
+
+def is_taken(export: Callable[[], object]) -> bool:
+    try:
+        export()
+    except ModelError:
+        return False
+    return True
+
+
+@pytest.mark.long
+def test_the_page_says_which_cranes_are_taken_by_which_simulator(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "howto" / "export.md").read_text(encoding="utf-8")
+    lines = page[page.index("| crane | MuJoCo |") :].splitlines()
+    rows = {}
+    for line in lines[2 : 2 + len(TAKEN_CRANES)]:
+        name, mujoco, others = (cell.strip() for cell in line.strip("|").split("|"))
+        rows[name] = (mujoco == "taken", others == "taken")
+    assert list(rows) == list(TAKEN_CRANES)
+    for i, (name, values) in enumerate(TAKEN_CRANES.items()):
+        crane = load_crane(**values)  # type: ignore[arg-type]
+        swing = gazebo.Program(crane, hold_controller(crane), None, crane.start, 1.0)
+        by_mujoco = is_taken(partial(mjcf_file.export, tmp_path / f"{i}.xml", crane))
+        by_ros2 = is_taken(partial(ros2.export, tmp_path / f"package_{i}", crane))
+        by_gazebo = is_taken(partial(gazebo.export, tmp_path / f"gazebo_{i}", swing))
+        assert (by_mujoco, by_ros2) == rows[name], name
+        assert by_gazebo == by_ros2, name
 
 
 @pytest.mark.slow
