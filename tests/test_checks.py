@@ -171,7 +171,7 @@ receding(crane, limits, input_weight=np.eye(2)) => input weight is an array of s
 receding(crane, limits, drive='steam') => drive is steam; allowed is effort or motion or velocity.
 receding(crane, limits, drive='motion', control_period=0.0) => control_period is 0.0 s; allowed is >
 receding(crane, Limits((1.0, 1.0), (1.0, 1.0))) => rate limit is (1.0, 1.0); allowed is three number
-receding(load_crane(rope_stiffness=1e6), limits) => This predictive controller is made for a rigid c
+receding(load_crane(jib_bend_stiffness=1e8), limits) => This predictive controller is made for a cra
 Preference(swing=-1.0) => weight of the swing is -1.0; allowed is >= 0.
 Preference(swing=0.0, acceleration=0.0, jerk=0.0) => sum of the weights is 0.0; allowed is > 0.
 Preference(longer=0.5) => longer is 0.5; allowed is 0 to 0.1.

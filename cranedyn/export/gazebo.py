@@ -33,6 +33,7 @@ from cranedyn.export.crane_data import (
     write_length_spring,
     xml_bytes,
 )
+from cranedyn.export.point_masses import give_bodies_to_points
 from cranedyn.export.target import new_folder
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
@@ -193,8 +194,9 @@ def export(
     """Write a run for Gazebo Classic 11; ``run.sh`` in the folder runs it there and writes
     ``log.csv``, with the columns of a trajectory.
 
-    Plugins and transmissions of the crane's own file are replaced, and a load on two falls has the
-    yaw stiffness of the length at the start; then a README.md in the folder says so.
+    Plugins and transmissions of the crane's own file are replaced, a load on two falls has the yaw
+    stiffness of the length at the start, and a hook block that is a point becomes a solid ball of
+    steel; then a README.md in the folder says so.
 
     Args:
         folder: New folder.
@@ -221,7 +223,9 @@ def export(
     every = whole("control instants between rows", every, 1)
     robot = urdf_element(program.crane)
     notes = remove_control(robot)
+    model = anchor_to_world(program.crane, robot, "Gazebo")
     notes += write_length_spring(program.crane, robot)
+    notes += give_bodies_to_points(program.crane, robot)
     give_light_bodies(program.crane, robot)
     check_inertias(program.crane, robot, "Gazebo", least_mass=GAZEBO_LEAST_MASS)
     affine = program.tables()
@@ -236,7 +240,6 @@ def export(
             [affine.integral_gain, np.minimum(affine.limit, np.finfo(float).max), affine.integral]
         ),
     }
-    model = anchor_to_world(program.crane, robot, "Gazebo")
     model.append(_plugin(program, moving, every, overwritten))
     sdf = world(program.crane.gravity, program.dt, solver, erp)
     (scene,) = sdf.iterfind("world")
