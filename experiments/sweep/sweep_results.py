@@ -159,7 +159,7 @@ def _swings(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
 
     low, high = RANGES["load"]
     return make_table(
-        f"Swing of moves that are drawn, {drives}",
+        f"Swing of random moves, {drives}",
         strategies.items(),
         ("strategy", "", lambda s: s[0]),
         ("cases", ",d", lambda s: len(s[1]["case"])),
@@ -199,7 +199,7 @@ def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
     for heading in ("broken", "too much left", "fails", "at least", "at most", "beyond"):
         columns.append((f"{heading} [%]", ".2f"))
     return ResultTable(
-        f"How often moves fail that are drawn, {drives}",
+        f"Random moves that fail, {drives}",
         columns,
         rows,
         "Broken: a joint leaves its range, the rope goes slack or the load touches the ground, at "
@@ -211,7 +211,7 @@ def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
 
 def _costs(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
     return make_table(
-        f"What moves cost that are drawn, {drives}",
+        f"Computing time of random moves, {drives}",
         [(strategy, float(np.median(cases["spent_s"]))) for strategy, cases in strategies.items()],
         ("strategy", "", lambda s: s[0]),
         ("a case [ms]", ".2f", lambda s: 1e3 * s[1]),
