@@ -174,7 +174,7 @@ def _swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
             ax.plot(run.t, np.degrees(run[column]), style, color=colour, label=strategy)
         ax.axvline(move.duration, linestyle=":", color=COLOURS["unexplained"], linewidth=1.0)
         ax.set_ylabel(f"{name} [°]")
-    axes[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    legend_above(axes[0])
     axes[-1].set_xlabel("time [s]; dotted: arrival")
     return figure
 

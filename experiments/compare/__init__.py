@@ -79,7 +79,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         trajectories={f"compare_{file_name(strategy)}": run for strategy, run in runs.items()},
         figures={
             "swing": figures.swing_figure(COMBINED, runs),
-            "robustness": figures.robustness_figure(perturbed),
+            "robustness": figures.robustness_figure(COMBINED, perturbed, options.drive),
         },
         recording=[
             Run(strategy, setup.crane, runs[strategy], colour=strategy_colour(strategy))
