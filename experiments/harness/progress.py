@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from datetime import timedelta
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress, TextColumn
 
+from cranedyn.progress import bars as progress_bars
+from cranedyn.progress import shows_bars
 from cranedyn.sweep import Progress as SweepProgress
 
 LINE_INTERVAL = 10.0
@@ -134,7 +135,8 @@ class ProgressReporter:
         task = bars.add_task(name, total=None, speed="")
 
         def update(progress: SweepProgress) -> None:
-            speed = _rate(progress, clock() - start)
+            # The bar shows the time left itself.
+            speed = _rate(progress, clock() - start, with_time_left=False)
             bars.update(task, total=progress.cases, completed=progress.done, speed=speed)
 
         return update
@@ -151,23 +153,14 @@ class ProgressReporter:
 
 @contextmanager
 def reporting() -> Iterator[ProgressReporter]:
-    """Yield a reporter that shows bars if standard error is a terminal, and prints lines if not.
+    """Yield a reporter that shows bars on a terminal, see `shows_bars`, and prints lines elsewhere.
 
     The bars disappear with the context, so that only results stay on the screen.
     """
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not shows_bars():
         yield ProgressReporter(lines=ProgressLines())
         return
-    bars = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[speed]}"),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-    )
-    with bars:
+    with progress_bars(TextColumn("{task.fields[speed]}")) as bars:
         yield ProgressReporter(bars)
 
 
@@ -178,13 +171,14 @@ def sweeping(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
         yield reporter.sweep(name)
 
 
-def _rate(progress: SweepProgress, elapsed: float) -> str:
+def _rate(progress: SweepProgress, elapsed: float, *, with_time_left: bool = True) -> str:
     """Return the progress of a sweep in words: cases done, their rate, how many failed, and the
     time left.
 
     Args:
         progress: Counts of cases.
         elapsed: Time since the sweep began or was taken up again [s].
+        with_time_left: Whether to say the time left.
     """
     phrases = [f"{progress.done} of {progress.cases} cases"]
     remaining = progress.left(elapsed)
@@ -193,6 +187,6 @@ def _rate(progress: SweepProgress, elapsed: float) -> str:
         phrases.append(f"{(progress.done - progress.before) / elapsed:.3g}/s")
     if progress.errors:
         phrases.append(f"{progress.errors} bad")
-    if remaining is not None:
+    if remaining is not None and with_time_left:
         phrases.append(f"{timedelta(seconds=round(remaining))} left")
     return ", ".join(phrases)
