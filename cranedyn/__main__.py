@@ -14,10 +14,13 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cranedyn import __version__, plugins
 from cranedyn.command import Parser, command, command_line, next_lines, open_line
+
+if TYPE_CHECKING:
+    from cranedyn.recording import Run
 
 
 class _Parser(Parser):
@@ -145,25 +148,27 @@ def _view(parser: _Parser) -> None:
 def _run_view(parser: _Parser, options: argparse.Namespace) -> int:
     """Write the film that the options ask for, or show the recording, and return the exit code."""
     from cranedyn import recording
-    from cranedyn.model.options import crane_words
 
     if options.port is not None and not options.serve:
         parser.error("--port has no effect without --serve; leave it out")
     if options.film and options.serve:
         parser.error("--serve has no effect beside --film; leave it out")
     is_run = options.file.suffix in (".csv", ".parquet")
-    view_run = command_line("cranedyn", "view", options.file, *crane_words(options, gravity=False))
     if options.film:
         if not is_run:
             parser.error(f"a film needs a run, .parquet or .csv, which {options.file} is not")
-        film = _write_recording_or_film(options)
-        print(f"Written to {film}.")
-        print(next_lines(open_line(film), view_run))
+        _write_film(options)
         return 0
     file = options.file
+    # The times of a recording that is there already are not known here.
+    picture = "cranedyn snapshot --help"
     if is_run:
-        file = _write_recording_or_film(options)
+        run = _read_run(options)
+        file = _write_recording(run)
         print(f"Written to {file}.")
+        t = run.trajectory.t
+        middle = f"{(t[0] + t[-1]) / 2.0:.6g}"
+        picture = command_line("cranedyn", "snapshot", file, "-t", middle)
     if not options.serve:
         recording.open_viewer(file)
         other_view = command_line("cranedyn", "view", file, "--serve")
@@ -173,32 +178,49 @@ def _run_view(parser: _Parser, options: argparse.Namespace) -> int:
             print(served.message, flush=True)
             served.wait()
         other_view = command_line("cranedyn", "view", file)
-    print(next_lines(other_view, command_line("cranedyn", "snapshot", file, "-t", 0)))
+    print(next_lines(other_view, picture))
     return 0
 
 
-def _write_recording_or_film(options: argparse.Namespace) -> Path:
-    """Write the recording or the film of a run, and return its file."""
+def _read_run(options: argparse.Namespace) -> Run:
+    """Read a run from its file, with the crane that the options name."""
     from cranedyn import recording
-    from cranedyn.data.files import lock_folder
     from cranedyn.data.trajectory import read
     from cranedyn.model.options import crane_of_run
+
+    trajectory = read(options.file)
+    crane = crane_of_run(options, trajectory, options.file)
+    return recording.Run(options.file.stem, crane, trajectory)
+
+
+def _write_film(options: argparse.Namespace) -> None:
+    """Write the film of a run, and print its file."""
+    from cranedyn.model.options import crane_words
     from cranedyn.progress import bar
     from cranedyn.recording.film import check_film, film
 
-    if options.film:
-        check_film(options.film)
-    trajectory = read(options.file)
-    crane = crane_of_run(options, trajectory, options.file)
-    runs = [recording.Run(options.file.stem, crane, trajectory)]
-    if options.film:
-        duration = float(trajectory.t[-1] - trajectory.t[0])
-        with bar("film", duration) as show_time:
-            film(options.film, runs, progress=show_time)
-        return Path(options.film)
-    file = Path("out/view", options.file.stem).with_suffix(".rrd")
+    # Before the run is read, which may take long.
+    check_film(options.film)
+    run = _read_run(options)
+    t = run.trajectory.t
+    with bar("film", float(t[-1] - t[0])) as show_time:
+        film(options.film, [run], progress=show_time)
+    print(f"Written to {options.film}.")
+    words = crane_words(options, gravity=False)
+    print(
+        next_lines(open_line(options.film), command_line("cranedyn", "view", options.file, *words))
+    )
+
+
+def _write_recording(run: Run) -> Path:
+    """Write the recording of a run into ``out/view``, and return its file."""
+    from cranedyn import recording
+    from cranedyn.data.files import lock_folder
+    from cranedyn.progress import bar
+
+    file = Path("out/view", f"{run.name}.rrd")
     with lock_folder(file.parent), bar("recording"):
-        return recording.record(file, runs, title=options.file.stem)
+        return recording.record(file, [run], title=run.name)
 
 
 def _describe(parser: _Parser) -> None:

@@ -81,7 +81,7 @@ mv "$work/sweep/sweep_map.png" "$work/sweep/sweep_timing.png" docs/pictures/
 "$python" -m experiments.sweep --drive velocity --durations 3 --out "$work/sweep_velocity"
 mv "$work/sweep_velocity/sweep_map.png" docs/pictures/sweep_map_velocity.png
 for drive in ideal velocity; do
-  "$python" -m experiments.sweep --cases 1000 --drive $drive --out "$work/drawn_$drive"
+  "$python" -m experiments.sweep --cases 5000 --drive $drive --without "flat + compiled MPC" "MPC to the goal" --out "$work/drawn_$drive"
 done
 mv "$work/drawn_ideal/sweep_map.png" docs/pictures/sweep_drawn_map.png
 mv "$work/drawn_velocity/sweep_map.png" docs/pictures/sweep_drawn_velocity_map.png

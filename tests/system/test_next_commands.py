@@ -78,6 +78,14 @@ def test_a_command_ends_with_two_commands_that_work(
     check_next_commands(capsys.readouterr().out, monkeypatch)
 
 
+def test_runs_whose_names_differ_behind_a_dot_have_recordings_of_their_own(folder: Path) -> None:
+    write_run("run.1.parquet", "run.2.parquet")
+    for file in ("run.1.parquet", "run.2.parquet"):
+        assert main(["view", file]) == 0
+    recordings = sorted(path.name for path in (folder / "out" / "view").glob("*.rrd"))
+    assert recordings == ["run.1.rrd", "run.2.rrd"]
+
+
 def test_every_exporter_is_one_whose_next_commands_are_tried() -> None:
     assert set(EXPORTS) == set(plugins.names("exporter"))
 
