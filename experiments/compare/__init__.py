@@ -50,8 +50,10 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         if run is not None:
             runs[strategy] = run
 
-    result_tables = [tables.move_table(move, of_move[move.name], drive) for move in moves]
-    for move in moves:
+    # A screen shows the first table: that of the move that figures and recording show.
+    tabled_moves = [COMBINED, *(move for move in moves if move is not COMBINED)]
+    result_tables = [tables.move_table(move, of_move[move.name], drive) for move in tabled_moves]
+    for move in tabled_moves:
         result_tables.append(tables.drives_table(move, of_move[move.name], beyond=not is_ideal))
     if is_ideal:
         result_tables.append(tables.tour_table(tours))
