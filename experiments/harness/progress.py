@@ -110,14 +110,23 @@ class ProgressReporter:
         return lambda done: bars.update(task, completed=done, speed=f"{done} of {total}")
 
     def message(self, name: str, unit: str, form: str = "") -> Callable[[float], None] | None:
-        """Return a callback that prints a number in lines; None if no lines are printed.
+        """Return a callback that shows a number whose last value is not known; None if nothing is
+        shown.
 
         Args:
             name: What stands before the number.
             unit: What stands after it.
             form: Format of the number.
         """
-        return self._lines(lambda number: f"{name}: {number:{form}} {unit}")
+        bars = self.bars
+        if bars is None:
+            return self._lines(lambda number: f"{name}: {number:{form}} {unit}")
+        for earlier in bars.tasks:
+            if earlier.total is None:
+                # Nobody says when such a task ends: it has ended where the next one begins.
+                bars.update(earlier.id, total=1.0, completed=1.0)
+        task = bars.add_task(name, total=None, speed="")
+        return lambda number: bars.update(task, speed=f"{number:{form}} {unit}")
 
     def sweep(
         self, name: str, clock: Callable[[], float] = time.monotonic

@@ -33,6 +33,7 @@ from cranedyn.data.files import (
     write_text,
 )
 from cranedyn.errors import CraneError, DataError, RunError
+from cranedyn.progress import bar
 from cranedyn.verdict import Verdict, overall
 from experiments.catalogue import EXPERIMENTS
 from experiments.harness.arguments import command_name, parse_arguments
@@ -126,10 +127,16 @@ def _write(outcome: Outcome, options: argparse.Namespace, document: Document | N
     with atomic_write_set() as drafts:
         if document is not None:
             document.write(outcome.tables)
-        for name, trajectory in outcome.trajectories.items():
-            write_table(folder / f"{name}.parquet", trajectory.table())
-        for name, figure in outcome.figures.items():
-            save(figure, *(folder / f"{name}{ending}" for ending in FIGURES))
+        with bar("files", len(outcome.trajectories) + len(outcome.figures)) as show_written:
+            written = 0
+            for name, trajectory in outcome.trajectories.items():
+                write_table(folder / f"{name}.parquet", trajectory.table())
+                written += 1
+                show_written(written)
+            for name, figure in outcome.figures.items():
+                save(figure, *(folder / f"{name}{ending}" for ending in FIGURES))
+                written += 1
+                show_written(written)
         for name, text in outcome.texts.items():
             write_text(folder / name, text)
         if outcome.recording:
@@ -182,7 +189,8 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
     tables = [table.markdown() for table in outcome.tables]
     text = "\n\n".join([options.about, *claims, *tables])
     title = f"Experiment {options.experiment}"
-    record(options.recording, outcome.recording, title=title, text=text)
+    with bar("recording"):
+        record(options.recording, outcome.recording, title=title, text=text)
     if options.film:
         first = min(run.trajectory.t[0] for run in outcome.recording)
         last = max(run.trajectory.t[-1] for run in outcome.recording)
