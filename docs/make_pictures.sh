@@ -72,7 +72,7 @@ from cranedyn.lifts.sites.crane_site_file import read_crane_site
 plan = plan_site(read_crane_site("two_towers"), [("north", [-9, -7, 16]), ("south", [-36, -38, 30])])
 simulate_site(plan.site, plan.operators(), duration=plan.duration + 5).record(sys.argv[1])
 PYTHON
-"$python" -m experiments.snapshot "$work/site.rrd" -t 36 --size 960 560 -o "$work"
+"$python" -m experiments.snapshot "$work/site.rrd" -t 36 --size 1200 640 -o "$work"
 mv "$work/site-36s.png" docs/pictures/several_cranes.png
 "$python" -m experiments.site --site two_towers --hours 0.02 --minutes 6 --out "$work/site" || test $? = 1  # too short for its claims
 mv "$work/site/invariant.png" docs/pictures/site_invariant.png
