@@ -96,6 +96,11 @@ BROKEN = {
         "TARGET = 'FILE'\ndef run(options): ...\ndef add_arguments(): ...",
         "its add_arguments is no function of (parser)",
     ),
+    "other_next_commands": (
+        "TARGET = 'FILE'\ndef run(options): ...\ndef add_arguments(parser): ...\n"
+        "def next_commands(): ...",
+        "its next_commands is no function of (options)",
+    ),
     "percent": ('"""Takes 100 %(s) of it."""\nraise OSError', "OSError"),
 }
 """Modules of exporters that cannot be used, and why they are refused."""
