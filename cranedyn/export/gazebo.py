@@ -15,6 +15,7 @@ import numpy as np
 
 from cranedyn.checks import whole
 from cranedyn.clocks import Clocks, clocks
+from cranedyn.command import command_line
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine
 from cranedyn.errors import DataError, OutOfRange, UnknownName
@@ -327,3 +328,13 @@ def world(gravity: float, dt: float, solver: str, erp: float) -> ET.Element:
     add(constraints, "cfm", "0")
     add(constraints, "erp", repr(erp))
     return sdf
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    run_script = options.target.absolute() / "run.sh"
+    log = options.target / "log.csv"
+    return [
+        command_line(run_script),
+        f"{command_line('cranedyn', 'run', 'a1', '--from', log)}  # once run.sh has written it",
+    ]

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import number
+from cranedyn.command import command_line
 from cranedyn.data.files import with_ending
 from cranedyn.errors import ModelError, quoted
 from cranedyn.export.crane_data import (
@@ -484,3 +485,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     return export(options.target, crane_from_options(options), dt=options.dt)
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    return [
+        command_line("python", "-m", "mujoco.viewer", f"--mjcf={options.target}"),
+        command_line("cranedyn", "describe", "--urdf", options.target),
+    ]

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cranedyn.checks import number
+from cranedyn.command import command_line
 from cranedyn.errors import DataError
 from cranedyn.export.crane_data import (
     GAZEBO_LEAST_MASS,
@@ -257,3 +258,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     return export(options.target, crane_from_options(options), name=options.name, dt=options.dt)
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    return [
+        command_line("colcon", "build", "--base-paths", options.target),
+        command_line("cranedyn", "describe", "--urdf", options.target / "urdf" / "crane.urdf"),
+    ]

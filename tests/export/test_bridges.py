@@ -68,7 +68,7 @@ def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
     made = bridges.exporter_table()
     # A browser, MATLAB and a PLC are tested beside their exporters.
     assert {row[0] for row in made.rows} == set(EXPORTERS) - {"matlab", "page", "st"}
-    with open(ROOT / "docs/results/bridges_exporters_on_this_machine.csv", newline="") as file:
+    with open(ROOT / "docs/results/bridges_exporters.csv", newline="") as file:
         told = {exporter: values for exporter, *values in csv.reader(file)}
     for exporter, *_, compared, apart, _ in made.shown():
         assert told[exporter][2:4] == [compared, apart]
