@@ -14,7 +14,7 @@ from benchmarks.agreement import Ready
 from benchmarks.contestants.ours import PLAIN
 from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Run
-from cranedyn.plotting.figures import panels
+from cranedyn.plotting.figures import legend_above, panels
 
 SIZES = tuple(10**k for k in range(6))
 """Numbers of cranes."""
@@ -78,7 +78,7 @@ def engines_figure(
     right.set(xlabel="physics steps of one crane")
     for ax in (left, right):
         ax.set(xscale="log", yscale="log")
-        ax.legend(frameon=False, fontsize=9.0, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+        legend_above(ax, columns=2)
     return figure
 
 

@@ -14,10 +14,13 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cranedyn import __version__, plugins
-from cranedyn.command import Parser, command
+from cranedyn.command import Parser, command, command_line, next_lines, open_line
+
+if TYPE_CHECKING:
+    from cranedyn.recording import Run
 
 
 class _Parser(Parser):
@@ -150,52 +153,74 @@ def _run_view(parser: _Parser, options: argparse.Namespace) -> int:
         parser.error("--port has no effect without --serve; leave it out")
     if options.film and options.serve:
         parser.error("--serve has no effect beside --film; leave it out")
-    if options.file.suffix in (".csv", ".parquet"):
-        options.file = _write_recording_or_film(options)
-    elif options.film:
-        parser.error(f"a film needs a run, .parquet or .csv, which {options.file} is not")
+    is_run = options.file.suffix in (".csv", ".parquet")
     if options.film:
-        print(f"Written to {options.film}.")
-    elif not options.serve:
-        recording.open_viewer(options.file)
+        if not is_run:
+            parser.error(f"a film needs a run, .parquet or .csv, which {options.file} is not")
+        _write_film(options)
+        return 0
+    file = options.file
+    # The times of a recording that is there already are not known here.
+    picture = "cranedyn snapshot --help"
+    if is_run:
+        run = _read_run(options)
+        file = _write_recording(run)
+        print(f"Written to {file}.")
+        t = run.trajectory.t
+        middle = f"{(t[0] + t[-1]) / 2.0:.6g}"
+        picture = command_line("cranedyn", "snapshot", file, "-t", middle)
+    if not options.serve:
+        recording.open_viewer(file)
+        other_view = command_line("cranedyn", "view", file, "--serve")
     else:
         port = 9090 if options.port is None else options.port
-        with (
-            recording.serve(options.file, port=port) as served,
-            contextlib.suppress(KeyboardInterrupt),
-        ):
+        with recording.serve(file, port=port) as served, contextlib.suppress(KeyboardInterrupt):
             print(served.message, flush=True)
             served.wait()
+        other_view = command_line("cranedyn", "view", file)
+    print(next_lines(other_view, picture))
     return 0
 
 
-def _write_recording_or_film(options: argparse.Namespace) -> Path:
-    """Write the recording or the film of a run, and return its file."""
-    from rich.console import Console
-    from rich.progress import Progress
-
+def _read_run(options: argparse.Namespace) -> Run:
+    """Read a run from its file, with the crane that the options name."""
     from cranedyn import recording
-    from cranedyn.data.files import lock_folder
     from cranedyn.data.trajectory import read
     from cranedyn.model.options import crane_of_run
-    from cranedyn.recording.film import check_film, film
 
-    if options.film:
-        check_film(options.film)
     trajectory = read(options.file)
     crane = crane_of_run(options, trajectory, options.file)
-    runs = [recording.Run(options.file.stem, crane, trajectory)]
-    if options.film:
-        duration = float(trajectory.t[-1] - trajectory.t[0])
-        console = Console(stderr=True)
-        # A bar that is drawn again and again is for a terminal only.
-        with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-            task = bar.add_task("film", total=duration)
-            film(options.film, runs, progress=lambda t: bar.update(task, completed=t))
-        return options.film
-    file = Path("out/view", options.file.stem).with_suffix(".rrd")
-    with lock_folder(file.parent):
-        return recording.record(file, runs, title=options.file.stem)
+    return recording.Run(options.file.stem, crane, trajectory)
+
+
+def _write_film(options: argparse.Namespace) -> None:
+    """Write the film of a run, and print its file."""
+    from cranedyn.model.options import crane_words
+    from cranedyn.progress import bar
+    from cranedyn.recording.film import check_film, film
+
+    # Before the run is read, which may take long.
+    check_film(options.film)
+    run = _read_run(options)
+    t = run.trajectory.t
+    with bar("film", float(t[-1] - t[0])) as show_time:
+        film(options.film, [run], progress=show_time)
+    print(f"Written to {options.film}.")
+    words = crane_words(options, gravity=False)
+    print(
+        next_lines(open_line(options.film), command_line("cranedyn", "view", options.file, *words))
+    )
+
+
+def _write_recording(run: Run) -> Path:
+    """Write the recording of a run into ``out/view``, and return its file."""
+    from cranedyn import recording
+    from cranedyn.data.files import lock_folder
+    from cranedyn.progress import bar
+
+    file = Path("out/view", f"{run.name}.rrd")
+    with lock_folder(file.parent), bar("recording"):
+        return recording.record(file, [run], title=run.name)
 
 
 def _describe(parser: _Parser) -> None:
@@ -219,36 +244,80 @@ def _describe(parser: _Parser) -> None:
 
 def _run_describe(options: argparse.Namespace) -> int:
     """Print what the options ask for, a list or a crane, and return the exit code."""
-    from cranedyn.data.files import write_text
     from cranedyn.errors import DataError
-    from cranedyn.model.description import arguments
-    from cranedyn.model.machines import machine_names, read_machine
-    from cranedyn.model.options import crane_from_options
 
     for flag in ("list", "machines"):
         if getattr(options, flag) and (options.values or options.output):
             raise DataError(f"--{flag} takes no values and no output; leave them out.")
     if options.list:
-        file = options.urdf
-        if options.machine is not None:
-            file = read_machine(options.machine).urdf
-        listed = arguments() if file is None else arguments(file)
-        for name, argument in listed.items():
-            print(
-                f"{name:17} {argument.default:>9} {argument.unit:11} {argument.allowed:5} "
-                f"{argument.meaning}"
-            )
-        return 0
-    if options.machines:
-        for name in machine_names():
-            machine = read_machine(name)
-            print(f"{machine.name:19} {machine.title} ({machine.source})")
-        return 0
+        _print_arguments(options)
+    elif options.machines:
+        _print_machines()
+    else:
+        _print_crane(options)
+    return 0
+
+
+def _print_arguments(options: argparse.Namespace) -> None:
+    """Print the arguments of the xacro file of a crane."""
+    from cranedyn.model.description import arguments
+    from cranedyn.model.machines import read_machine
+    from cranedyn.model.options import crane_words
+
+    file = options.urdf
+    if options.machine is not None:
+        file = read_machine(options.machine).urdf
+    listed = arguments() if file is None else arguments(file)
+    for name, argument in listed.items():
+        print(
+            f"{name:17} {argument.default:>9} {argument.unit:11} {argument.allowed:5} "
+            f"{argument.meaning}"
+        )
+    words = crane_words(options)
+    for name, argument in listed.items():
+        if argument.default:
+            # The next commands show how a value is given, with the first argument that has one.
+            words += ["--set", f"{name}:={argument.default}"]
+            break
+    print(_next_of_crane(words))
+
+
+def _print_machines() -> None:
+    """Print the real cranes of the library."""
+    from cranedyn.model.machines import machine_names, read_machine
+
+    names = machine_names()
+    for name in names:
+        machine = read_machine(name)
+        print(f"{machine.name:19} {machine.title} ({machine.source})")
+    print(_next_of_crane(["--machine", names[0]]))
+
+
+def _print_crane(options: argparse.Namespace) -> None:
+    """Print the joints of a crane, and write its plain URDF where the options ask for it."""
+    from cranedyn.data.files import write_text
+    from cranedyn.model.options import crane_from_options, crane_words
+
     crane = crane_from_options(options)
     if options.output:
+        # Before anything is printed, as an output that cannot be written is refused in one line.
         write_text(options.output, crane.urdf)
     print(crane)
-    return 0
+    if options.output:
+        print(f"Written to {options.output}.")
+    print(_next_of_crane(crane_words(options)))
+
+
+def _next_of_crane(words: list[str]) -> str:
+    """Return the lines that name the next commands for a crane.
+
+    Args:
+        words: Words of a command line that name the crane.
+    """
+    return next_lines(
+        command_line("cranedyn", "drive", *words),
+        command_line("cranedyn", "export", "mjcf", "crane.xml", *words),
+    )
 
 
 def _record_template(parser: _Parser) -> None:
@@ -268,13 +337,20 @@ def _record_template(parser: _Parser) -> None:
         if options.gyroscope is None:
             print(RECIPE, end="")
             if options.file is None:
+                template = command_line("cranedyn", "record-template", "swing_1.csv")
+                print(next_lines(template, "cranedyn record-template --help"))
                 return 0
             write_template(options.file)
+            remark = "  # once it is filled in"
         elif options.file is None:
             parser.error("--gyroscope needs FILE.csv")
         else:
             write_gyroscope_record(options.file, *options.gyroscope)
+            remark = ""
         print(f"Written to {options.file}.")
+        identify = command_line("cranedyn", "run", "identify", options.file)
+        analyse = command_line("cranedyn", "run", "a1", "--from", options.file)
+        print(next_lines(identify + remark, analyse + remark))
         return 0
 
     parser.set_defaults(run=run)
@@ -296,6 +372,7 @@ def _export(parser: _Parser) -> None:
 def _configure_exporter(name: str, parser: _Parser) -> None:
     """Add the arguments of an exporter, which are those of its module beside target and crane."""
     from cranedyn.export.target import check_free
+    from cranedyn.progress import bar
 
     exporter = plugins.load("exporter", name)
     parser.example += f" {getattr(exporter, 'EXAMPLE', exporter.TARGET)}"
@@ -312,7 +389,12 @@ def _configure_exporter(name: str, parser: _Parser) -> None:
         # Before anything is computed, which may take long.
         check_free(options.target)
         _open_own_controller(options)
-        print(f"Written to {exporter.run(options)}.")
+        with bar(f"export {name}"):
+            written = exporter.run(options)
+        print(f"Written to {written}.")
+        # Exporters of other packages need not name any.
+        if hasattr(exporter, "next_commands"):
+            print(next_lines(*exporter.next_commands(options)))
         return 0
 
     parser.set_defaults(run=run)
@@ -341,6 +423,7 @@ def _drive(parser: _Parser) -> None:
     """
     from cranedyn.data.files import lock_folder
     from cranedyn.export import driving_page
+    from cranedyn.progress import bar
 
     _add_crane(parser)
     driving_page.add_arguments(parser)
@@ -349,8 +432,10 @@ def _drive(parser: _Parser) -> None:
         options.target = file = Path("out/drive/crane.html")
         with lock_folder(file.parent):
             file.unlink(missing_ok=True)
-            driving_page.run(options)
-        print(f"The crane is in {file}. It needs no network; copy it where you like.")
+            with bar("page"):
+                driving_page.run(options)
+        print(f"Written to {file}. It needs no network; copy it where you like.")
+        print(next_lines(*driving_page.next_commands(options)))
         webbrowser.open(file.absolute().as_uri())
         return 0
 

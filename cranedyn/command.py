@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 import signal
 import sys
 import threading
@@ -12,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from importlib import import_module
+from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -168,6 +170,31 @@ def command(run: Callable[[], int]) -> int:
             raise
         print(f"error: {error}", file=sys.stderr)
         return REFUSED
+
+
+def command_line(*words: object) -> str:
+    """Return words as a command line that a shell splits into these words."""
+    return shlex.join(str(word) for word in words)
+
+
+def open_line(page: str | Path) -> str:
+    """Return the command line that opens a page or a film in the browser of this machine."""
+    # Not every system takes a path: the browser of macOS is told an address.
+    return command_line("python", "-m", "webbrowser", Path(page).absolute().as_uri())
+
+
+def next_lines(*command_lines: str) -> str:
+    """Return the lines that end the output of a command: what to run next, one line each.
+
+    Args:
+        command_lines: Command lines that work with what has just been written, the most useful
+            first; a remark may follow behind a ``#``.
+    """
+    lines = []
+    for i, line in enumerate(command_lines):
+        lead = "Next: " if i == 0 else " " * len("Next: ")
+        lines.append(lead + line)
+    return "\n".join(lines)
 
 
 def _output_is_broken() -> bool:

@@ -99,7 +99,10 @@ def _check_parts(kind: Kind, plugin: Any) -> None:
     """
     if kind == "exporter" and not isinstance(plugin.TARGET, str):
         raise AttributeError("its TARGET is not a text")
-    for function, arguments in _FUNCTIONS[kind].items():
+    functions = dict(_FUNCTIONS[kind])
+    if kind == "exporter" and hasattr(plugin, "next_commands"):
+        functions["next_commands"] = ("options",)
+    for function, arguments in functions.items():
         try:
             signature(getattr(plugin, function)).bind(*arguments)
         except TypeError as error:

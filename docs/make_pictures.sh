@@ -107,7 +107,7 @@ from cranedyn.lifts.sites.crane_site_file import read_crane_site
 plan = plan_site(read_crane_site("two_towers"), [("north", [-9, -7, 16]), ("south", [-36, -38, 30])])
 simulate_site(plan.site, plan.operators(), duration=plan.duration + 5).record(sys.argv[1])
 PYTHON
-"$python" -m experiments.snapshot "$work/site.rrd" -t 36 --size 960 560 -o "$work"
+"$python" -m experiments.snapshot "$work/site.rrd" -t 36 --size 1200 640 -o "$work"
 mv "$work/site-36s.png" docs/pictures/several_cranes.png
 "$python" -m experiments.site --site two_towers --hours 0.02 --minutes 6 --out "$work/site" || test $? = 1  # too short for its claims
 mv "$work/site/invariant.png" docs/pictures/site_invariant.png
@@ -116,7 +116,7 @@ mv "$work/sweep/sweep_map.png" "$work/sweep/sweep_timing.png" docs/pictures/
 "$python" -m experiments.sweep --drive velocity --durations 3 --out "$work/sweep_velocity"
 mv "$work/sweep_velocity/sweep_map.png" docs/pictures/sweep_map_velocity.png
 for drive in ideal velocity; do
-  "$python" -m experiments.sweep --cases 1000 --drive $drive --out "$work/drawn_$drive"
+  "$python" -m experiments.sweep --cases 5000 --drive $drive --without "flat + compiled MPC" "MPC to the goal" --out "$work/drawn_$drive"
 done
 mv "$work/drawn_ideal/sweep_map.png" docs/pictures/sweep_drawn_map.png
 mv "$work/drawn_velocity/sweep_map.png" docs/pictures/sweep_drawn_velocity_map.png

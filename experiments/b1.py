@@ -63,7 +63,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     for move, strategy in itertools.product(MOVES, DRAWN):
         name = f"b1_{move.name}_{file_name(strategy)}"
         trajectories[name] = runs[move][strategy]
-    figures = {f"tracking_{move.name}": _tracking_figure(runs[move][PAPER]) for move in MOVES}
+    figures = {f"tracking_{move.name}": _tracking_figure(move, runs[move][PAPER]) for move in MOVES}
     for move in MOVES:
         figures[f"swing_{move.name}"] = _swing_figure(move, runs[move])
     return Outcome(
@@ -141,7 +141,7 @@ def _table(move: RestToRest, scores: Mapping[str, Score]) -> ResultTable:
     )
 
 
-def _tracking_figure(run: Trajectory) -> Figure:
+def _tracking_figure(move: RestToRest, run: Trajectory) -> Figure:
     """Draw the drives and their references, in the manner of the paper's Fig. 5."""
     figure, axes = panels(3, height=1.8, sharex=True)
     for ax, (name, unit, scale, label) in zip(
@@ -158,6 +158,7 @@ def _tracking_figure(run: Trajectory) -> Figure:
         position = scale * run[f"{name}_{unit}"]
         ax.plot(run.t, position, color=COLOURS[name], label="paper's control")
         ax.set_ylabel(label)
+    axes[0].set_title(f"Drives in the {move.name} move", loc="left")
     legend_above(axes[0])
     axes[-1].set_xlabel("time [s]")
     return figure
@@ -174,7 +175,8 @@ def _swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
             ax.plot(run.t, np.degrees(run[column]), style, color=colour, label=strategy)
         ax.axvline(move.duration, linestyle=":", color=COLOURS["unexplained"], linewidth=1.0)
         ax.set_ylabel(f"{name} [°]")
-    axes[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    axes[0].set_title(f"Swing of the {move.name} move", loc="left")
+    legend_above(axes[0])
     axes[-1].set_xlabel("time [s]; dotted: arrival")
     return figure
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from cranedyn import plugins
-from cranedyn.command import Parser
+from cranedyn.command import Parser, next_lines
 
 
 class Entry(NamedTuple):
@@ -197,7 +197,7 @@ EXPERIMENTS = {
         "Overlapping cranes: contacts and time lost, supervised or not.",
         ("--site", "luffing_between", "--minutes", "6"),
         ("--site", "two_towers", "--hours", "0.02", "--minutes", "6", "--cycles", "50"),
-        {"invariant": "Slew of two cranes over time, in the boxes that are reserved for them."},
+        {"invariant": "Slew of two cranes over time, in the boxes that they hold."},
     ),
     "identify": Entry(
         "A crane, identified",
@@ -255,6 +255,17 @@ SUBJECTS: dict[str, dict[str, str]] = {
 """Experiments by subject, each with about the time that it takes on two processors."""
 
 
+def expected_duration(name: str) -> float:
+    """Return about the time that an experiment takes [s], see `SUBJECTS`; of one that does not end
+    by itself, or is not among them, a minute.
+    """
+    for times in SUBJECTS.values():
+        number, _, unit = times.get(name, "").partition(" ")
+        if unit:
+            return float(number) * {"s": 1.0, "min": 60.0}[unit]
+    return 60.0
+
+
 def example(name: str) -> tuple[str, ...]:
     """Return arguments of an experiment that show what it does."""
     entry = EXPERIMENTS.get(name)
@@ -275,4 +286,5 @@ def main(argv: Sequence[str] | None = None) -> int:
             line = entry.line if entry else plugins.description("experiment", name)
             text = f"  {name:15} {time:7} {line}"
             print(textwrap.fill(text, 80, subsequent_indent=" " * 26))
+    print(next_lines(f"cranedyn run a1 {' '.join(_ARTICLE)}", "cranedyn report --quick"))
     return 0

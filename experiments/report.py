@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from cranedyn.checks import whole
-from cranedyn.command import INTERRUPTED, Parser, command
+from cranedyn.command import INTERRUPTED, Parser, command, command_line, next_lines, open_line
 from cranedyn.data.files import (
     check_writable,
     digest,
@@ -31,9 +31,10 @@ from cranedyn.data.files import (
 from cranedyn.errors import DataError, UnknownName
 from cranedyn.interfaces import EngineName
 from cranedyn.plotting.html import IMAGE_TYPES, PageTable, image_address, render
+from cranedyn.progress import bar
 from cranedyn.verdict import Check, Verdict, overall
 from experiments import harness
-from experiments.catalogue import EXPERIMENTS, Entry
+from experiments.catalogue import EXPERIMENTS, Entry, expected_duration
 from experiments.harness.document import naming_result
 
 BY_PINOCCHIO = ("a1", "a2", "a3", "energy", "gazebo", "mass_ratio", "validate")
@@ -372,7 +373,12 @@ def _main(options: argparse.Namespace) -> int:
         if finished:
             write_text(folder / "report.html", page([folder / name for name in finished]))
     if finished:
-        print(f"Written to {folder / 'report.html'}.")
+        file = folder / "report.html"
+        print(f"Written to {file}.")
+        again = command_line(
+            "cranedyn", "report", "--only", finished[0], "--again", "--out", folder
+        )
+        print(next_lines(open_line(file), again))
     # The code of a process that was killed by a signal is negative.
     return max((abs(code) for code in codes), default=0)
 
@@ -380,6 +386,7 @@ def _main(options: argparse.Namespace) -> int:
 def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
     """Run experiments side by side, the longest first; return their exit codes."""
     started: list[subprocess.Popen[str]] = []
+    finished: list[float] = []
 
     def run(number: int, name: str) -> int:
         print(f"Experiment {number} of {len(names)}: {name}", flush=True)
@@ -398,11 +405,14 @@ def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
             print(f"{name}: {line}", flush=True)
         if process.returncode == INTERRUPTED:
             raise KeyboardInterrupt
+        finished.append(expected_duration(name))
+        show_finished(sum(finished))
         return process.returncode
 
     # The longest first; experiments that are not among them follow in their order.
     ordered = sorted(names, key=lambda name: (*LONGEST, name).index(name))
-    with ThreadPoolExecutor(options.jobs) as pool:
+    total = sum(expected_duration(name) for name in names)
+    with bar("report", total) as show_finished, ThreadPoolExecutor(options.jobs) as pool:
         try:
             return list(pool.map(run, count(1), ordered))
         except BaseException:

@@ -13,7 +13,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from cranedyn.checks import number
-from cranedyn.command import Parser, command
+from cranedyn.command import Parser, command, command_line, next_lines
 from cranedyn.data.files import atomic_write_set, lock_folder
 from cranedyn.recording.snapshot import animate, snapshot
 from experiments.harness.progress import reporting
@@ -53,7 +53,10 @@ def main(arguments: list[str] | None = None) -> int:
         # All pictures are written, or none.
         with lock_folder(options.out) if options.times else nullcontext(), atomic_write_set():
             paths = _write(options)
-        print(*paths, sep="\n")
+        for path in paths:
+            print(f"Written to {path}.")
+        view = command_line("cranedyn", "view", options.recording)
+        print(next_lines(view, f"{view} --serve"))
         return 0
 
     return command(run)

@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 PROTOCOL = frozenset(
-    "main run begin export experiment add_arguments emit study oracles "
+    "main run begin export experiment add_arguments next_commands emit study oracles "
     "generate_launch_description".split()
 )
 """Public names that every module of a kind defines."""

@@ -171,7 +171,7 @@ receding(crane, limits, input_weight=np.eye(2)) => input weight is an array of s
 receding(crane, limits, drive='steam') => drive is steam; allowed is effort or motion or velocity.
 receding(crane, limits, drive='motion', control_period=0.0) => control_period is 0.0 s; allowed is >
 receding(crane, Limits((1.0, 1.0), (1.0, 1.0))) => rate limit is (1.0, 1.0); allowed is three number
-receding(load_crane(rope_stiffness=1e6), limits) => This predictive controller is made for a rigid c
+receding(load_crane(jib_bend_stiffness=1e8), limits) => This predictive controller is made for a cra
 Preference(swing=-1.0) => weight of the swing is -1.0; allowed is >= 0.
 Preference(swing=0.0, acceleration=0.0, jerk=0.0) => sum of the weights is 0.0; allowed is > 0.
 Preference(longer=0.5) => longer is 0.5; allowed is 0 to 0.1.
@@ -255,7 +255,7 @@ batch(residual_from=0.6) => residual_from is 0.6 s; allowed is 0 to 0.5.
 batch(t_start=inf) => time at the start is inf s; allowed is -1e9 to 1e9.
 batch(dt=3e-3) => control_period is 0.005 s; allowed is a multiple of dt = 0.003 s.
 batch(integrator=Integrator('mine', lambda *_: None, 0.0)) => integrator of compiled code is mine; a
-envs(action='torque') => action is torque; allowed is velocity or acceleration.
+envs(action='torque') => action is torque; allowed is velocity, acceleration or effort.
 envs(reach=(1.0, 2.0)) => reach is (1.0, 2.0); allowed is three numbers: slew, trolley, hoist.
 envs(swing_limit=2.0) => swing_limit is 2.0 rad; allowed is 0.001 to 0.785398.
 envs(wind=-1.0) => wind is -1.0 m/s; allowed is 0 to 1000.

@@ -271,12 +271,12 @@ class Instant:
         Raises:
             Misshapen: If the memory is of another size, or no contiguous doubles.
         """
-        layout = programme.topology.layout
+        drives = programme.topology.layout.m
         # Coordinates, rates and setpoint, and behind them two whole numbers.
-        self._number_count = 2 * layout.n + layout.m
+        self._number_count = 2 * programme.crane_joints + drives
         self._query = np.zeros(self._number_count + 2)
         self._row_and_due = self._query[self._number_count :].view(np.int64)
-        self._command = np.zeros(layout.m)
+        self._command = np.zeros(drives)
         self._run = machine.function("instant", 3)
         self._addresses = (
             _address("memory", memory, (programme.offsets(1).size,), written=True),
@@ -293,8 +293,8 @@ class Instant:
         """Return the command of the drives, shape (m,).
 
         Args:
-            numbers: Coordinates, rates and setpoint of the drives, one after another, shape (2 n +
-                m,).
+            numbers: Coordinates and rates of the crane, and setpoint of the drives, one after
+                another, shape (2 crane_joints + m,).
             row: Present row of the path.
             due: Whether to optimise.
 

@@ -283,6 +283,10 @@ def mpc(
     Efforts always keep their limits. Rates and swing keep theirs at the optimisations, within the
     accuracy of the model, if the efforts allow it; an initial swing may exceed its bound.
 
+    The model is linear in all coordinates, so that springs, the stretch of a rope and the yaw on
+    two falls are part of it. For such a crane `cranedyn.references.motion.hanging_reference` makes
+    a motion of any reference.
+
     Args:
         crane: The crane.
         motion: The motion to track; its period is the control period of the feed-forward.

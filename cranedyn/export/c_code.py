@@ -17,6 +17,7 @@ import numpy as np
 
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
+from cranedyn.command import command_line
 from cranedyn.compiled.block import FunctionBlock, Variable
 from cranedyn.compiled.c_text import Precision, c_header, c_source
 from cranedyn.compiled.crane_block import COMMUNICATION, crane_block
@@ -295,3 +296,14 @@ def run(options: argparse.Namespace) -> Path:
         control_period=options.period,
         precision="single" if options.single else "double",
     )
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    build = options.target / "build"
+    compile_line = command_line("cmake", "--build", build)
+    test_line = command_line("ctest", "--test-dir", build, "--output-on-failure")
+    return [
+        command_line("cmake", "-S", options.target, "-B", build),
+        f"{compile_line} && {test_line}",
+    ]

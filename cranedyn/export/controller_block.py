@@ -441,13 +441,13 @@ class _PredictivePart(Part):
             raise DataError(
                 "A predictive controller is exported to a setpoint, not along a motion."
             )
-        shape = programme.shape(1)
+        drives = programme.topology.layout.m
         self._setting = setting
         self.arrays = {
             "memory": controller.memory(1),
             # State, setpoint, row of the path, and whether to optimise, see `emit_instant`.
-            "query": np.zeros(shape.states + shape.inputs + 2),
-            "answer": np.zeros(shape.inputs),
+            "query": np.zeros(2 * programme.crane_joints + drives + 2),
+            "answer": np.zeros(drives),
         }
         self.repeats = programme.ratio
         module = ir.Module()

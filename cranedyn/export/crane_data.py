@@ -20,7 +20,7 @@ from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
 from cranedyn.interfaces import Controller
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
-from cranedyn.model.urdf import inertial_element, parse_urdf
+from cranedyn.model.urdf import inertial_element, joint_placement, parse_urdf
 
 _PACKAGE_FILE = re.compile(r"package://([A-Za-z][A-Za-z0-9_-]*)/")
 """Address of a file in a ROS package."""
@@ -286,28 +286,42 @@ class LengthSpring:
 
     Attributes:
         joint: Name of the joint in which it acts.
+        length_joint: Name of the joint that is the length of the rope.
         stiffness: Stiffness at that length [N/m or N m/rad].
         length: The length [m].
+        times_length: Stiffness times length, which is the same at every length: EA of a rope [N],
+            W a² of two falls [N m²/rad].
         pulls_only: Whether it pulls and does not push, as a rope.
         validity: Where this stiffness holds, in whole sentences, for the reader of the export.
     """
 
     joint: str
+    length_joint: str
     stiffness: float
     length: float
+    times_length: float
     pulls_only: bool
     validity: str
 
 
-def freeze_length(crane: Crane, robot: ET.Element, program: str) -> LengthSpring | None:
-    """Replace the rope, or the two falls, of a URDF by a spring of the stiffness at the start.
+def remove_length_tags(robot: ET.Element) -> None:
+    """Remove the tags of a rope and of two falls from a URDF, in place: only cranedyn reads
+    them.
+    """
+    for block in robot.findall("gazebo"):
+        for child in [*block.findall("ropeStiffness"), *block.findall("fallSpacing")]:
+            block.remove(child)
+        if len(block) == 0:
+            robot.remove(block)
 
-    No format that is exported knows a stiffness that changes with the length of the rope. The tag
-    of the rope or of the falls is removed from the URDF, in place; the caller writes the spring.
+
+def frozen_spring(crane: Crane, program: str) -> LengthSpring | None:
+    """Return a spring with the stiffness that the rope, or the two falls, have at the start.
+
+    No format that is exported knows a stiffness that changes with the length of the rope.
 
     Args:
         crane: The crane.
-        robot: Its URDF.
         program: Program for which it is exported, for the error message.
 
     Returns:
@@ -316,11 +330,6 @@ def freeze_length(crane: Crane, robot: ET.Element, program: str) -> LengthSpring
     Raises:
         ModelError: If the rope does not stretch but goes slack.
     """
-    for block in robot.findall("gazebo"):
-        for child in [*block.findall("ropeStiffness"), *block.findall("fallSpacing")]:
-            block.remove(child)
-        if len(block) == 0:
-            robot.remove(block)
     rope = crane.springs.rope
     falls = crane.springs.bifilar
     names = [joint.name for joint in crane.layout.joints]
@@ -332,44 +341,58 @@ def freeze_length(crane: Crane, robot: ET.Element, program: str) -> LengthSpring
                 "(rope_stiffness 0)."
             )
         # A rope of the length l with the tensile stiffness EA is a spring of the stiffness EA/l.
-        length = float(crane.start.q[rope.length])
-        stiffness = float(rope.stiffness) / length
+        length_joint = rope.length
         joint = names[rope.stretch]
-        law = f"The rope has the stiffness EA/l = {stiffness:.9g} N/m"
-        neglected = (
-            "The force EA (s/l)²/2 of a stretched rope on the hoist, with the stretch s, is "
-            "neglected."
+        times_length = float(rope.stiffness)
+        law = "The rope has the stiffness EA/l = {:.9g} N/m"
+        consequences = (
+            "There the stretch of a load that hangs is wrong by the same factor, and the period of "
+            "its bouncing by the root of it; the swing hardly changes. The force EA (s/l)²/2 of a "
+            "stretched rope on the hoist, with the stretch s, is neglected."
         )
     elif falls is not None:
         # Two falls at the distances a above and below, which carry the weight W, turn a load that
         # has yawed by ψ back with the torque W a²/l sin ψ.
-        length = float(crane.start.q[falls.length])
-        stiffness = float(falls.stiffness) / length
+        length_joint = falls.length
         joint = names[falls.yaw]
-        law = f"The two falls have the yaw stiffness W a²/l = {stiffness:.9g} N m/rad"
-        neglected = (
-            "The torque is linear in the yaw ψ instead of proportional to sin ψ, 1 % too large at "
-            "14 degrees, and the lift of the load by its yaw is neglected."
+        times_length = float(falls.stiffness)
+        law = "The two falls have the yaw stiffness W a²/l = {:.9g} N m/rad"
+        consequences = (
+            "There the period of the yaw is wrong by the root of that factor. The torque is linear "
+            "in the yaw ψ instead of proportional to sin ψ, 1 % too large at 14 degrees, and the "
+            "lift of the load by its yaw is neglected."
         )
     else:
         return None
+    length = float(crane.start.q[length_joint])
+    stiffness = times_length / length
     validity = (
-        f"{law} of the length l = {length:.9g} m at the start. At another length l the true "
-        f"stiffness is {length:.9g} m/l times that. {neglected}"
+        f"{law.format(stiffness)} of the length l = {length:.9g} m at the start. At another length "
+        f"l the true stiffness is {length:.9g} m/l times that. {consequences}"
     )
-    return LengthSpring(joint, stiffness, length, pulls_only=rope is not None, validity=validity)
+    return LengthSpring(
+        joint=joint,
+        length_joint=names[length_joint],
+        stiffness=stiffness,
+        length=length,
+        times_length=times_length,
+        pulls_only=rope is not None,
+        validity=validity,
+    )
 
 
 def write_length_spring(crane: Crane, robot: ET.Element) -> list[str]:
-    """Write the spring of `freeze_length` into a URDF in the tags of Gazebo, in place.
+    """Replace the tags of a rope or of two falls in a URDF by the spring of `frozen_spring` in the
+    tags of Gazebo, in place.
 
     Returns:
         Where the spring holds, a sentence or more; nothing if there is none.
 
     Raises:
-        ModelError: As `freeze_length`.
+        ModelError: As `frozen_spring`.
     """
-    spring = freeze_length(crane, robot, "Gazebo")
+    spring = frozen_spring(crane, "Gazebo")
+    remove_length_tags(robot)
     if spring is None:
         return []
     block = add(robot, "gazebo", reference=spring.joint)
@@ -515,15 +538,50 @@ def give_light_bodies(crane: Crane, robot: ET.Element) -> None:
     carrying = {ends(joint)[0] for joint in robot.iterfind("joint")}
     for link in robot.iterfind("link"):
         if link.get("name") in carrying - {"world"} and link.find("inertial") is None:
-            inertia = LIGHT_BODY_INERTIA * np.eye(3)
-            link.append(inertial_element(pin.Inertia(LIGHT_BODY_MASS, np.zeros(3), inertia)))
+            make_light(link)
+
+
+def make_light(link: ET.Element) -> None:
+    """Give a link without mass the small mass of a light body, and add its small inertia to what
+    the link has, in place.
+    """
+    inertia = link_inertia(link)
+    present = link.find("inertial")
+    if present is not None:
+        link.remove(present)
+    tensor = inertia.inertia + LIGHT_BODY_INERTIA * np.eye(3)
+    link.append(inertial_element(pin.Inertia(LIGHT_BODY_MASS, np.zeros(3), tensor)))
+
+
+def link_inertia(link: ET.Element) -> pin.Inertia:
+    """Return mass [kg], centre of mass [m] and moments of inertia [kg m²] of a link, in its frame;
+    zeros for what the URDF does not state.
+    """
+    inertial = link.find("inertial")
+    if inertial is None:
+        return pin.Inertia.Zero()
+    mass = inertial.find("mass")
+    inertia = inertial.find("inertia")
+    tensor = np.zeros((3, 3))
+    if inertia is not None:
+        for i, row in enumerate("xyz"):
+            for j, column in enumerate("xyz"):
+                name = "i" + "".join(sorted(row + column))
+                tensor[i, j] = float(inertia.get(name, "0"))
+    placement = joint_placement(inertial)
+    rotation = placement.rotation
+    return pin.Inertia(
+        0.0 if mass is None else float(mass.get("value", "0")),
+        placement.translation,
+        rotation @ tensor @ rotation.T,
+    )
 
 
 def massless_links(robot: ET.Element) -> frozenset[str]:
-    """Return the names of the links that have no mass, no inertia and no visual."""
+    """Return the names of the links that have no mass and no inertia."""
     names = []
     for link in robot.iterfind("link"):
-        if not any(_mass_and_moments(link)) and link.find("visual") is None:
+        if not any(_mass_and_moments(link)):
             names.append(link.get("name", ""))
     return frozenset(names)
 

@@ -27,6 +27,7 @@ from markupsafe import Markup
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from cranedyn.command import command_line, open_line
 from cranedyn.data.files import with_ending
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.bodies import bodies_of_model
@@ -55,7 +56,7 @@ from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.lifts.planning.solids import Solid
 from cranedyn.model.crane import Crane
-from cranedyn.model.options import crane_from_options
+from cranedyn.model.options import crane_from_options, crane_words
 from cranedyn.plotting.html import render
 from cranedyn.plotting.style import distinct_colours
 from cranedyn.recording.shapes import Shape, rope_line, shapes
@@ -676,3 +677,9 @@ def run(options: argparse.Namespace) -> Path:
     if site is not None:
         refuse_contradictions(site, crane)
     return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    saved = command_line("cranedyn", "view", "drive.csv", *crane_words(options, gravity=False))
+    return [open_line(options.target), f"{saved}  # once the page has saved a run"]

@@ -28,6 +28,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from cranedyn.command import command_line
 from cranedyn.compiled.block import FunctionBlock, Variable
 from cranedyn.compiled.c_text import c_header, c_source
 from cranedyn.compiled.crane_block import crane_block
@@ -662,3 +663,11 @@ def run(options: argparse.Namespace) -> Path:
         version=options.fmi,
         platforms=platforms,
     )
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    return [
+        command_line("fmpy", "validate", options.target),
+        command_line("fmpy", "info", options.target),
+    ]

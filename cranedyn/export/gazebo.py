@@ -15,6 +15,7 @@ import numpy as np
 
 from cranedyn.checks import whole
 from cranedyn.clocks import Clocks, clocks
+from cranedyn.command import command_line
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.affine import Affine
 from cranedyn.errors import DataError, OutOfRange, UnknownName
@@ -33,6 +34,7 @@ from cranedyn.export.crane_data import (
     write_length_spring,
     xml_bytes,
 )
+from cranedyn.export.point_masses import give_bodies_to_points
 from cranedyn.export.target import new_folder
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
@@ -193,8 +195,9 @@ def export(
     """Write a run for Gazebo Classic 11; ``run.sh`` in the folder runs it there and writes
     ``log.csv``, with the columns of a trajectory.
 
-    Plugins and transmissions of the crane's own file are replaced, and a load on two falls has the
-    yaw stiffness of the length at the start; then a README.md in the folder says so.
+    Plugins and transmissions of the crane's own file are replaced, a load on two falls has the yaw
+    stiffness of the length at the start, and a hook block that is a point becomes a solid ball of
+    steel; then a README.md in the folder says so.
 
     Args:
         folder: New folder.
@@ -221,7 +224,9 @@ def export(
     every = whole("control instants between rows", every, 1)
     robot = urdf_element(program.crane)
     notes = remove_control(robot)
+    model = anchor_to_world(program.crane, robot, "Gazebo")
     notes += write_length_spring(program.crane, robot)
+    notes += give_bodies_to_points(program.crane, robot)
     give_light_bodies(program.crane, robot)
     check_inertias(program.crane, robot, "Gazebo", least_mass=GAZEBO_LEAST_MASS)
     affine = program.tables()
@@ -236,7 +241,6 @@ def export(
             [affine.integral_gain, np.minimum(affine.limit, np.finfo(float).max), affine.integral]
         ),
     }
-    model = anchor_to_world(program.crane, robot, "Gazebo")
     model.append(_plugin(program, moving, every, overwritten))
     sdf = world(program.crane.gravity, program.dt, solver, erp)
     (scene,) = sdf.iterfind("world")
@@ -325,3 +329,13 @@ def world(gravity: float, dt: float, solver: str, erp: float) -> ET.Element:
     add(constraints, "cfm", "0")
     add(constraints, "erp", repr(erp))
     return sdf
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    run_script = options.target.absolute() / "run.sh"
+    log = options.target / "log.csv"
+    return [
+        command_line(run_script),
+        f"{command_line('cranedyn', 'run', 'a1', '--from', log)}  # once run.sh has written it",
+    ]

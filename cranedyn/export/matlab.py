@@ -14,6 +14,7 @@ import numpy as np
 from scipy.io import savemat
 
 from cranedyn.checks import check_choice, number
+from cranedyn.command import command_line
 from cranedyn.data.files import with_ending
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.linearisation import Linear, Sampled, linear
@@ -318,3 +319,13 @@ def run(options: argparse.Namespace) -> Path:
     crane = crane_from_options(options)
     period = options.control_period
     return to_matlab(options.target, crane, drive=options.drive, control_period=period)
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    load = f"load('{options.target}'), whos"
+    list_variables = f"import scipy.io; print(scipy.io.whosmat({str(options.target)!r}))"
+    return [
+        command_line("matlab", "-batch", load),
+        command_line("python", "-c", list_variables),
+    ]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.command import command_line
 from cranedyn.data.files import with_ending
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import DataError, OutOfRange
@@ -222,3 +223,11 @@ def run(options: argparse.Namespace) -> Path:
     check_installed()
     trajectory = read(options.trajectory)
     return export(options.target, crane_of_run(options, trajectory, options.trajectory), trajectory)
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    return [
+        command_line("ros2", "bag", "info", options.target),
+        command_line("cranedyn", "run", "identify", options.target),
+    ]

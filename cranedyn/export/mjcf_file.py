@@ -15,20 +15,26 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.checks import number
+from cranedyn.command import command_line
 from cranedyn.data.files import with_ending
 from cranedyn.errors import ModelError, quoted
 from cranedyn.export.crane_data import (
+    LIGHT_BODY_MASS,
     LengthSpring,
     add,
     check_inertias,
     ends,
-    freeze_length,
+    frozen_spring,
     joints,
+    link_inertia,
+    make_light,
     massless_links,
+    remove_length_tags,
     urdf_element,
     vector,
     xml_bytes,
 )
+from cranedyn.export.point_masses import give_bodies_to_points
 from cranedyn.export.target import new_file
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
@@ -43,6 +49,13 @@ EXAMPLE = "crane.xml"
 SLACK_LENGTH = 1e3
 """Length by which a rope may be slack in MuJoCo [m]: further than any hoist reaches."""
 
+STOP_IMPEDANCE = 0.9999
+"""Impedance of the limit that holds an inextensible rope in MuJoCo; 0.9999 is the largest that it
+takes."""
+
+STOP_DAMPING_RATIO = 2.0
+"""Damping ratio of that limit."""
+
 _FULL_INERTIA = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
 """Rows and columns of the components of a full inertia in MJCF: xx, yy, zz, xy, xz, yz."""
 
@@ -52,9 +65,14 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
 
     A rope that stretches is a tendon that pulls and does not push, and two falls are a spring
     against the yaw, both with the stiffness of the length at the start; the text ``validity`` in
-    the file says where that holds. Links without mass between two joints become one body with both
-    joints. The number ``JOINT_rate_limit`` is the largest rate of a drive that has one; MuJoCo
-    itself limits no rates.
+    the file says where that holds, and the number ``stiffness_times_length`` is what to divide by
+    the present length for the stiffness there. A rope that goes slack and does not stretch is a
+    tendon of limited length.
+
+    Links without mass between two joints become one body with both joints; those with a visual are
+    light bodies. A hook block that is a point becomes a solid ball of steel. The text ``notes``
+    says what was changed. The number ``JOINT_rate_limit`` is the largest rate of a drive that has
+    one; MuJoCo itself limits no rates.
 
     Its step is that of `simulate`: semi-implicit Euler with damping at the rates before the step.
     Each drive is a motor that takes its effort [N m or N] as control, within the drive's limits;
@@ -69,15 +87,21 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
 
     Raises:
         DataError: If the ending is not .xml, or the file exists or cannot be written.
-        ModelError: If the crane has a moving link without mass or inertia that carries no other, a
-            shape without size, or a rope that goes slack without stretching.
+        ModelError: If the crane has a moving link without mass or inertia that carries no other, or
+            a shape without size.
         OutOfRange: If the step is not positive.
     """
     file = with_ending(file, ".xml")
     crane.require_independent_joints("The export to MuJoCo")
+    number("dt", dt, "s", "> 0")
     robot = urdf_element(crane)
+    notes = give_bodies_to_points(crane, robot, share_masses=False)
+    notes += _give_light_bodies(crane, robot)
     check_inertias(crane, robot, "MuJoCo", merged=_merged_links(crane, robot))
-    text = xml_bytes(mjcf(crane, robot, number("dt", dt, "s", "> 0")))
+    root = mjcf(crane, robot, dt)
+    if notes:
+        add(_section(root, "custom"), "text", name="notes", data=" ".join(notes))
+    text = xml_bytes(root)
     with new_file(file) as draft:
         draft.write_bytes(text)
     return file
@@ -88,7 +112,8 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
 
     Args:
         crane: The crane.
-        robot: Its URDF, see `crane_data.urdf_element`; the tag of a rope is removed from it.
+        robot: Its URDF, see `crane_data.urdf_element`; the tags of a rope or of two falls are
+            removed from it.
         dt: Physics step [s].
 
     Raises:
@@ -109,7 +134,7 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
         for colour in material.iterfind("color"):
             colours[material.get("name", "")] = colour.get("rgba", "")
     moving = joints(crane, robot)
-    spring = freeze_length(crane, robot, "MuJoCo")
+    remove_length_tags(robot)
     _Tree(crane, robot, colours).grow(add(root, "worldbody"))
     actuators = add(root, "actuator")
     for joint in moving:
@@ -117,7 +142,11 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
             name = joint.name.removesuffix("_joint")
             limits = f"{-joint.effort!r} {joint.effort!r}"
             add(actuators, "motor", name=name, joint=joint.name, ctrlrange=limits)
-    _add_length_spring(root, spring)
+    rope = crane.springs.rope
+    if rope is not None and rope.inextensible:
+        _add_inextensible_rope(root, crane.layout.joints[rope.stretch].name, dt)
+    else:
+        _add_length_spring(root, frozen_spring(crane, "MuJoCo"))
     _add_rate_limits(root, crane)
     start = " ".join(repr(joint.start) for joint in moving)
     holding = " ".join(repr(joint.holding) for joint in moving if joint.driven)
@@ -125,16 +154,28 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
     return root
 
 
+def _section(root: ET.Element, tag: str) -> ET.Element:
+    """Return a section of a model; it is appended if the model has none yet."""
+    present = root.find(tag)
+    return add(root, tag) if present is None else present
+
+
+def _joint_element(root: ET.Element, name: str) -> ET.Element:
+    """Return the joint of a name in a model."""
+    (joint,) = (joint for joint in root.iter("joint") if joint.get("name") == name)
+    return joint
+
+
 def _add_length_spring(root: ET.Element, spring: LengthSpring | None) -> None:
     """Append the spring of a rope or of two falls to a model, and where it holds."""
     if spring is None:
         return
-    custom = add(root, "custom")
+    custom = _section(root, "custom")
     add(custom, "text", name="validity", data=spring.validity)
+    add(custom, "numeric", name="stiffness_times_length", data=repr(spring.times_length))
     if not spring.pulls_only:
-        for joint in root.iter("joint"):
-            if joint.get("name") == spring.joint:
-                joint.attrib |= {"stiffness": repr(spring.stiffness), "springref": "0"}
+        joint = _joint_element(root, spring.joint)
+        joint.attrib |= {"stiffness": repr(spring.stiffness), "springref": "0"}
         return
     # The length of the tendon is the stretch of the rope. Between the two ends of ``springlength``
     # there is no force: the tendon pulls above 0, and does not push below.
@@ -148,14 +189,66 @@ def _add_length_spring(root: ET.Element, spring: LengthSpring | None) -> None:
     add(tendon, "joint", joint=spring.joint, coef="1")
 
 
+def _add_inextensible_rope(root: ET.Element, stretch: str, dt: float) -> None:
+    """Append an inextensible rope to a model: a tendon whose length, the stretch, is limited at 0;
+    and how exactly MuJoCo keeps that.
+
+    Args:
+        root: The model.
+        stretch: Name of the joint that is the stretch of the rope.
+        dt: Physics step [s].
+    """
+    # MuJoCo keeps a limit as a damped spring of its own, with a time constant of two steps at
+    # least. Critically damped, its discrete steps throw a falling load back.
+    time_constant = 2.0 * dt
+    tendon = add(
+        add(root, "tendon"),
+        "fixed",
+        name="rope",
+        range=f"{-SLACK_LENGTH!r} 0",
+        solreflimit=f"{time_constant!r} {STOP_DAMPING_RATIO!r}",
+        solimplimit=f"{STOP_IMPEDANCE!r} {STOP_IMPEDANCE!r} 0.001 0.5 2",
+    )
+    add(tendon, "joint", joint=stretch, coef="1")
+    # At the depth r the limit accelerates the load by -d² k r + (1 - d) g, with the impedance d and
+    # k = 1/(d T ζ)² (MuJoCo, Computation, Constraint model): at rest r = (1 - d) T² ζ² g, as far
+    # as MuJoCo's estimate of the inertia there is right.
+    depth_over_gravity = (1.0 - STOP_IMPEDANCE) * (time_constant * STOP_DAMPING_RATIO) ** 2
+    validity = (
+        "The rope does not stretch and may go slack. MuJoCo holds it by a soft limit of its "
+        f"stretch, into which a hanging load sinks by about {depth_over_gravity:.1g} s² times "
+        "gravity, and which stops a falling load within some steps."
+    )
+    add(_section(root, "custom"), "text", name="validity", data=validity)
+
+
 def _add_rate_limits(root: ET.Element, crane: Crane) -> None:
     """Append the rate limits of the drives as custom numbers, which MuJoCo keeps."""
     for joint, limit in zip(crane.layout.driven, crane.rate_limit.tolist(), strict=True):
         if math.isfinite(limit):
-            custom = root.find("custom")
-            if custom is None:
-                custom = add(root, "custom")
+            custom = _section(root, "custom")
             add(custom, "numeric", name=f"{joint.name}_rate_limit", data=repr(limit))
+
+
+def _give_light_bodies(crane: Crane, robot: ET.Element) -> list[str]:
+    """Give a small mass to the links without mass that carry others and are not merged with the
+    next, since they have a visual or an inertia, in place; return a sentence on each.
+    """
+    merged = _merged_links(crane, robot)
+    moving_names = {joint.name for joint in crane.layout.joints}
+    joints_of_robot = list(robot.iterfind("joint"))
+    carrying = {ends(joint)[0] for joint in joints_of_robot}
+    moving = {ends(joint)[1] for joint in joints_of_robot if joint.get("name") in moving_names}
+    notes = []
+    for link in robot.iterfind("link"):
+        name = link.get("name", "")
+        if name in (carrying & moving) - merged and link_inertia(link).mass == 0.0:
+            make_light(link)
+            notes.append(
+                f"The link {quoted(name)} has no mass in the crane; here it has "
+                f"{LIGHT_BODY_MASS:g} kg."
+            )
+    return notes
 
 
 def _merged_links(crane: Crane, robot: ET.Element) -> frozenset[str]:
@@ -170,7 +263,8 @@ def _merged_links(crane: Crane, robot: ET.Element) -> frozenset[str]:
         parents.append(parent)
         if joint.get("name") in moving_joints:
             moving_links.add(child)
-    candidates = massless_links(robot) & moving_links
+    bare = {link.get("name", "") for link in robot.iterfind("link") if link.find("visual") is None}
+    candidates = massless_links(robot) & moving_links & bare
     return frozenset(name for name in candidates if parents.count(name) == 1)
 
 
@@ -391,3 +485,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     return export(options.target, crane_from_options(options), dt=options.dt)
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    return [
+        command_line("python", "-m", "mujoco.viewer", f"--mjcf={options.target}"),
+        command_line("cranedyn", "describe", "--urdf", options.target),
+    ]

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cranedyn.checks import number
+from cranedyn.command import command_line
 from cranedyn.errors import DataError
 from cranedyn.export.crane_data import (
     GAZEBO_LEAST_MASS,
@@ -29,6 +30,7 @@ from cranedyn.export.crane_data import (
     xml_bytes,
 )
 from cranedyn.export.gazebo import ARTICLE_ERP, world
+from cranedyn.export.point_masses import give_bodies_to_points
 from cranedyn.export.target import new_folder
 from cranedyn.model.crane import Crane
 from cranedyn.model.options import crane_from_options
@@ -85,8 +87,9 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
 
     The URDF has no comments, and only those meshes that are in ROS packages, on which the package
     then depends. Gravity acts on all links. Plugins and transmissions of the crane's own file are
-    replaced. A load on two falls has the yaw stiffness of the length at the start. The README.md
-    of the package says what was left out, and where the stiffness holds.
+    replaced. A load on two falls has the yaw stiffness of the length at the start. A hook block
+    that is a point becomes a solid ball of steel, and links without mass get a part of it. The
+    README.md of the package says what was changed or left out, and where the stiffness holds.
 
     Args:
         folder: New folder.
@@ -119,8 +122,9 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
             "would hide; choose another name (--name)."
         )
     notes = remove_control(robot)
-    notes += write_length_spring(crane, robot)
     anchor_to_world(crane, robot, "ROS")
+    notes += write_length_spring(crane, robot)
+    notes += give_bodies_to_points(crane, robot)
     give_light_bodies(crane, robot)
     check_inertias(crane, robot, "Gazebo", least_mass=GAZEBO_LEAST_MASS)
     moving = joints(crane, robot)
@@ -262,3 +266,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     return export(options.target, crane_from_options(options), name=options.name, dt=options.dt)
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    return [
+        command_line("colcon", "build", "--base-paths", options.target),
+        command_line("cranedyn", "describe", "--urdf", options.target / "urdf" / "crane.urdf"),
+    ]

@@ -10,6 +10,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cranedyn.command import command_line
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.structured_text import plcopen_xml, structured_text
 from cranedyn.data.files import with_ending
@@ -20,7 +21,7 @@ from cranedyn.export.controller_options import add_controller_options, controlle
 from cranedyn.export.target import check_free, new_file
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
-from cranedyn.model.options import crane_from_options
+from cranedyn.model.options import crane_from_options, crane_words
 
 TARGET = "FILE"
 """What the command line calls the target of the export."""
@@ -99,3 +100,14 @@ def run(options: argparse.Namespace) -> Path:
     crane = crane_from_options(options)
     controller, drive = controller_from_options(options, crane, options.period)
     return export(crane, options.target, controller, drive=drive, control_period=options.period)
+
+
+def next_commands(options: argparse.Namespace) -> list[str]:
+    """Return command lines that work with what `run` has written."""
+    crane = crane_words(options)
+    same_in_c = options.target.with_name(f"{options.target.stem}_c")
+    controller = ["--controller", options.controller]
+    return [
+        command_line("cranedyn", "serve", "--opcua", "127.0.0.1:4840", *crane),
+        command_line("cranedyn", "export", "c", same_in_c, *controller, *crane),
+    ]

@@ -2,8 +2,9 @@
 
 Public names:
 
-* `gymnasium.TowerCraneEnv` and `sb3`: the task of moving a load without swing, to learn in;
-  `task` says what is observed, commanded and rewarded.
+* `gymnasium.CraneEnv` and `sb3`: the task of moving a load without swing, to learn in, for any
+  crane; `task` says what is commanded and rewarded, `load_view` what is observed. The same for a
+  tower crane, with observations of its own: `gymnasium.TowerCraneEnv` and `tower_task`.
 * `python_control.to_control`, `python_control.from_control`: linear models for python-control, and
   its feedback as a controller; `margins.margins` has stability margins.
 * `controller_file.open_controller`: one's own controller from a file of Python, JSON or MATLAB.

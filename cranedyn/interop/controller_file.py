@@ -16,7 +16,6 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import io
-import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -27,14 +26,12 @@ from typing import Any, NamedTuple, cast, get_args
 import numpy as np
 
 from cranedyn.checks import finite, number
-from cranedyn.controllers.tracking import Tracking
+from cranedyn.controllers.linear import linear_controller
 from cranedyn.data.files import open_file, parse_json, read_bytes, read_text
-from cranedyn.dynamics.linearisation import held_states
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, format_error, quoted
-from cranedyn.export.crane_data import input_names, state_names
-from cranedyn.export.usual_controllers import SetpointRegulator
 from cranedyn.interfaces import Controller, Drive, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.signals import input_names
 from cranedyn.references.motion import Motion
 
 FORMS = "FILE.py:FUNCTION, FILE.json or FILE.mat"
@@ -48,11 +45,6 @@ _NAMES_IN_MATLAB = {"inputs": "InputName", "outputs": "OutputName"}
 
 _UNUSED_IN_MATLAB = ("InputDelay", "OutputDelay", "InternalDelay")
 """Fields of an `ss` object that change what it computes, and which are not read."""
-
-
-_ON_ITS_WAY = re.compile(r"(.+_command)_([1-9]\d?)")
-"""Name of a command on its way to a converter, such as x_dot_command_2, that of two periods before.
-A converter delays by 64 periods at most."""
 
 
 class DrivenController(NamedTuple):
@@ -250,60 +242,27 @@ class StateSpace:
 
         Raises:
             UnknownName: If an input is no state of the crane, or an output no command.
-            CraneError: If a drive has no command, or python-control is not installed.
+            CraneError: As `linear_controller`.
         """
-        from cranedyn.interop.python_control import ct, from_control
-
-        drive = self.drive(crane)
-        commands = input_names(crane, drive)
-        # A file names only what the controller measures; `from_control` wants all of it.
-        absent = self._absent_inputs(crane, about, commands)
-        no_effect_on_states = np.zeros((len(self.a), len(absent)))
-        no_effect_on_commands = np.zeros((len(self.outputs), len(absent)))
-        b = np.hstack([self.b, no_effect_on_states])
-        d = np.hstack([self.d, no_effect_on_commands])
-        # Rows in the order of the drives.
-        outputs = [name for name in commands if name in self.outputs]
-        rows = [self.outputs.index(name) for name in outputs]
-        feedback = ct.ss(
+        # About a rest the drives go where the setpoint of the loop is; a motion has its own.
+        controller = linear_controller(
+            crane,
             self.a,
-            b,
-            self.c[rows],
-            d[rows],
-            dt=self.period,
-            inputs=[*self.inputs, *absent],
-            outputs=outputs,
+            self.b,
+            self.c,
+            self.d,
+            about=about,
+            inputs=self.inputs,
+            outputs=self.outputs,
+            period=self.period,
+            setpoint="rest" if isinstance(about, Motion) else "run",
+            drive=self.drive(crane),
+            dt=dt,
         )
-        return from_control(crane, feedback, about, drive=drive, dt=dt)
-
-    def _absent_inputs(
-        self, crane: Crane, about: State | Motion, commands: Sequence[str]
-    ) -> list[str]:
-        """Return the names of what a controller could measure and this one does not: states of the
-        crane, and commands on their way to the converters if this one has such inputs.
-
-        Args:
-            crane: The crane.
-            about: Rest or motion of the controller.
-            commands: Names of the commands.
-
-        Raises:
-            UnknownName: If an input is neither.
-        """
-        states = state_names(crane)
-        first_state = State(about.q[0], about.v[0]) if isinstance(about, Motion) else about
-        # States that are held, such as the stretch of a rigid rope, cannot be measured.
-        measurable = np.delete(states, held_states(crane, first_state)).tolist()
-        longest_delay = 0
-        for name in self.inputs:
-            on_its_way = _ON_ITS_WAY.fullmatch(name)
-            if on_its_way and on_its_way[1] in commands:
-                longest_delay = max(longest_delay, int(on_its_way[2]))
-            elif name not in measurable:
-                raise UnknownName("input", name, measurable)
-        for periods_ago in range(1, longest_delay + 1):
-            measurable += [f"{command}_{periods_ago}" for command in commands]
-        return [name for name in measurable if name not in self.inputs]
+        if not len(self.a) and isinstance(about, Motion):
+            # A table of gains, of which `as_velocity_command` makes one for rates.
+            return controller.tracking
+        return controller
 
 
 class _StateSpaceFile(ControllerFile):
@@ -316,19 +275,8 @@ class _StateSpaceFile(ControllerFile):
 
     def make(self, crane: Crane, motion: Motion, dt: float = 5e-4) -> DrivenController:
         drive = self._system.drive(crane)
-        if len(motion.q) > 1:
-            return DrivenController(self._system.controller(crane, motion, dt), drive)
-        controller = self._system.controller(crane, State(motion.q[0], motion.v[0]), dt)
-        if isinstance(controller, Tracking):
-            # About a rest the drives go where the setpoint of the loop is.
-            controller = SetpointRegulator(
-                controller.period,
-                controller.feed_forward,
-                controller.gain,
-                controller.setpoint,
-                crane,
-            )
-        return DrivenController(controller, drive)
+        about = motion if len(motion.q) > 1 else State(motion.q[0], motion.v[0])
+        return DrivenController(self._system.controller(crane, about, dt), drive)
 
 
 def read_state_space(file: str | Path) -> StateSpace:

@@ -1,9 +1,13 @@
 """Environments of Gymnasium for the task of moving a load without swing.
 
-`TowerCraneVectorEnv` steps many cranes at once by compiled code, `TowerCraneEnv` one crane, which
-can also be drawn. Both are registered under one name:
+`CraneVectorEnv` steps many cranes at once by compiled code, `CraneEnv` one crane, which can also be
+drawn. Both take any crane whose load hangs from driven joints, by default the overhead crane of
+this project, and are registered under one name:
 
-``gymnasium.make_vec("cranedyn.interop.gymnasium:cranedyn/TowerCrane-v0", num_envs=4096)``
+``gymnasium.make_vec("cranedyn.interop.gymnasium:cranedyn/Crane-v0", num_envs=4096)``
+
+``cranedyn/TowerCrane-v0`` is the same task with the observations and the distance to the goal of
+`cranedyn.interop.tower_task`, for a tower crane of five joints.
 
 What is observed, commanded and rewarded is in `cranedyn.interop.task`. The classes here add what
 Gymnasium asks for: spaces, seeds, the end of an episode and the beginning of the next one.
@@ -20,11 +24,12 @@ import numpy as np
 
 from cranedyn.checks import as_array, short_repr, whole
 from cranedyn.disturbances.wind import constant_force
+from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.interop.task import DT, INTEGRATOR, EpisodeStart, Rules, SwingTask
+from cranedyn.interop.tower_task import TowerSwingTask
 from cranedyn.model.crane import Crane
-from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 
@@ -37,8 +42,11 @@ except ModuleNotFoundError as error:
         "This bridge needs Gymnasium, which is not installed: pip install 'cranedyn[gymnasium]'."
     ) from error
 
-ID = "cranedyn/TowerCrane-v0"
-"""Name under which Gymnasium finds the environments."""
+ID = "cranedyn/Crane-v0"
+"""Name under which Gymnasium finds the environments of any crane."""
+
+TOWER_ID = "cranedyn/TowerCrane-v0"
+"""Name under which Gymnasium finds those of the tower crane."""
 
 STEPS = 400
 """Number of steps after which an episode is truncated, unless another is asked for."""
@@ -46,20 +54,29 @@ STEPS = 400
 _FRAME_PERIOD = 0.02
 """Time between rows of a recording [s]."""
 
+_PICTURE_MARGIN = 0.05
+"""Distance of a crane from the edges of a picture, as a share of its larger side."""
+
 _ROUND_OFF = 1e-6
 """Round-off of a time divided by the control period."""
+
+Interval = tuple[float, float]
+"""Lower and upper end of an axis."""
 
 VectorStep = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 """What a step of many environments returns by the rules of Gymnasium: observations, rewards,
 terminated, truncated, infos."""
 
 
-class TowerCraneVectorEnv(gym.vector.VectorEnv):
+class CraneVectorEnv(gym.vector.VectorEnv):
     """Many cranes at once, stepped by compiled code on all processors.
 
     Attributes:
         task: The cranes and their goals.
     """
+
+    task_type: type[SwingTask] = SwingTask
+    """The task; that of a subclass differs."""
 
     def __init__(
         self,
@@ -73,19 +90,22 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         threads: int | None = None,
         render_mode: None = None,
         action: str = Rules.action,
-        limits: Limits = Rules.limits,
-        reach: Sequence[float] = Rules.reach,
+        limits: Limits | None = Rules.limits,
+        reach: Sequence[float] | None = Rules.reach,
         swing: float = Rules.swing,
         swing_limit: float = Rules.swing_limit,
         wind: float = Rules.wind,
         payload_area: float = Rules.payload_area,
+        converters: Converters | None = Rules.converters,
+        tolerance: float = Rules.tolerance,
+        efforts: Sequence[float] | None = Rules.efforts,
     ) -> None:
         """Create the cranes; no episode begins before `reset`.
 
         Args:
             num_envs: Number of cranes.
-            crane: The crane, or several, one of which is drawn for each episode, see
-                `cranes_between`; None for the tower crane of this project.
+            crane: The crane, or several of one layout, one of which is drawn for each episode, see
+                `cranes_between`; None for the overhead crane of this project.
             control_period: Duration of a step [s].
             dt: Physics step [s].
             max_episode_steps: Number of steps after which an episode is truncated.
@@ -93,15 +113,21 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             threads: Number of threads; None for one on each processor.
             render_mode: None, since only one crane alone can be drawn.
             action: Kind of the actions, see `Rules`.
-            limits: Limits of rates and accelerations of the drives.
-            reach: Farthest goal from the start of slew [rad], trolley [m] and hoist [m].
+            limits: Limits of rates and accelerations of the drives; None for those of typical
+                frequency converters.
+            reach: Farthest goal from the start of each drive [rad or m]; None for the distance that
+                it covers in 10 s.
             swing: Largest amplitude of the swing at the start [rad].
             swing_limit: Swing that ends an episode [rad].
             wind: Strongest wind [m/s].
             payload_area: Drag coefficient times area of the payload [m²].
+            converters: Frequency converters with their lag, ramps, and delay, which is rounded up
+                to control periods; None for drives that follow their commands exactly.
+            tolerance: Distance to the goal up to which ``is_success`` is true [m].
+            efforts: Efforts that actions of 1 add with action = "effort" [N m or N], see `Rules`.
 
         Raises:
-            MissingRole, ModelError: If a crane is no tower crane of five joints.
+            ModelError: If the load of a crane does not hang from driven joints.
             OutOfRange: If a number is out of range.
         """
         if render_mode is not None:
@@ -117,9 +143,20 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         self._mode = mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         self._max_steps = whole("max_episode_steps", max_episode_steps, 1)
-        rules = Rules(action, limits, reach, swing, swing_limit, wind, payload_area)
-        cranes = load_crane() if crane is None else crane
-        self.task = SwingTask(cranes, self.num_envs, rules, control_period, dt, threads)
+        rules = Rules(
+            action=action,
+            limits=limits,
+            reach=reach,
+            swing=swing,
+            swing_limit=swing_limit,
+            wind=wind,
+            payload_area=payload_area,
+            converters=converters,
+            tolerance=tolerance,
+            efforts=efforts,
+        )
+        cranes = self.task_type.default_crane() if crane is None else crane
+        self.task = self.task_type(cranes, self.num_envs, rules, control_period, dt, threads)
         self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -136,7 +173,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         Args:
             seed: Seed of the random numbers of all cranes; None goes on with the last ones.
             options: What is not drawn at random: ``start``, a `State` of the crane, and ``goal``,
-                the positions of slew [rad], trolley [m] and hoist [m], the same for all cranes;
+                the positions of the drives [rad or m], the same for all cranes;
                 and ``reset_mask``, whether each crane begins an episode, shape (num_envs,), by
                 default all.
 
@@ -154,17 +191,18 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         super().reset(seed=whole_seed)
         self._begin(mask, initial)
         self._was_reset = True
-        return self.task.observe(), {**self._infos(), "_distance": mask.copy()}
+        return self.task.observe(), self._infos(mask)
 
     def step(self, actions: np.ndarray) -> VectorStep:
         """Apply actions for a control period.
 
         Args:
-            actions: Actions from -1 to 1, shape (num_envs, 3).
+            actions: Actions from -1 to 1, shape (num_envs, drives).
 
         Returns:
             Observations, rewards, whether each episode is terminated, whether it is truncated, and
-            infos with the ``distance`` of each crane to its goal [m].
+            infos with the ``distance`` of each crane to its goal [m], and ``is_success``, whether
+            that is within the tolerance.
 
         Raises:
             OutOfRange: If an action is no number from -1 to 1, or an episode has not begun.
@@ -207,12 +245,17 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             }
         return observations, reward, terminated, truncated, infos
 
-    def _infos(self) -> dict[str, Any]:
-        """Return the infos of all cranes as they are now."""
+    def _infos(self, mask: np.ndarray | None = None) -> dict[str, Any]:
+        """Return infos of all cranes as they are now; of those of a mask if there is one, shape
+        (num_envs,).
+        """
+        applies = np.ones(self.num_envs, dtype=bool) if mask is None else mask
+        # Gymnasium marks in an entry with "_" to which environments another one applies.
         return {
             "distance": self.task.goal_distance,
-            # Gymnasium marks in an entry with "_" to which environments another one applies.
-            "_distance": np.ones(self.num_envs, dtype=bool),
+            "_distance": applies.copy(),
+            "is_success": self.task.is_solved,
+            "_is_success": applies.copy(),
         }
 
     def _begin(self, mask: np.ndarray, initial: EpisodeStart | None = None) -> None:
@@ -222,12 +265,15 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         self._ended[mask] = False
 
 
-class TowerCraneEnv(gym.Env):
+class CraneEnv(gym.Env):
     """One crane with the same task.
 
     Attributes:
         task: The crane and its goal.
     """
+
+    task_type: type[SwingTask] = SwingTask
+    """The task; that of a subclass differs."""
 
     metadata = {"render_modes": ["rrd", "rgb_array"], "render_fps": 10}  # noqa: RUF012
 
@@ -240,17 +286,20 @@ class TowerCraneEnv(gym.Env):
         render_mode: str | None = None,
         folder: str | Path = "out/episodes",
         action: str = Rules.action,
-        limits: Limits = Rules.limits,
-        reach: Sequence[float] = Rules.reach,
+        limits: Limits | None = Rules.limits,
+        reach: Sequence[float] | None = Rules.reach,
         swing: float = Rules.swing,
         swing_limit: float = Rules.swing_limit,
         wind: float = Rules.wind,
         payload_area: float = Rules.payload_area,
+        converters: Converters | None = Rules.converters,
+        tolerance: float = Rules.tolerance,
+        efforts: Sequence[float] | None = Rules.efforts,
     ) -> None:
         """Create the crane; an episode begins with `reset`.
 
         Args:
-            crane: As for `TowerCraneVectorEnv`.
+            crane: As for `CraneVectorEnv`.
             control_period: Duration of a step [s].
             dt: Physics step [s].
             render_mode: What `render` does: with None nothing, with "rrd" it writes the episode so
@@ -258,15 +307,21 @@ class TowerCraneEnv(gym.Env):
                 (height, width, 3).
             folder: Folder of the recordings.
             action: Kind of the actions, see `Rules`.
-            limits: Limits of rates and accelerations of the drives.
-            reach: Farthest goal from the start of slew [rad], trolley [m] and hoist [m].
+            limits: Limits of rates and accelerations of the drives; None for those of typical
+                frequency converters.
+            reach: Farthest goal from the start of each drive [rad or m]; None for the distance that
+                it covers in 10 s.
             swing: Largest amplitude of the swing at the start [rad].
             swing_limit: Swing that ends an episode [rad].
             wind: Strongest wind [m/s].
             payload_area: Drag coefficient times area of the payload [m²].
+            converters: Frequency converters with their lag, ramps, and delay, which is rounded up
+                to control periods; None for drives that follow their commands exactly.
+            tolerance: Distance to the goal up to which ``is_success`` is true [m].
+            efforts: Efforts that actions of 1 add with action = "effort" [N m or N], see `Rules`.
 
         Raises:
-            MissingRole, ModelError: If a crane is no tower crane of five joints.
+            ModelError: If the load of a crane does not hang from driven joints.
             OutOfRange: If a number is out of range.
         """
         if render_mode not in (None, "rrd", "rgb_array"):
@@ -274,17 +329,28 @@ class TowerCraneEnv(gym.Env):
         self._folder = Path(folder)
         self.render_mode = render_mode
         self._dt = dt
-        rules = Rules(action, limits, reach, swing, swing_limit, wind, payload_area)
-        cranes = load_crane() if crane is None else crane
-        self.task = SwingTask(cranes, 1, rules, control_period, dt, threads=1)
+        rules = Rules(
+            action=action,
+            limits=limits,
+            reach=reach,
+            swing=swing,
+            swing_limit=swing_limit,
+            wind=wind,
+            payload_area=payload_area,
+            converters=converters,
+            tolerance=tolerance,
+            efforts=efforts,
+        )
+        cranes = self.task_type.default_crane() if crane is None else crane
+        self.task = self.task_type(cranes, 1, rules, control_period, dt, threads=1)
         self.observation_space, self.action_space = _spaces(self.task)
         # A picture after each step: a film of this rate shows the crane in real time.
         rate = 1.0 / self.task.fleet.control_period
         self.metadata = {**self.metadata, "render_fps": rate}
         self._episode = 0
         self._start = self.task.fleet.cranes[0].start
-        # Accelerations of the drives in each step of the episode, shape (m,) each.
-        self._accelerations = list[np.ndarray]()
+        # Commands of the drives in each step of the episode, shape (m,) each.
+        self._commands = list[np.ndarray]()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -294,7 +360,7 @@ class TowerCraneEnv(gym.Env):
         Args:
             seed: Seed of the random numbers; None goes on with the last ones.
             options: What is not drawn at random: ``start``, a `State` of the crane, and ``goal``,
-                the positions of slew [rad], trolley [m] and hoist [m].
+                the positions of the drives [rad or m].
 
         Raises:
             UnknownName: If there is no such option.
@@ -308,34 +374,43 @@ class TowerCraneEnv(gym.Env):
         self.task.begin(self.np_random, only_crane, initial)
         self._start = self._state()
         self._episode += 1
-        self._accelerations = []
-        return self.task.observe()[0], {"distance": float(self.task.goal_distance[0])}
+        self._commands = []
+        return self.task.observe()[0], self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Apply an action for a control period.
 
         Args:
-            action: Action from -1 to 1, shape (3,).
+            action: Action from -1 to 1, shape (drives,).
 
         Returns:
             Observation, reward, whether the episode is terminated, whether it is truncated, and an
-            info with the ``distance`` of the crane to its goal [m].
+            info with the ``distance`` of the crane to its goal [m], and ``is_success``, whether
+            that is within the tolerance.
 
         Raises:
-            OutOfRange: If the action is not three numbers from -1 to 1, or no episode has begun.
+            OutOfRange: If the action is not a number from -1 to 1 for each drive, or no episode has
+                begun.
         """
         if not self._episode:
             raise OutOfRange("episode", "none", "one that has begun: call reset")
         checked = as_array("action", action, (self.task.layout.m,))
-        accelerations = self.task.accelerations(checked[:, None], self.task.fleet.z)[:, 0]
+        task = self.task
+        commands = task.commands(checked[:, None], task.fleet.z, task.crane_index)[:, 0]
         result = self.task.act(checked[:, None])
-        self._accelerations.append(accelerations)
-        info = {"distance": float(self.task.goal_distance[0])}
+        self._commands.append(commands)
         reward = float(result.reward[0])
         terminated = bool(result.terminated[0])
         # The wrapper that `register` asks Gymnasium for truncates episodes.
         truncated = False
-        return result.observations[0], reward, terminated, truncated, info
+        return result.observations[0], reward, terminated, truncated, self._info()
+
+    def _info(self) -> dict[str, Any]:
+        """Return the info of the crane as it is now."""
+        return {
+            "distance": float(self.task.goal_distance[0]),
+            "is_success": bool(self.task.is_solved[0]),
+        }
 
     def _state(self) -> State:
         """Return a copy of the state of the crane."""
@@ -359,7 +434,7 @@ class TowerCraneEnv(gym.Env):
             )
         if self.render_mode == "rgb_array":
             return self._picture()
-        if not self._accelerations:
+        if not self._commands:
             return None
         from cranedyn.recording import Run, record
 
@@ -376,34 +451,51 @@ class TowerCraneEnv(gym.Env):
 
         crane = self.task.crane_of(0)
         figure = sketch(crane, self._state())
-        # All pictures have one scale, so that they can be shown one after the other: the axes of
-        # the start, where the jib is seen in its whole length, as wide on the other side.
-        side = sketch(crane).axes[0]
-        reach = max(abs(end) for end in side.get_xlim())
-        figure.axes[0].set(xlim=(-reach, reach), ylim=side.get_ylim())
+        # All pictures have one scale, so that they can be shown one after the other.
+        across, up = self._picture_limits(crane)
+        figure.axes[0].set(xlim=across, ylim=up)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3]
 
+    def _picture_limits(self, crane: Crane) -> tuple[Interval, Interval]:
+        """Return the ends of both axes of a picture [m]: the crane is seen wherever its drives move
+        in the episodes.
+        """
+        from cranedyn.recording.sketch import Projection
+
+        projection = Projection(crane)
+        points = []
+        for q in (crane.start.q, *self.task.farthest_coordinates(0).T):
+            points += [outline.corners for outline in projection.outlines(q)]
+            points.append(projection.rope(q))
+        seen = np.concatenate(points)
+        margin = _PICTURE_MARGIN * np.ptp(seen, axis=0).max()
+        low = (seen.min(axis=0) - margin).tolist()
+        high = (seen.max(axis=0) + margin).tolist()
+        return (low[0], high[0]), (low[1], high[1])
+
     def _simulated(self) -> Any:
         """Return the episode up to now as a trajectory.
 
-        `simulate` repeats it with the accelerations of each step: its rows are closer than the
+        `simulate` repeats it with the commands of each step: its rows are closer than the
         steps, and it also computes efforts and energies.
         """
         period = self.task.fleet.control_period
-        accelerations = self._accelerations
+        commands = self._commands
         position = self.task.goal[:, 0].copy()
         goal = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
 
         def repeat(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
             step = int(t / period + _ROUND_OFF)
-            return accelerations[min(step, len(accelerations) - 1)]
+            return commands[min(step, len(commands) - 1)]
 
         # Rows are a frame apart where a control period is a whole number of frames, and a frame a
-        # whole number of physics steps; otherwise a control period.
+        # whole number of physics steps; otherwise a control period. The delay of converters is
+        # rounded up to control periods, so that theirs must be that of the episode.
         ratios = np.array([period / _FRAME_PERIOD, _FRAME_PERIOD / self._dt])
         frames_fit = (np.abs(ratios - np.round(ratios)) < 1e-9).all()
+        frames_fit &= self.task.rules.converters is None
         crane = self.task.crane_of(0)
         force = self.task.force_on(0)
         return simulate(
@@ -411,10 +503,10 @@ class TowerCraneEnv(gym.Env):
             repeat,
             lambda t: goal,
             start=self._start,
-            duration=len(accelerations) * period,
+            duration=len(commands) * period,
             dt=self._dt,
             control_period=_FRAME_PERIOD if frames_fit else period,
-            drive="motion",
+            drive=self.task.drive,
             integrator=INTEGRATOR,
             disturbance=constant_force(crane, payload=force) if any(force) else None,
             validity="mark",
@@ -424,7 +516,7 @@ class TowerCraneEnv(gym.Env):
 
 def _spaces(task: SwingTask) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """Return the spaces of observations and actions."""
-    low, high = task.bounds()
+    low, high = task.view.bounds()
     actions = gym.spaces.Box(-1.0, 1.0, (task.layout.m,), np.float32)
     return gym.spaces.Box(low, high, dtype=np.float32), actions
 
@@ -457,16 +549,46 @@ def _check_options(options: Any, *names: str) -> dict[str, Any]:
     return dict(options or {})
 
 
+class TowerCraneVectorEnv(CraneVectorEnv):
+    """Many tower cranes at once, see `cranedyn.interop.tower_task`; the arguments are those of
+    `CraneVectorEnv`, with the tower crane of this project by default.
+    """
+
+    task_type = TowerSwingTask
+
+
+class TowerCraneEnv(CraneEnv):
+    """One tower crane, see `cranedyn.interop.tower_task`; the arguments are those of `CraneEnv`,
+    with the tower crane of this project by default.
+    """
+
+    task_type = TowerSwingTask
+
+    def _picture_limits(self, crane: Crane) -> tuple[Interval, Interval]:
+        """Return the ends of both axes of a picture [m]: those of the start, where the jib is seen
+        in its whole length, as wide on the other side.
+        """
+        from cranedyn.recording.sketch import sketch
+
+        side = sketch(crane).axes[0]
+        reach = max(abs(end) for end in side.get_xlim())
+        return (-reach, reach), side.get_ylim()
+
+
 def register() -> None:
-    """Register the environment with Gymnasium; importing this module does so."""
-    if ID not in gym.registry:
-        module = "cranedyn.interop.gymnasium"
-        gym.register(
-            ID,
-            f"{module}:TowerCraneEnv",
-            max_episode_steps=STEPS,
-            vector_entry_point=f"{module}:TowerCraneVectorEnv",
-        )
+    """Register the environments with Gymnasium; importing this module does so."""
+    module = "cranedyn.interop.gymnasium"
+    for name, one, many in (
+        (ID, "CraneEnv", "CraneVectorEnv"),
+        (TOWER_ID, "TowerCraneEnv", "TowerCraneVectorEnv"),
+    ):
+        if name not in gym.registry:
+            gym.register(
+                name,
+                f"{module}:{one}",
+                max_episode_steps=STEPS,
+                vector_entry_point=f"{module}:{many}",
+            )
 
 
 register()

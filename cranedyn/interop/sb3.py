@@ -10,8 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from cranedyn.errors import CraneError, quoted
-from cranedyn.interop.gymnasium import TowerCraneVectorEnv
-from cranedyn.interop.task import OBSERVED
+from cranedyn.interop.gymnasium import CraneVectorEnv
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -34,13 +33,14 @@ class _CraneVecEnv(VecEnv):
         finished: Sums of the rewards of the episodes that have ended, in their order.
     """
 
-    def __init__(self, env: TowerCraneVectorEnv, features: Change, shaping: Change) -> None:
+    def __init__(self, env: CraneVectorEnv, features: Change, shaping: Change) -> None:
         self.env = env
         self._features = features
         self._shaping = shaping
         self.returns = np.zeros(env.num_envs)
         self.finished = list[float]()
-        width = features(np.zeros((1, len(OBSERVED)))).shape[1]
+        observation = np.zeros((1, len(env.task.observed)))
+        width = features(observation).shape[1]
         inputs = gym.spaces.Box(-np.inf, np.inf, (width,), np.float32)
         super().__init__(env.num_envs, inputs, env.single_action_space)
 
@@ -69,16 +69,22 @@ class _CraneVecEnv(VecEnv):
         self.returns += reward
         ended = terminated | truncated
         final = observation
+        solved = info["is_success"]
         if ended.any():
             # Stable-Baselines3 wants the next episode to begin in the step that ends one.
             if self.env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP:
                 final = info["final_obs"]
+                solved = info["final_info"]["is_success"]
             else:
                 fresh, _ = self.env.reset(options={"reset_mask": ended})
                 observation = np.where(ended[:, None], fresh, final)
         for i in np.flatnonzero(ended):
             last = self._inputs(final[i : i + 1])[0]
-            infos[i] = {"terminal_observation": last, "TimeLimit.truncated": bool(truncated[i])}
+            infos[i] = {
+                "terminal_observation": last,
+                "TimeLimit.truncated": bool(truncated[i]),
+                "is_success": bool(solved[i]),
+            }
             self.finished.append(float(self.returns[i]))
             self.returns[i] = 0.0
         shaped = self._shaping(reward).astype(np.float32)
@@ -107,7 +113,7 @@ class _CraneVecEnv(VecEnv):
 
 
 def vec_env(
-    env: TowerCraneVectorEnv, *, features: Change = np.asarray, shaping: Change = np.asarray
+    env: CraneVectorEnv, *, features: Change = np.asarray, shaping: Change = np.asarray
 ) -> Any:
     """Return cranes as the algorithms of Stable-Baselines3 take them, such as PPO.
 
@@ -116,16 +122,16 @@ def vec_env(
 
     Args:
         env: The cranes, such as ``gym.make_vec`` makes them, of any ``autoreset_mode``.
-        features: Function from observations, shape (n, 12), to the inputs of the network, shape
-            (n, k).
+        features: Function from observations, shape (n, observed), to the inputs of the network,
+            shape (n, k).
         shaping: Function from rewards to those from which the network learns, shape (n,) each.
 
     Raises:
-        CraneError: If these are other environments than `TowerCraneVectorEnv`.
+        CraneError: If these are other environments than `CraneVectorEnv`.
     """
-    if not isinstance(env, TowerCraneVectorEnv):
+    if not isinstance(env, CraneVectorEnv):
         raise CraneError(
-            f"vec_env adapts a TowerCraneVectorEnv, and this is {quoted(type(env).__name__)}; make "
+            f"vec_env adapts a CraneVectorEnv, and this is {quoted(type(env).__name__)}; make "
             "the cranes with gymnasium.make_vec without a vectorization_mode and without wrappers."
         )
     return _CraneVecEnv(env, features, shaping)

@@ -1,42 +1,59 @@
 """The task of moving a load to a goal and leaving no swing, for reinforcement learning.
 
-`SwingTask` holds many tower cranes at once. It draws the starts and goals of episodes (`begin`),
-turns actions into accelerations of the drives and steps the cranes (`act`), and observes and
-rewards them. `cranedyn.interop.gymnasium` makes environments of it.
+`SwingTask` holds many cranes at once, of any kind whose load hangs from driven joints. It draws the
+starts and goals of episodes (`begin`), turns actions into commands of the drives and steps the
+cranes (`act`), and observes and rewards them. `cranedyn.interop.tower_task` is the same task with
+the observations of a tower crane, and `cranedyn.interop.gymnasium` makes environments of both.
 
 Arrays have a column for each of n cranes. Angles are in rad, lengths in m, times in s. A state z is
-the coordinates and then their rates, shape (2 coordinates, n): slew, trolley, radial swing,
-tangential swing and hoist, of which the swings are the passive joints.
+the coordinates and then their rates, shape (2 coordinates, n).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
-from typing import Any, NamedTuple
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cranedyn.checks import finite, number, short_repr, whole, within
-from cranedyn.compiled.binding import ColumnFunction
 from cranedyn.compiled.fleet import Fleet
-from cranedyn.compiled.rows import compile_columns
 from cranedyn.disturbances.wind import drag_force
+from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.dynamics.scalars import larger, smaller, square_root
-from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import State
+from cranedyn.dynamics.linearisation import linear
+from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.interfaces import DirectDrive, State
+from cranedyn.interop.drive_commands import DriveLimits, acceleration_code, rate_code
+from cranedyn.interop.hanging_loads import check_hangs, hanging_coordinates, range_corners
+from cranedyn.interop.load_view import DriveRanges, LoadView, View, pivot_joint
 from cranedyn.model.crane import Crane
-from cranedyn.model.layout import Layout
+from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
-from cranedyn.references.limits import LARGE_CRANE, Limits
+from cranedyn.references.limits import Limits
 
 INTEGRATOR = rk4
-"""Stepping rule: of order 4, since accelerations and wind are constant during a control period."""
+"""Stepping rule: of order 4, since commands and wind are constant during a control period."""
 
 DT = 1e-2
 """Physics step [s]."""
+
+ACTIONS = ("velocity", "acceleration", "effort")
+"""Kinds of actions, see `Rules`."""
+
+PENALTY = -50.0
+"""Reward of a step that ends an episode, see `SwingTask.act`.
+
+A policy must not gain by ending an episode early. A step costs at most about 0.4 at distances of
+100 m, so at a discount of 0.99 all steps to come cost less than 0.4/(1 - 0.99) = 40.
+"""
+
+OVERHEAD = XACRO.with_name("overhead_crane.urdf.xacro")
+"""The overhead crane of this project."""
 
 _MAX_UNDIVIDED_COUNT = 4096
 """Largest number of cranes for which the threads share only the physics steps.
@@ -46,53 +63,42 @@ interpreter. With more cranes each thread does all the work on some of them, sin
 cranes would not stay in the cache.
 """
 
-ACTIONS = ("velocity", "acceleration")
-"""Kinds of actions, see `Rules`."""
-
-OBSERVED = (
-    "gamma_to_go",
-    "x_to_go",
-    "l_to_go",
-    "gamma_dot",
-    "x_dot",
-    "l_dot",
-    "phi",
-    "theta",
-    "phi_dot",
-    "theta_dot",
-    "x",
-    "l",
-)
-"""Observations in their order, in SI units.
-
-They are the distance of each drive to its goal, the rate of each drive, both swings, their rates,
-the trolley radius and the cable length.
-"""
-
-PENALTY = -50.0
-"""Reward of a swing beyond the limit, which ends the episode.
-
-A policy must not gain by ending an episode early. A step costs at most about 0.4 at distances of
-100 m, so at a discount of 0.99 all steps to come cost less than 0.4/(1 - 0.99) = 40.
-"""
-
 _MAX_WIND = 1e3
 """Largest speed of the wind that may be asked for [m/s]."""
 
 _MAX_AREA = 1e6
 """Largest drag area of the payload that may be asked for [m²]."""
 
+_MAX_TOLERANCE = 1e3
+"""Largest tolerance that may be asked for [m]."""
+
 _REWARD_SCALE = 0.01
 """Distance to the goal below which coming closer is hardly rewarded any more [m]."""
 
-_MAX_SWING_RATE = 20.0
-"""Bound of swing rates [rad/s]: more than a load on a cable of 10 cm reaches in a fall from 90°."""
+_REACH_TIME = 10.0
+"""Time in which a drive gets to the farthest goal at its largest rate, where no reach is given [s]:
+a quarter of an episode of usual length."""
 
-_RANGE_MARGIN = 0.05
-"""Distance that drives keep from the ends of their ranges [rad or m], against round-off."""
+_WORKING_RANGE = {"revolute": np.pi, "prismatic": 50.0}
+"""Farthest that a drive is drawn from where the crane starts, by kind of joint [rad or m]. Drives
+without ends in their descriptions have ranges of several turns, or of kilometres."""
 
-_PURPOSE = "The task of moving a load without swing"
-"""Beginning of the error message for a crane that is no tower crane."""
+_RANGE_SHARE = 0.01
+"""Share of its range that a drive keeps from either end."""
+
+_MAX_RANGE_MARGIN = 0.05
+"""Largest distance that a drive keeps from the ends of its range [rad or m]."""
+
+_RATE_ROUND_OFF = 1e-9
+"""Relative round-off of a rate at its limit."""
+
+_DEFAULT_EFFORT_SHARE = 0.5
+"""Effort of an action of 1, where none is given, over that which takes a drive in one control
+period from rest to its rate limit. The effort limits of many descriptions are mere placeholders."""
+
+_MAX_MODE_STEP = 2.5
+"""Largest product of the frequency of a mode and the physics step: RK4 is stable up to 2.8 (Hairer
+& Wanner, Solving Ordinary Differential Equations II, IV.2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,44 +106,83 @@ class Rules:
     """Rules of the task.
 
     Attributes:
-        action: What an action is: with "velocity" a share of the rate limit of each drive, which
-            the drive approaches as fast as its acceleration limit allows, with "acceleration" a
-            share of the acceleration limit. Either way the drives keep their rate limits and brake
-            before the ends of their ranges.
-        limits: Limits of rates and accelerations of the drives.
-        reach: Farthest goal from the start of slew [rad], trolley [m] and hoist [m].
+        action: What an action from -1 to 1 is:
+
+            * "velocity": a share of the rate limit of each drive, which the drive approaches as
+              fast as its acceleration limit allows.
+            * "acceleration": a share of the acceleration limit of each drive.
+            * "effort": a share of the `efforts` of each drive, added to the effort that holds the
+              crane at rest at its start, which carries the load.
+
+            With the first two the drives keep their rate limits and brake before the ends of their
+            ranges. With "effort" nothing holds them: a drive that leaves its range or exceeds its
+            rate limit ends the episode.
+        limits: Limits of rates and accelerations of the drives; None for those of typical frequency
+            converters of the crane, see `cranedyn.dynamics.converters.converters`.
+        reach: Farthest goal from the start of each drive [rad or m]; None for the distance that it
+            covers in 10 s at its largest rate.
         swing: Largest amplitude of the swing at the start [rad].
         swing_limit: Swing that ends an episode [rad], at most 45°: up to there the rope stays taut
             under accelerations of less than half of gravity.
         wind: Strongest wind [m/s]; each episode has a steady wind from a random direction.
         payload_area: Drag coefficient times area of the payload [m²].
+        converters: Frequency converters that follow the rates of action = "velocity" with their
+            lag, ramps, and delay, which is rounded up to control periods. Their limits then hold.
+            None for drives that follow exactly.
+        tolerance: Distance to the goal up to which the task counts as solved [m].
+        efforts: Efforts of the drives that actions of 1 add with action = "effort" [N m or N]; None
+            for what the effort limits of the crane leave beside the effort that holds it, but at
+            most half of what takes a drive in one control period from rest to its rate limit.
     """
 
     action: str = "velocity"
-    limits: Limits = LARGE_CRANE
-    reach: Sequence[float] = (0.6, 10.0, 5.0)
+    limits: Limits | None = None
+    reach: Sequence[float] | None = None
     swing: float = 0.1
     swing_limit: float = np.pi / 4
     wind: float = 0.0
     payload_area: float = 4.0
+    converters: Converters | None = None
+    tolerance: float = 0.05
+    efforts: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         if self.action not in ACTIONS:
-            raise OutOfRange("action", self.action, " or ".join(ACTIONS))
+            raise OutOfRange("action", self.action, "velocity, acceleration or effort")
         within("swing_limit", self.swing_limit, 1e-3, np.pi / 4, "rad")
         within("swing at the start", self.swing, 0.0, self.swing_limit, "rad")
         within("wind", self.wind, 0.0, _MAX_WIND, "m/s")
         within("drag area of the payload", self.payload_area, 0.0, _MAX_AREA, "m²")
+        within("tolerance", self.tolerance, 0.0, _MAX_TOLERANCE, "m")
+        if self.efforts is not None and self.action != "effort":
+            raise OutOfRange("efforts", "given", f"None where action = {self.action}")
+        if self.converters is None:
+            return
+        if self.action != "velocity":
+            raise OutOfRange("converters", "given", f"None where action = {self.action}")
+        if self.limits is not None:
+            raise OutOfRange("limits", "given beside converters", "None: converters have their own")
 
 
-def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> list[Crane]:
-    """Return tower cranes of this project with some of their numbers drawn at random.
+def cranes_between(
+    count: int,
+    seed: int = 0,
+    *,
+    urdf: str | Path | None = None,
+    machine: str | None = None,
+    **ranges: tuple[float, float],
+) -> list[Crane]:
+    """Return cranes with some of their numbers drawn at random.
 
     Loading takes a tenth of a second for each crane.
 
     Args:
         count: Number of cranes.
         seed: Seed of the random numbers.
+        urdf: Description of the crane, as `load_crane` takes it; None for the tower crane of this
+            project.
+        machine: Name of a real crane whose numbers are those that are not drawn, as `load_crane`
+            takes it; None for none.
         ranges: Bounds between which an argument of `load_crane` is drawn uniformly, by its name,
             such as ``payload_mass=(500, 3000)``.
 
@@ -158,7 +203,7 @@ def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> 
         arguments: dict[str, Any] = {}
         for name, (low, high) in bounds.items():
             arguments[name] = float(rng.uniform(low, high))
-        cranes.append(load_crane(**arguments))
+        cranes.append(load_crane(urdf, machine=machine, **arguments))
     return cranes
 
 
@@ -168,23 +213,57 @@ class EpisodeStart:
 
     Attributes:
         start: State of the crane.
-        goal: Goals of slew [rad], trolley [m] and hoist [m].
+        goal: Goals of the drives [rad or m], m numbers.
     """
 
     start: State | None = None
     goal: Sequence[float] | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class ActResult:
+    """Result of a period of all n cranes.
+
+    Attributes:
+        reward: Rewards, shape (n,).
+        terminated: Whether the episode has ended badly, see `SwingTask.act`, shape (n,).
+        observations: Observations in single precision, shape (n, observed).
+    """
+
+    reward: np.ndarray
+    terminated: np.ndarray
+    observations: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class SwingDraw:
+    """Random swings of k cranes as amplitudes times cosine and sine of a phase.
+
+    Attributes:
+        angle: Angles of the swings [rad], shape (swings, k).
+        rate: Their rates over the frequency of the pendulum [rad], shape (swings, k).
+    """
+
+    angle: np.ndarray
+    rate: np.ndarray
+
+
 class SwingTask:
     """Many cranes, each with its goal.
 
+    The goal of an episode is a position of each drive. Where the load hangs at rest with its drives
+    there, there it must come and hang still.
+
     Attributes:
         rules: The rules.
-        goal: Goals of the drives [rad, m, m], shape (3, n).
+        goal: Goals of the drives [rad or m], shape (m, n).
         goal_distance: Distance of each crane to its goal, see `distance` [m], shape (n,).
+        drive_limits: Limits of each drive, those of the narrowest crane.
+        efforts: Efforts that actions of 1 add [N m or N], shape (m,); only with action = "effort".
         fleet: The cranes.
+        crane_index: Which of `fleet.cranes` the present episode of each column has, shape (n,).
         layout: Layout of all cranes.
-        tower: Indices of slew, trolley, both swings and hoist among the coordinates.
+        view: What is observed of the cranes.
     """
 
     def __init__(
@@ -207,14 +286,23 @@ class SwingTask:
             threads: Number of threads; None for one on each processor.
 
         Raises:
-            MissingRole, ModelError: If the cranes are no tower cranes of five joints.
-            OutOfRange: If a rule has not one number for each drive, the cranes stand in different
-                gravities or have no range of a drive in common, or as `Fleet`.
+            ModelError: If the load of a crane does not hang from driven joints, or not at rest with
+                its drives anywhere in the ranges of starts and goals.
+            OutOfRange: If something else than a crane is given, a rule has not one number for each
+                drive, the cranes stand in different gravities or have no range of a drive in
+                common, a crane oscillates too fast for the physics step, or as `Fleet`.
         """
         self.rules = rules
+        choice = [cranes] if isinstance(cranes, Crane | str | Path) else list(cranes)
+        for crane in choice:
+            if not isinstance(crane, Crane):
+                allowed = "a crane, or several, as cranedyn.load_crane returns them"
+                raise OutOfRange("crane", short_repr(crane), allowed)
+            self._check_crane(crane, dt)
         self.fleet = Fleet(
-            cranes,
+            choice,
             count,
+            drive=self.drive,
             forces=rules.wind > 0.0,
             integrator=INTEGRATOR,
             dt=dt,
@@ -222,27 +310,148 @@ class SwingTask:
             threads=threads,
         )
         self.layout = self.fleet.layout
-        self.tower = np.array(self.layout.tower(_PURPOSE))
-        _, self._trolley, *_, self._hoist = self.tower.tolist()
-        first = self.fleet.cranes[0]
         self._gravity = _common_gravity(self.fleet.cranes)
-        self.goal = np.tile(first.start.q[self.layout.drives][:, None], count)
-        self._reach = self.layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
-
+        self._set_limits()
+        if rules.action == "effort":
+            self._set_efforts(period)
         self._set_ranges()
-        self._set_limits(period)
-        n = self.layout.n
-        passive = self.layout.passive
-        radius_and_length = self.tower[[1, -1]]
-        # Rows of (coordinates, rates) that are observed, after the three distances to go.
-        self._observed_rows = np.concatenate(
-            [n + self.layout.drives, passive, n + passive, radius_and_length]
-        ).tolist()
-        # Which of `fleet.cranes` each episode has.
-        self._crane_index = np.zeros(count, dtype=int)
-        # Forces of the wind on the points of each crane, of which the payload is the first [N].
-        self._force = np.zeros((count, 3 * len(self.layout.points)))
-        self.goal_distance = self.distance(self.fleet.z, self.goal)
+        self._set_commands(period)
+        self.view = self._make_view()
+        self._place_all()
+
+    # --- what `cranedyn.interop.tower_task` does in another way -----------------------------------
+
+    @staticmethod
+    def default_crane() -> Crane:
+        """Return the crane where none is given: the overhead crane of this project."""
+        return load_crane(OVERHEAD)
+
+    def _check_crane(self, crane: Crane, dt: float) -> None:
+        """Check that the task is made for a crane, and physics steps of `dt` [s] are short enough
+        for it.
+
+        Raises:
+            ModelError: If its load does not hang from driven joints.
+            OutOfRange: If it oscillates too fast.
+        """
+        pivot_joint(crane)
+        _check_step(crane, "effort" if self.rules.action == "effort" else "motion", dt)
+
+    def _default_limits(self, crane: Crane) -> Limits:
+        """Return the limits of the drives where the rules state none."""
+        typical = converters(crane)
+        return Limits(typical.rates.tolist(), typical.accelerations.tolist())
+
+    def _default_reach(self) -> Sequence[float]:
+        """Return the farthest goals where the rules state none [rad or m], m numbers."""
+        return np.minimum(_REACH_TIME * self._rates, self._highest - self._lowest).tolist()
+
+    def _range_margins(self, widths: np.ndarray) -> np.ndarray:
+        """Return how far drives keep from the ends of ranges of some widths [rad or m], shape (m,)
+        each.
+        """
+        return np.minimum(_RANGE_SHARE * widths, _MAX_RANGE_MARGIN)
+
+    def _working_range(self) -> np.ndarray:
+        """Return how far from the start of the crane its drives are drawn [rad or m], shape
+        (m,).
+        """
+        return np.array([_WORKING_RANGE[joint.kind] for joint in self.layout.driven])
+
+    def _make_view(self) -> View:
+        """Return what is observed of the cranes.
+
+        Raises:
+            ModelError: If a load does not hang at rest everywhere in the ranges of the drives.
+        """
+        check_hangs(self.fleet.cranes, self._drawn_lower[:, 0], self._drawn_upper[:, 0])
+        ranges = DriveRanges(
+            lowest=self._lowest,
+            highest=self._highest,
+            drawn_lower=self._drawn_lower[:, 0],
+            drawn_upper=self._drawn_upper[:, 0],
+            reach=self._reach[:, 0],
+            rates=self._rates,
+        )
+        return LoadView(self.fleet.cranes, ranges, self.rules.swing_limit, self._gravity)
+
+    def _rest_coordinates(self, drives: np.ndarray, kinds: np.ndarray) -> np.ndarray:
+        """Return coordinates about which loads swing at the start, shape (coordinates, k).
+
+        Args:
+            drives: Positions of the drives [rad or m], shape (m, k).
+            kinds: Which of the cranes each column is, shape (k,).
+        """
+        return hanging_coordinates(self.fleet.cranes, kinds, drives)
+
+    # --- the drives -------------------------------------------------------------------------------
+
+    @property
+    def drive(self) -> DirectDrive | Converters:
+        """How the drives take their commands, see `cranedyn.simulation.simulate.simulate`."""
+        if self.rules.converters is not None:
+            return self.rules.converters
+        return "effort" if self.rules.action == "effort" else "motion"
+
+    def _set_limits(self) -> None:
+        """Set the limits of the drives: the smallest of all cranes, since one compiled function
+        serves them all.
+        """
+        limits = []
+        for crane in self.fleet.cranes:
+            given = self.rules.limits
+            if self.rules.converters is not None:
+                own = self.rules.converters.checked_for(crane)
+                given = Limits(own.rates.tolist(), own.accelerations.tolist())
+            limits.append((given or self._default_limits(crane)).for_crane(crane))
+        self._rates = np.min([limit.rates for limit in limits], axis=0)
+        self._accelerations = np.min([limit.accelerations for limit in limits], axis=0)
+
+    def _set_efforts(self, period: float) -> None:
+        """Set what actions of efforts mean in a control period [s]: the efforts that hold each
+        crane at its start, shape (cranes, m), and those that an action of 1 adds, shape (m,).
+
+        Raises:
+            ModelError: If a drive cannot hold its crane.
+            OutOfRange: If the efforts that the rules state are beyond what a drive has left, or
+                accelerate it within a period from rest to its rate limit: then an episode could not
+                but end at once.
+        """
+        holding = []
+        left_by_limits = []
+        to_rate_limit = []
+        for crane in self.fleet.cranes:
+            own = holding_effort(crane, crane.start.q)
+            by_effort = linear(crane, _rest_state(crane)).b[self.layout.n + self.layout.drives]
+            holding.append(own)
+            left_by_limits.append(crane.effort_limit - np.abs(own))
+            to_rate_limit.append(self._rates / (np.abs(np.diag(by_effort)) * period))
+        self._holding = np.array(holding)
+        # One number for each drive must do for all cranes.
+        spare = np.min(left_by_limits, axis=0)
+        fastest = np.min(to_rate_limit, axis=0)
+        for joint, effort in zip(self.layout.driven, spare.tolist(), strict=True):
+            if effort <= 0.0:
+                raise ModelError(
+                    f"The drive of {joint.name} cannot hold this crane at its start, where "
+                    f"{-effort:.3g} {joint.effort_unit} more than its effort limit are needed; "
+                    "give it a larger limit, or the crane a smaller load."
+                )
+        if self.rules.efforts is None:
+            self.efforts = np.minimum(spare, _DEFAULT_EFFORT_SHARE * fastest)
+            return
+        self.efforts = self.layout.for_drives("effort", self.rules.efforts, None, "> 0")
+        for i, joint in enumerate(self.layout.driven):
+            largest = min(spare[i], fastest[i])
+            if self.efforts[i] > largest:
+                raise OutOfRange(
+                    f"effort of {joint.symbol}",
+                    self.efforts[i],
+                    f"at most {largest:.3g}, which is within the effort limit beside the effort "
+                    "that holds the crane, and does not take the drive from rest to its rate "
+                    "limit in one control period",
+                    joint.effort_unit,
+                )
 
     def _set_ranges(self) -> None:
         """Set the ranges of the drives to those that all cranes have.
@@ -255,42 +464,86 @@ class SwingTask:
         upper = np.array([crane.upper[drives] for crane in self.fleet.cranes])
         self._lowest = lower.max(axis=0)
         self._highest = upper.min(axis=0)
-        self._lower = (self._lowest + _RANGE_MARGIN)[:, None]
-        self._upper = (self._highest - _RANGE_MARGIN)[:, None]
+        margins = self._range_margins(self._highest - self._lowest)
+        self._lower = (self._lowest + margins)[:, None]
+        self._upper = (self._highest - margins)[:, None]
         if not (self._lower < self._upper).all():
             raise OutOfRange(
                 "ranges of the drives that all cranes have",
                 [self._lowest.tolist(), self._highest.tolist()],
-                "wider than 0.1 rad or m",
+                f"wider than {2.0 * max(margins.max(), 0.0):g} rad or m",
             )
+        reach = self.rules.reach
+        if reach is None:
+            reach = self._default_reach()
+        self._reach = self.layout.for_drives("reach", reach, "", ">= 0")[:, None]
+        start = self.fleet.cranes[0].start.q[drives]
+        working_range = self._working_range()
+        # Starts and goals lie between these.
+        self._drawn_lower = np.maximum(self._lower, (start - working_range)[:, None])
+        self._drawn_upper = np.minimum(self._upper, (start + working_range)[:, None])
 
-    def _set_limits(self, period: float) -> None:
-        """Set the limits of the drives: the smallest rates of all cranes, since one compiled
-        function serves them all. Their accelerations are those of the rules.
+    def _set_commands(self, period: float) -> None:
+        """Set what `commands` needs.
 
         Args:
             period: Time from one action to the next [s].
         """
-        limits = [self.rules.limits.for_crane(crane) for crane in self.fleet.cranes]
-        self._rates = np.min([limit.rates for limit in limits], axis=0)
-        drive_limits = []
+        limits = []
         for i in range(self.layout.m):
-            drive_limits.append(
-                DriveLimits(
-                    self._rates[i],
-                    limits[0].accelerations[i],
-                    self._lower[i, 0],
-                    self._upper[i, 0],
-                )
-            )
-        # These arguments are kept instead of the compiled function, which cannot be copied, so that
-        # a task can be; `_acceleration_code` caches the function.
+            rate = self._rates[i]
+            acceleration = self._accelerations[i]
+            limits.append(DriveLimits(rate, acceleration, self._lower[i, 0], self._upper[i, 0]))
+        # The arguments of the compiled functions are kept instead of the functions, which cannot be
+        # copied, so that a task can be; the functions are cached.
+        self.drive_limits = tuple(limits)
         self._acceleration_key = (
             self.layout,
             period,
             self.rules.action == "velocity",
-            tuple(drive_limits),
+            self.drive_limits,
         )
+        self._reaction_times: tuple[float, ...] = ()
+        own = self.rules.converters
+        if own is not None:
+            # A command waits for its delay, and then holds for a period. The ramp takes A/J until
+            # it brakes with its acceleration A, and the drive lags behind it.
+            waiting = (own.delay_steps(0.0, period) + 1) * period
+            times = waiting + own.accelerations / own.jerks + own.lags
+            self._reaction_times = tuple(times.tolist())
+
+    def commands(
+        self, action: np.ndarray, z: np.ndarray, kinds: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the commands of the drives, shape (m, n): accelerations [rad/s² or m/s²]; efforts
+        [N m or N] where the action is an effort; rates [rad/s or m/s] where the drives have
+        frequency converters.
+
+        Args:
+            action: Actions from -1 to 1, shape (m, n).
+            z: Coordinates and rates, a column for each crane.
+            kinds: Which of the cranes each column is, shape (n,); None for the first.
+        """
+        if self.rules.action == "effort":
+            if kinds is None:
+                kinds = np.zeros(action.shape[1], dtype=int)
+            return self._holding[kinds].T + action * self.efforts[:, None]
+        if self.rules.converters is not None:
+            return rate_code(self.layout, self._reaction_times, self.drive_limits)(action, z)
+        return acceleration_code(*self._acceleration_key)(action, z)
+
+    # --- episodes ---------------------------------------------------------------------------------
+
+    def _place_all(self) -> None:
+        """Let all cranes stand at their starts, which are their goals, before the first episode."""
+        count = self.fleet.count
+        self.goal = np.tile(self.fleet.cranes[0].start.q[self.layout.drives][:, None], count)
+        self.crane_index = np.zeros(count, dtype=int)
+        # Forces of the wind on the points of each crane, of which the payload is the first [N].
+        self._force = np.zeros((count, 3 * len(self.layout.points)))
+        # Places of the loads at their goals [m].
+        self._target = np.tile(self.view.targets(self.goal[:, :1], np.zeros(1, dtype=int)), count)
+        self.goal_distance = self.distance(self.fleet.z, self.goal)
 
     def check_reset(
         self, start: State | None = None, goal: Sequence[float] | None = None
@@ -299,7 +552,7 @@ class SwingTask:
 
         Args:
             start: State of the crane; None for a random one.
-            goal: Goals of slew [rad], trolley [m] and hoist [m]; None for random ones.
+            goal: Goals of the drives [rad or m], m numbers; None for random ones.
 
         Raises:
             OutOfRange: If a goal is not in the ranges of the drives, or the start is no state of
@@ -329,48 +582,62 @@ class SwingTask:
             rng: Source of the random numbers.
             indices: Indices of the cranes, shape (k,).
             initial: Start and goal, as `check_reset` returns them; None for random ones.
+
+        Raises:
+            ModelError: If a crane does not hang at rest with its drives at a start or a goal.
         """
         if initial is None:
             initial = EpisodeStart()
         rows = indices.astype(int)
         n = len(indices)
-        state = self._draw_state_and_goal(rng, rows)
-        if initial.start is not None:
+        drives = rng.uniform(self._drawn_lower, self._drawn_upper, (self.layout.m, n))
+        nearest = np.maximum(self._drawn_lower, drives - self._reach)
+        farthest = np.minimum(self._drawn_upper, drives + self._reach)
+        goal = rng.uniform(nearest, farthest)
+        swing = self._draw_swing(rng, n)
+        kinds = rng.integers(len(self.fleet.cranes), size=n)
+
+        if initial.start is None:
+            state = self._swinging(drives, swing, kinds)
+        else:
             q, v = initial.start
             state = State(np.repeat(q[:, None], n, axis=1), np.repeat(v[:, None], n, axis=1))
         if initial.goal is not None:
-            self.goal[:, rows] = np.array(initial.goal)[:, None]
-        self._crane_index[rows] = rng.integers(len(self.fleet.cranes), size=n)
-        self.fleet.place(rows, State(state.q.T, state.v.T), self._crane_index[rows])
+            goal = np.repeat(np.array(initial.goal)[:, None], n, axis=1)
+        target = self.view.targets(goal, kinds)
+        self.fleet.place(rows, State(state.q.T, state.v.T), kinds)
+        self.goal[:, rows] = goal
+        self._target[:, rows] = target
+        self.crane_index[rows] = kinds
         if self.rules.wind:
             self._draw_wind(rng, rows)
         # A new array, since the infos of earlier steps hold the old one.
         self.goal_distance = self.goal_distance.copy()
-        self.goal_distance[rows] = self.distance(self.fleet.z[:, rows], self.goal[:, rows])
+        unused = np.empty((n, len(self.view.names)), dtype=np.float32)
+        measured = self.view.measure(self.fleet.z[:, rows], goal, target, kinds, unused)
+        self.goal_distance[rows] = measured.distance
 
-    def _draw_state_and_goal(self, rng: np.random.Generator, rows: np.ndarray) -> State:
-        """Draw goals of some cranes and set them, and draw and return their states, shape
-        (coordinates, k) each.
+    def _draw_swing(self, rng: np.random.Generator, n: int) -> SwingDraw:
+        """Draw swings of n cranes, with an amplitude A in a random direction and phase.
 
-        The load swings with an amplitude A in a random direction and phase. The swing of a pendulum
-        is A cos(ω t), so its rate has the amplitude ω A with ω = √(g/l).
+        The swing of a pendulum is A cos(ω t), so that its rate has the amplitude ω A.
         """
-        n = len(rows)
-        drives = rng.uniform(self._lower, self._upper, (self.layout.m, n))
-        nearest = np.maximum(self._lower, drives - self._reach)
-        farthest = np.minimum(self._upper, drives + self._reach)
-        self.goal[:, rows] = rng.uniform(nearest, farthest)
-
-        q = np.zeros((self.layout.n, n))
-        v = np.zeros((self.layout.n, n))
-        q[self.layout.drives] = drives
         # Adding 0.0 makes 0.0 of -0.0, which NumPy refuses as an upper end below the lower one.
         amplitude = rng.uniform(0.0, self.rules.swing + 0.0, n)
-        direction, phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))
-        swing = np.stack([np.cos(direction), np.sin(direction)]) * amplitude
-        passive = self.layout.passive
-        q[passive] = swing * np.cos(phase)
-        v[passive] = swing * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist])
+        direction = _random_directions(rng, len(self.view.swings), n)
+        phase = rng.uniform(0.0, 2.0 * np.pi, n)
+        swing = direction * amplitude
+        return SwingDraw(swing * np.cos(phase), swing * np.sin(phase))
+
+    def _swinging(self, drives: np.ndarray, swing: SwingDraw, kinds: np.ndarray) -> State:
+        """Return states with drives at rest at some positions, shape (m, k), and swings about where
+        the load hangs, shape (coordinates, k) each.
+        """
+        q = self._rest_coordinates(drives, kinds)
+        v = np.zeros_like(q)
+        frequency = np.sqrt(self._gravity / self.view.pendulum_lengths(q, kinds))
+        q[self.view.swings] += swing.angle
+        v[self.view.swings] = swing.rate * frequency
         return State(q, v)
 
     def _draw_wind(self, rng: np.random.Generator, rows: np.ndarray) -> None:
@@ -384,7 +651,15 @@ class SwingTask:
 
     def crane_of(self, index: int) -> Crane:
         """Return which crane the present episode of a column has."""
-        return self.fleet.cranes[self._crane_index[index]]
+        return self.fleet.cranes[self.crane_index[index]]
+
+    def farthest_coordinates(self, index: int) -> np.ndarray:
+        """Return coordinates of the crane of a column that hangs at rest with its drives at the
+        corners of the ranges of starts and goals, shape (coordinates, corners).
+        """
+        corners = range_corners(self._drawn_lower[:, 0], self._drawn_upper[:, 0])
+        kinds = np.full(corners.shape[1], self.crane_index[index])
+        return hanging_coordinates(self.fleet.cranes, kinds, corners)
 
     def force_on(self, index: int) -> list[float]:
         """Return the force of the wind on the payload of a column in the present episode [N]: three
@@ -392,11 +667,17 @@ class SwingTask:
         """
         return self._force[index, :3].tolist()
 
+    # --- steps ------------------------------------------------------------------------------------
+
     def act(self, action: np.ndarray) -> ActResult:
         """Apply actions for a control period.
 
+        An episode ends badly, with the reward `PENALTY`, where the swing goes beyond its limit; and
+        where a drive leaves its range or exceeds its rate limit, which only drives do that take
+        efforts or have frequency converters.
+
         Args:
-            action: Actions from -1 to 1, shape (3, n).
+            action: Actions from -1 to 1, shape (m, n).
 
         Raises:
             OutOfRange: If an action is no number from -1 to 1.
@@ -406,17 +687,18 @@ class SwingTask:
         too_large = np.abs(action) > 1.0
         if too_large.any():
             raise OutOfRange("action", float(action[too_large][0]), "-1 to 1")
-        result = ActResult(
-            np.empty(n), np.empty(n, dtype=bool), np.empty((n, len(OBSERVED)), dtype=np.float32)
-        )
+        observations = np.empty((n, len(self.view.names)), dtype=np.float32)
+        result = ActResult(np.empty(n), np.empty(n, dtype=bool), observations)
         self.goal_distance = np.empty(n)
 
         def step(columns: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
-            """Move the cranes of some columns by `advance`, which takes the accelerations of their
+            """Move the cranes of some columns by `advance`, which takes the commands of their
             drives and returns their states, and judge these.
             """
-            accelerations = self.accelerations(action[:, columns], self.fleet.z[:, columns])
-            self._judge(columns, advance(accelerations), result)
+            commands = self.commands(
+                action[:, columns], self.fleet.z[:, columns], self.crane_index[columns]
+            )
+            self._judge(columns, advance(commands), result)
 
         def step_chunk(i: int) -> None:
             step(self.fleet.chunks[i], partial(self.fleet.advance, i))
@@ -429,111 +711,94 @@ class SwingTask:
 
     def _judge(self, columns: slice, z: np.ndarray, result: ActResult) -> None:
         """Fill in rewards, ends and observations of the cranes of some columns at states z."""
-        goal = self.goal[:, columns]
-        distance, swing_squared = _distance_code(self.layout, self._gravity)(z, goal)
+        distance, swing_squared = self.view.measure(
+            z,
+            self.goal[:, columns],
+            self._target[:, columns],
+            self.crane_index[columns],
+            result.observations[columns],
+        )
         # Written with "not smaller", a swing that is not a number is beyond the limit, too.
-        is_too_large = ~(swing_squared < self.rules.swing_limit**2)
+        has_failed = ~(swing_squared < self.rules.swing_limit**2)
+        if self.fleet.drive != "motion":
+            has_failed |= self._overrun(z)
+            # The distance of a crane that has diverged is no number, but beyond all bounds.
+            distance = np.where(np.isnan(distance), np.inf, distance)
         # The logarithm rewards the last centimetres as much as the first metres.
         reward = -self.fleet.control_period * np.log10(1.0 + distance / _REWARD_SCALE)
-        result.terminated[columns] = is_too_large
-        result.reward[columns] = np.where(is_too_large, PENALTY, reward)
+        result.terminated[columns] = has_failed
+        result.reward[columns] = np.where(has_failed, PENALTY, reward)
         self.goal_distance[columns] = distance
-        self.observation(z, goal, result.observations[columns])
 
-    def accelerations(self, action: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Return the accelerations of the drives [rad/s² or m/s²], shape (3, n).
-
-        Args:
-            action: Actions from -1 to 1, shape (3, n).
-            z: Coordinates and rates, a column for each crane.
+    def _overrun(self, z: np.ndarray) -> np.ndarray:
+        """Return whether a drive of each crane is outside of its range or beyond its rate limit,
+        shape (k,).
         """
-        return _acceleration_code(*self._acceleration_key)(action, z)
+        positions = z[self.layout.drives]
+        rates = z[self.layout.n + self.layout.drives]
+        outside = (positions < self._lowest[:, None]) | (positions > self._highest[:, None])
+        too_fast = np.abs(rates) > (1.0 + _RATE_ROUND_OFF) * self._rates[:, None]
+        return (outside | too_fast).any(axis=0)
+
+    # --- what is observed -------------------------------------------------------------------------
+
+    @property
+    def observed(self) -> tuple[str, ...]:
+        """Names of the observations in their order, such as x_to_go, x, x_dot, phi, phi_dot."""
+        return self.view.names
+
+    @property
+    def is_solved(self) -> np.ndarray:
+        """Whether each crane is within the tolerance of its goal, shape (n,)."""
+        return self.goal_distance < self.rules.tolerance
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Return the distance of each crane to its goal [m], shape (n,).
-
-        It is the distance of the drives, plus the amplitude with which the load would swing if the
-        drives stopped at once.
+        """Return the distance of cranes of the first kind to their goals [m], shape (n,); see
+        `view`.
 
         Args:
             z: Coordinates and rates, a column for each crane.
             goal: Goals of the drives, a column for each crane.
         """
-        return _distance_code(self.layout, self._gravity)(z, goal)[0]
+        kinds = np.zeros(z.shape[1], dtype=int)
+        unused = np.empty((z.shape[1], len(self.view.names)), dtype=np.float32)
+        return self.view.measure(z, goal, self.view.targets(goal, kinds), kinds, unused).distance
 
     def observe(self, which: Any = slice(None)) -> np.ndarray:
-        """Return the present observations, see `OBSERVED`, in single precision.
+        """Return the present observations, see `observed`, in single precision.
 
         Args:
             which: Index, mask or slice of the cranes; by default all.
         """
-        return self.observation(self.fleet.z[:, which], self.goal[:, which])
+        kinds = self.crane_index[which]
+        return self._observations(self.fleet.z[:, which], self.goal[:, which], kinds)
 
-    def observation(self, z: np.ndarray, goal: np.ndarray, out: Any = None) -> np.ndarray:
-        """Return the observations at states with goals, shape (n, 12).
+    def observation(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """Return the observations of cranes of the first kind, shape (n, observed), in single
+        precision.
 
         Args:
             z: Coordinates and rates, a column for each crane.
             goal: Goals of the drives, a column for each crane.
-            out: Array for the observations; None for a new one.
         """
-        if out is None:
-            out = np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32)
-        out[:, :3] = (goal - z[self.layout.drives]).T
-        # Row by row, not by an index array, which would copy all of them first.
-        for i, row in enumerate(self._observed_rows, 3):
-            out[:, i] = z[row]
-        return out
+        return self._observations(z, goal, np.zeros(z.shape[1], dtype=int))
 
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the smallest and the largest possible observations, in single precision, shape
-        (12,) each.
-
-        Swings are bounded by 180° and not by the limit of the rules, since the last observation of
-        an episode may be beyond that.
-        """
-        first = self.fleet.cranes[0]
-        radius_and_length = [self._trolley, self._hoist]
-        distances = (first.upper - first.lower)[self.layout.drives]
-        # Rates may exceed their limits by round-off, also that of single precision.
-        rates = 1.01 * self._rates
-        swings = np.full(2, np.pi)
-        swing_rates = np.full(2, _MAX_SWING_RATE)
-        symmetric = np.concatenate([distances, rates, swings, swing_rates])
-        low = np.concatenate([-symmetric, first.lower[radius_and_length]])
-        high = np.concatenate([symmetric, first.upper[radius_and_length]])
-        return low.astype(np.float32), high.astype(np.float32)
+    def _observations(self, z: np.ndarray, goal: np.ndarray, kinds: np.ndarray) -> np.ndarray:
+        """Return observations of cranes of some kinds, shape (k,)."""
+        observations = np.empty((z.shape[1], len(self.view.names)), dtype=np.float32)
+        # Observations do not depend on where the load shall be.
+        no_target = np.zeros((3, z.shape[1]))
+        self.view.measure(z, goal, no_target, kinds, observations)
+        return observations
 
 
-@dataclass(frozen=True, eq=False)
-class ActResult:
-    """Result of a period of all n cranes.
-
-    Attributes:
-        reward: Rewards, shape (n,).
-        terminated: Whether the swing went beyond the limit, which ends an episode, shape (n,).
-        observations: Observations, see `OBSERVED`, in single precision, shape (n, 12).
-    """
-
-    reward: np.ndarray
-    terminated: np.ndarray
-    observations: np.ndarray
-
-
-class DriveLimits(NamedTuple):
-    """Limits of a drive.
-
-    Attributes:
-        rate: Largest rate [rad/s or m/s].
-        acceleration: Largest acceleration [rad/s² or m/s²].
-        lower: Lower end of its range [rad or m].
-        upper: Upper end of its range [rad or m].
-    """
-
-    rate: float
-    acceleration: float
-    lower: float
-    upper: float
+def _random_directions(rng: np.random.Generator, size: int, n: int) -> np.ndarray:
+    """Return n random unit vectors, shape (size, n), uniform over all directions."""
+    if size == 2:
+        angle = rng.uniform(0.0, 2.0 * np.pi, n)
+        return np.stack([np.cos(angle), np.sin(angle)])
+    vectors = rng.standard_normal((size, n))
+    return vectors / np.linalg.norm(vectors, axis=0)
 
 
 def _common_gravity(cranes: Sequence[Crane]) -> float:
@@ -549,80 +814,19 @@ def _common_gravity(cranes: Sequence[Crane]) -> float:
     return gravities[0]
 
 
-@cache
-def _acceleration_code(
-    layout: Layout, period: float, is_velocity: bool, limits: tuple[DriveLimits, ...]
-) -> ColumnFunction:
-    """Return the function from actions and states to accelerations of the drives, compiled.
+def _rest_state(crane: Crane) -> State:
+    """Return the state in which a crane hangs at rest with its drives at their starts."""
+    return State(crane.rest.q, np.zeros(crane.layout.n))
 
-    Args:
-        layout: Layout of the crane.
-        period: Time from one action to the next [s].
-        is_velocity: Whether actions are shares of the rates, not of the accelerations.
-        limits: Limits of each drive.
+
+def _check_step(crane: Crane, drive: DirectDrive, dt: float) -> None:
+    """Check that a physics step [s] is short enough for a crane, such as one with an elastic rope.
+
+    Raises:
+        OutOfRange: If it is not.
     """
-
-    def accelerations(value: Callable[[float], Any], numbers: np.ndarray) -> Iterator[Any]:
-        action, z = np.split(numbers, [layout.m])
-        positions = z[layout.drives]
-        rates = z[layout.n + layout.drives]
-        for i, limit in enumerate(limits):
-            new_rate = _next_rate(action[i], positions[i], rates[i], limit, period, is_velocity)
-            yield (new_rate - rates[i]) / value(period)
-
-    return compile_columns(accelerations, [layout.m, 2 * layout.n], layout.m)
-
-
-def _next_rate(
-    action: Any, position: Any, rate: Any, limit: DriveLimits, period: float, is_velocity: bool
-) -> Any:
-    """Return the rate of a drive after a period, within its limits, for floats and compiled code.
-
-    The drive must be able to stop before the end of its range. In a period T it goes from the rate
-    v to w, which takes it by (v + w) T/2, and then it brakes with the acceleration a, which takes
-    it by w²/(2 a). Both must fit into the distance d to the end: w²/(2 a) + (v + w) T/2 <= d. The
-    largest such w is √((a T/2)² + 2 a d - a T v) - a T/2. For the other end all signs are reversed.
-    """
-    max_change = limit.acceleration * period
-    if is_velocity:
-        change = action * limit.rate - rate
-    else:
-        change = action * limit.acceleration * period
-    wanted = rate + smaller(larger(change, -max_change), max_change)
-
-    half = 0.5 * max_change
-    # With d = upper - position up, and d = position - lower down, both radicands have this part of
-    # the position and of the rate.
-    moving_part = 2.0 * limit.acceleration * position + max_change * rate
-    radicand_up = half * half + 2.0 * limit.acceleration * limit.upper - moving_part
-    radicand_down = half * half - 2.0 * limit.acceleration * limit.lower + moving_part
-    max_up = smaller(square_root(larger(radicand_up, 0.0)) - half, limit.rate)
-    max_down = smaller(square_root(larger(radicand_down, 0.0)) - half, limit.rate)
-    return smaller(larger(wanted, -max_down), max_up)
-
-
-@cache
-def _distance_code(layout: Layout, gravity: float) -> ColumnFunction:
-    """Return the compiled function from states and goals to the distances of `SwingTask.distance`
-    [m] and the squares of the swings [rad²].
-
-    A swing with the angle φ and the rate φ' has the amplitude A = √(φ² + φ'² l/g): its energy per
-    mass is g l φ²/2 + (l φ')²/2 = g l A²/2. It takes the load l A from plumb. The way of the slew
-    counts as the arc at the radius of the trolley.
-    """
-    slew, trolley, *_, hoist = layout.tower(_PURPOSE)
-
-    def distance(value: Callable[[float], Any], numbers: np.ndarray) -> list[Any]:
-        z, goal = np.split(numbers, [2 * layout.n])
-        length = z[hoist]
-        to_go = goal - z[layout.drives]
-        # The slew is the first joint and the first drive of a tower crane, see `Layout.tower`.
-        to_go[slew] = to_go[slew] * z[trolley]
-        angles = z[layout.passive]
-        rates = z[layout.n + layout.passive]
-        angles_squared = angles * angles
-        amplitude_squared = (angles_squared + rates * rates * (length / value(gravity))).sum()
-        load_swing = length * square_root(amplitude_squared)
-        return [square_root((to_go * to_go).sum()) + load_swing, angles_squared.sum()]
-
-    return compile_columns(distance, [2 * layout.n, layout.m], 2)
+    rates = np.linalg.eigvals(linear(crane, _rest_state(crane), drive=drive).a)
+    fastest = float(np.abs(rates).max())
+    if fastest * dt > _MAX_MODE_STEP:
+        allowed = f"{_MAX_MODE_STEP / fastest:.3g} or less: a mode has {fastest:.3g} rad/s"
+        raise OutOfRange("dt", dt, allowed, "s")

@@ -215,6 +215,36 @@ def load_crane(
     return _crane(robot, model, path, partial(_own_urdf, values), options, record)
 
 
+def with_locked_joints(crane: Crane, locked: Mapping[str, float]) -> Crane:
+    """Return the crane of the same URDF, without its visuals, with some of its joints held fixed.
+
+    The joint that carries the payload may be one of them: then the joint above carries it.
+
+    Args:
+        crane: The crane.
+        locked: Coordinates [rad or m] of the joints by their names.
+
+    Raises:
+        UnknownName: If there is no such moving joint.
+        OutOfRange: If a coordinate is out of the range of its joint.
+        ModelError: If the rest is no crane.
+    """
+    names = [joint.name for joint in crane.layout.joints]
+    # Joint 0 of Pinocchio is the world, and coordinate i belongs to joint i + 1.
+    carrier = crane.payload.body + 1
+    while carrier > 0 and names[carrier - 1] in locked:
+        carrier = int(crane.model.parents[carrier])
+    roles = crane.record["joints"]
+    options = _Options(
+        gravity=crane.gravity,
+        joints={role: name for role, name in roles.items() if name not in locked},
+        driven=[name for name in crane.record["driven"] if name not in locked],
+        payload=names[carrier - 1] if carrier > 0 else None,
+        check_axes=crane.record["check_axes"],
+    )
+    return _foreign_crane(crane.record["urdf"], Path("the crane"), options, False, locked)
+
+
 def _is_wanted(swing: bool | Mapping[str, float]) -> bool:
     """Return whether a swing is to be added; a mapping without numbers stands for the defaults."""
     return bool(swing) or isinstance(swing, Mapping)

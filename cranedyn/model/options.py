@@ -152,6 +152,30 @@ def crane_from_options(options: argparse.Namespace) -> Crane:
     return load_crane(**load_options(options))
 
 
+def crane_words(options: argparse.Namespace, *, gravity: bool = True) -> list[str]:
+    """Return the words of a command line that name the crane that the options name, for a command
+    with the options of `add_crane_options` and `add_values`.
+
+    Args:
+        options: The options.
+        gravity: Whether to name its gravity, for a command that also has `add_gravity`.
+    """
+    words: list[str] = []
+    for name in ("machine", "urdf", "payload"):
+        value = getattr(options, name)
+        if value is not None:
+            words += [f"--{name}", value]
+    for name in ("swing", "driven", "locked", "role", "package"):
+        values = getattr(options, name)
+        if values is not None:
+            words += [f"--{name}", *values]
+    if gravity and getattr(options, "gravity", None) is not None:
+        words += ["--gravity", repr(options.gravity)]
+    if options.values:
+        words += ["--set", *options.values]
+    return words
+
+
 def crane_of_run(options: argparse.Namespace, run: Trajectory, file: str | Path) -> Crane:
     """Load the crane that the command line names; if none, that of the record of a run.
 

@@ -39,6 +39,9 @@ _MIN_SPAN = 1e-3
 _LEGEND_FONT_SIZE = 9.0
 """Size of the letters of a legend [points]."""
 
+_LEGEND_SHARE = 0.85
+"""Largest width of a legend over that of its panel with labels, which take the rest."""
+
 _PASSIVE_TITLES = {"rad": "swing", "m": "stretch"}
 """Label of the passive coordinates by their unit."""
 
@@ -102,8 +105,24 @@ def legend_above(ax: Axes, *, columns: int = 4) -> Legend:
 
     Args:
         ax: The panel.
-        columns: Number of entries side by side.
+        columns: Largest number of entries side by side. There are fewer where so many would be
+            wider than the panel: they would meet the legend of the next panel, and the layout of
+            the figure would make the panel itself narrower.
     """
+    legend = _legend_with_columns(ax, columns)
+    while columns > 1 and legend.get_window_extent().width > _LEGEND_SHARE * _width(ax):
+        columns -= 1
+        legend = _legend_with_columns(ax, columns)
+    rows = -(-len(legend.get_texts()) // columns)
+    for place in ("left", "center", "right"):
+        title = ax.get_title(loc=place)
+        if title:
+            ax.set_title(title, loc=place, pad=6.0 + 1.7 * _LEGEND_FONT_SIZE * rows)
+    return legend
+
+
+def _legend_with_columns(ax: Axes, columns: int) -> Legend:
+    """Put a legend with a number of columns above a panel, instead of the one that is there."""
     legend = ax.legend(
         loc="lower left",
         bbox_to_anchor=(-0.01, 0.99),
@@ -112,12 +131,19 @@ def legend_above(ax: Axes, *, columns: int = 4) -> Legend:
         frameon=False,
         borderaxespad=0.2,
     )
-    rows = -(-len(legend.get_texts()) // columns)
-    for place in ("left", "center", "right"):
-        title = ax.get_title(loc=place)
-        if title:
-            ax.set_title(title, loc=place, pad=6.0 + 1.7 * _LEGEND_FONT_SIZE * rows)
+    # Before its size is asked for, see `take_texts_literally`.
+    for entry in legend.get_texts():
+        entry.set_parse_math(False)
     return legend
+
+
+def _width(ax: Axes) -> float:
+    """Return the width that a panel and its labels have in a figure [pixel]."""
+    width = float(ax.figure.bbox.width)
+    place = ax.get_subplotspec()
+    if place is None:
+        return width
+    return width * len(place.colspan) / place.get_gridspec().ncols
 
 
 def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:

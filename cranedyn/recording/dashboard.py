@@ -101,7 +101,9 @@ def _scene_column(runs: Sequence[Run]) -> rrb.Vertical:
         rrb.Horizontal(
             rrb.TextDocumentView(origin=READOUT, name="Now"),
             rrb.TextDocumentView(origin="text", name="About"),
-            column_shares=[9, 11],
+            # In a window of 1,200 pixels the table of a tower crane is shown whole, also with names
+            # of runs such as "without control".
+            column_shares=[11, 9],
         ),
         row_shares=[7, texts_share],
     )
@@ -131,7 +133,15 @@ def _plot_column(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool) ->
     passive_views = []
     if gaps:
         axis = rrb.TimeAxis(view_range=time_range(runs))
-        passive_views.append(rrb.TimeSeriesView(name="Distance [m]", origin=GAPS, axis_x=axis))
+        passive_views.append(
+            rrb.TimeSeriesView(
+                name="Distance [m]",
+                origin=GAPS,
+                axis_x=axis,
+                # In the time after the last row, as in all plots.
+                plot_legend=rrb.PlotLegend(corner="RightTop"),
+            )
+        )
     for name in ("swing", "stretch"):
         if name in plot_names:
             passive_views.append(time_series_view(name, runs, tables))

@@ -38,7 +38,19 @@ _JUMP_RATIO = 0.01
 """Share of its limit by which an effort changes between two rows that are recorded in any case."""
 
 _LEGEND_WIDTH = 0.4
-"""Width of a legend over that of the curves."""
+"""Smallest width of a legend over that of the curves."""
+
+_MAX_LEGEND_WIDTH = 1.0
+"""Largest width of a legend over that of the curves, which longer names may overlap."""
+
+_PLOT_PIXELS = 530.0
+"""Width of a plot in a window of 1,200 pixels [pixel]."""
+
+_LETTER_PIXELS = 5.8
+"""Mean width of a letter of a legend [pixel]."""
+
+_LEGEND_MARGIN_PIXELS = 35.0
+"""Width of a legend beside its letters [pixel]."""
 
 _MAX_TICKS = 9
 """Largest number of ticks of an axis that Rerun numbers."""
@@ -422,9 +434,22 @@ def time_range(runs: Sequence[Run]) -> rr.TimeRange:
     """
     first = min(run.trajectory.t[0] for run in runs)
     last = max(run.trajectory.t[-1] for run in runs)
-    last += _LEGEND_WIDTH * (last - first)
+    last += _legend_width(runs) * (last - first)
     boundary = rrb.TimeRangeBoundary.absolute
     return rr.TimeRange(start=boundary(seconds=float(first)), end=boundary(seconds=float(last)))
+
+
+def _legend_width(runs: Sequence[Run]) -> float:
+    """Return the width of the widest legend over that of the curves beside it.
+
+    The legend of several runs names quantity and run, such as "setpoint · without control".
+    """
+    if len(runs) == 1:
+        return _LEGEND_WIDTH
+    letters = len("setpoint · ") + max(len(run.name) for run in runs)
+    legend = _LEGEND_MARGIN_PIXELS + _LETTER_PIXELS * letters
+    curves = max(_PLOT_PIXELS - legend, 1.0)
+    return min(max(legend / curves, _LEGEND_WIDTH), _MAX_LEGEND_WIDTH)
 
 
 def _axis_range(curves: Sequence[np.ndarray], least_span: float) -> tuple[float, float]:

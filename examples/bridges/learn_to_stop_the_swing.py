@@ -24,7 +24,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.interop.gymnasium import TowerCraneVectorEnv
 from cranedyn.interop.sb3 import vec_env
-from cranedyn.interop.task import Rules, SwingTask
+from cranedyn.interop.task import Rules
+from cranedyn.interop.tower_task import TowerSwingTask
 from cranedyn.references import hold
 from experiments.harness import Setup
 from experiments.scenarios.moves import (
@@ -102,7 +103,7 @@ class Learned(NamedTuple):
     scores: dict[str, Score]
 
 
-def learned_controller(model: PPO, task: SwingTask, goal: np.ndarray) -> Controller:
+def learned_controller(model: PPO, task: TowerSwingTask, goal: np.ndarray) -> Controller:
     """Return the learned policy as a controller that commands accelerations every 0.1 s."""
     memory: dict[str, Any] = {"from": -np.inf, "command": np.zeros(3)}
 
@@ -112,9 +113,7 @@ def learned_controller(model: PPO, task: SwingTask, goal: np.ndarray) -> Control
             action, _ = model.predict(
                 network_inputs(task.observation(z, goal[:, None])), deterministic=True
             )
-            memory.update(
-                {"from": t, "command": task.accelerations(action.T.astype(float), z)[:, 0]}
-            )
+            memory.update({"from": t, "command": task.commands(action.T.astype(float), z)[:, 0]})
         return memory["command"]
 
     return controller
@@ -187,7 +186,7 @@ def compare_learned(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
     """Score the learned controller beside strategies of `compare`, for the combined move."""
     setup = Setup(engine="compiled")
     move = MOVES[-1]
-    task = SwingTask(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
+    task = TowerSwingTask(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}
     plans["learned"] = MovePlan(
         lambda: learned_controller(model, task, np.array(move.goal)),

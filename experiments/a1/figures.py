@@ -46,7 +46,7 @@ def waveform_figure(cases: Sequence[SwingCase]) -> Figure:
         style: Any = {"color": COLOURS["unexplained"], "linewidth": 1.0}
         ax.plot(t[late], np.degrees(ideal[late]), "--", label="at the period 2π√(l/g)", **style)
         ax.set_ylabel(f"φ [°], l = {case.length:g} m")
-    axes[0].legend(loc="lower left", ncols=2, bbox_to_anchor=(0.0, 1.0))
+    legend_above(axes[0])
     axes[-1].set_xlabel("time [s]")
     return figure
 

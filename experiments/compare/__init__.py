@@ -53,8 +53,10 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
             runs[strategy] = run
 
     colours = strategy_colours(list(runs))
-    result_tables = [tables.move_table(move, of_move[move.name], drive) for move in moves]
-    for move in moves:
+    # A screen shows the first table: that of the move that figures and recording show.
+    tabled_moves = [COMBINED, *(move for move in moves if move is not COMBINED)]
+    result_tables = [tables.move_table(move, of_move[move.name], drive) for move in tabled_moves]
+    for move in tabled_moves:
         result_tables.append(tables.drives_table(move, of_move[move.name], beyond=not is_ideal))
     if is_ideal:
         result_tables.append(tables.tour_table(tours))
@@ -82,7 +84,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         trajectories={f"compare_{file_name(strategy)}": run for strategy, run in runs.items()},
         figures={
             "swing": figures.swing_figure(COMBINED, runs),
-            "robustness": figures.robustness_figure(perturbed),
+            "robustness": figures.robustness_figure(COMBINED, perturbed, options.drive),
         },
         recording=[
             Run(strategy, setup.crane, runs[strategy], colour=colours[strategy])

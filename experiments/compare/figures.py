@@ -11,6 +11,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.style import run_colour
 from experiments.compare.runs import Results, score_of
+from experiments.compare.tables import least_swing
 from experiments.scenarios.moves import RestToRest
 from experiments.scenarios.strategies import strategy_colours
 
@@ -44,14 +45,24 @@ def swing_figure(move: RestToRest, runs: Mapping[str, Trajectory]) -> Figure:
     return figure
 
 
-def robustness_figure(results: Results) -> Figure:
-    """Draw the swing 20 s after the arrival of each strategy under each case."""
+def robustness_figure(move: RestToRest, results: Results, drive: str) -> Figure:
+    """Draw the swing 20 s after the arrival of each strategy under each case.
+
+    A swing below the resolution of the tables is drawn at that resolution, as the tables say no
+    more about it than that it is smaller.
+
+    Args:
+        move: The move.
+        results: Results of the move.
+        drive: Kind of the drives.
+    """
     strategies = list(results)
+    least = least_swing(drive)
     figure, (ax,) = panels(height=1.2 + 0.38 * len(strategies))
     cases = list(dict.fromkeys(case for of_case in results.values() for case in of_case))
     for k, (case, offset) in enumerate(zip(cases, np.linspace(0.3, -0.3, len(cases)), strict=True)):
         points = [
-            (1e3 * score.later, len(strategies) - i + offset)
+            (max(1e3 * score.later, least), len(strategies) - i + offset)
             for i, strategy in enumerate(strategies)
             if (score := score_of(results, strategy, case))
         ]
@@ -66,10 +77,11 @@ def robustness_figure(results: Results) -> Figure:
             )
     ax.set(
         xscale="log",
-        xlabel="swing 20 s after the arrival [mrad]",
+        xlabel=f"swing [mrad]; a point at {least:g} mrad stands for at most that",
         yticks=range(len(strategies), 0, -1),
         yticklabels=strategies,
     )
+    ax.set_title(f"Swing 20 s after the arrival of the {move.name} move", fontsize=10.0, loc="left")
     if ax.lines:  # some strategy could be made
-        ax.legend(ncols=5, loc="lower left", bbox_to_anchor=(-0.3, 1.0), fontsize=9.0)
+        figure.legend(loc="outside upper center", ncols=5, fontsize=9.0, frameon=False)
     return figure

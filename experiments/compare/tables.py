@@ -38,6 +38,12 @@ rate swings a load on 15 m by 0.009 mrad; a dozen of them in step with the swing
 have it, are 0.1 mrad. On ideal drives the control period leaves some 0.001 mrad.
 """
 
+
+def least_swing(drive: str) -> float:
+    """Return the least swing that is told apart on drives of a kind [mrad]."""
+    return float(RESOLUTION[drive].swing.removeprefix(">"))
+
+
 ScoredStrategy = tuple[str, Score | None]
 """Name of a strategy and its score, None if there is none."""
 

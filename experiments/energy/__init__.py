@@ -282,7 +282,7 @@ def _ledger_figure(crane: Crane, trajectory: Trajectory) -> Figure:
     below.plot(t, trajectory.unexplained, "--", color=colour, label="unexplained")
     below.set(xlabel="time [s]", ylabel="energy [J]")
     legend_above(above)
-    below.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, 1.3))
+    legend_above(below, columns=5)
     return figure
 
 

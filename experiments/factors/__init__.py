@@ -171,14 +171,14 @@ def _factors_figure(factors_derived: Sequence[Compared]) -> Figure:
 
 
 def _needed_figure(moves: Sequence[Need]) -> Figure:
-    figure, axes = panels(1, 2, height=3.0, width=10.0)
+    figure, axes = panels(1, 2, height=3.0, width=10.0, sharex=True)
     for ax, name in zip(axes, dict.fromkeys(need.move for need in moves), strict=True):
         of_move = [need for need in moves if need.move == name]
         strategies = [n.strategy for n in of_move]
         needs = [n.needed for n in of_move]
         ax.barh(strategies, needs, color=COLOURS["phi"])
         ax.axvline(of_move[0].allowed, color=COLOURS["limit"], linestyle="--")
-        ax.set(title=name, xlabel="ψ_h needed; dashed: allowed for")
+        ax.set(title=f"{name} move", xlabel="ψ_h needed; dashed: allowed by the standard")
         ax.invert_yaxis()
     return figure
 

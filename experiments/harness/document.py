@@ -1,9 +1,12 @@
 """Tables of experiments in documents, between marks that name them, and which of them are stale.
 
-A long table is a CSV file beside the document; the document then holds a link to it.
+A table stands in the document itself, in a CSV file beside it to which the document links, or in
+both. In the last case the table on the page is made from the file, so the two can be compared
+without running the experiment.
 
 ``python -m experiments.harness.document docs/results/control.md`` prints which cells differ from
-the results in ``out``; with ``--write`` it puts the results in.
+the results in ``out``, and which tables differ from their files; with ``--write`` it puts the
+results in.
 """
 
 from __future__ import annotations
@@ -31,22 +34,29 @@ END = "<!-- end -->"
 """Last line of a block."""
 
 
+_FILE_NAME = re.compile(r"[a-z0-9_]+\.csv")
+"""Name of a CSV file beside a document; it cannot name another folder."""
+
+
 @dataclass(frozen=True)
 class Block:
     """A part of a document that holds tables of an experiment.
 
     Attributes:
-        first_line: Its first line, ``<!-- NAME: title -->`` or ``<!-- NAME csv: title -->``.
+        first_line: Its first line, see `Document`.
         experiment: Name of the experiment.
         title: Beginning of the titles of its tables; empty for all tables.
-        in_csv: Whether each table is a CSV file beside the document, and the block a list of links.
+        file: Name of the CSV file of its table, which lies beside the document; empty if there is
+            none.
+        is_shown: Whether the document shows the tables. If not, it only links to the file.
         content: The lines between its first and its last, each with its end.
     """
 
     first_line: str
     experiment: str
     title: str
-    in_csv: bool
+    file: str = ""
+    is_shown: bool = True
     content: str = ""
 
     def text(self, content: str) -> str:
@@ -57,15 +67,67 @@ class Block:
         """Return those of the tables that belong into the block."""
         return [table for table in tables if table.title.startswith(self.title)]
 
+    def filled(self, tables: Sequence[ResultTable]) -> str:
+        """Return what the block holds with these tables, which are those that it asks for."""
+        if not self.file:
+            return "\n" + "\n".join(f"{table.markdown()}\n" for table in tables) + "\n"
+        (table,) = tables
+        if not self.is_shown:
+            return f"\n* [{_subject(table.title)}]({self.file})\n\n"
+        return self.shown(_heading(table.title), _csv_rows(_csv(table)))
+
+    def shown(self, heading: str, rows: Sequence[Sequence[str]]) -> str:
+        """Return what the block holds if it shows the table in its file.
+
+        Args:
+            heading: What stands above the table.
+            rows: Rows of the file, the header first.
+        """
+        return f"\n**{heading}** {self._link}\n\n{_markdown(rows)}\n"
+
+    @property
+    def _link(self) -> str:
+        """The link to the file that stands behind the heading of its table."""
+        return f"([CSV]({self.file}))"
+
+    def shown_heading(self) -> str:
+        """Return the heading of the table that the block shows; empty if it shows none."""
+        for line in self.content.splitlines():
+            heading = line.removesuffix(f"** {self._link}")
+            if heading != line and heading.startswith("**"):
+                return heading.removeprefix("**")
+        return ""
+
+    def matches_file(self, folder: Path) -> bool:
+        """Return whether the block shows or links its file, if it has one, as the file is.
+
+        Args:
+            folder: Folder of the document.
+        """
+        if not self.file:
+            return True
+        if not os.path.isfile(folder / self.file):
+            return False
+        if not self.is_shown:
+            return f"]({self.file})" in self.content
+        rows = _csv_rows(read_text(folder / self.file))
+        if len({len(row) for row in rows}) != 1:
+            return False
+        return self.content == self.shown(self.shown_heading(), rows)
+
 
 @dataclass(frozen=True)
 class Document:
     """A Markdown document with blocks for the tables of an experiment.
 
-    A block begins with a line ``<!-- NAME: title -->`` and ends with ``<!-- end -->``; it holds the
-    tables of the experiment NAME whose titles begin with that title, all of them if it is empty.
-    ``<!-- NAME csv: title -->`` puts each of these tables into a CSV file beside the document and
-    links to it; the document itself explains the columns.
+    A block ends with ``<!-- end -->``, and its first line says what it holds:
+
+    * ``<!-- NAME: title -->``: the tables of the experiment NAME whose titles begin with that
+      title, all of them if it is empty, with their notes;
+    * ``<!-- NAME FILE.csv: title -->``: a link to the one such table, in that file beside the
+      document;
+    * ``<!-- NAME table FILE.csv: title -->``: the table in that file, and the link. The document
+      itself explains the columns.
 
     Attributes:
         path: Its file.
@@ -81,39 +143,31 @@ class Document:
         """Write the document with these tables in place of those of the same titles.
 
         Raises:
-            DataError: If a file cannot be written, or a block asks for a table that is missing.
+            DataError: If a file cannot be written, a block asks for a table that is missing, or a
+                block with one file asks for several.
         """
         text = self.filled(tables)
         for block, table in self._wanted(tables):
-            if block.in_csv:
-                write_text(self._csv_file(table), _csv(table))
+            if block.file:
+                write_text(self.path.parent / block.file, _csv(table))
         write_text(self.path, text)
 
     def filled(self, tables: Sequence[ResultTable]) -> str:
         """Return the text with these tables in place of those of the same titles.
 
         Raises:
-            DataError: If a block asks for a table that is missing.
+            DataError: If a block asks for a table that is missing, or a block with one file asks
+                for several.
         """
         texts = []
         for piece in self.pieces:
             if isinstance(piece, str):
                 texts.append(piece)
             elif piece.experiment == self.experiment:
-                texts.append(piece.text(self._content(piece, tables)))
+                texts.append(piece.text(piece.filled(self._tables(piece, tables))))
             else:
                 texts.append(piece.text(piece.content))
         return "".join(texts)
-
-    def _content(self, block: Block, tables: Sequence[ResultTable]) -> str:
-        """Return what a block holds with these tables."""
-        selection = self._tables(block, tables)
-        if not block.in_csv:
-            return "\n" + "\n".join(f"{table.markdown()}\n" for table in selection) + "\n"
-        links = ""
-        for table in selection:
-            links += f"* [{_subject(table.title)}]({self._csv_file(table).name})\n"
-        return f"\n{links}\n"
 
     def stale(self, tables: Sequence[ResultTable], *, subset: bool = False) -> list[str]:
         """Return a sentence for each cell or row that differs from newly computed tables.
@@ -126,11 +180,12 @@ class Document:
             subset: Whether rows may be missing in them.
 
         Raises:
-            DataError: If a block asks for a table that is missing.
+            DataError: If a block asks for a table that is missing, or a block with one file asks
+                for several.
         """
         sentences = []
         for block, table in self._wanted(tables):
-            for sentence in _differences(table, self._shown(block, table), subset):
+            for sentence in _differences(table, self._stored(block, table), subset):
                 sentences.append(f"{self.path}, {table.title}: {sentence}.")
         return sentences
 
@@ -141,32 +196,33 @@ class Document:
                 for table in self._tables(block, tables):
                     yield block, table
 
-    def _shown(self, block: Block, table: ResultTable) -> list[list[str]]:
-        """Return the rows of a table as the document shows them, the header first."""
-        if not block.in_csv:
+    def _stored(self, block: Block, table: ResultTable) -> list[list[str]]:
+        """Return the rows of a table as the document or its file has them, the header first; none
+        if they are not there.
+        """
+        if not block.file:
             return _rows(block.content, table.title)
-        file = self._csv_file(table)
-        if f"({file.name})" not in block.content or not os.path.isfile(file):
+        file = self.path.parent / block.file
+        if f"]({block.file})" not in block.content or not os.path.isfile(file):
             return []
-        rows = csv.reader(io.StringIO(read_text(file)))
-        return [[cell.strip() for cell in row] for row in rows]
-
-    def _csv_file(self, table: ResultTable) -> Path:
-        """Return the CSV file of a table: beside the document, named by the words of its title."""
-        words = re.findall(r"[a-z]+", _subject(table.title).lower())
-        return self.path.parent / f"{'_'.join([self.experiment, *words])[:80]}.csv"
+        return _csv_rows(read_text(file))
 
     def _tables(self, block: Block, tables: Sequence[ResultTable]) -> list[ResultTable]:
         """Return the tables that a block asks for.
 
         Raises:
-            DataError: If there is none.
+            DataError: If there is none, or several for one file.
         """
         result = block.selected(tables)
         if not result:
             raise DataError(
                 f"{self.path} asks for a table {block.title!r}, which is not among those of "
                 f"{self.experiment}."
+            )
+        if block.file and len(result) > 1:
+            raise DataError(
+                f"{self.path}: the title {block.title!r} of the block for {block.file} is the "
+                f"beginning of those of {len(result)} tables; make it longer, up to one table."
             )
         return result
 
@@ -200,7 +256,7 @@ def _split(path: str | Path, text: str) -> list[str | Block]:
         text: Its text.
 
     Raises:
-        DataError: If a block does not end before the next one begins.
+        DataError: If a block does not end before the next one begins, or has no beginning.
     """
     pieces: list[str | Block] = []
     block: Block | None = None
@@ -209,6 +265,12 @@ def _split(path: str | Path, text: str) -> list[str | Block]:
         if block is None:
             block = _begun_block(line)
             content = ""
+            if block is None and line.strip() == END:
+                raise DataError(
+                    f"{path} has a line {END} without a block before it. A block begins with "
+                    "<!-- NAME: title -->, <!-- NAME FILE.csv: title --> or "
+                    "<!-- NAME table FILE.csv: title -->."
+                )
             if block is None:
                 pieces.append(line)
         elif line.strip() == END:
@@ -231,17 +293,25 @@ def _begun_block(line: str) -> Block | None:
     text = line.strip()
     if not (text.startswith("<!--") and text.endswith("-->")):
         return None
-    words, colon, title = text.removeprefix("<!--").removesuffix("-->").partition(":")
-    experiment, _, form = words.strip().partition(" ")
-    if not colon or not experiment.isidentifier() or form not in ("", "csv"):
+    description, colon, title = text.removeprefix("<!--").removesuffix("-->").partition(":")
+    experiment, _, form = description.strip().partition(" ")
+    file = form.removeprefix("table ")
+    has_known_form = not form or _FILE_NAME.fullmatch(file) is not None
+    if not colon or not experiment.isidentifier() or not has_known_form:
         return None
-    return Block(text, experiment, title.strip(), in_csv=form == "csv")
+    is_shown = not file or form != file
+    return Block(text, experiment, title.strip(), file, is_shown)
 
 
 def _experiments(pieces: Sequence[str | Block]) -> list[str]:
     """Return the names of the experiments that have a block, each once."""
     names = [piece.experiment for piece in pieces if isinstance(piece, Block)]
     return list(dict.fromkeys(names))
+
+
+def _heading(title: str) -> str:
+    """Return a title without the coordinates that follow it, such as ": (x, l)"."""
+    return re.sub(r": \(.*", "", title)
 
 
 def _subject(title: str) -> str:
@@ -264,6 +334,39 @@ def _csv(table: ResultTable) -> str:
         ]
         writer.writerow(cells)
     return text.getvalue()
+
+
+def _csv_rows(text: str) -> list[list[str]]:
+    """Return the rows of a CSV file, the header first."""
+    return [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text))]
+
+
+def _markdown(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows, the header first, as a Markdown table with columns of numbers set to the
+    right.
+    """
+    header, *body = rows
+    alignment = []
+    for column in range(len(header)):
+        is_numeric = all(_is_number(row[column]) for row in body)
+        alignment.append("---:" if is_numeric else "---")
+    text = ""
+    for row in (header, alignment, *body):
+        # A bar would end the cell.
+        cells = [cell.replace("|", "\\|") for cell in row]
+        text += f"| {' | '.join(cells)} |\n"
+    return text
+
+
+def _is_number(cell: str) -> bool:
+    """Return whether a cell is a number, a number below the resolution, or the dash of none."""
+    if cell == "-":
+        return True
+    try:
+        float(cell.removeprefix("< "))
+    except ValueError:
+        return False
+    return True
 
 
 def _rows(content: str, title: str) -> list[list[str]]:
@@ -373,6 +476,20 @@ def naming_result(file: Path) -> Iterator[None]:
         ) from error
 
 
+def unlike_files(path: str | Path) -> list[str]:
+    """Return a sentence for each block of a document that does not show, or link to, its CSV file
+    as the file is.
+
+    Raises:
+        DataError: If the document cannot be read, or a block does not end.
+    """
+    sentences = []
+    for block in _split(path, read_text(path)):
+        if isinstance(block, Block) and not block.matches_file(Path(path).parent):
+            sentences.append(f"{path}: the block of {block.file} is not what the file holds.")
+    return sentences
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Compare documents with stored results; exit code 0 if they agree, 1 if not, 2 for bad
     arguments.
@@ -408,6 +525,7 @@ def _main(options: argparse.Namespace) -> int:
             stale += document.stale(tables)
             if options.write:
                 document.write(tables)
+        stale += unlike_files(path)
     verb = "were" if options.write else "are"
     print(*stale, f"{len(stale)} cells or rows {verb} stale.", sep="\n")
     return FAILED if stale and not options.write else 0

@@ -52,6 +52,8 @@ class Outcome:
         figures: Figures to store, by file name without ending.
         recording: Runs to record for the viewer.
         texts: Texts to store, by file name.
+        next_commands: Command lines that go on with the files of this outcome, in which
+            ``{folder}`` stands for their folder.
     """
 
     tables: Sequence[ResultTable]
@@ -61,6 +63,7 @@ class Outcome:
     figures: Mapping[str, Figure] = field(default_factory=dict)
     recording: Sequence[Run] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
+    next_commands: Sequence[str] = ()
 
 
 def side_by_side(runs: Mapping[str, tuple[Crane, Trajectory]], apart: float = 20.0) -> list[Run]:

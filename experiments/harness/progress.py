@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from datetime import timedelta
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress, TextColumn
 
+from cranedyn.progress import bars as progress_bars
+from cranedyn.progress import shows_bars
 from cranedyn.sweep import Progress as SweepProgress
 
 LINE_INTERVAL = 10.0
@@ -109,14 +110,23 @@ class ProgressReporter:
         return lambda done: bars.update(task, completed=done, speed=f"{done} of {total}")
 
     def message(self, name: str, unit: str, form: str = "") -> Callable[[float], None] | None:
-        """Return a callback that prints a number in lines; None if no lines are printed.
+        """Return a callback that shows a number whose last value is not known; None if nothing is
+        shown.
 
         Args:
             name: What stands before the number.
             unit: What stands after it.
             form: Format of the number.
         """
-        return self._lines(lambda number: f"{name}: {number:{form}} {unit}")
+        bars = self.bars
+        if bars is None:
+            return self._lines(lambda number: f"{name}: {number:{form}} {unit}")
+        for earlier in bars.tasks:
+            if earlier.total is None:
+                # Nobody says when such a task ends: it has ended where the next one begins.
+                bars.update(earlier.id, total=1.0, completed=1.0)
+        task = bars.add_task(name, total=None, speed="")
+        return lambda number: bars.update(task, speed=f"{number:{form}} {unit}")
 
     def sweep(
         self, name: str, clock: Callable[[], float] = time.monotonic
@@ -134,7 +144,8 @@ class ProgressReporter:
         task = bars.add_task(name, total=None, speed="")
 
         def update(progress: SweepProgress) -> None:
-            speed = _rate(progress, clock() - start)
+            # The bar shows the time left itself.
+            speed = _rate(progress, clock() - start, with_time_left=False)
             bars.update(task, total=progress.cases, completed=progress.done, speed=speed)
 
         return update
@@ -151,23 +162,14 @@ class ProgressReporter:
 
 @contextmanager
 def reporting() -> Iterator[ProgressReporter]:
-    """Yield a reporter that shows bars if standard error is a terminal, and prints lines if not.
+    """Yield a reporter that shows bars on a terminal, see `shows_bars`, and prints lines elsewhere.
 
     The bars disappear with the context, so that only results stay on the screen.
     """
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not shows_bars():
         yield ProgressReporter(lines=ProgressLines())
         return
-    bars = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[speed]}"),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-    )
-    with bars:
+    with progress_bars(TextColumn("{task.fields[speed]}")) as bars:
         yield ProgressReporter(bars)
 
 
@@ -178,13 +180,14 @@ def sweeping(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
         yield reporter.sweep(name)
 
 
-def _rate(progress: SweepProgress, elapsed: float) -> str:
+def _rate(progress: SweepProgress, elapsed: float, *, with_time_left: bool = True) -> str:
     """Return the progress of a sweep in words: cases done, their rate, how many failed, and the
     time left.
 
     Args:
         progress: Counts of cases.
         elapsed: Time since the sweep began or was taken up again [s].
+        with_time_left: Whether to say the time left.
     """
     phrases = [f"{progress.done} of {progress.cases} cases"]
     remaining = progress.left(elapsed)
@@ -193,6 +196,6 @@ def _rate(progress: SweepProgress, elapsed: float) -> str:
         phrases.append(f"{(progress.done - progress.before) / elapsed:.3g}/s")
     if progress.errors:
         phrases.append(f"{progress.errors} bad")
-    if remaining is not None:
+    if remaining is not None and with_time_left:
         phrases.append(f"{timedelta(seconds=round(remaining))} left")
     return ", ".join(phrases)

@@ -15,7 +15,15 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from cranedyn.command import FAILED, INTERRUPTED, command, interrupted
+from cranedyn.command import (
+    FAILED,
+    INTERRUPTED,
+    command,
+    command_line,
+    interrupted,
+    next_lines,
+    open_line,
+)
 from cranedyn.data.files import (
     atomic_write_set,
     check_writable,
@@ -25,7 +33,9 @@ from cranedyn.data.files import (
     write_text,
 )
 from cranedyn.errors import CraneError, DataError, RunError
+from cranedyn.progress import bar
 from cranedyn.verdict import Verdict, overall
+from experiments.catalogue import EXPERIMENTS
 from experiments.harness.arguments import command_name, parse_arguments
 from experiments.harness.document import Document, read_document
 from experiments.harness.events import with_events
@@ -117,10 +127,16 @@ def _write(outcome: Outcome, options: argparse.Namespace, document: Document | N
     with atomic_write_set() as drafts:
         if document is not None:
             document.write(outcome.tables)
-        for name, trajectory in outcome.trajectories.items():
-            write_table(folder / f"{name}.parquet", trajectory.table())
-        for name, figure in outcome.figures.items():
-            save(figure, *(folder / f"{name}{ending}" for ending in FIGURES))
+        with bar("files", len(outcome.trajectories) + len(outcome.figures)) as show_written:
+            written = 0
+            for name, trajectory in outcome.trajectories.items():
+                write_table(folder / f"{name}.parquet", trajectory.table())
+                written += 1
+                show_written(written)
+            for name, figure in outcome.figures.items():
+                save(figure, *(folder / f"{name}{ending}" for ending in FIGURES))
+                written += 1
+                show_written(written)
         for name, text in outcome.texts.items():
             write_text(folder / name, text)
         if outcome.recording:
@@ -173,7 +189,8 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
     tables = [table.markdown() for table in outcome.tables]
     text = "\n\n".join([options.about, *claims, *tables])
     title = f"Experiment {options.experiment}"
-    record(options.recording, outcome.recording, title=title, text=text)
+    with bar("recording"):
+        record(options.recording, outcome.recording, title=title, text=text)
     if options.film:
         first = min(run.trajectory.t[0] for run in outcome.recording)
         last = max(run.trajectory.t[-1] for run in outcome.recording)
@@ -183,7 +200,7 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
 
 
 def _pointers(outcome: Outcome, options: argparse.Namespace, left_out: str) -> str:
-    """Return the lines below the claims: where the files are, and the commands that show more.
+    """Return the lines below the claims: where the files are, and two commands to go on with.
 
     Args:
         outcome: The outcome.
@@ -196,18 +213,22 @@ def _pointers(outcome: Outcome, options: argparse.Namespace, left_out: str) -> s
         written += f"; picture: {options.folder / first_figure}.png"
     if hasattr(options, "port") and not (outcome.recording or options.live):
         written += "; no run to record"
-
-    commands = []
+    run_name = command_name(options.experiment)
+    folder = shlex.quote(str(options.folder))
+    pages = [options.folder / name for name in outcome.texts if name.endswith(".html")]
+    commands = [open_line(page) for page in pages[:1]]
+    commands += [line.format(folder=folder) for line in outcome.next_commands]
     if outcome.recording:
-        commands.append(f"cranedyn view {shlex.quote(str(options.recording))}")
+        commands.append(command_line("cranedyn", "view", options.recording))
     if left_out:
-        again = shlex.join([*options.argv, "--all"])
-        commands.append(f"{command_name(options.experiment)} {again}  # {left_out} more")
-    lines = [f"{written}."]
-    for i, line in enumerate(commands):
-        lead = "Next: " if i == 0 else " " * len("Next: ")
-        lines.append(lead + line)
-    return "\n".join(lines)
+        # What the screen has no room for is never further than one command away.
+        again = f"{run_name} {command_line(*options.argv, '--all')}"
+        commands = [*commands[:1], f"{again}  # {left_out} more"]
+    if options.experiment in EXPERIMENTS and options.folder.name == options.experiment:
+        of_report = ("--only", options.experiment, "--out", options.folder.parent)
+        commands.append(command_line("cranedyn", "report", *of_report))
+    commands += [f"{run_name} --help", "cranedyn list"]
+    return f"{written}.\n{next_lines(*commands[:2])}"
 
 
 def _view(options: argparse.Namespace) -> None:

@@ -284,6 +284,7 @@ def _outcome(
     estimate = result.estimate
     twin = result.twin
     model = estimate.model
+    prior_is_ours = model.prior.urdf is None
     names = [record.name for record in model.records]
     runs = [model.run(i, estimate.values, twin.crane) for i in range(len(names))]
     return Outcome(
@@ -301,6 +302,8 @@ def _outcome(
             {name: (twin.crane, run) for name, run in zip(names, runs, strict=True)}, apart=60.0
         ),
         texts={"twin.json": twin.text},
+        # Only this project's crane takes a twin as its arguments.
+        next_commands=["cranedyn drive --set {folder}/twin.json"] if prior_is_ours else [],
     )
 
 

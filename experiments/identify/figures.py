@@ -9,6 +9,7 @@ from scipy.signal import periodogram
 
 from cranedyn.identification import Estimate
 from cranedyn.plotting.figures import COLOURS, legend_above, panels
+from cranedyn.plotting.style import GREEK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,16 +34,17 @@ def beside(estimate: Estimate, index: int) -> Figure:
     for row, (c, channel) in enumerate(channels):
         wave, residual, spectrum = axes[3 * row : 3 * row + 3]
         symbol = model.prior.crane.layout.symbols[channel.at]
+        greek = GREEK.get(symbol, symbol)
         left = estimate.residuals[index][c]
         recorded = 1e3 * measured[c]
         twin = recorded - 1e3 * left
         twin_colour = COLOURS.get(symbol, "#0072B2")
         wave.plot(t, recorded, color=RECORDED_COLOUR, linewidth=2.4, label="recorded")
         wave.plot(t, twin, color=twin_colour, linewidth=1.0, label="twin")
-        wave.set(xlabel="time [s]", ylabel=f"{symbol} [m{channel.unit}]")
+        wave.set(xlabel="time [s]", ylabel=f"{greek} [m{channel.unit}]")
         legend_above(wave)
         residual.plot(t, 1e3 * left, color=RESIDUAL_COLOUR, linewidth=0.7)
-        residual.set(xlabel="time [s]", ylabel=f"recorded less twin [m{channel.unit}]")
+        residual.set(xlabel="time [s]", ylabel=f"recorded - twin [m{channel.unit}]")
         shown = spectra(record.interval, t, measured[c], left)
         for density, name, colour in (
             (shown.recorded, "recorded", RECORDED_COLOUR),

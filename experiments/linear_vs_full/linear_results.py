@@ -135,7 +135,7 @@ def angles_figure(case: LinearCase, gravity: float) -> Figure:
             ax.plot(case.run.t, degrees, line, color=colour, linewidth=1.2, label=name)
         ax.axvline(case.job.arrival, linestyle="--", color=COLOURS["limit"], linewidth=1.0)
         ax.set_ylabel(f"{angle} [°]")
-    axes[0].legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    legend_above(axes[0])
     axes[-1].set_xlabel(f"time [s]; {case.site.name}, {case.job.name}; dashed: arrival")
     return figure
 

@@ -122,14 +122,16 @@ def slews_figure(slews: np.ndarray) -> Figure:
     Args:
         slews: Slew and ends of the box of each crane [rad], shape (cycles, cranes, 3).
     """
-    from cranedyn.plotting.figures import panels
+    from cranedyn.plotting.figures import legend_above, panels
 
-    drawing, axes = panels(2)
+    drawing, axes = panels(2, sharex=True)
     t = CYCLE * np.arange(len(slews))
     for axis, crane, name in zip(axes, (0, 1), "ab", strict=True):
         slew, low, high = np.degrees(slews[:, crane]).T
-        axis.fill_between(t, low, high, alpha=0.3, linewidth=0.0)
-        axis.plot(t, slew)
-        axis.set_ylabel(f"slew of {name} [°]")
-    axes[-1].set_xlabel("t [s]")
+        axis.fill_between(t, low, high, alpha=0.3, linewidth=0.0, label="box that it holds")
+        axis.plot(t, slew, label="slew")
+        axis.set_ylabel(f"slew of crane {name} [°]")
+    drawing.align_ylabels(axes)
+    axes[-1].set_xlabel("time [s]")
+    legend_above(axes[0])
     return drawing

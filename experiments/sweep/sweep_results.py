@@ -159,7 +159,7 @@ def _swings(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
 
     low, high = RANGES["load"]
     return make_table(
-        f"Swing of moves that are drawn, {drives}",
+        f"Swing of random moves, {drives}",
         strategies.items(),
         ("strategy", "", lambda s: s[0]),
         ("cases", ",d", lambda s: len(s[1]["case"])),
@@ -199,7 +199,7 @@ def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
     for heading in ("broken", "too much left", "fails", "at least", "at most", "beyond"):
         columns.append((f"{heading} [%]", ".2f"))
     return ResultTable(
-        f"How often moves fail that are drawn, {drives}",
+        f"Random moves that fail, {drives}",
         columns,
         rows,
         "Broken: a joint leaves its range, the rope goes slack or the load touches the ground, at "
@@ -211,7 +211,7 @@ def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
 
 def _costs(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
     return make_table(
-        f"What moves cost that are drawn, {drives}",
+        f"Computing time of random moves, {drives}",
         [(strategy, float(np.median(cases["spent_s"]))) for strategy, cases in strategies.items()],
         ("strategy", "", lambda s: s[0]),
         ("a case [ms]", ".2f", lambda s: 1e3 * s[1]),
@@ -245,7 +245,7 @@ def map_figure(columns: Columns) -> Figure:
         cables = np.unique(cases["cable_error_m"][selected])
         residual = 1e3 * cases["residual_swing_rad"][selected].reshape(len(loads), len(cables))
         maps[strategy] = SwingMap(cables, loads, residual)
-    return _maps(maps, f"swing left of a move in {duration:.3g} s [mrad]")
+    return _maps(maps, f"swing 10 s after the combined move in {duration:.3g} s [mrad]")
 
 
 def drawn_figure(columns: Columns) -> Figure:
@@ -269,7 +269,7 @@ def drawn_figure(columns: Columns) -> Figure:
             loads=(loads[1:] + loads[:-1]) / 2.0,
             swing=np.where(np.isfinite(median), median, np.nan),
         )
-    return _maps(maps, "median of the swing left [mrad]")
+    return _maps(maps, "median swing 10 s after the combined move [mrad]")
 
 
 def _maps(maps: Mapping[str, SwingMap], label: str) -> Figure:
@@ -285,6 +285,9 @@ def _maps(maps: Mapping[str, SwingMap], label: str) -> Figure:
         ax.grid(visible=False)
     for ax in axes[len(maps) :]:
         ax.set_axis_off()
+    # Panels that share an axis have its numbers below the lowest one only, which may be empty.
+    for ax in axes[max(len(maps) - 4, 0) : len(maps)]:
+        ax.xaxis.set_tick_params(labelbottom=True)
     figure.supxlabel("cable longer than measured by [m]", fontsize=11.0)
     figure.supylabel("payload over that planned for", fontsize=11.0)
     figure.colorbar(mesh, ax=axes, label=label)
@@ -302,6 +305,8 @@ def timing_figure(columns: Columns) -> Figure:
         marker = "osv^D*Px"[k % 8]
         ax.plot(durations, middle, marker=marker, markersize=4.0, color=colour, label=strategy)
         ax.fill_between(durations, lowest, highest, color=colour, alpha=0.15, linewidth=0.0)
-    ax.set(yscale="log", xlabel="time for the move [s]", ylabel="swing left 10 s after it [mrad]")
+    ax.set(
+        yscale="log", xlabel="time for the combined move [s]", ylabel="swing 10 s after it [mrad]"
+    )
     legend_above(ax, columns=2)
     return figure

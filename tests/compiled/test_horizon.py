@@ -31,8 +31,10 @@ from cranedyn.interfaces import Controller, Drive, Setpoint, State
 from cranedyn.lifts.planning.optimal import optimal
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.model.rigid_rope import on_rigid_rope
 from cranedyn.references import flat, hold
 from cranedyn.references.limits import Limits
+from cranedyn.references.motion import Motion
 from tests.helpers import ROOT, crane, long_after, quickly
 
 pytestmark = pytest.mark.slow
@@ -393,6 +395,62 @@ def test_on_its_motion_it_plans_the_accelerations_of_the_motion_whatever_they_co
             worst = max(worst, float((np.abs(planned - mean) / largest).max()))
     # Plans hold accelerations over a stage; those of the motion change by some percent in it.
     assert worst < 0.02
+
+
+# --------------------------------------------------------------------------------------------------
+# ---------------- ropes that stretch or go slack, and two falls
+
+SOFT_ROPE = {"rope_stiffness": 1e6, "rope_damping": 500.0}
+"""A rope whose load bounces with about 1.3 Hz at 15 m, and is 0.15 m lower than the drum has paid
+out."""
+
+
+@pytest.mark.long
+def test_a_crane_on_a_soft_rope_is_commanded_as_if_its_rope_were_rigid() -> None:
+    soft = load_crane(**SOFT_ROPE)
+    rigid = on_rigid_rope(soft)
+    kept = list(rigid.kept)
+    q = soft.start.q + 0.05 * np.random.default_rng(5).normal(size=soft.layout.n)
+    v = 0.05 * np.random.default_rng(6).normal(size=soft.layout.n)
+    setpoint = Setpoint(np.array([0.3, 15.0, 12.0]), np.zeros(3), np.zeros(3))
+    made = receding(soft, LIMITS)
+    assert made.notes()["planned_without"] == ["rope_stretch_joint"]
+    command = made(0.0, State(q, v), setpoint)
+    expected = receding(rigid.crane, LIMITS)(0.0, State(q[kept], v[kept]), setpoint)
+    assert command.tolist() == expected.tolist()
+
+
+@pytest.mark.long
+def test_a_crane_on_a_soft_rope_moves_in_compiled_loops_and_batches_as_in_python() -> None:
+    soft = load_crane(**SOFT_ROPE)
+    goal = soft.state(gamma=0.2, x=15.0, l=12.0)
+    asked = receding(soft, LIMITS)
+    in_python = to(goal, soft.start, lambda t, s, setpoint: asked(t, s, setpoint), 3.0, soft)
+    compiled = to(goal, soft.start, receding(soft, LIMITS), 3.0, soft)
+    np.testing.assert_array_equal(in_python.q, compiled.q)
+    starts = [soft.start] * 9
+    reference = hold(soft, goal)
+    batch = simulate_batch(soft, receding(soft, LIMITS), reference, start=starts, duration=3.0)
+    for q in batch.end.q:
+        # Sums of eight cranes in lanes may be fused otherwise than of one.
+        np.testing.assert_allclose(q, compiled.q[-1], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.long
+def test_along_a_motion_of_the_soft_rope_the_other_joints_are_tracked() -> None:
+    soft = load_crane(**SOFT_ROPE)
+    kept = list(on_rigid_rope(soft).kept)
+    q = np.tile(soft.start.q, (3, 1))
+    q[:, 1] += [0.0, 0.001, 0.002]
+    motion = Motion(5e-3, q, 0.1 * q, np.zeros_like(q), soft.layout.drives)
+    path = receding(soft, LIMITS, motion=motion).path
+    assert path.tolist() == np.hstack([q[:, kept], 0.1 * q[:, kept]]).tolist()
+
+
+def test_a_structure_that_bends_is_refused_with_the_joints_to_hold() -> None:
+    bending = load_crane(jib_bend_stiffness=1e8, tower_twist_stiffness=1e8)
+    with pytest.raises(CraneError, match=r"springs in .* and .*Hold these joints by locked="):
+        receding(bending, LIMITS)
 
 
 # --------------------------------------------------------------------------------------------------

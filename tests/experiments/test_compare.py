@@ -6,6 +6,7 @@ import gc
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from cranedyn.simulation.simulate import simulate
 from experiments import compare, harness
 from experiments.compare import claims as compare_claims
 from experiments.compare import runs as compare_runs
-from experiments.compare.figures import swing_figure
+from experiments.compare.figures import robustness_figure, swing_figure
 from experiments.compare.runs import StrategyResult
 from experiments.harness.document import read_document
 from experiments.harness.outcome import ResultTable
@@ -184,6 +185,11 @@ def test_documents_show_the_ways_asked_for_as_printed(done: Ran) -> None:
 
 
 @pytest.mark.long
+def test_the_first_table_is_that_of_the_move_that_is_drawn(done: Ran) -> None:
+    assert done.result["tables"][0]["title"].startswith("Move combined:")
+
+
+@pytest.mark.long
 def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(done: Ran) -> None:
     expected = {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"}
     assert expected <= {path.name for path in done.folder.iterdir()}
@@ -204,6 +210,22 @@ def test_the_figure_of_few_strategies_shows_its_label_whole_and_says_which_move_
     assert figure.bbox.y0 <= label.y0
     assert label.y1 <= figure.bbox.y1
     assert "combined move" in figure.axes[0].get_title(loc="left")
+
+
+@pytest.mark.parametrize(("drive", "least"), [("ideal", 1e-3), ("velocity", 0.1)])
+def test_a_swing_that_the_table_calls_smaller_than_its_resolution_is_drawn_at_that_resolution(
+    drive: str, least: float
+) -> None:
+    score = _scored().score
+    assert score is not None
+    tiny = StrategyResult(replace(score, later=1e-9))
+    large = StrategyResult(replace(score, later=2e-3))
+    results = {FLAT: {NOMINAL.name: tiny}, PD: {NOMINAL.name: large}}
+    (ax,) = robustness_figure(COMBINED, results, drive).axes
+    (points,) = ax.lines
+    assert points.get_xdata() == pytest.approx([least, 2.0])
+    assert f"{least:g} mrad" in ax.get_xlabel()
+    assert "combined move" in ax.get_title(loc="left")
 
 
 @pytest.mark.parametrize("timed", [True, False])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cranedyn.errors import DataError
-from experiments.harness.document import main, read_document
+from experiments.harness.document import main, read_document, unlike_files
 from experiments.harness.outcome import ResultTable
 from tests.document_numbers import missing
 
@@ -38,23 +38,73 @@ def test_each_block_gets_the_tables_it_asks_for_and_all_else_stays(tmp_path: Pat
     assert path.read_text(encoding="utf-8") == once
 
 
-def test_a_block_of_csv_has_links_only_and_the_tables_lie_beside_the_page(tmp_path: Path) -> None:
+def test_a_block_of_a_csv_file_has_a_link_only_and_the_table_lies_beside_the_page(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "page.md"
-    path.write_text("<!-- trial csv: -->\n<!-- end -->\n", encoding="utf-8")
+    text = "<!-- trial far.csv: Move one -->\n{}<!-- end -->\n"
+    text += "<!-- trial b.csv: Move two -->\n{}<!-- end -->\n"
+    path.write_text(text.format("", ""), encoding="utf-8")
     read_document(path, "trial").write(TABLES)
-    assert path.read_text(encoding="utf-8") == (
-        "<!-- trial csv: -->\n\n* [Move one: far](trial_move_one_far.csv)\n"
-        "* [Move two](trial_move_two.csv)\n\n<!-- end -->\n"
+    assert path.read_text(encoding="utf-8") == text.format(
+        "\n* [Move one: far](far.csv)\n\n", "\n* [Move two](b.csv)\n\n"
     )
-    file = tmp_path / "trial_move_one_far.csv"
+    file = tmp_path / "far.csv"
     assert file.read_text(encoding="utf-8") == "strategy,s\na,1.2\n"
     assert read_document(path, "trial").stale(TABLES) == []
+    assert unlike_files(path) == []
     file.write_text("strategy,s\na,1.9\n", encoding="utf-8")
     stale = f"{path}, Move one: far: s of 'a' is 1.9, now 1.2."
     assert read_document(path, "trial").stale(TABLES) == [stale]
     file.unlink()
     (missing,) = read_document(path, "trial").stale(TABLES)
     assert "it is not there" in missing
+    (missing,) = unlike_files(path)
+    assert "the block of far.csv" in missing
+
+
+WIDE = ResultTable(
+    "Swing [mrad]: (0, 1) to (2, 3)",
+    [("strategy", ""), ("cases", ",d"), ("left", ".2f>0.1"), ("a|b", ".1f")],
+    [("flat | LQR", 106496, 0.02, None), ("PD", 5, 3.25, -1.0)],
+)
+WIDE_SHOWN = (
+    "<!-- trial table swing.csv: Swing -->\n\n**Swing [mrad]** ([CSV](swing.csv))\n\n"
+    "| strategy | cases | left | a\\|b |\n| --- | ---: | ---: | ---: |\n"
+    "| flat \\| LQR | 106496 | < 0.1 | - |\n| PD | 5 | 3.20 | -1.0 |\n\n<!-- end -->\n"
+)
+
+
+def test_a_table_with_a_csv_file_stands_on_the_page_with_a_link_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "page.md"
+    path.write_text("<!-- trial table swing.csv: Swing -->\n<!-- end -->\n", encoding="utf-8")
+    read_document(path, "trial").write([WIDE])
+    assert path.read_text(encoding="utf-8") == WIDE_SHOWN
+    assert read_document(path, "trial").stale([WIDE]) == []
+    assert unlike_files(path) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("| 5 |", "| 6 |"),
+        ("| PD | 5 | 3.20 | -1.0 |\n", ""),
+        ("left", "right"),
+        ("(swing.csv))", "(other.csv))"),
+        ("**Swing", "Swing"),
+    ],
+)
+def test_a_table_on_a_page_that_is_not_that_of_its_csv_file_is_named(
+    before: str, after: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "page.md"
+    path.write_text(WIDE_SHOWN, encoding="utf-8")
+    read_document(path, "trial").write([WIDE])
+    assert before in WIDE_SHOWN
+    path.write_text(WIDE_SHOWN.replace(before, after), encoding="utf-8")
+    assert unlike_files(path) == [f"{path}: the block of swing.csv is not what the file holds."]
+    assert main([str(path), "--results", str(tmp_path)]) == 1
+    assert "the block of swing.csv" in capsys.readouterr().out
 
 
 SHOWN = (
@@ -187,6 +237,11 @@ def test_a_table_whose_rows_cannot_be_shown_cannot_be_made(row: tuple[object, ..
         (
             "<!-- trial: -->\nold\n\nOther text.\n<!-- other: -->\nkept\n<!-- end -->\n",
             "has no line <!-- end --> before the next",
+        ),
+        ("<!-- trial csv: -->\n<!-- end -->\n", "has a line <!-- end --> without a block before"),
+        (
+            "<!-- trial moves.csv: Move -->\n<!-- end -->\n",
+            "block for moves.csv is the beginning of those of 2 tables",
         ),
     ],
 )

@@ -36,6 +36,7 @@ from experiments.harness.outcome import show
 from tests.document_numbers import STATEMENTS, missing
 from tests.experiments.conftest import ARTICLE, PLAIN, Ran, Standard, parse_strict, write_csv
 from tests.helpers import files
+from tests.next_commands import check_next_commands
 
 EXPERIMENTS = {"a1": a1, "a2": a2, "a3": a3, "energy": energy, "mass_ratio": mass_ratio}
 
@@ -198,10 +199,42 @@ def test_the_exit_code_is_1_when_a_claim_fails_and_one_that_is_not_judged_is_cou
     found, text = _conducted(harness.Outcome([], judged), ["--out", str(tmp_path)])
     assert found == code
     last = f"Written to {tmp_path}; no run to record."
-    assert text.splitlines()[-2:] == [*([line] if line else []), last]
+    above_commands = text.splitlines()[:-2]
+    assert above_commands[-2:] == [*([line] if line else []), last]
     assert ("FAILS      One is one." in text) == (code == 1)
     kept = parse_strict((tmp_path / "result.json").read_text())["claims"]
     assert [claim["holds"] for claim in kept] == [c if c is None else bool(c) for c in claims]
+
+
+PAGE = harness.Outcome([], [], texts={"data.txt": "", "page.html": "<p>Hello</p>"})
+"""An outcome with a page."""
+
+TWIN = harness.Outcome([], [], next_commands=["cranedyn drive --set {folder}/twin.json"])
+"""An outcome that names a command itself."""
+
+
+@pytest.mark.parametrize(
+    ("outcome", "commands"),
+    [
+        (PAGE, ["python -m webbrowser file://{folder}/page.html", "cranedyn run trial --help"]),
+        (TWIN, ["cranedyn drive --set {folder}/twin.json", "cranedyn run trial --help"]),
+        (harness.Outcome([], []), ["cranedyn run trial --help", "cranedyn list"]),
+    ],
+)
+def test_an_experiment_ends_with_two_commands_that_go_on_with_its_files(
+    outcome: harness.Outcome, commands: Sequence[str], tmp_path: Path
+) -> None:
+    _, text = _conducted(outcome, ["--out", str(tmp_path)])
+    first, second = (command.format(folder=tmp_path) for command in commands)
+    assert text.endswith(f"\nNext: {first}\n      {second}\n")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["a1", "mass_ratio"])
+def test_the_commands_at_the_end_of_an_experiment_work(
+    name: str, standard: Standard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check_next_commands(standard(name).text, monkeypatch)
 
 
 def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(

@@ -20,6 +20,7 @@ from experiments import report
 from experiments.catalogue import EXPERIMENTS
 from tests.experiments.conftest import Ran
 from tests.helpers import FAST, HOSTILE_NAMES, RESULT
+from tests.next_commands import check_next_commands
 
 selenium = pytest.importorskip(
     "selenium.webdriver", reason="extra browser (selenium) is not installed"
@@ -319,10 +320,13 @@ def test_an_experiment_is_marked_by_its_worst_claim_and_a_failing_one_is_on_the_
 
 
 def test_results_that_are_there_are_collected_not_run_again(
-    made: Path, monkeypatch: pytest.MonkeyPatch
+    made: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(report, "COMMAND", ("/nothing is run",))
     assert report.main(["--out", str(made), "--only", "mass_ratio"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"Written to {made / 'report.html'}.\n")
+    check_next_commands(text, monkeypatch)
 
 
 @pytest.mark.slow

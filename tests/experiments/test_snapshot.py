@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from cranedyn.recording.snapshot import animate, snapshot
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
 from experiments.snapshot import main
+from tests.next_commands import check_next_commands
 
 drivers = (
     "VK_ICD_FILENAMES" in os.environ
@@ -191,11 +193,16 @@ def test_without_a_driver_the_package_to_install_is_named(
 @pytest.mark.slow
 @drawn
 def test_the_command_writes_what_it_names(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ):
     gif = tmp_path / "a.gif"
     pictures = ["-t", "0", "2.5", "-o", str(tmp_path / "new"), "--gif", "0", "0.3", str(gif)]
     assert main([str(file), *pictures, "--view", "3d", "--size", "320", "240"]) == 0
-    named = [Path(line) for line in capsys.readouterr().out.split()]
+    text = capsys.readouterr().out
+    named = [Path(name) for name in re.findall(r"^Written to (.+)\.$", text, re.MULTILINE)]
     assert [path.name for path in named] == ["out-0s.png", "out-2.5s.png", "a.gif"]
     assert all(path.is_file() for path in named)
+    check_next_commands(text, monkeypatch)

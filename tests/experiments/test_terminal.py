@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
+from rich.progress import Progress
 
 from experiments.harness.outcome import Claim, Outcome, ResultTable, show
 from experiments.harness.progress import LINE_INTERVAL, ProgressLines, ProgressReporter
@@ -165,3 +166,15 @@ def test_a_long_run_says_a_line_now_and_then_and_a_short_one_nothing(
     now = 1000.0
     lines.count("cases", 7)(3)
     assert capsys.readouterr().err == "cases: 3 of 7\n"
+
+
+def test_work_without_a_known_end_has_a_moving_bar_with_its_number_until_the_next_begins() -> None:
+    bars = Progress(disable=True)
+    reporter = ProgressReporter(bars)
+    show_predictions = reporter.message("records", "predictions")
+    assert show_predictions is not None
+    show_predictions(19)
+    (first,) = bars.tasks
+    assert (first.total, first.fields["speed"]) == (None, "19 predictions")
+    reporter.message("assumed inertias", "changes tried")
+    assert [task.finished for task in bars.tasks] == [True, False]

@@ -50,7 +50,9 @@ def test_documents_show_its_tables(result: Ran) -> None:
     name = result.result["experiment"]
     tables = result.result["tables"]
     for document in (ROOT / "docs").rglob("*.md"):
-        if re.search(f"<!-- {name}( csv)?:", document.read_text(encoding="utf-8")):
+        if re.search(
+            f"<!-- {name}( table)?( [a-z0-9_]+[.]csv)?:", document.read_text(encoding="utf-8")
+        ):
             made = [ResultTable.of(table) for table in tables]
             assert read_document(document, name).stale(made) == []
 

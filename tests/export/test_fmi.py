@@ -764,7 +764,7 @@ def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(
     path = tmp_path / "heavy.fmu"
     words = "--set payload_mass:=2000 --gravity 9.8 --drive effort".split()
     assert main(["export", "fmu", str(path), *words]) == 0
-    assert capsys.readouterr().out == f"Written to {path}.\n"
+    assert capsys.readouterr().out.startswith(f"Written to {path}.\n")
     start = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     # What holds the load.
     assert float(start["F_l_command"]) == pytest.approx(-2000.0 * 9.8, rel=1e-12)

@@ -17,7 +17,6 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName
 from cranedyn.export.controller_options import controller_from_options
-from cranedyn.export.crane_data import input_names, state_names
 from cranedyn.export.st import export
 from cranedyn.export.usual_controllers import rest_at_start, usual_controller
 from cranedyn.interfaces import Setpoint, State
@@ -27,13 +26,12 @@ from cranedyn.interop.controller_file import (
     open_controller,
     read_state_space,
 )
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import ROOT, crane
 from tests.system.test_pages import scripts
-
-pytest.importorskip("control", reason="extra control (python-control) is not installed")
 
 PERIOD = 5e-3
 CRANE = crane()
@@ -325,6 +323,15 @@ def test_an_exporter_writes_a_gain_from_a_file_as_the_same_block(tmp_path: Path)
     assert main(["export", "st", str(target), *words]) == 0
     # The first line names the class of the controller.
     assert target.read_text().splitlines()[1:] == by_name[1:]
+
+
+@pytest.mark.slow
+def test_an_exporter_writes_a_system_with_states_from_a_file(tmp_path: Path) -> None:
+    target = tmp_path / "notch.st"
+    words = ["--controller", written(tmp_path, NOTCH), "--gravity", str(CRANE.gravity)]
+    assert main(["export", "st", str(target), *words]) == 0
+    text = target.read_text()
+    assert "x_set : LREAL" in text and "F_l_command : LREAL" in text
 
 
 def test_an_exporter_refuses_a_controller_of_other_drives_than_asked_for(tmp_path: Path) -> None:

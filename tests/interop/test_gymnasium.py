@@ -29,14 +29,13 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 
 from benchmarks import environment  # noqa: E402
-from cranedyn.interop.gymnasium import ID, TowerCraneEnv, TowerCraneVectorEnv  # noqa: E402
-from cranedyn.interop.task import (  # noqa: E402
-    OBSERVED,
-    PENALTY,
-    Rules,
-    SwingTask,
-    cranes_between,
+from cranedyn.interop.gymnasium import (  # noqa: E402
+    TOWER_ID,
+    TowerCraneEnv,
+    TowerCraneVectorEnv,
 )
+from cranedyn.interop.task import PENALTY, Rules, cranes_between  # noqa: E402
+from cranedyn.interop.tower_task import OBSERVED, TowerSwingTask  # noqa: E402
 
 DRIVES = crane().layout.drives
 PASSIVE = crane().layout.passive
@@ -57,7 +56,7 @@ def rollout(env: TowerCraneVectorEnv, steps: int, seed: int = 1) -> tuple[np.nda
     commands = []
     for _ in range(steps):
         action = rng.uniform(-1.0, 1.0, (env.num_envs, 3))
-        commands.append(task.accelerations(action.T, task.fleet.z))
+        commands.append(task.commands(action.T, task.fleet.z))
         env.step(action)
         states.append(task.fleet.z.copy())
     return np.array(states), np.array(commands)
@@ -67,13 +66,13 @@ def rollout(env: TowerCraneVectorEnv, steps: int, seed: int = 1) -> tuple[np.nda
 def test_gymnasium_finds_no_fault_with_one_crane(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = gym.make(f"cranedyn.interop.gymnasium:{ID}", crane=crane(), folder=tmp_path)
+        env = gym.make(f"cranedyn.interop.gymnasium:{TOWER_ID}", crane=crane(), folder=tmp_path)
         check_env(env.unwrapped)
     assert env.spec.max_episode_steps == 400
 
 
 def test_gymnasium_makes_many_by_name_and_they_keep_to_their_spaces() -> None:
-    env = gym.make_vec(ID, num_envs=40, crane=crane(), max_episode_steps=30)
+    env = gym.make_vec(TOWER_ID, num_envs=40, crane=crane(), max_episode_steps=30)
     seen, _ = env.reset(seed=3)
     env.action_space.seed(3)
     for _ in range(70):
@@ -129,7 +128,7 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
         task = env.task
         c = crane()
         for _ in range(400):
-            a = task.accelerations(push.T, task.fleet.z)
+            a = task.commands(push.T, task.fleet.z)
             env.step(push)
             q = task.fleet.z[:5]
             v = task.fleet.z[5:]
@@ -269,7 +268,7 @@ def test_cranes_in_different_gravities_are_refused() -> None:
 
 def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
     rules = Rules(reach=(0.1, 2.0, 1.0), swing=0.05)
-    task, other = (SwingTask(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2))
+    task, other = (TowerSwingTask(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2))
     for one in (task, other):
         one.begin(np.random.default_rng(7), np.arange(500))
     assert np.array_equal(task.fleet.z, other.fleet.z) and np.array_equal(task.goal, other.goal)
@@ -283,7 +282,7 @@ def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("dt", "rows"), [(0.01, 101), (0.05, 21)])
 def test_an_episode_is_drawn_by_rerun_as_seen(tmp_path: Path, dt: float, rows: int) -> None:
-    env = gym.make(ID, crane=crane(), render_mode="rrd", folder=tmp_path, wind=8.0, dt=dt)
+    env = gym.make(TOWER_ID, crane=crane(), render_mode="rrd", folder=tmp_path, wind=8.0, dt=dt)
     env.reset(seed=2)
     env.action_space.seed(2)
     for _ in range(20):
@@ -303,7 +302,7 @@ def test_a_film_of_pictures_shows_the_crane_in_real_time() -> None:
 
 @pytest.mark.slow
 def test_pictures_have_one_scale_and_show_the_load_where_it_is() -> None:
-    env = gym.make(ID, crane=crane(), render_mode="rgb_array")
+    env = gym.make(TOWER_ID, crane=crane(), render_mode="rgb_array")
     pictures = []
     for x, length in ((8.0, 12.0), (18.0, 12.0), (18.0, 20.0)):
         env.reset(options={"start": crane().state(x=x, l=length)})

@@ -42,6 +42,7 @@ def test_episodes_are_those_of_the_cranes_with_features_and_shaped_rewards(mode:
         for i in np.flatnonzero(ended):
             assert (infos[i]["terminal_observation"] == 2.0 * info["final_obs"][i]).all()
             assert infos[i]["TimeLimit.truncated"]
+            assert infos[i]["is_success"] == info["final_info"]["is_success"][i]
         if k == 4:
             assert_allclose(env.finished, returns, rtol=1e-12)
 
@@ -65,8 +66,8 @@ def test_attributes_are_returned_for_the_cranes_that_are_asked_for() -> None:
     assert env.env_is_wrapped(gym.Wrapper, 1) == [False]
 
 
-def test_the_cranes_of_the_how_to_are_taken_beyond_the_end_of_an_episode() -> None:
-    name = "cranedyn.interop.gymnasium:cranedyn/TowerCrane-v0"
+@pytest.mark.parametrize("name", ["cranedyn/TowerCrane-v0", "cranedyn/Crane-v0"])
+def test_the_cranes_of_the_how_to_are_taken_beyond_the_end_of_an_episode(name: str) -> None:
     env = vec_env(gym.make_vec(name, num_envs=2, max_episode_steps=5))
     env.reset()
     ended = [env.step(np.zeros((2, 3), np.float32))[2].any() for _ in range(12)]
@@ -74,5 +75,5 @@ def test_the_cranes_of_the_how_to_are_taken_beyond_the_end_of_an_episode() -> No
 
 
 def test_other_environments_are_refused_at_construction() -> None:
-    with pytest.raises(CraneError, match="vec_env adapts a TowerCraneVectorEnv, and this is Sync"):
+    with pytest.raises(CraneError, match="vec_env adapts a CraneVectorEnv, and this is Sync"):
         vec_env(gym.make_vec("CartPole-v1", num_envs=2, vectorization_mode="sync"))

@@ -233,7 +233,9 @@ def test_the_command_prints_the_joints_and_writes_the_urdf(
     assert main(["describe", "payload_mass:=2000", "-o", str(tmp_path / "crane.urdf")]) == 0
     assert (tmp_path / "crane.urdf").read_text() == crane.urdf
     assert files(tmp_path) == ["crane.urdf"]
-    assert capsys.readouterr() == (f"{crane}\n", "")
+    out, err = capsys.readouterr()
+    assert out.startswith(f"{crane}\nWritten to {tmp_path / 'crane.urdf'}.\nNext: ")
+    assert err == ""
 
 
 @pytest.mark.parametrize("name", [None, "overhead_crane"])
@@ -243,7 +245,8 @@ def test_the_command_lists_every_argument(
     file = XACRO if name is None else XACRO.with_name(f"{name}.urdf.xacro")
     chosen = [] if name is None else ["--urdf", str(file)]
     assert main(["describe", "--list", *chosen]) == 0
-    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    shown = capsys.readouterr().out.partition("Next: ")[0]
+    listed = [line.split()[0] for line in shown.splitlines()]
     assert listed == list(arguments(file))
 
 

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cranedyn.plotting.figures import panels, save, svg
+from cranedyn.plotting.figures import legend_above, panels, save, svg
 from tests.helpers import HOSTILE_NAMES, long_after
 
 
@@ -73,3 +73,30 @@ def test_a_figure_that_matplotlib_saves_itself_shows_names_as_they_are(tmp_path)
     ax.set_title(r"$\frac$")
     figure.savefig(tmp_path / "figure.svg")
     assert r"<!-- $\frac$ -->" in (tmp_path / "figure.svg").read_text()
+
+
+def test_a_long_legend_makes_no_panel_narrow_and_meets_none_beside_it():
+    figure, axes = panels(1, 2)
+    for ax in axes:
+        for number in range(4):
+            ax.plot([0.0, 1.0], [0.0, number], label=f"a curve with a long name, {number}")
+    left, right = (legend_above(ax).get_window_extent for ax in axes)
+    figure.draw_without_rendering()
+    for ax in axes:
+        assert ax.get_window_extent().width > 0.4 * figure.bbox.width
+    assert left().x1 < right().x0
+    assert right().x1 < figure.bbox.x1
+
+
+def test_a_short_legend_is_one_row():
+    _, (ax,) = panels()
+    for name in ("recorded", "twin", "left"):
+        ax.plot([0.0, 1.0], [0.0, 1.0], label=name)
+    tops = {text.get_window_extent().y0 for text in legend_above(ax).get_texts()}
+    assert len(tops) == 1
+
+
+def test_a_legend_with_a_name_that_is_no_formula_is_measured_as_it_is_written():
+    _, (ax,) = panels()
+    ax.plot([0.0, 1.0], [0.0, 1.0], label=r"$\frac$")
+    assert legend_above(ax).get_window_extent().width > 0.0

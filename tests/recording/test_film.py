@@ -16,6 +16,7 @@ from cranedyn.recording import Run
 from cranedyn.recording.film import film
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
+from tests.next_commands import check_next_commands
 
 reason = "the extra film is not installed: pip install 'cranedyn[film]'"
 
@@ -28,7 +29,7 @@ def rows_of_red(picture: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_load_moves(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     av = pytest.importorskip("av", reason=reason)
     crane = load_crane()
@@ -37,7 +38,9 @@ def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_
     file = run.write(tmp_path / "out.parquet")
     target = tmp_path / "out.mp4"
     assert main(["view", str(file), "--film", str(target)]) == 0
-    assert capsys.readouterr().out == f"Written to {target}.\n"
+    text = capsys.readouterr().out
+    assert text.startswith(f"Written to {target}.\n")
+    check_next_commands(text, monkeypatch)
     with av.open(str(target)) as container:
         (stream,) = container.streams.video
         assert (stream.width, stream.height, stream.average_rate) == (1280, 720, 30)

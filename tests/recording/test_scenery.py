@@ -385,6 +385,17 @@ def test_axes_go_from_the_first_run_to_the_last_and_leave_room_for_the_legend(
     assert ends == pytest.approx([1.0, 6.0 + 0.4 * 5.0])
 
 
+@pytest.mark.parametrize("name", ["without control", "a name that is longer than any plot " * 9])
+def test_a_legend_with_the_long_names_of_several_runs_has_more_room(
+    name: str, crane: Crane, moving: Trajectory
+) -> None:
+    runs = [Run("flat", crane, moving), Run(name, crane, moving)]
+    alone = time_range(runs[:1]).end.inner.value
+    together = time_range(runs).end.inner.value
+    duration = 1e9 * (moving.t[-1] - moving.t[0])
+    assert alone < together <= 1e9 * moving.t[-1] + duration
+
+
 @pytest.mark.slow
 def test_a_tangential_swing_is_paler_and_peaks_are_kept(
     crane: Crane, moving: Trajectory, tmp_path: Path

@@ -18,6 +18,7 @@ import cranedyn as cd
 from cranedyn.__main__ import main
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
 from cranedyn.lifts.planning.site_file import read_site
+from experiments.harness.document import unlike_files
 from experiments.scenarios.strategies import STRATEGIES
 from tests.helpers import ROOT
 
@@ -47,7 +48,8 @@ def scripts(page: Path) -> list[str]:
 
 def of_kinds(*kinds: str) -> list[Path]:
     """Return the pages of kinds."""
-    return [page for page in PAGES if page.parent.name in kinds]
+    folders = [ROOT / "docs" / kind for kind in kinds]
+    return [page for page in PAGES if page.parent in folders]
 
 
 def name(page: Path) -> str:
@@ -103,6 +105,11 @@ def test_the_first_page_links_every_other_one() -> None:
     assert pages - linked == {"index.md", "README.ja.md"}
 
 
+@pytest.mark.parametrize("page", of_kinds("results"), ids=name)
+def test_a_page_shows_the_tables_that_lie_beside_it_as_csv_files(page: Path) -> None:
+    assert unlike_files(page) == []
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to run a page in, beside the experiments, with no viewer and no browser."""
@@ -123,7 +130,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         pytest.param(page, marks=pytest.mark.long if page.name in LONG else ())
         for page in PAGES
-        if scripts(page) and page.name not in ELSEWHERE and page.parent.name != "tutorial"
+        if scripts(page) and page.name not in ELSEWHERE and page not in of_kinds("tutorial")
     ],
     ids=name,
 )

@@ -43,9 +43,7 @@ def test_the_readme_tells_of_lifts_and_twins_what_the_results_do() -> None:
     page = (ROOT / "docs/results/lifts.md").read_text(encoding="utf-8")
     below = re.findall(r"^\| \w+ \| 10000 \| \d+ \| (\S+) \|", page, re.MULTILINE)
     told = [f"0 to {max(map(float, below))} % of perturbed lifts"]
-    (table,) = (ROOT / "docs/results").glob(
-        "identify_the_trial_positions*_what_the_records_say.csv"
-    )
+    table = ROOT / "docs/results/identify_positions_estimates.csv"
     row = next(csv.DictReader(table.open(encoding="utf-8")))
     assert row["parameter"] == "l_offset"
     told.append(f"a cable offset of {row['true']} m, identified to ± {row['±']} m")

@@ -74,19 +74,20 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
     code = Code(module, "instant", ["memory", "query", "command"], 1)
     # Inlined into several callers it might be rounded differently in each of them.
     code.function.attributes.add("noinline")
-    layout = programme.topology.layout
-    states = 2 * layout.n
+    n = programme.crane_joints
+    m = programme.topology.layout.m
     query = code.argument["query"]
-    state = array([code.load(query, i) for i in range(states)])
-    position = array([code.load(query, states + i) for i in range(layout.m)])
-    row = code.load_one(query, states + layout.m, INTEGER)
-    due = code.load_one(query, states + layout.m + 1, INTEGER)
+    q = array([code.load(query, i) for i in range(n)])
+    v = array([code.load(query, n + i) for i in range(n)])
+    position = array([code.load(query, 2 * n + i) for i in range(m)])
+    row = code.load_one(query, 2 * n + m, INTEGER)
+    due = code.load_one(query, 2 * n + m + 1, INTEGER)
 
     memory = code.argument["memory"]
     workspace = code.address(memory, programme.offsets(1).path)
     control = PredictiveControl(code, programme, memory, workspace)
     is_due = code.builder.icmp_signed("!=", due, code.integer(0))
-    command = control.command(state[: layout.n], state[layout.n :], position, row, is_due)
+    command = control.command(q, v, position, row, is_due)
     for i, value in enumerate(command):
         code.store(value, code.argument["command"], i)
     code.end()
@@ -154,14 +155,18 @@ class PredictiveControl:
         (m,).
 
         Args:
-            q: Coordinates as measured [rad or m], shape (n,).
-            v: Rates as measured [rad/s or m/s], shape (n,).
+            q: Coordinates of the crane as measured [rad or m], shape (crane_joints,).
+            v: Their rates as measured [rad/s or m/s], shape (crane_joints,).
             position: Setpoint of the drives [rad or m], shape (m,); unused with a path.
             row: Present row of the path.
             due: Whether to optimise.
         """
         code = self.code
         programme = self.programme
+        # From here on all is about the model, in which the rope of the crane is rigid.
+        kept = list(programme.kept)
+        q = q[kept]
+        v = v[kept]
         reading_before = self._load("reading")
         begun = self._load("begun")[0]
         reading = self._plausible_reading(q, v)
@@ -416,7 +421,10 @@ class PredictiveControl:
         """Return the effort of the hoist at which the rope has its least tension [N].
 
         A positive effort pays out rope, against the resistance of the joint and with the tension:
-        effort + tension = resistance.
+        effort + tension = resistance. A drum that has an inertia of its own, as that of an elastic
+        rope, takes a part of the effort while it gathers speed downward. The rope is then tighter
+        than this says, so that the bound errs on the safe side: a load that is much lighter than
+        the drum is lowered more gently than it might be.
 
         Args:
             joint: Index of the hoist among the coordinates.

@@ -412,6 +412,9 @@ class Programme:
     Attributes:
         topology: Topology of its crane model.
         numbers: Parameters of its crane model, see `cranedyn.compiled.plant.plant.plant_numbers`.
+        kept: Index of each coordinate of the model among those of the crane that it controls, see
+            `cranedyn.model.rigid_rope`.
+        left_out: Names of the joints of that crane which the model holds fixed.
         drive: Kind of command, "effort", "motion" or "velocity".
         stages: Number of stages of the horizon.
         stage_length: Length of a stage [s].
@@ -435,6 +438,8 @@ class Programme:
 
     topology: Topology
     numbers: tuple[float, ...]
+    kept: tuple[int, ...]
+    left_out: tuple[str, ...]
     drive: str
     stages: int
     stage_length: float
@@ -450,6 +455,11 @@ class Programme:
     payload_errors: tuple[float, ...]
     leads: tuple[float, ...] = ()
     vector_width: int = 8
+
+    @property
+    def crane_joints(self) -> int:
+        """Number of coordinates of the controlled crane; the model may have fewer."""
+        return len(self.kept) + len(self.left_out)
 
     def shape(self, lanes: int) -> HorizonShape:
         """Return the dimensions of the optimisation for a crane in each lane."""

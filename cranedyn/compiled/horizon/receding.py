@@ -8,6 +8,7 @@ compiled loop runs the same code in the memory of the controller: `resume_memory
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -40,6 +41,7 @@ from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
+from cranedyn.model.rigid_rope import on_rigid_rope
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import ROW_TOLERANCE
@@ -263,6 +265,8 @@ class Receding(ShortRepr):
     def notes(self) -> dict[str, object]:
         """Return notes for a run, see `cranedyn.simulation.run_record.controller_notes`."""
         notes: dict[str, object] = {"failed_optimisations": int(self.status.failures)}
+        if self.programme.left_out:
+            notes["planned_without"] = list(self.programme.left_out)
         refusals = int(self.refusals(self._memory, 1)[0])
         if refusals:
             notes["refused_readings"] = refusals
@@ -399,8 +403,15 @@ def receding(
 
     Default times and errors follow from the pendulum of the crane, see `Tuning`.
 
+    A crane with a rope that stretches or goes slack, or with a load on two falls, is planned for as
+    if it hung on a rigid rope, see `cranedyn.model.rigid_rope`: the stretch bounces many times
+    within a stage of the plan, and the yaw does not move the load. The controller then reads all
+    coordinates but these, and the cable length as the drum has paid it out: the length of the load,
+    with the stretch added, is not what the drum drives, and feeding it back makes the rope bounce
+    ever more. `Receding.notes` names the joints that are left out.
+
     Args:
-        crane: The crane, rigid.
+        crane: The crane; its structure is rigid.
         limits: Limits of the rates and accelerations of the drives, beside the crane's rate limits.
         motion: Motion to track; None to go to the setpoint of the reference.
         drive: Kind of command: "effort", "motion", or "velocity", the rates at which frequency
@@ -420,16 +431,16 @@ def receding(
     Raises:
         OutOfRange: If a number is out of range, times do not divide, or the weight is not symmetric
             and positive definite.
-        CraneError: If the crane is elastic.
+        CraneError: If the structure of the crane is elastic.
     """
     check_choice("drive", drive, Drive)
-    layout = crane.layout
-    if crane.springs.any:
-        raise CraneError(
-            "This predictive controller is made for a rigid crane; this one has springs."
-        )
+    _check_rigid_structure(crane)
     number("control_period", control_period, "s", "> 0")
     crane.require_independent_joints("Predictive control")
+    rigid = on_rigid_rope(crane)
+    path = _path(crane, motion, control_period, rigid.kept)
+    crane = rigid.crane
+    layout = crane.layout
 
     topology = Topology.of(crane)
     crane_numbers = tuple(plant_numbers(crane).tolist())
@@ -454,7 +465,6 @@ def receding(
     within("smoothing", smoothing, 0.0, _MAX_TIME_CONSTANT, "s")
     swing_limit = number("swing limit", swing_limit, "rad", "> 0")
     within("swing limit", swing_limit, 0.0, _MAX_SWING_LIMIT, "rad")
-    path = _path(crane, motion, control_period)
 
     drive_limits = limits.for_crane(crane)
     rates = np.array(drive_limits.rates)
@@ -466,6 +476,8 @@ def receding(
     programme = Programme(
         topology=topology,
         numbers=crane_numbers,
+        kept=rigid.kept,
+        left_out=rigid.left_out,
         drive=drive,
         stages=stages,
         stage_length=stage,
@@ -487,20 +499,48 @@ def receding(
     return Receding(programme, _table(programme, weight, rows), path)
 
 
-def _path(crane: Crane, motion: Motion | None, control_period: float) -> np.ndarray:
+def _check_rigid_structure(crane: Crane) -> None:
+    """Check that no joint but those of the rope has a spring.
+
+    Raises:
+        CraneError: If one has.
+    """
+    bending = []
+    for joint, stiffness in zip(crane.layout.joints, crane.springs.stiffness, strict=True):
+        if stiffness != 0.0:
+            bending.append(joint.name)
+    if bending:
+        held = ", ".join(map(repr, bending))
+        raise CraneError(
+            "This predictive controller is made for a crane whose structure is rigid; this one has "
+            f"springs in {' and '.join(bending)}. Hold these joints by locked=[{held}], or "
+            "--locked, or set their stiffness to 0."
+        )
+
+
+def _path(
+    crane: Crane, motion: Motion | None, control_period: float, kept: Sequence[int]
+) -> np.ndarray:
     """Return coordinates and rates of a motion by control instant, shape (rows, 2 n); no rows
     without one.
+
+    Args:
+        crane: The crane.
+        motion: Its motion, or None.
+        control_period: Control period [s].
+        kept: Indices of the n coordinates that are planned, see `cranedyn.model.rigid_rope`.
 
     Raises:
         OutOfRange: If the motion is of another crane, or for another control period.
     """
     if motion is None:
-        return np.zeros((0, 2 * crane.layout.n))
+        return np.zeros((0, 2 * len(kept)))
     motion.check_fits("motion", crane.layout)
     if not math.isclose(motion.period, control_period, rel_tol=SAME_PERIOD):
         allowed = f"the control period, {control_period:g}"
         raise OutOfRange("period of the motion", motion.period, allowed, "s")
-    return np.hstack([motion.q, motion.v])
+    columns = list(kept)
+    return np.hstack([motion.q[:, columns], motion.v[:, columns]])
 
 
 def _load_weight(crane: Crane) -> float:

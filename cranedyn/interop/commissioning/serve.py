@@ -22,14 +22,14 @@ from typing import Any
 import numpy as np
 
 from cranedyn.checks import number
-from cranedyn.command import defer_sigint
+from cranedyn.command import command_line, defer_sigint, next_lines
 from cranedyn.errors import CraneError, DataError, RunError
 from cranedyn.export.target import check_new_folder, name_default_rates, new_folder
 from cranedyn.interop.commissioning.security import Security
 from cranedyn.interop.commissioning.served_crane import PERIOD, ServedCrane
 from cranedyn.interop.commissioning.words import write_map
 from cranedyn.model.crane import Crane
-from cranedyn.model.options import crane_from_options
+from cranedyn.model.options import crane_from_options, crane_words
 from cranedyn.recording import Run, record
 
 PASSWORD_VARIABLE = "CRANEDYN_PASSWORD"
@@ -325,6 +325,13 @@ def run(options: argparse.Namespace) -> int:
     if options.map:
         print(f"Written to {write_map(options.map, plant.image.words)}.")
     if not (options.opcua or options.modbus):
+        words = crane_words(options)
+        print(
+            next_lines(
+                command_line("cranedyn", "serve", "--opcua", "127.0.0.1:4840", *words),
+                command_line("cranedyn", "serve", "--modbus", "127.0.0.1:5020", *words),
+            )
+        )
         return 0
     folder = options.out or Path(f"out/serve_{datetime.now():%Y%m%d_%H%M%S}")
     check_new_folder(folder)
@@ -382,7 +389,10 @@ def _save(folder: Path, plant: ServedCrane) -> None:
     """Write the run of a plant into a new folder."""
     with new_folder(folder) as draft:
         _write(draft, plant)
-    print(f"Written to {folder}.", flush=True)
+    print(f"Written to {folder}.")
+    view = command_line("cranedyn", "view", folder / "serve.rrd")
+    identify = command_line("cranedyn", "run", "identify", folder / "serve.parquet")
+    print(next_lines(view, identify), flush=True)
 
 
 def _write(folder: Path, plant: ServedCrane) -> None:

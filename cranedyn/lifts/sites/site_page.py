@@ -16,7 +16,7 @@ from cranedyn.lifts.judging.report_page import page_figures, page_tables, write_
 from cranedyn.lifts.sites.brakes import CYCLE
 from cranedyn.lifts.sites.promise import site_assumptions
 from cranedyn.lifts.sites.site_simulation import SiteContact, SiteRun
-from cranedyn.plotting.figures import panels
+from cranedyn.plotting.figures import legend_above, panels
 from cranedyn.plotting.html import render, worst_first
 from cranedyn.plotting.style import COLOURS, run_colour
 from cranedyn.recording.shapes import CONTACT
@@ -237,5 +237,7 @@ def _histories(run: SiteRun, lost: list[np.ndarray]) -> Figure:
         lost_ax.plot(minutes, seconds.max(axis=1), color=run_colour(i), label=station.name)
     lost_ax.set(ylabel="lost time [s]", xlabel="time [min]")
     for ax in (distance_ax, lost_ax):
-        ax.legend(*ax.get_legend_handles_labels(), loc="upper left", ncols=4, fontsize=9)
+        # A site with a single crane has no distance between cranes.
+        if ax.get_legend_handles_labels()[0]:
+            legend_above(ax)
     return figure

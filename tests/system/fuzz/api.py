@@ -66,6 +66,8 @@ CALLS = {
         simulate_batch(crane, law, duration=0.05, dt=5e-4, control_period=5e-3, record=2)
         Fleet(crane, 2, dt=1e-3, control_period=0.1, drive='motion', threads=1).step(commands)
         TowerCraneEnv(crane=crane, control_period=0.1, wind=2.0, swing=0.1).reset(seed=1)
+        CraneEnv(crane=crane, dt=1e-2, tolerance=0.05, swing_limit=0.5, reach=three).reset(seed=1)
+        CraneEnv(crane=crane, action='effort', control_period=0.1, efforts=three).reset(seed=1)
         """,
     "crane": """
         crane.state(x=12.0, phi=0.1)
