@@ -214,6 +214,19 @@ def stands_at(end: np.ndarray | None) -> bool:
     return end is not None and len(end) == 2
 
 
+def not_grounded(lift: Lift, *, certified: bool) -> str:
+    """Return why lift-off and set-down of a lift are not simulated, to end a sentence with; empty
+    if they are.
+
+    Args:
+        lift: The lift.
+        certified: Whether its certificate holds.
+    """
+    if not isinstance(lift.clearance, TowerClearance):
+        return "they are simulated for tower cranes only"
+    return "" if certified else "the plan has no certificate"
+
+
 def from_ground(
     lift: Lift,
     *,

@@ -185,6 +185,34 @@ class Base:
 
 
 @dataclass(frozen=True)
+class Runway:
+    """Two rails on which a crane travels, each of them under two wheels or groups of wheels.
+
+    Attributes:
+        rails: Where both rails are across the way of the crane, in its own frame, a quarter turn
+            to the left of its positive direction [m].
+        wheel_base: Distance between the wheels of a rail [m]; the origin of the joint that travels
+            is in the middle of them, at the height of the rails.
+        permitted: Largest force that a wheel may exert on its rail [N]; None if unknown.
+
+    Raises:
+        OutOfRange: If both rails are one, or the other numbers are not positive.
+    """
+
+    rails: tuple[float, float]
+    wheel_base: float
+    permitted: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        first, second = self.rails
+        number("distance of the rails", abs(second - first), "m", "> 0")
+        number("wheel base", self.wheel_base, "m", "> 0")
+        if self.permitted is not None:
+            number("permitted force of a wheel", self.permitted, "N", "> 0")
+
+
+@dataclass(frozen=True)
 class Arm:
     """Jib or counter-jib, as a weight at its centre of mass.
 
@@ -234,6 +262,7 @@ class Site(ShortRepr):
         limits: Limits of the drives; None if unknown.
         base: Base of the crane; None if unknown.
         arms: Jib and counter-jib as weights; empty if unknown.
+        runway: Rails on which the crane travels; None if unknown, or it does not travel.
         rigging: Masses of hook and slings [kg], by name, part of the mass of the crane's load.
         gust: Gust that the lift must bear [m/s]; None if unknown.
         gust_swing: Largest angle of the rope from plumb in gusts [rad]; None if unknown.
@@ -264,6 +293,7 @@ class Site(ShortRepr):
     limits: Limits | None = None
     base: Base | None = None
     arms: tuple[Arm, ...] = ()
+    runway: Runway | None = None
     rigging: Mapping[str, float] = field(default_factory=dict)
     gust: float | None = None
     gust_swing: float | None = None

@@ -25,6 +25,7 @@ from cranedyn.lifts.planning.site import (
     TOWER_DRIVES,
     Arm,
     Base,
+    Runway,
     Site,
     SiteCrane,
     SiteDrive,
@@ -96,6 +97,7 @@ def read_site(path: str | Path) -> Site:
         limits=_limits(tables["drives"], drives),
         base=_base(tables["base"]),
         arms=_arms(tables["jib"], tables["counter_jib"]),
+        runway=_runway(tables["runway"], is_tower=is_tower),
         rigging=masses,
         gust=wind.optional_number("gust", "m/s", ">= 0"),
         gust_swing=wind.angle("swing", allowed="0.1 to 45") if "swing" in wind.values else None,
@@ -326,6 +328,7 @@ _FIELDS = {
     "uncertainty": ["mass", "cable", "wind", "gust", "delay"],
     "drives": ["rates", "accelerations", "efforts"],
     "base": ["spacing", "mass", "permitted"],
+    "runway": ["rails", "wheel_base", "permitted"],
     "jib": ["mass", "centre"],
     "counter_jib": ["length", "mass", "centre"],
     "rigging": ["hook", "slings", "falls"],
@@ -451,6 +454,21 @@ def _base(base: SiteTable) -> Base | None:
     spacing = base.number("spacing", allowed="> 0")
     mass = base.number("mass", unit="kg", allowed=">= 0")
     return Base(spacing, mass, permitted)
+
+
+def _runway(runway: SiteTable, *, is_tower: bool) -> Runway | None:
+    """Return the rails of a crane that travels; None if they are not entered."""
+    if not runway.values:
+        return None
+    if is_tower:
+        runway.fail("rails", "it is for a crane that travels on rails; a tower crane has a base.")
+    permitted = None
+    if "permitted" in runway.values:
+        permitted = 1e3 * runway.number("permitted", unit="kN", allowed="> 0")
+    first, second = runway.numbers("rails", 2)
+    if first == second:
+        runway.fail("rails", "both rails are in the same place.")
+    return Runway((first, second), runway.number("wheel_base", allowed="> 0"), permitted)
 
 
 def _arms(jib: SiteTable, counter_jib: SiteTable) -> tuple[Arm, ...]:

@@ -1,0 +1,91 @@
+"""The joints of a crane at which its loads are told: hoist, slew, trolley, and the pivot of the
+rope.
+
+A tower crane of this project names them by their roles. Those of another crane follow from what
+its joints do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import ALIGNED
+
+_LEVEL = 1e-6
+"""Vertical part of a unit axis up to which it is level."""
+
+
+@dataclass(frozen=True)
+class LoadJoints:
+    """Joints of a crane, by their indices among the coordinates; None where it has no such joint.
+
+    Attributes:
+        hoist: The joint that sets the length of the rope.
+        slew: The joint that turns the crane about the vertical.
+        trolley: The joint that slides the pivot of the rope along a level jib or bridge.
+        travel: The joint next to the ground, if it is a drive that slides level and is not the
+            trolley: the one by which the crane runs on rails.
+        pivot: The joint whose origin is where the rope begins: the trolley, or else the first
+            swing.
+    """
+
+    hoist: int | None
+    slew: int | None
+    trolley: int | None
+    travel: int | None
+    pivot: int | None
+
+    @classmethod
+    def of(cls, crane: Crane) -> LoadJoints:
+        """Return those of a crane.
+
+        The slew is, without a joint of that role, the drive nearest to the load that turns about
+        the vertical above the pivot. The trolley is, without one, the drive nearest to the load
+        that slides level there.
+        """
+        layout = crane.layout
+        of_role = {joint.role: i for i, joint in enumerate(layout.joints) if joint.role}
+        hoist = of_role.get("hoist")
+        if hoist is None and crane.winch is not None:
+            hoist = int(layout.drives[crane.winch])
+        first_swing = int(crane.swings[0]) if len(crane.swings) else None
+        slew = of_role.get("slew")
+        trolley = of_role.get("trolley")
+        travel = None
+        for joint in _drives_above(crane, first_swing):
+            axis = _axis_at_start(crane, joint)
+            turns = layout.joints[joint].kind == "revolute"
+            if slew is None and turns and abs(axis[2]) >= ALIGNED:
+                slew = joint
+            if trolley is None and not turns and abs(axis[2]) <= _LEVEL:
+                trolley = joint
+            stands = int(crane.model.parents[joint + 1]) == 0
+            if stands and joint != trolley and not turns and abs(axis[2]) <= _LEVEL:
+                travel = joint
+        pivot = first_swing if trolley is None else trolley
+        return cls(hoist, slew, trolley, travel, pivot)
+
+
+def _drives_above(crane: Crane, joint: int | None) -> list[int]:
+    """Return the drives that carry a joint, the one nearest to it first."""
+    if joint is None:
+        return []
+    drives = set(crane.layout.drives.tolist())
+    # Coordinate i belongs to joint i + 1 of Pinocchio, whose joint 0 is the world.
+    carriers = [support - 1 for support in crane.model.supports[joint + 1].tolist()]
+    return [carrier for carrier in reversed(carriers) if carrier in drives]
+
+
+def _axis_at_start(crane: Crane, joint: int) -> np.ndarray:
+    """Return the axis of a joint in the world where the crane starts, shape (3,)."""
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, crane.start.q)
+    # Axes of the layout are those with all coordinates at zero.
+    at_zero = crane.model.createData()
+    pin.forwardKinematics(crane.model, at_zero, np.zeros(crane.layout.n))
+    axis = np.array(crane.layout.joints[joint].axis)
+    return data.oMi[joint + 1].rotation @ at_zero.oMi[joint + 1].rotation.T @ axis
