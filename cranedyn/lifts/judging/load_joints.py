@@ -27,8 +27,8 @@ class LoadJoints:
         hoist: The joint that sets the length of the rope.
         slew: The joint that turns the crane about the vertical.
         trolley: The joint that slides the pivot of the rope along a level jib or bridge.
-        travel: The joint next to the ground, if it is a drive that slides level and is not the
-            trolley: the one by which the crane runs on rails.
+        travel: The drive next to the ground, if it slides level and carries another drive: the one
+            by which the crane runs on rails.
         pivot: The joint whose origin is where the rope begins: the trolley, or else the first
             swing.
     """
@@ -45,7 +45,7 @@ class LoadJoints:
 
         The slew is, without a joint of that role, the drive nearest to the load that turns about
         the vertical above the pivot. The trolley is, without one, the drive nearest to the load
-        that slides level there.
+        that slides level there, other than the one by which the crane travels.
         """
         layout = crane.layout
         of_role = {joint.role: i for i, joint in enumerate(layout.joints) if joint.role}
@@ -56,16 +56,19 @@ class LoadJoints:
         slew = of_role.get("slew")
         trolley = of_role.get("trolley")
         travel = None
-        for joint in _drives_above(crane, first_swing):
+        carriers = _drives_above(crane, first_swing)
+        for joint in carriers:
             axis = _axis_at_start(crane, joint)
             turns = layout.joints[joint].kind == "revolute"
             if slew is None and turns and abs(axis[2]) >= ALIGNED:
                 slew = joint
-            if trolley is None and not turns and abs(axis[2]) <= _LEVEL:
-                trolley = joint
+            if turns or abs(axis[2]) > _LEVEL or joint == trolley:
+                continue
             stands = int(crane.model.parents[joint + 1]) == 0
-            if stands and joint != trolley and not turns and abs(axis[2]) <= _LEVEL:
+            if stands and len(carriers) > 1:
                 travel = joint
+            elif trolley is None:
+                trolley = joint
         pivot = first_swing if trolley is None else trolley
         return cls(hoist, slew, trolley, travel, pivot)
 
