@@ -20,7 +20,7 @@ ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 """Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
 LONG = {
     *("control.md", "drive.md", "drives.md", "first_lift.md", "judge_lift.md"),
-    *("lift_from_ground.md", "planning.md", "several_cranes.md"),
+    *("lift_from_ground.md", "other_cranes_lift.md", "planning.md", "several_cranes.md"),
 }
 """Pages whose code takes longest."""
 MODULES = {"compiled": "llvmlite", "optimal": "casadi", "planning": "toppra"}
@@ -61,7 +61,8 @@ def test_every_csv_file_is_linked_from_a_page() -> None:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to run a page in, beside the experiments, with no viewer and no browser."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    for name in ("experiments", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.setattr(cd, "view", lambda run: None)
     monkeypatch.setattr("webbrowser.open", lambda address: None)
     # tests/export/test_page.py plans them

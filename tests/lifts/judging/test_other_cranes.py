@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -115,51 +116,15 @@ def test_a_chart_of_one_load_holds_at_any_radius_and_for_a_crane_without_one(
         read_chart(file)
 
 
-HALL = """
-name = "hall"
-[crane]
-kind = "overhead"
-chart = "chart.toml"
-[ground]
-height = 0.0
-[load]
-size = [2.0, 3.0, 1.5]
-mass = 4800.0
-[rigging]
-hook = 150.0
-slings = 50.0
-falls = 4
-[drives]
-rates = [1.3, 0.6, 0.3]
-accelerations = [0.3, 0.3, 0.3]
-efforts = [50e3, 20e3, 120e3]
-[runway]
-rails = [0.0, -20.0]
-wheel_base = 3.2
-permitted = 120.0
-[lift]
-from = [8.0, -6.0, 2.0]
-to = [20.0, -14.0, 2.0]
-distance = 0.5
-swing = 2.0
-risk = 5.0
-[wind]
-gust = 2.0
-swing = 5.0
-[uncertainty]
-mass = 10.0
-cable = 0.1
-wind = 0.5
-gust = 1.0
-delay = 0.02
-"""
+PAGE = EXAMPLES.parent / "docs/howto/other_cranes_lift.md"
+
+CHART, HALL = re.findall(r"^```toml\n(.*?)^```", PAGE.read_text("utf-8"), re.S | re.M)
+"""Chart and site of the page about lifts of other cranes."""
 
 
 @pytest.fixture
 def hall(tmp_path: Path) -> Path:
-    (tmp_path / "chart.toml").write_text(
-        'name = "hall crane"\nsource = "s"\n[[falls]]\ncount = 4\nrated = 6300.0\n'
-    )
+    (tmp_path / "hall_crane.toml").write_text(CHART)
     file = tmp_path / "hall.toml"
     file.write_text(HALL)
     return file
@@ -167,7 +132,7 @@ def hall(tmp_path: Path) -> Path:
 
 @pytest.mark.long
 def test_a_lift_by_an_overhead_crane_is_a_go_and_none_on_weaker_rails(hall: Path) -> None:
-    required = Requirements(lifts=80, gusts=2)
+    required = Requirements(lifts=400, gusts=2)
     judgement = judge(read_site(hall), requirements=required)
     assert judgement.go, judgement.reasons
     assert "overhead" in judgement.html()
@@ -175,9 +140,7 @@ def test_a_lift_by_an_overhead_crane_is_a_go_and_none_on_weaker_rails(hall: Path
     weaker = judge(read_site(hall), requirements=required)
     assert weaker.verdict is Verdict.FAILS
     assert any("a rail may bear 60 kN of a wheel" in reason for reason in weaker.reasons)
-    hall.write_text(
-        HALL.replace("[runway]\nrails = [0.0, -20.0]\nwheel_base = 3.2\npermitted = 120.0\n", "")
-    )
+    hall.write_text(re.sub(r"\[runway\].*?(?=\[ground\])", "", HALL, flags=re.S))
     unknown = judge(read_site(hall), requirements=required)
     assert unknown.verdict is Verdict.NOT_JUDGED
     assert any("[runway] of the site is missing" in reason for reason in unknown.reasons)
@@ -193,7 +156,7 @@ def test_a_lift_by_an_overhead_crane_is_a_go_and_none_on_weaker_rails(hall: Path
         ('kind = "overhead"', 'file = "missing.urdf"', "line 4.*missing.urdf"),
         ('kind = "overhead"', "locked = []", "it is for a crane that file, kind or machine names"),
         ('kind = "overhead"', 'kind = "overhead"\nheading = 3.0', "of another one give yaw"),
-        ('kind = "overhead"', 'kind = "tower"\nyaw = 3.0', "of a tower crane give heading"),
+        ('kind = "overhead"', 'kind = "tower"  #', "of a tower crane give heading"),
         ("[runway]", "[jib]\nmass = 3.0\ncentre = 1.0\n[runway]", "it is for a tower crane"),
         ("rates = [1.3, 0.6, 0.3]", "rates = [1.3, 0.6]", "3 numbers"),
         ("rails = [0.0, -20.0]", "rails = [1.0, 1.0]", "both rails are in the same place"),
@@ -211,13 +174,14 @@ def test_drives_of_another_crane_are_entered_in_its_order_and_units(tmp_path: Pa
     (tmp_path / "portal_crane.urdf").write_text((EXAMPLES / "portal_crane.urdf").read_text())
     file = tmp_path / "quay.toml"
     text = HALL.replace(
-        'kind = "overhead"\nchart = "chart.toml"',
-        'file = "portal_crane.urdf"\nlocked = { travel_joint = 12.0 }\nyaw = 90.0',
+        'kind = "overhead" ',
+        'file = "portal_crane.urdf"\nlocked = { travel_joint = 12.0 }  # ',
     )
+    text = text.replace("yaw = 0.0", "yaw = 90.0")
     text = text.replace("rates = [1.3, 0.6, 0.3]", "rates = [6.0, 1.2, 0.5]").replace(
         "efforts = [50e3, 20e3, 120e3]\n", ""
     )
-    text = text.replace("[runway]\nrails = [0.0, -20.0]\nwheel_base = 3.2\npermitted = 120.0\n", "")
+    text = re.sub(r"\[runway\].*?(?=\[ground\])", "", text, flags=re.S)
     file.write_text(text)
     site = read_site(file)
     assert [drive.name for drive in site.drives] == ["slew", "luff", "hoist"]

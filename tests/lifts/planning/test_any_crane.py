@@ -211,6 +211,24 @@ def test_distances_from_the_cranes_own_links_are_those_of_pinocchios_geometry(ki
             assert margin <= least - asked.site.distance - ROUNDING + 1e-5
 
 
+def test_a_boom_keeps_from_obstacles_as_its_load_does() -> None:
+    asked = clearance("luffing")
+    q = asked.q(np.array([0.0, 0.5, 20.0]))
+    # The boom begins at a height of 40 m and rises by half a radian along -Y.
+    middle = (0.0, -22.5 * np.cos(0.5))
+    height = 40.0 + 22.5 * np.sin(0.5)
+    for gap in (0.2, 1.0):
+        # Its underside is half of its height of 1.4 m below its middle, at right angles to it.
+        top = height - 0.7 / np.cos(0.5) - gap / np.cos(0.5)
+        mast = Site("test", (box("mast", middle, (0.02, 0.02, top), 0.0),), load=LOAD)
+        beside = ChainClearance(crane("luffing"), mast)
+        found = beside.nearest(q)
+        assert (found.body, found.obstacle) == ("boom", "mast")
+        assert found.distance == pytest.approx(gap, abs=0.02)
+        assert beside.margin(q) == pytest.approx(gap - 0.5, abs=0.02)
+    assert asked.margin(q) > 1.0
+
+
 LIMITS = {
     "overhead": Limits((1.3, 0.6, 0.3), (0.3, 0.3, 0.3)),
     "luffing": Limits((0.06, 0.015, 1.0), (0.01, 0.004, 0.3)),
