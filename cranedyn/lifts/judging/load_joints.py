@@ -15,8 +15,8 @@ import pinocchio as pin
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ALIGNED
 
-_LEVEL = 1e-6
-"""Vertical part of a unit axis up to which it is level."""
+_LEVEL = 1e-3
+"""Vertical part of a unit axis up to which it is level: 1 mrad, as `ALIGNED` has for directions."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class LoadJoints:
         trolley: The joint that slides the pivot of the rope along a level jib or bridge.
         travel: The drive next to the ground, if it slides level and carries another drive: the one
             by which the crane runs on rails.
-        pivot: The joint whose origin is where the rope begins: the trolley, or else the first
-            swing.
+        pivot: The joint whose origin is where the rope begins: a trolley of that role, or else the
+            first swing.
     """
 
     hoist: int | None
@@ -43,9 +43,9 @@ class LoadJoints:
     def of(cls, crane: Crane) -> LoadJoints:
         """Return those of a crane.
 
-        The slew is, without a joint of that role, the drive nearest to the load that turns about
-        the vertical above the pivot. The trolley is, without one, the drive nearest to the load
-        that slides level there, other than the one by which the crane travels.
+        Without joints of these roles the slew is the drive nearest to the load that turns the pivot
+        about the vertical, and the trolley the one nearest to it that slides the pivot level, other
+        than the one by which the crane travels.
         """
         layout = crane.layout
         of_role = {joint.role: i for i, joint in enumerate(layout.joints) if joint.role}
@@ -69,7 +69,7 @@ class LoadJoints:
                 travel = joint
             elif trolley is None:
                 trolley = joint
-        pivot = first_swing if trolley is None else trolley
+        pivot = of_role.get("trolley", first_swing)
         return cls(hoist, slew, trolley, travel, pivot)
 
 

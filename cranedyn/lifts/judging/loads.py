@@ -278,9 +278,10 @@ def wheel_forces(
     """Return the force of each wheel on its rail [N], shape (rows, 4): on the first rail the front
     and the rear wheel, then those on the second rail; negative where a wheel would lift.
 
-    A stiff frame on four equal supports presses by F = V (1/4 ± c/(2 s) ± a/(2 w)) with the force
-    V at c across from the middle of the rails, which are s apart, and at a ahead of the middle of
-    the wheels, which are w apart.
+    The bridge is a beam on both rails, and each of its ends one on both wheels: a force V at c
+    across from the middle of the rails, which are s apart, and at a ahead of the middle of the
+    wheels, which are w apart, presses by F = V (1/2 ± c/s) (1/2 ± a/w). What acts on the crane at
+    another height than that of the rails is in c and a.
 
     Args:
         runway: The rails.
@@ -292,8 +293,10 @@ def wheel_forces(
     # Positive towards the first rail.
     aside = (across - (first + second) / 2.0) / (first - second)
     ahead = along / runway.wheel_base
-    shares = [0.25 + (i * aside + k * ahead) / 2.0 for i in (1.0, -1.0) for k in (1.0, -1.0)]
-    return np.stack([vertical * share for share in shares], axis=1)
+    forces = []
+    for rail in (0.5 + aside, 0.5 - aside):
+        forces += [vertical * rail * wheel for wheel in (0.5 + ahead, 0.5 - ahead)]
+    return np.stack(forces, axis=1)
 
 
 def _of_wheels(
@@ -461,7 +464,7 @@ def _jib_directions(moving: CraneStates, joints: LoadJoints) -> tuple[np.ndarray
     else:
         assert joints.slew is not None and joints.pivot is not None
         outward = moving.origin(joints.pivot) - moving.origin(joints.slew)
-        what = "distance of the pivot from the slew axis"
+        what = "distance of the pivot from the slew axis [m]"
     outward = outward * np.array([1.0, 1.0, 0.0])
     length = np.linalg.norm(outward, axis=1)
     if not (length > _MIN_HORIZONTAL_PART).all():

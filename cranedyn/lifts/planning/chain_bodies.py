@@ -1,8 +1,8 @@
 """Bodies of a crane whose load hangs at the end of a chain of joints, from the shapes in its URDF.
 
-Of a link that has shapes for collisions these count, and otherwise those that are drawn. What the
-swing joints carry besides the rope counts as part of the rope's end at the pivot, and is taken to
-be small.
+Of a link that has shapes for collisions these count, and otherwise those that are drawn. Shapes of
+the links between the swing joints are not compared with anything: a crane that has such counts as
+one that is not wholly drawn.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from cranedyn.lifts.planning.crane_bodies import (
     drawn_payload,
     hook_turn,
 )
+from cranedyn.lifts.planning.site import HANGING
 from cranedyn.model.crane import Crane
 
 ROPE_RADIUS = 0.1
@@ -71,8 +72,8 @@ def chain_bodies(crane: Crane, load: np.ndarray | None = None) -> ChainBodies:
             load that is drawn.
 
     Raises:
-        ModelError: If a link shows a mesh and nothing else, or neither the URDF shows a load nor
-            one is given.
+        ModelError: If a link shows a mesh among the shapes that count, or neither the URDF shows a
+            load nor one is given.
     """
     shapes = _shapes_by_joint(crane)
     hoist = int(crane.layout.drives[2])
@@ -105,6 +106,9 @@ def chain_bodies(crane: Crane, load: np.ndarray | None = None) -> ChainBodies:
             links[joint] = Link(names[joint], of_link)
         else:
             undrawn.append(names[joint])
+    for joint in crane.swings.tolist():
+        if shapes.get(joint + 1):
+            undrawn.append(f"{names[joint]}, which swings,")
     width = float(np.max(hook.size[:2]))
     return ChainBodies(
         hook=hook,
@@ -136,7 +140,9 @@ def _link_names(crane: Crane) -> dict[int, str]:
             children[joint.get("name", "")] = child.get("link", "")
     names = {}
     for i, described in enumerate(crane.layout.joints):
-        names[i] = children.get(described.name, described.name).removesuffix("_link")
+        name = children.get(described.name, described.name).removesuffix("_link")
+        # A link that is called as what hangs would count as that.
+        names[i] = f"link {name}" if name in HANGING else name
     return names
 
 

@@ -142,7 +142,10 @@ class ChainClearance(Clearance):
         if self.site.base is not None:
             own[OWN_BASE] = HANGING
         links = tuple(link.name for link in self.bodies.links.values())
-        return CraneParts(("structure",), links, own, undrawn=self.bodies.undrawn)
+        undrawn = list(self.bodies.undrawn)
+        if not self.bodies.standing:
+            undrawn.append("what stands")
+        return CraneParts(("structure",), links, own, undrawn=tuple(undrawn))
 
     @property
     def standing(self) -> list[np.ndarray]:
@@ -197,7 +200,7 @@ class ChainClearance(Clearance):
     @cached_property
     def reach(self) -> tuple[float, float]:
         """See `Clearance`."""
-        positions = self.chain.pivot(self._grid(_GRID_POINTS)).position
+        positions = self.chain.pivot(self._grid(_GRID_POINTS)).point
         radii = np.linalg.norm(positions[:, :2], axis=1)
         return float(radii.min()), float(radii.max())
 
@@ -206,16 +209,16 @@ class ChainClearance(Clearance):
         """See `Clearance`."""
         crane = self.crane
         first, second = self.chain.swings
-        # The load about its centre, and the links between the swing joints, which turn with the
-        # rope, about the pivot; each in the mean of both swings.
-        load = crane.payload_inertia
-        about_first = load[0, 0]
-        about_second = load[1, 1]
+        # With the load about its centre, and the links between the swing joints about the pivot,
+        # the inertia about a swing axis through the pivot is m l² and this. It differs a little
+        # between both axes, and a path has one number for both: their mean.
+        hanging = self.chain.about_swings(self.hoist, crane.payload_inertia)
         for joint in (first, second):
-            rotational = crane.model.inertias[joint + 1].matrix()[3:, 3:]
-            about_first += rotational[0, 0]
-            about_second += rotational[1, 1] if joint == second else 0.0
-        return float((about_first + about_second) / 2.0) / crane.payload_mass
+            about_pivot = crane.model.inertias[joint + 1].matrix()[3:, 3:]
+            about = self.chain.about_swings(joint, about_pivot)
+            # The first swing does not turn about the axis of the second.
+            hanging = hanging + (about if joint == second else about * [1.0, 0.0])
+        return float(hanging.mean()) / crane.payload_mass
 
     # --- places -----------------------------------------------------------------------------------
 
@@ -225,12 +228,12 @@ class ChainClearance(Clearance):
         return self.chain.swings
 
     def place(self, point: np.ndarray, label: str = "point") -> np.ndarray:
-        """See `Clearance`. Of several places it is the one nearest to the start of the crane. A
-        drive that turns the crane is from -π to π.
+        """See `Clearance`. Of the places that are found it is the one nearest to the start of the
+        crane.
         """
         target = self.site.to_crane(point)
         carriers = self._carriers_above(target[:2], point, label)
-        pivot_height = float(self.chain.pivot(carriers[None]).position[0, 2])
+        pivot_height = float(self.chain.pivot(carriers[None]).point[0, 2])
         length = pivot_height - float(target[2]) - self.chain.offset
         self._refuse_length(length, point, label)
         return np.array([*carriers, length])
@@ -249,13 +252,13 @@ class ChainClearance(Clearance):
             OutOfReach: If there are none within the ranges of the drives.
         """
         grid = self._grid(_GRID_POINTS)
-        off = np.linalg.norm(self.chain.pivot(grid).position[:, :2] - target, axis=1)
+        off = np.linalg.norm(self.chain.pivot(grid).point[:, :2] - target, axis=1)
         nearest = grid[np.argsort(off, kind="stable")[:_TRIED_STARTS]]
         found = self.chain.carriers_above(np.tile(target, (len(nearest), 1)), nearest)
         low, high = self._carrier_ranges
         if self.turning is not None:
-            # Newton's method may go round; the ranges of a drive that turns are those of `_grid`.
-            turns = np.round(found[:, self.turning] / (2.0 * math.pi))
+            # Newton's method may go round.
+            turns = np.floor((found[:, self.turning] - low[self.turning]) / (2.0 * math.pi))
             found[:, self.turning] -= 2.0 * math.pi * turns
         inside = (found >= low - _SAME_PLACE) & (found <= high + _SAME_PLACE)
         found = np.clip(found[inside.all(axis=1)], low, high)
@@ -274,15 +277,16 @@ class ChainClearance(Clearance):
 
     @cached_property
     def _carrier_ranges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest position of both drives that carry the pivot, shape (2,) each; of the
-        one that turns the crane no more than a full turn.
+        """Least and largest position of both drives that carry the pivot, shape (2,) each. Of a
+        drive that turns the crane by more than a full turn they are those from -π to π.
         """
         carriers = list(self.chain.carriers)
         low = self.crane.lower[carriers].copy()
         high = self.crane.upper[carriers].copy()
-        if self.turning is not None:
-            low[self.turning] = max(low[self.turning], -math.pi)
-            high[self.turning] = min(high[self.turning], math.pi)
+        turning = self.turning
+        if turning is not None and high[turning] - low[turning] > 2.0 * math.pi:
+            low[turning] = max(low[turning], -math.pi)
+            high[turning] = min(high[turning], low[turning] + 2.0 * math.pi)
         return low, high
 
     def _grid(self, count: int) -> np.ndarray:
@@ -320,7 +324,7 @@ class ChainClearance(Clearance):
         """See `Clearance`."""
         places = np.asarray(drive_position, dtype=float)
         rows = places.reshape(-1, 3)
-        points = self.chain.pivot(rows[:, :2]).position
+        points = self.chain.pivot(rows[:, :2]).point
         points[:, 2] -= rows[:, 2] + self.chain.offset
         return points.reshape(places.shape)
 
@@ -426,14 +430,16 @@ class ChainClearance(Clearance):
         swung = change[:, list(self.chain.swings)].sum(axis=1)
         hoisted = change[:, self.hoist]
         length = rows[:, self.hoist] + hoisted + self.chain.offset + self.bodies.below
+        # On the way from one to the other a rope leans no more than at an end and by what turns it.
         # Drives and swings turn the rope about the pivot, with all that hangs on it. A turn about
         # the vertical moves a point by its distance from the plumb line: with the rope leaning by
         # an angle, that is no more than the length times the angle, and the spread.
         about_vertical = np.zeros(len(rows))
         if self.turning is not None:
             about_vertical = change[:, self.chain.carriers[self.turning]]
-        lean = np.maximum(self.tilt(rows), self.tilt(rows_end)) + swung
-        hanging = pivot_moved + hoisted + length * (turned - about_vertical + swung)
+        tipped = turned - about_vertical
+        lean = np.maximum(self.tilt(rows), self.tilt(rows_end)) + swung + tipped
+        hanging = pivot_moved + hoisted + length * (tipped + swung)
         hanging += (self.bodies.spread + length * lean) * about_vertical
         largest = np.maximum(hanging, self._structure_bound(lines, change))
         for joint in self.bodies.links:
@@ -591,8 +597,8 @@ class ChainClearance(Clearance):
         return counts
 
     def out_of_range(self) -> Iterator[tuple[str, str]]:
-        """See `Clearance`. A crane of which nothing stands, or a link that shows nothing, has
-        nothing to compare with it.
+        """See `Clearance`. A crane of which nothing is drawn that stands has nothing to compare
+        with it; `CraneParts.undrawn` tells of that.
         """
         if not self.bodies.standing:
             for body in HANGING:

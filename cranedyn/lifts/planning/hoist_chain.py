@@ -10,6 +10,7 @@ carry the pivot, all but two of them are to be locked, see `cranedyn.model.load.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,13 +45,13 @@ class PivotMotion:
     """The pivot of a crane and how it moves.
 
     Attributes:
-        position: Positions in the frame of the crane [m], shape (rows, 3).
+        point: Positions in the frame of the crane [m], shape (rows, 3).
         by_drive: Derivatives by both drives that carry it, shape (rows, 3, 2).
         attitude: Rotations from the link that carries it to the frame of the crane, shape
             (rows, 3, 3); with all coordinates at zero the unit matrix.
     """
 
-    position: np.ndarray
+    point: np.ndarray
     by_drive: np.ndarray
     attitude: np.ndarray
 
@@ -91,6 +92,11 @@ class HoistChain:
     the direction of the rope. These three are at right angles to each other. A link that has been
     turned by R since then carries the rope along R Rot(e1, φ) Rot(e2, θ) d.
 
+    A drive that turns the pivot does so about the vertical or about e1. So a plumb rope has θ = 0,
+    φ takes back what a boom luffs, and a plumb load turns about the vertical by exactly what the
+    drives do. With other axes it would turn by more, which the bounds of
+    `cranedyn.lifts.planning.chain_clearance` leave out.
+
     Attributes:
         crane: The crane.
         carriers: Indices of both drives that carry the pivot, among the coordinates.
@@ -122,6 +128,7 @@ class HoistChain:
         self._second_axis = axes[second_swing]
         self._rope = axes[hoist]
         _refuse_skew_swings(crane, at_zero, axes, self.swings, hoist)
+        _refuse_skew_drives(crane, axes, self.carriers, first_swing)
 
         # Positions and axes in a frame that all joints share at zero: that of the crane.
         self._origins = [frame.translation.copy() for frame in at_zero]
@@ -146,6 +153,14 @@ class HoistChain:
         (3,).
         """
         return self._rotations[joint] @ point + self._origins[joint]
+
+    def about_swings(self, joint: int, inertia: np.ndarray) -> np.ndarray:
+        """Return the moments of inertia about the axes of both swings [kg m²], shape (2,), of an
+        inertia in the frame of a joint, shape (3, 3), with all coordinates at zero.
+        """
+        in_crane = self._rotations[joint] @ inertia @ self._rotations[joint].T
+        axes = (self._first_axis, self._second_axis)
+        return np.array([axis @ in_crane @ axis for axis in axes])
 
     # --- the drives that carry the pivot ----------------------------------------------------------
 
@@ -282,12 +297,12 @@ class HoistChain:
         carriers = first.copy()
         for _ in range(_NEWTON_STEPS):
             motion = self.pivot(carriers)
-            off = points - motion.position[:, :2]
+            off = points - motion.point[:, :2]
             if np.abs(off).max(initial=0.0) <= _CONVERGED:
                 break
             carriers = carriers + _solve(motion.by_drive[:, :2, :], off)
         else:
-            missed = np.abs(points - self.pivot(carriers).position[:, :2]).max(axis=1)
+            missed = np.abs(points - self.pivot(carriers).point[:, :2]).max(axis=1)
             carriers[~(missed <= 1e3 * _CONVERGED)] = np.nan
         return carriers
 
@@ -306,7 +321,7 @@ class HoistChain:
         found = first.copy()
         for _ in range(_NEWTON_STEPS):
             motion = self.pivot(found[:, :2])
-            off = points + rope * found[:, 2:] - motion.position
+            off = points + rope * found[:, 2:] - motion.point
             if np.abs(off).max() <= _CONVERGED:
                 return found
             matrix = np.concatenate([motion.by_drive, -rope[:, :, None]], axis=2)
@@ -318,13 +333,17 @@ class HoistChain:
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the solutions of linear systems, shape (rows, k); not finite where one is singular."""
-    with np.errstate(all="ignore"):
-        try:
-            return np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
-        except np.linalg.LinAlgError:
-            solutions = np.linalg.pinv(matrix) @ right[:, :, None]
-            return solutions[:, :, 0]
+    """Return the solutions of linear systems, shape (rows, k): of least size where one is singular,
+    and zero where its numbers are not finite.
+    """
+    try:
+        return np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:  # one of all is singular
+        finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+        solutions = np.zeros_like(right)
+        pseudo_inverses = np.linalg.pinv(matrix[finite])
+        solutions[finite] = (pseudo_inverses @ right[finite][:, :, None])[:, :, 0]
+        return solutions
 
 
 def _rotations(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
@@ -361,8 +380,8 @@ def _refuse_no_chain(crane: Crane) -> None:
     if crane.winch != _DRIVES - 1 or len(crane.swings) != 2 or expected != list(range(layout.n)):
         raise ModelError(
             f"{needed}. This crane has {', '.join(names)}; of these {_listed(crane, crane.swings)} "
-            "swing. A rope that stretches, a hook with a sling below it, or an elastic mast is "
-            "planned on the same crane without."
+            "swing. Plan it on the crane without a rope that stretches, a hook with a sling below "
+            "it, or a mast that bends."
         )
     if not crane.rest.hangs:
         raise ModelError(f"{needed}. The load of this crane does not hang at rest.")
@@ -371,6 +390,31 @@ def _refuse_no_chain(crane: Crane) -> None:
 def _listed(crane: Crane, joints: np.ndarray) -> str:
     """Return the names of joints in a sentence, "none" without any."""
     return ", ".join(crane.layout.joints[i].name for i in joints) or "none"
+
+
+def _refuse_skew_drives(
+    crane: Crane, axes: list[np.ndarray], carriers: tuple[int, int], first_swing: int
+) -> None:
+    """Refuse a drive that turns the pivot about an axis that is neither vertical nor that of the
+    first swing, see `HoistChain`.
+
+    Raises:
+        ModelError: With the drive and the angle.
+    """
+    tips = False
+    for joint in carriers:
+        described = crane.layout.joints[joint]
+        if described.kind != "revolute":
+            continue
+        is_vertical = abs(axes[joint][2]) >= ALIGNED and not tips
+        cosine = abs(float(axes[joint] @ axes[first_swing]))
+        if not is_vertical and not cosine >= ALIGNED:
+            raise ModelError(
+                f"A planned lift needs drives that turn about the vertical, or about the axis of "
+                f"{crane.layout.joints[first_swing].name}, as a boom luffs. {described.name} turns "
+                f"about an axis at {math.degrees(math.acos(min(cosine, 1.0))):.1f}° to that."
+            )
+        tips = tips or not is_vertical  # what a boom carries does not stay upright
 
 
 def _refuse_skew_swings(

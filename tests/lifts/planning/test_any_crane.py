@@ -72,7 +72,7 @@ def test_the_pivot_moves_as_pinocchio_has_it(kind: str) -> None:
         v[list(chain.carriers)] = rates[row]
         a[list(chain.carriers)] = accelerations[row]
         pin.forwardKinematics(model, data, q, v, a)
-        assert_allclose(pivot.position[row], data.oMi[joint].translation, atol=1e-9)
+        assert_allclose(pivot.point[row], data.oMi[joint].translation, atol=1e-9)
         velocity = pin.getVelocity(model, data, joint, pin.LOCAL_WORLD_ALIGNED).linear
         assert_allclose(pivot.by_drive[row] @ rates[row], velocity, atol=1e-9)
         # Pinocchio's acceleration of the origin of the frame, which turns with the joint's own
@@ -303,6 +303,36 @@ def test_lift_off_of_another_crane_is_refused_in_a_sentence() -> None:
     lift = plan_lift(lift_site("portal"), LIMITS["portal"], crane=crane("portal"))
     with pytest.raises(ModelError, match="A lift from the ground or to it needs a tower crane"):
         from_ground(lift)
+
+
+def test_a_boom_that_luffs_about_a_skew_axis_is_refused(tmp_path: Path) -> None:
+    text = PORTAL.read_text("utf-8")
+    # The first swing turns about an axis aside of the hinge of the boom: a plumb load would turn.
+    text = text.replace('<origin xyz="0 -30 0"/>', '<origin xyz="0 -30 0" rpy="0 0 0.6"/>')
+    (tmp_path / "skew.urdf").write_text(text)
+    skew = load_crane(tmp_path / "skew.urdf", locked={"travel_joint": 12.0}, check_axes=False)
+    with pytest.raises(ModelError, match=r"luff_joint turns about an axis at 34\.4° to that"):
+        HoistChain(skew)
+
+
+def test_a_slew_of_less_than_a_turn_reaches_all_of_its_range(tmp_path: Path) -> None:
+    text = PORTAL.read_text("utf-8").replace('lower="-6.3" upper="6.3"', 'lower="3.5" upper="6.0"')
+    (tmp_path / "slew.urdf").write_text(text)
+    part = load_crane(tmp_path / "slew.urdf", locked={"travel_joint": 12.0})
+    asked = ChainClearance(part, Site("test", (), load=LOAD))
+    place = np.array([5.5, 0.9, 20.0])
+    assert_allclose(asked.place(asked.point(place)), place, atol=1e-6)
+
+
+def test_a_link_that_swings_is_not_drawn_for_nothing(tmp_path: Path) -> None:
+    text = PORTAL.read_text("utf-8")
+    shape = "<visual><geometry><box size='1 1 1'/></geometry></visual>"
+    text = text.replace('<link name="swing_r_link">', f'<link name="swing_r_link">{shape}')
+    (tmp_path / "block.urdf").write_text(text)
+    drawn = load_crane(tmp_path / "block.urdf", locked={"travel_joint": 12.0})
+    check = coverage_check(ChainClearance(drawn, Site("test", (), load=LOAD)), frozenset())
+    assert check.verdict is Verdict.NOT_JUDGED
+    assert "swing_r, which swings" in check.sentence
 
 
 def test_a_crane_with_another_drive_is_to_be_locked() -> None:
