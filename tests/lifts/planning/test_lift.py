@@ -455,7 +455,7 @@ def test_a_goal_behind_the_neighbours_jib_names_it() -> None:
 
 @pytest.mark.parametrize("other", [{"hook_mass": 300.0}, {"rope_stiffness": 1e7}])
 def test_a_crane_of_other_joints_is_refused_in_a_sentence(other: dict[str, float]) -> None:
-    needed = "A planned lift needs one chain of joints from the ground to the load.*on the crane without a rope"
+    needed = "A planned lift needs one chain of joints from the ground.*on the crane without a rope"
     with pytest.raises(ModelError, match=needed):
         plan_lift(site(WALL), LIMITS, crane=load_crane(**other))  # type: ignore[arg-type]
     sentence = " is made for a tower crane of five joints; this one also moves in "
